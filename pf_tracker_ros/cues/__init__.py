@@ -1,0 +1,21 @@
+"""Cues: what a box in the image looks like, compared with a template of the target."""
+
+from pf_tracker_ros.cues.color_histogram import ColorHistogram, ColorHistogramParameters
+from pf_tracker_ros.cues.cue import Cue
+from pf_tracker_ros.cues.fusion import CueFusion, TemplateParameters
+from pf_tracker_ros.cues.gradient_orientation import (
+    GradientOrientation,
+    GradientOrientationParameters,
+)
+from pf_tracker_ros.cues.maps import FrameMaps
+
+__all__ = [
+    "ColorHistogram",
+    "ColorHistogramParameters",
+    "Cue",
+    "CueFusion",
+    "FrameMaps",
+    "GradientOrientation",
+    "GradientOrientationParameters",
+    "TemplateParameters",
+]

@@ -1,0 +1,29 @@
+"""What every cue can do."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.cues.maps import FrameMaps
+
+
+class Cue(Protocol):
+    """Compares boxes with a template of the target.
+
+    A cue is stateless: it is configured once, and the templates that it learns are values that the
+    target owns. To freeze a template is not to replace it.
+    """
+
+    def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> Any:
+        """The template of what is in a (4,) box (x, y, width, height), pixels."""
+
+    def log_likelihood(
+        self, maps: FrameMaps, boxes: NDArray[np.float64], template: Any
+    ) -> NDArray[np.float64]:
+        """(N,) log p(Z | X), at most 0, of (N, 4) boxes of any size; 0 is a perfect match."""
+
+    def blend(self, template: Any, seen: Any, keep: float) -> Any:
+        """The template `keep * template + (1 - keep) * seen`."""

@@ -1,0 +1,213 @@
+"""Motion models: how the state goes on from one frame to the next, and which box it stands for.
+
+Times are real: a model is told the seconds since the last frame, and its noise is a random walk
+whose variance grows with them, so a tracker set up at 30 frames a second also works at 10. Noise
+is given in box sizes, a box size being sqrt(width * height), so it suits near and far targets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.parameters import declared
+
+Box = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class MotionParameters:
+    """The motion model and its noise."""
+
+    model: str = declared(
+        "constant_velocity",
+        "Motion model: constant_velocity keeps the box size of the first frame, "
+        "constant_velocity_and_size lets it change.",
+        choices=("constant_velocity", "constant_velocity_and_size"),
+        read_only=True,
+    )
+    position_noise: float = declared(
+        0.5,
+        "Random walk of the position; raise it for jerky motion.",
+        unit="box sizes per square root of a second",
+        minimum=0.0,
+        maximum=50.0,
+    )
+    velocity_noise: float = declared(
+        2.0,
+        "Random walk of the velocity; raise it for targets that turn and brake.",
+        unit="box sizes per second per square root of a second",
+        minimum=0.0,
+        maximum=500.0,
+    )
+    velocity_damping: float = declared(
+        0.0,
+        "Rate at which a velocity fades; 0 keeps it, as a constant velocity means.",
+        unit="1/s",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    size_noise: float = declared(
+        0.2,
+        "Random walk of the logarithm of the size, where the model has a size.",
+        unit="per square root of a second",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    aspect_noise: float = declared(
+        0.05,
+        "Random walk of the logarithm of width / height, where the model has a size.",
+        unit="per square root of a second",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    prior_position: float = declared(
+        0.05,
+        "Standard deviation of the Gaussian prior's position around the first box.",
+        unit="box sizes",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    prior_velocity: float = declared(
+        0.5,
+        "Standard deviation of the Gaussian prior's velocity around zero.",
+        unit="box sizes per second",
+        minimum=0.0,
+        maximum=100.0,
+    )
+
+
+class MotionModel(Protocol):
+    """Owns the meaning of the state's columns; columns 0 and 1 are the box's center in pixels."""
+
+    columns: tuple[str, ...]
+
+    def prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
+        """(count, D) states drawn from the Gaussian prior around the first box."""
+
+    def predict(
+        self, states: NDArray[np.float64], interval: float, generator: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """(N, D) states drawn from the transition prior, `interval` seconds after `states`."""
+
+    def constrained(
+        self, states: NDArray[np.float64], image_size: tuple[int, int]
+    ) -> NDArray[np.float64]:
+        """(N, D) states with the centers inside an image of (width, height) and sane sizes."""
+
+    def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, 4) boxes (x, y, width, height) in pixels of (N, D) states."""
+
+
+class ConstantVelocity:
+    """State (x, y, vx, vy) in pixels and pixels per second; the box keeps its size.
+
+    Source: Li et al. 2007, equation (3), with Phi for an interval of any length.
+
+    Args:
+        box: (x, y, width, height) of the target in the first frame, pixels.
+        parameters: Noise and prior.
+    """
+
+    columns: tuple[str, ...] = ("x", "y", "velocity_x", "velocity_y")
+
+    def __init__(self, box: Box, parameters: MotionParameters) -> None:
+        x, y, width, height = box
+        self._center = np.array([x + width / 2, y + height / 2])
+        self._size = np.array([width, height])
+        self._parameters = parameters
+
+    def prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
+        """See `MotionModel.prior`; source: Li et al. 2007, section 3."""
+        box_size = np.sqrt(self._size.prod())
+        spread = box_size * np.repeat(
+            [self._parameters.prior_position, self._parameters.prior_velocity], 2
+        )
+        states = generator.standard_normal((count, 4)) * spread
+        states[:, :2] += self._center
+        return states
+
+    def predict(
+        self, states: NDArray[np.float64], interval: float, generator: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """See `MotionModel.predict`; source: Li et al. 2007, equation (3)."""
+        box_sizes = np.sqrt(self.boxes(states)[:, 2:].prod(axis=1))[:, None]
+        noise = generator.standard_normal((len(states), 4)) * (np.sqrt(interval) * box_sizes)
+        predicted = states.copy()
+        predicted[:, :2] += states[:, 2:4] * interval
+        predicted[:, :2] += self._parameters.position_noise * noise[:, :2]
+        predicted[:, 2:4] *= np.exp(-self._parameters.velocity_damping * interval)
+        predicted[:, 2:4] += self._parameters.velocity_noise * noise[:, 2:]
+        return predicted
+
+    def constrained(
+        self, states: NDArray[np.float64], image_size: tuple[int, int]
+    ) -> NDArray[np.float64]:
+        """See `MotionModel.constrained`."""
+        constrained = states.copy()
+        np.clip(states[:, :2], 0.0, image_size, out=constrained[:, :2])
+        return constrained
+
+    def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """See `MotionModel.boxes`."""
+        boxes = np.empty((len(states), 4))
+        boxes[:, 2:] = self._size
+        boxes[:, :2] = states[:, :2] - self._size / 2
+        return boxes
+
+
+class ConstantVelocityAndSize(ConstantVelocity):
+    """State (x, y, vx, vy, width, height): constant velocity, the size a geometric random walk.
+
+    The logarithms of the box size and of its aspect ratio walk on their own, since a target that
+    comes nearer changes its size but seldom its shape.
+    """
+
+    columns: tuple[str, ...] = (*ConstantVelocity.columns, "width", "height")
+
+    # Smaller boxes hold too few pixels to tell a target from its surroundings.
+    smallest_side = 6.0
+
+    def prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
+        """See `MotionModel.prior`."""
+        sizes = np.broadcast_to(self._size, (count, 2))
+        return np.hstack([super().prior(count, generator), sizes])
+
+    def predict(
+        self, states: NDArray[np.float64], interval: float, generator: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """See `MotionModel.predict`."""
+        predicted = super().predict(states, interval, generator)
+        walk = generator.standard_normal((2, len(states))) * np.sqrt(interval)
+        log_size = self._parameters.size_noise * walk[0]
+        log_aspect = self._parameters.aspect_noise * walk[1]
+        predicted[:, 4] *= np.exp(log_size + log_aspect / 2)
+        predicted[:, 5] *= np.exp(log_size - log_aspect / 2)
+        return predicted
+
+    def constrained(
+        self, states: NDArray[np.float64], image_size: tuple[int, int]
+    ) -> NDArray[np.float64]:
+        """See `MotionModel.constrained`; sides stay between `smallest_side` and the image's."""
+        constrained = super().constrained(states, image_size)
+        smallest = np.minimum(self.smallest_side, self._size)
+        largest = np.maximum(image_size, smallest)
+        np.clip(states[:, 4:6], smallest, largest, out=constrained[:, 4:6])
+        return constrained
+
+    def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """See `MotionModel.boxes`."""
+        return np.hstack([states[:, :2] - states[:, 4:6] / 2, states[:, 4:6]])
+
+
+MOTION_MODELS: Mapping[str, Callable[[Box, MotionParameters], MotionModel]] = MappingProxyType(
+    {
+        "constant_velocity": ConstantVelocity,
+        "constant_velocity_and_size": ConstantVelocityAndSize,
+    }
+)

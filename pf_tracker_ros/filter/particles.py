@@ -1,0 +1,112 @@
+"""The weighted particles that stand for the posterior distribution of the state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def _read_only(values: ArrayLike) -> NDArray[np.float64]:
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class ParticleSet:
+    """N weighted samples of a D-dimensional state; every operation returns another set.
+
+    Weights are kept as logarithms, normalized at construction: a product of many small likelihoods
+    would underflow. A log weight that is NaN counts as minus infinity, a weight of zero. Where no
+    particle has a positive weight, all get the same, since nothing then speaks for any of them.
+
+    Attributes:
+        states: (N, D) read-only.
+        log_weights: (N,) read-only; their exponentials sum to 1.
+
+    Raises:
+        ValueError: `states` is not (N, D) with N >= 1, or `log_weights` is not (N,).
+    """
+
+    states: NDArray[np.float64]
+    log_weights: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        states = _read_only(self.states)
+        log_weights = np.array(self.log_weights, dtype=np.float64)
+        if states.ndim != 2 or len(states) == 0:
+            raise ValueError(f"states have shape {states.shape}; expected (N, D) with N >= 1")
+        if log_weights.shape != (len(states),):
+            raise ValueError(
+                f"log weights have shape {log_weights.shape}; expected ({len(states)},)"
+            )
+        log_weights[np.isnan(log_weights)] = -np.inf
+        largest = log_weights.max()
+        if np.isfinite(largest):
+            log_weights -= largest
+            log_weights -= np.log(np.exp(log_weights).sum())
+        else:
+            log_weights[:] = -np.log(len(states))
+        object.__setattr__(self, "states", states)
+        object.__setattr__(self, "log_weights", _read_only(log_weights))
+
+    @classmethod
+    def uniform(cls, states: ArrayLike) -> ParticleSet:
+        """Particles of equal weight at the given (N, D) states."""
+        states = np.asarray(states, dtype=np.float64)
+        return cls(states, np.zeros(len(states)))
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+    @cached_property
+    def weights(self) -> NDArray[np.float64]:
+        """(N,) normalized weights, summing to 1; read-only."""
+        weights = np.exp(self.log_weights)
+        return _read_only(weights / weights.sum())
+
+    @cached_property
+    def effective_sample_size(self) -> float:
+        """1 / sum of squared weights, from 1 (one particle has it all) to N (all alike).
+
+        Source: Zhang et al. 2015, equation (6).
+        """
+        return float(1.0 / np.square(self.weights).sum())
+
+    @cached_property
+    def mean(self) -> NDArray[np.float64]:
+        """(D,) weighted mean of the states, the minimum mean square error estimate.
+
+        Source: Zhang et al. 2015, equation (5); Li et al. 2007, section 1.
+        """
+        return _read_only(self.weights @ self.states)
+
+    @cached_property
+    def covariance(self) -> NDArray[np.float64]:
+        """(D, D) weighted covariance of the states about their mean."""
+        offsets = self.states - self.mean
+        return _read_only((offsets * self.weights[:, None]).T @ offsets)
+
+    def moved(self, states: ArrayLike) -> ParticleSet:
+        """The same weights at other (N, D) states."""
+        return ParticleSet(np.asarray(states), self.log_weights)
+
+    def reweighted(self, log_likelihood: ArrayLike) -> ParticleSet:
+        """Multiply every weight by a likelihood, given as N logarithms, and normalize.
+
+        A likelihood that leaves no particle with a positive weight says nothing about the state:
+        the weights then stay as they were.
+
+        Source: Zhang et al. 2015, equations (10) and (11).
+        """
+        log_weights = self.log_weights + np.asarray(log_likelihood, dtype=np.float64)
+        if not np.isfinite(np.nanmax(log_weights, initial=-np.inf)):
+            return self
+        return ParticleSet(self.states, log_weights)
+
+    def resampled(self, indices: NDArray[np.intp]) -> ParticleSet:
+        """Particles of equal weight, copies of the ones that `indices` names."""
+        return ParticleSet.uniform(self.states[indices])

@@ -1,0 +1,1 @@
+"""The tracker: particle filter and cues put together, with presets and track states."""

@@ -1,0 +1,95 @@
+"""Checks of what comes from outside: images and boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+# Percentiles that a 16-bit image's gray range spans: single hot or dead pixels must not stretch it.
+_RANGE_PERCENTILES = (1.0, 99.0)
+_RANGE_MARGIN = 0.25
+
+
+def check_image(image: NDArray[np.generic]) -> None:
+    """Refuse what is not an image.
+
+    Raises:
+        ValueError: `image` is not (H, W, 3) uint8, (H, W) uint8 or (H, W) uint16, or is empty.
+    """
+    allowed = "(H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16"
+    if not isinstance(image, np.ndarray):
+        raise ValueError(f"image is a {type(image).__name__}; allowed: an array {allowed}")
+    color = image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8
+    gray = image.ndim == 2 and image.dtype in (np.uint8, np.uint16)
+    if not (color or gray):
+        raise ValueError(f"image is {image.shape} {image.dtype}; allowed: {allowed}")
+    if image.size == 0:
+        raise ValueError(f"image is {image.shape}, which has no pixels")
+
+
+def check_box(box: ArrayLike, image_size: tuple[int, int]) -> tuple[float, float, float, float]:
+    """The box as four floats.
+
+    Args:
+        box: (x, y, width, height) in pixels.
+        image_size: (width, height) of the image that it lies in.
+
+    Raises:
+        ValueError: Not four finite numbers, no area, larger than the image, or outside it.
+    """
+    expected = "(x, y, width, height) in pixels"
+    try:
+        values = np.asarray(box, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"box is {box!r}; expected four numbers {expected}") from None
+    if values.shape != (4,) or not np.isfinite(values).all():
+        raise ValueError(f"box is {box!r}; expected four finite numbers {expected}")
+    x, y, width, height = (float(value) for value in values)
+    image_width, image_height = image_size
+    text = f"box ({x:g}, {y:g}, {width:g}, {height:g})"
+    if width < 1.0 or height < 1.0:
+        raise ValueError(f"{text} is too small; width and height must be at least 1 px")
+    if width > image_width or height > image_height:
+        raise ValueError(f"{text} is larger than the image, {image_width} x {image_height} px")
+    center_x, center_y = x + width / 2, y + height / 2
+    if not (0 <= center_x <= image_width and 0 <= center_y <= image_height):
+        raise ValueError(
+            f"the center of {text} is outside the image, {image_width} x {image_height} px"
+        )
+    return x, y, width, height
+
+
+def check_interval(interval: float) -> float:
+    """The interval as a float.
+
+    Raises:
+        ValueError: Not a finite number of seconds of at least 0.
+    """
+    if not np.isfinite(interval) or interval < 0.0:
+        raise ValueError(f"dt is {interval!r}; allowed: seconds from 0 up")
+    return float(interval)
+
+
+def gray_range(image: NDArray[np.generic]) -> tuple[float, float] | None:
+    """The (dark, bright) values that a 16-bit image's 8-bit version spans; None for 8 bit."""
+    if image.dtype != np.uint16:
+        return None
+    low, high = np.percentile(image.astype(np.float64), _RANGE_PERCENTILES)
+    margin = _RANGE_MARGIN * max(high - low, 1.0)
+    return float(low - margin), float(high + margin)
+
+
+def to_8_bit(image: NDArray[np.generic], span: Sequence[float] | None) -> NDArray[np.uint8]:
+    """The image with 8 bits a channel.
+
+    Args:
+        image: As `check_image` allows.
+        span: Of `gray_range` for a 16-bit image.
+    """
+    if span is None:
+        return image  # type: ignore[return-value]
+    low, high = span
+    scaled = (image.astype(np.float32) - low) * (255.0 / (high - low))
+    return np.clip(scaled, 0.0, 255.0).astype(np.uint8)

@@ -1,0 +1,48 @@
+"""Every tunable of the tracker, put together from what each part declares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pf_tracker_ros.cues import (
+    ColorHistogramParameters,
+    GradientOrientationParameters,
+    TemplateParameters,
+)
+from pf_tracker_ros.filter import MotionParameters, ResamplingParameters
+from pf_tracker_ros.parameters import declared, group
+from pf_tracker_ros.tracking.track_state import TrackParameters
+
+
+@dataclass(frozen=True)
+class TrackerParameters:
+    """The tracker's tunables; a preset names its values over these defaults."""
+
+    particles: int = declared(
+        300,
+        "Number of particles; more are steadier and cost more.",
+        minimum=1,
+        maximum=100_000,
+    )
+    nominal_interval: float = declared(
+        0.04,
+        "Time between frames where none is given.",
+        unit="s",
+        minimum=0.0001,
+        maximum=60.0,
+    )
+    working_size: int = declared(
+        40,
+        "Targets whose sqrt(width * height) is above this are looked at in an image reduced by a "
+        "whole factor that brings it to this or below, so the cost does not grow with the target.",
+        unit="px",
+        minimum=8,
+        maximum=4096,
+        read_only=True,
+    )
+    motion: MotionParameters = group(MotionParameters)
+    resampling: ResamplingParameters = group(ResamplingParameters)
+    color_histogram: ColorHistogramParameters = group(ColorHistogramParameters)
+    gradient_orientation: GradientOrientationParameters = group(GradientOrientationParameters)
+    template: TemplateParameters = group(TemplateParameters)
+    track: TrackParameters = group(TrackParameters)

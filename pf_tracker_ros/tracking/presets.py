@@ -1,0 +1,43 @@
+"""Presets: named sets of parameter values over the declared defaults."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+from pf_tracker_ros.parameters import ParameterError, build, flatten
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+
+PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {
+        "default": MappingProxyType(
+            {
+                "motion.model": "constant_velocity_and_size",
+            }
+        ),
+        "li2007": MappingProxyType(
+            {
+                "particles": 60,
+                "motion.model": "constant_velocity",
+            }
+        ),
+    }
+)
+
+
+def preset_parameters(name: str) -> dict[str, Any]:
+    """The value of every parameter in a preset.
+
+    Args:
+        name: A key of `PRESETS`.
+
+    Returns:
+        Full parameter name to value, in order of declaration.
+
+    Raises:
+        ParameterError: No preset has this name; the message lists those there are.
+    """
+    if name not in PRESETS:
+        raise ParameterError(f"no preset '{name}'; there are: {', '.join(PRESETS)}")
+    return flatten(build(TrackerParameters, PRESETS[name]))

@@ -1,0 +1,63 @@
+"""Is the target seen, hidden or gone: the track's state over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pf_tracker_ros.parameters import declared
+from pf_tracker_ros.tracking.estimate import TrackState
+
+
+@dataclass(frozen=True)
+class TrackParameters:
+    """When the target counts as hidden, seen again, or gone."""
+
+    occluded_below: float = declared(
+        0.1,
+        "The target counts as occluded while the confidence is below this; 0 switches it off.",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    recovered_above: float = declared(
+        0.2,
+        "An occluded or lost target is seen again when the confidence exceeds this.",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    lost_after: float = declared(
+        2.0,
+        "The target counts as lost after it has been occluded for so long.",
+        unit="s",
+        minimum=0.0,
+        maximum=3600.0,
+    )
+
+
+@dataclass(frozen=True)
+class Track:
+    """The state of a track and for how long the target has been out of sight.
+
+    Attributes:
+        state: As in `Estimate.state`.
+        hidden_for: Seconds since the target was last seen, 0 while tracking.
+    """
+
+    state: TrackState = "tracking"
+    hidden_for: float = 0.0
+
+    def after(self, confidence: float, interval: float, parameters: TrackParameters) -> Track:
+        """The track one frame later.
+
+        Args:
+            confidence: Of that frame's measurement, 0 to 1.
+            interval: Seconds since the last frame.
+            parameters: The thresholds.
+        """
+        needed = parameters.occluded_below
+        if self.state != "tracking":
+            needed = max(needed, parameters.recovered_above)
+        if confidence >= needed:
+            return Track()
+        hidden_for = self.hidden_for + interval
+        gone = hidden_for >= parameters.lost_after
+        return Track("lost" if gone else "occluded", hidden_for)

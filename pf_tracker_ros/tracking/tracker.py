@@ -1,0 +1,267 @@
+"""The tracker: one target, followed from image to image by a fused-cue particle filter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pf_tracker_ros.cues import ColorHistogram, CueFusion, FrameMaps, GradientOrientation
+from pf_tracker_ros.cues.fusion import Templates
+from pf_tracker_ros.filter import (
+    MOTION_MODELS,
+    RESAMPLERS,
+    EffectiveSampleSizeResampler,
+    MotionModel,
+    ParticleSet,
+)
+from pf_tracker_ros.parameters import ParameterError, build, declarations, flatten
+from pf_tracker_ros.tracking.estimate import Estimate
+from pf_tracker_ros.tracking.image import (
+    check_box,
+    check_image,
+    check_interval,
+    gray_range,
+    to_8_bit,
+)
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import preset_parameters
+from pf_tracker_ros.tracking.track_state import Track
+
+
+@dataclass(frozen=True)
+class _Target:
+    """All that is known of the target; a frame replaces it whole or not at all."""
+
+    image_shape: tuple[int, ...]
+    gray_range: tuple[float, float] | None
+    motion: MotionModel
+    particles: ParticleSet
+    templates: Templates
+    track: Track
+    estimate: Estimate
+
+
+class Tracker:
+    """Tracks one target.
+
+    The same frames, box, parameters and seed give the same estimates, to the bit, on one machine.
+
+    Args:
+        parameters: Every tunable.
+        seed: Seeds all randomness; each `start` begins the sequence anew.
+
+    Raises:
+        ParameterError: The parameters contradict each other.
+    """
+
+    def __init__(self, parameters: TrackerParameters, seed: int = 0) -> None:
+        self._seed = seed
+        self._target: _Target | None = None
+        self._generator = np.random.default_rng(seed)
+        self._configure(parameters)
+
+    @classmethod
+    def from_preset(
+        cls, preset: str, seed: int = 0, parameters: Mapping[str, Any] | None = None
+    ) -> Tracker:
+        """A tracker with the parameters of a preset.
+
+        Args:
+            preset: `default` or `li2007`.
+            seed: As in the constructor.
+            parameters: Full parameter name to value, over the preset's.
+
+        Raises:
+            ParameterError: No such preset or parameter, or a value that is not allowed.
+        """
+        values = preset_parameters(preset) | dict(parameters or {})
+        return cls(build(TrackerParameters, values), seed)
+
+    @property
+    def started(self) -> bool:
+        """Whether there is a target to track."""
+        return self._target is not None
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """The last estimate, None before `start`."""
+        return self._target.estimate if self._target else None
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Full parameter name to the value in force."""
+        return flatten(self._parameters)
+
+    def set_parameters(self, values: Mapping[str, Any]) -> None:
+        """Change parameters, all or none, without losing the target.
+
+        Args:
+            values: Full parameter name to value.
+
+        Raises:
+            ParameterError: A name or value is not allowed, values contradict each other, or a
+                read-only parameter would change while there is a target.
+        """
+        before = self.parameters
+        parameters = build(TrackerParameters, before | dict(values))
+        if self.started:
+            known = declarations(TrackerParameters)
+            for name, value in flatten(parameters).items():
+                if known[name].read_only and value != before[name]:
+                    raise ParameterError(
+                        f"parameter '{name}' can't change while a target is tracked; stop first"
+                    )
+        self._configure(parameters)
+
+    def start(self, image: NDArray[np.generic], box: ArrayLike) -> Estimate:
+        """Take a new target.
+
+        Args:
+            image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
+            box: (x, y, width, height) of the target in pixels, (x, y) the top-left corner counted
+                from 0; its center inside the image.
+
+        Returns:
+            The estimate for this first frame: the box itself, with confidence 1.
+
+        Raises:
+            ValueError: The image or the box is not usable; a target from before is then kept.
+        """
+        check_image(image)
+        first_box = check_box(box, _size(image))
+        span = gray_range(image)
+        generator = np.random.default_rng(self._seed)
+        motion = MOTION_MODELS[self._parameters.motion.model](first_box, self._parameters.motion)
+        particles = ParticleSet.uniform(motion.prior(self._parameters.particles, generator))
+        particles = particles.moved(motion.constrained(particles.states, _size(image)))
+        boxes = np.array([first_box])
+        maps = self._maps(to_8_bit(image, span), boxes, boxes[0])
+        self._generator = generator
+        self._target = _Target(
+            image_shape=image.shape,
+            gray_range=span,
+            motion=motion,
+            particles=particles,
+            templates=self._fusion.learn(maps, boxes[0]),
+            track=Track(),
+            estimate=_estimate(first_box, Track(), 1.0, particles, motion),
+        )
+        return self._target.estimate
+
+    def stop(self) -> None:
+        """Forget the target."""
+        self._target = None
+
+    def update(self, image: NDArray[np.generic], dt: float | None = None) -> Estimate:
+        """Follow the target into the next frame.
+
+        Args:
+            image: As for `start`, of the same size and kind.
+            dt: Seconds since the last frame; None means the nominal interval.
+
+        Returns:
+            What is now known of the target.
+
+        Raises:
+            RuntimeError: There is no target; call `start` first.
+            ValueError: The image or `dt` is not usable; the last good state is kept.
+        """
+        target = self._target
+        if target is None:
+            raise RuntimeError("no target: call start(image, box) first")
+        check_image(image)
+        if image.shape != target.image_shape or (image.dtype == np.uint16) != bool(
+            target.gray_range
+        ):
+            raise ValueError(
+                f"image is {image.shape} {image.dtype}, but the target was started on "
+                f"{target.image_shape}; start again to change the image's size or kind"
+            )
+        interval = self._parameters.nominal_interval if dt is None else check_interval(dt)
+        self._target = self._updated(target, to_8_bit(image, target.gray_range), interval)
+        return self._target.estimate
+
+    def _updated(self, target: _Target, image: NDArray[np.uint8], interval: float) -> _Target:
+        """Predict, weigh, estimate, judge, learn, resample: one frame."""
+        parameters, motion = self._parameters, target.motion
+        states = motion.predict(target.particles.states, interval, self._generator)
+        predicted = target.particles.moved(motion.constrained(states, _size(image)))
+
+        boxes = motion.boxes(predicted.states)
+        maps = self._maps(image, boxes, np.asarray(target.estimate.box))
+        likelihood = self._fusion.log_likelihood(maps, boxes, target.templates)
+        weighted = predicted.reweighted(likelihood)
+
+        box = motion.boxes(weighted.mean[None])
+        fit = math.exp(self._fusion.log_likelihood(maps, box, target.templates)[0])
+        track = target.track.after(fit, interval, parameters.track)
+        if track.state != "tracking":
+            # What is at the box is not the target: its likelihoods would pull the particles to
+            # whatever hides it. The motion model alone carries them on.
+            weighted = predicted
+            box = motion.boxes(weighted.mean[None])
+
+        templates = target.templates
+        if track.state == "tracking" and fit > parameters.template.update_above:
+            seen = self._fusion.learn(maps, box[0])
+            templates = self._fusion.blend(templates, seen, parameters.template.keep)
+
+        x, y, width, height = (float(value) for value in box[0])
+        return replace(
+            target,
+            particles=self._resampler.resample(weighted, parameters.particles, self._generator),
+            templates=templates,
+            track=track,
+            estimate=_estimate((x, y, width, height), track, fit, weighted, motion),
+        )
+
+    def _configure(self, parameters: TrackerParameters) -> None:
+        color, gradient = parameters.color_histogram, parameters.gradient_orientation
+        self._fusion = CueFusion(
+            {
+                "color_histogram": (ColorHistogram(color), color.power),
+                "gradient_orientation": (GradientOrientation(gradient), gradient.power),
+            }
+        )
+        self._resampler = EffectiveSampleSizeResampler(
+            RESAMPLERS[parameters.resampling.scheme](), parameters.resampling.threshold
+        )
+        self._parameters = parameters
+
+    def _maps(
+        self, image: NDArray[np.uint8], boxes: NDArray[np.float64], target_box: NDArray[np.float64]
+    ) -> FrameMaps:
+        target_size = math.sqrt(target_box[2] * target_box[3])
+        return FrameMaps(image, boxes, math.ceil(target_size / self._parameters.working_size))
+
+
+def _size(image: NDArray[np.generic]) -> tuple[int, int]:
+    return image.shape[1], image.shape[0]
+
+
+def _estimate(
+    box: tuple[float, float, float, float],
+    track: Track,
+    confidence: float,
+    particles: ParticleSet,
+    motion: MotionModel,
+) -> Estimate:
+    boxes = motion.boxes(particles.states)
+    covariance = np.array(particles.covariance[:2, :2])
+    for array in (boxes, covariance):
+        array.setflags(write=False)
+    return Estimate(
+        box=box,
+        state=track.state,
+        confidence=confidence,
+        covariance=covariance,
+        particles=particles.states,
+        particle_boxes=boxes,
+        weights=particles.weights,
+        effective_sample_size=particles.effective_sample_size,
+    )

@@ -1,0 +1,148 @@
+"""The color histogram cue against OpenCV's own histograms, one box at a time."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros.cues import ColorHistogram, ColorHistogramParameters, FrameMaps
+
+RANGES = [0, 256] * 3
+
+
+def opencv_histogram(image, box, levels=16):
+    x, y, width, height = (int(value) for value in box)
+    patch = image[y : y + height, x : x + width]
+    histogram = cv2.calcHist([patch], [2, 1, 0], None, [levels] * 3, RANGES)
+    return histogram / patch[..., 0].size
+
+
+def opencv_distance(image, box, template_box):
+    return cv2.compareHist(
+        opencv_histogram(image, box),
+        opencv_histogram(image, template_box),
+        cv2.HISTCMP_BHATTACHARYYA,
+    )
+
+
+@pytest.fixture
+def image():
+    """Smooth color noise, so that neighboring boxes share some colors but not all."""
+    noise = np.random.default_rng(0).integers(0, 256, (15, 20, 3), dtype=np.uint8)
+    return cv2.resize(noise, (200, 150), interpolation=cv2.INTER_CUBIC)
+
+
+def test_equals_opencv_on_whole_pixel_boxes(image):
+    cue = ColorHistogram(ColorHistogramParameters())
+    generator = np.random.default_rng(1)
+    boxes = np.column_stack(
+        [generator.integers(0, 160, 300), generator.integers(0, 110, 300), *np.full((2, 300), 40)]
+    ).astype(float)
+    maps = FrameMaps(image, boxes)
+    template = cue.learn(maps, boxes[0])
+    np.testing.assert_allclose(
+        template, opencv_histogram(image, boxes[0]).ravel(), rtol=1e-6, atol=1e-12
+    )
+    expected = [opencv_distance(image, box, boxes[0]) for box in boxes]
+    np.testing.assert_allclose(cue.distance(maps, boxes, template), expected, atol=2e-4)
+
+
+def test_a_template_of_more_bins_than_one_page_is_compared_in_full():
+    image = np.random.default_rng(0).integers(0, 256, (60, 120, 3), dtype=np.uint8)
+    boxes = np.array([[0.0, 0.0, 50.0, 50.0], [60.0, 5.0, 50.0, 50.0], [30.0, 5.0, 50.0, 50.0]])
+    cue = ColorHistogram(ColorHistogramParameters())
+    maps = FrameMaps(image, boxes)
+    template = cue.learn(maps, boxes[0])
+    assert np.count_nonzero(template) > 3 * 255
+    expected = [opencv_distance(image, box, boxes[0]) for box in boxes]
+    np.testing.assert_allclose(cue.distance(maps, boxes, template), expected, atol=2e-4)
+
+
+def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image):
+    cue = ColorHistogram(ColorHistogramParameters())
+    box = np.array([[70.0, 40.0, 30.0, 20.0]])
+    others = np.vstack([box, [[0.0, 0.0, 30.0, 20.0], [165.0, 125.0, 30.0, 20.0]]])
+    template_box = np.array([60.0, 40.0, 30.0, 20.0])
+    template = cue.learn(FrameMaps(image, template_box[None]), template_box)
+    alone = cue.distance(FrameMaps(image, box), box, template)
+    among = cue.distance(FrameMaps(image, others), others, template)
+    assert alone[0] == pytest.approx(among[0], rel=1e-9)
+
+
+def test_boxes_of_several_sizes_agree_with_opencv_up_to_sampling(image):
+    cue = ColorHistogram(ColorHistogramParameters())
+    generator = np.random.default_rng(2)
+    boxes = np.column_stack(
+        [
+            generator.integers(0, 140, (50, 2)) * [1.0, 0.7],
+            generator.integers(25, 50, 50),
+            generator.integers(25, 45, 50),
+        ]
+    ).astype(np.intp)
+    template_box = np.array([80.0, 50.0, 40.0, 40.0])
+    maps = FrameMaps(image, np.vstack([boxes, template_box]))
+    template = cue.learn(maps, template_box)
+    expected = [opencv_distance(image, box, template_box) for box in boxes]
+    np.testing.assert_allclose(
+        cue.distance(maps, boxes.astype(float), template), expected, atol=0.06
+    )
+
+
+def test_likelihood_by_hand():
+    """A box half red, half green against an all red template: rho = sqrt(0.5)."""
+    image = np.zeros((20, 40, 3), np.uint8)
+    image[:, :20, 2] = 255
+    image[:, 20:, 1] = 255
+    red, half = np.array([0.0, 0.0, 10.0, 10.0]), np.array([15.0, 0.0, 10.0, 10.0])
+    maps = FrameMaps(image, np.array([red, half]))
+    cue = ColorHistogram(ColorHistogramParameters(sharpness=20.0))
+    log_likelihood = cue.log_likelihood(maps, np.array([red, half]), cue.learn(maps, red))
+    np.testing.assert_allclose(
+        np.exp(log_likelihood), [1.0, np.exp(-20.0 * (1 - np.sqrt(0.5)))], rtol=1e-6
+    )
+
+
+def test_the_paper_s_literal_constant_hardly_tells_match_from_mismatch():
+    """With lambda = 0.02 no color at all in common still has 98 % of the likelihood."""
+    image = np.zeros((10, 20, 3), np.uint8)
+    image[:, :10] = (0, 0, 255)
+    image[:, 10:] = (255, 0, 0)
+    boxes = np.array([[0.0, 0.0, 10.0, 10.0], [10.0, 0.0, 10.0, 10.0]])
+    maps = FrameMaps(image, boxes)
+    literal = ColorHistogram(ColorHistogramParameters(sharpness=0.02))
+    match, mismatch = np.exp(literal.log_likelihood(maps, boxes, literal.learn(maps, boxes[0])))
+    assert mismatch / match == pytest.approx(np.exp(-0.02))
+    shipped = ColorHistogram(ColorHistogramParameters())
+    assert shipped.log_likelihood(maps, boxes, shipped.learn(maps, boxes[0]))[1] < -5
+
+
+def test_pixels_outside_the_image_match_nothing():
+    image = np.full((50, 50, 3), 200, np.uint8)
+    inside, half_outside = [10.0, 10.0, 20.0, 20.0], [-10.0, 10.0, 20.0, 20.0]
+    boxes = np.array([inside, half_outside])
+    maps = FrameMaps(image, boxes)
+    cue = ColorHistogram(ColorHistogramParameters())
+    distance = cue.distance(maps, boxes, cue.learn(maps, boxes[0]))
+    np.testing.assert_allclose(distance, [0.0, np.sqrt(1 - np.sqrt(0.5))], atol=1e-6)
+
+
+def test_a_gray_image_is_a_color_image_of_equal_channels(image):
+    gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    box = np.array([30.0, 30.0, 25.0, 35.0])
+    cue = ColorHistogram(ColorHistogramParameters())
+    np.testing.assert_array_equal(
+        cue.learn(FrameMaps(gray, box[None]), box),
+        cue.learn(FrameMaps(cv2.merge([gray] * 3), box[None]), box),
+    )
+
+
+def test_blend_by_hand_and_faded_bins_vanish():
+    cue = ColorHistogram(ColorHistogramParameters(levels=2))
+    old, seen = np.zeros(8), np.zeros(8)
+    old[0], old[1] = 0.5, 0.5
+    seen[1] = 1.0
+    np.testing.assert_allclose(cue.blend(old, seen, 0.9)[:2], [0.45, 0.55])
+    template = old
+    for _ in range(100):
+        template = cue.blend(template, seen, 0.9)
+    assert template[0] == 0.0
+    assert template[1] == pytest.approx(1.0, abs=1e-2)

@@ -1,0 +1,135 @@
+"""The gradient orientation vector against a pixel-by-pixel implementation."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros.cues import FrameMaps, GradientOrientation, GradientOrientationParameters
+
+PARAMETERS = GradientOrientationParameters()
+
+
+def pixelwise_vector(gray, box, cells=4, directions=8, gaussian_width=0.5):
+    """Each pixel on its own: gradient, Gaussian at the pixel, cell, direction."""
+    x0, y0, width, height = (int(value) for value in box)
+    gray = gray.astype(float)
+    padded = cv2.copyMakeBorder(gray, 1, 1, 1, 1, cv2.BORDER_REFLECT_101)
+    vector = np.zeros((cells, cells, directions))
+    for row in range(height):
+        for column in range(width):
+            y, x = y0 + row + 1, x0 + column + 1
+            right = padded[y, x + 1] - padded[y, x - 1]
+            down = padded[y + 1, x] - padded[y - 1, x]
+            angle = np.arctan2(down, right) % (2 * np.pi)
+            direction = int(angle / (2 * np.pi) * directions + 1e-9) % directions
+            across = (column + 0.5) / width - 0.5
+            along = (row + 0.5) / height - 0.5
+            weight = np.exp(-(across**2 + along**2) / (2 * gaussian_width**2))
+            cell = int(row * cells / height), int(column * cells / width)
+            vector[(*cell, direction)] += weight * np.hypot(right, down)
+    return vector.ravel() / np.linalg.norm(vector)
+
+
+@pytest.fixture
+def image():
+    noise = np.random.default_rng(0).integers(0, 256, (30, 40), dtype=np.uint8)
+    return cv2.resize(noise, (160, 120), interpolation=cv2.INTER_CUBIC)
+
+
+@pytest.mark.parametrize(
+    "box", [(20, 30, 40, 40), (100, 10, 24, 48), (0, 0, 64, 32), (60, 60, 80, 56)]
+)
+def test_close_to_the_pixelwise_vector(image, box):
+    """The Gaussian is constant over an eighth of the box, which costs three percent at most."""
+    box = np.array(box, dtype=float)
+    cue = GradientOrientation(PARAMETERS)
+    vector = cue.learn(FrameMaps(image, box[None]), box)
+    expected = pixelwise_vector(image, box)
+    assert np.linalg.norm(vector - expected) < 0.03
+
+
+def test_equals_the_pixelwise_vector_under_a_flat_gaussian(image):
+    box = np.array([20.0, 30.0, 40.0, 40.0])
+    cue = GradientOrientation(GradientOrientationParameters(gaussian_width=100.0))
+    vector = cue.learn(FrameMaps(image, box[None]), box)
+    np.testing.assert_allclose(
+        vector, pixelwise_vector(image, box, gaussian_width=100.0), atol=1e-4
+    )
+
+
+def test_a_brightness_ramp_fills_the_direction_in_which_it_rises():
+    ramp = np.tile(np.arange(0, 200, 2, dtype=np.uint8), (100, 1))
+    box = np.array([[20.0, 20.0, 40.0, 40.0]])
+    cue = GradientOrientation(PARAMETERS)
+    for turned, direction in [(ramp, 0), (ramp.T, 2), (ramp[:, ::-1], 4), (ramp.T[::-1], 6)]:
+        maps = FrameMaps(np.ascontiguousarray(turned), box)
+        vector = cue.learn(maps, box[0]).reshape(4, 4, 8)
+        assert (vector[..., direction] > 0).all()
+        others = np.delete(vector, direction, axis=2)
+        np.testing.assert_allclose(others, 0.0, atol=1e-9)
+
+
+def test_contrast_and_brightness_do_not_matter(image):
+    box = np.array([20.0, 30.0, 40.0, 40.0])
+    cue = GradientOrientation(PARAMETERS)
+    dim = (image.astype(float) * 0.5 + 40).astype(np.uint8)
+    bright, darker = (cue.learn(FrameMaps(i, box[None]), box) for i in (image, dim))
+    assert np.linalg.norm(bright - darker) < 0.05
+
+
+def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image):
+    cue = GradientOrientation(PARAMETERS)
+    box = np.array([[70.0, 40.0, 30.0, 20.0]])
+    others = np.vstack([box, [[0.0, 0.0, 33.0, 21.0], [120.0, 90.0, 40.0, 30.0]]])
+    alone = cue.vectors(FrameMaps(image, box), box)[:, 0]
+    among = cue.vectors(FrameMaps(image, others), others)[:, 0]
+    np.testing.assert_allclose(alone, among, atol=1e-12)
+
+
+def test_likelihood_by_hand():
+    """Orthogonal unit vectors are sqrt(2) apart: exp(-mu * 2)."""
+    image = np.full((40, 80), 100, np.uint8)
+    image[:, :40] += np.arange(40, dtype=np.uint8)
+    image[:, 40:] += np.arange(40, dtype=np.uint8)[:, None]
+    boxes = np.array([[4.0, 4.0, 32.0, 32.0], [44.0, 4.0, 32.0, 32.0]])
+    maps = FrameMaps(image, boxes)
+    cue = GradientOrientation(GradientOrientationParameters(sharpness=3.0))
+    log_likelihood = cue.log_likelihood(maps, boxes, cue.learn(maps, boxes[0]))
+    np.testing.assert_allclose(log_likelihood, [0.0, -6.0], atol=1e-9)
+
+
+def test_the_paper_s_literal_constant_hardly_tells_match_from_mismatch():
+    """With mu = 0.01 unit vectors without anything in common keep 98 % of the likelihood."""
+    cue = GradientOrientation(GradientOrientationParameters(sharpness=0.01))
+    ramp = np.tile(np.arange(0, 80, dtype=np.uint8), (40, 1))
+    image = np.vstack([ramp, ramp[:, ::-1]])
+    boxes = np.array([[4.0, 4.0, 32.0, 32.0], [4.0, 44.0, 32.0, 32.0]])
+    maps = FrameMaps(image, boxes)
+    mismatch = np.exp(cue.log_likelihood(maps, boxes, cue.learn(maps, boxes[0])))[1]
+    assert mismatch == pytest.approx(np.exp(-0.02))
+
+
+def test_a_flat_box_has_no_direction_and_a_finite_likelihood():
+    image = np.full((60, 60), 77, np.uint8)
+    box = np.array([[10.0, 10.0, 20.0, 20.0]])
+    cue = GradientOrientation(PARAMETERS)
+    maps = FrameMaps(image, box)
+    template = cue.learn(maps, box[0])
+    np.testing.assert_array_equal(template, 0.0)
+    np.testing.assert_array_equal(cue.log_likelihood(maps, box, template), 0.0)
+
+
+def test_nothing_is_seen_outside_the_image():
+    image = np.random.default_rng(0).integers(0, 256, (40, 40), dtype=np.uint8)
+    box = np.array([[-20.0, 0.0, 40.0, 40.0]])
+    cue = GradientOrientation(PARAMETERS)
+    vector = cue.learn(FrameMaps(image, box), box[0]).reshape(4, 4, 8)
+    np.testing.assert_allclose(vector[:, :2], 0.0, atol=1e-12)
+    assert (vector[:, 2:].sum(axis=2) > 0).all()
+
+
+def test_blend_by_hand():
+    cue = GradientOrientation(PARAMETERS)
+    np.testing.assert_allclose(
+        cue.blend(np.array([1.0, 0.0]), np.array([0.0, 1.0]), 0.9), [0.9, 0.1]
+    )

@@ -1,0 +1,86 @@
+"""The maps of a frame: the region they cover, computed once, independent of the region."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros.cues import FrameMaps
+
+
+@pytest.fixture
+def image():
+    noise = np.random.default_rng(0).integers(0, 256, (12, 16, 3), dtype=np.uint8)
+    return cv2.resize(noise, (161, 121), interpolation=cv2.INTER_CUBIC)
+
+
+def test_only_the_region_of_the_boxes_is_looked_at(image):
+    maps = FrameMaps(image, np.array([[50.0, 40.0, 10.0, 10.0], [60.0, 45.0, 12.0, 8.0]]))
+    assert maps.pixels.shape[1] <= 22 + 6
+    assert maps.pixels.shape[0] <= 13 + 6
+    assert maps.padding == (0, 0, 0, 0)
+
+
+def test_a_map_is_computed_once(image):
+    maps = FrameMaps(image, np.array([[50.0, 40.0, 10.0, 10.0]]))
+    assert maps.color_bins(16) is maps.color_bins(16)
+    assert maps.color_bins(16) is not maps.color_bins(8)
+    assert maps.gradient_integral(8) is maps.gradient_integral(8)
+    assert maps.gray is maps.gray
+
+
+def test_color_bins_by_hand():
+    image = np.zeros((8, 8, 3), np.uint8)
+    image[2, 3] = (16, 33, 255)  # blue 1, green 2, red 15
+    maps = FrameMaps(image, np.array([[2.0, 2.0, 3.0, 3.0]]))
+    x, y = maps.region_boxes(np.array([[3.0, 2.0, 1.0, 1.0]]))[0, :2].astype(int)
+    assert maps.color_bins(16)[y, x] == 15 * 256 + 2 * 16 + 1
+    assert (maps.color_bins(16) == 0).sum() == maps.color_bins(16).size - 1
+
+
+@pytest.mark.parametrize("levels", [2, 3, 16, 32])
+def test_every_level_is_used_and_none_beyond(levels):
+    image = np.repeat(np.arange(256, dtype=np.uint8)[None], 4, axis=0)
+    maps = FrameMaps(image, np.array([[0.0, 0.0, 256.0, 4.0]]))
+    bins = maps.color_bins(levels)[maps.padding[0], maps.padding[2] : maps.padding[2] + 256]
+    reds = bins // levels**2
+    np.testing.assert_array_equal(np.unique(reds), np.arange(levels))
+    counts = np.bincount(reds)
+    assert counts.max() - counts.min() <= 1
+
+
+@pytest.mark.parametrize("reduction", [2, 3])
+def test_a_reduced_pixel_is_the_mean_of_its_block_whatever_the_region(image, reduction):
+    box = np.array([[60.0, 48.0, 24.0, 24.0]])
+    near = FrameMaps(image, box, reduction)
+    far = FrameMaps(image, np.vstack([box, [[0.0, 0.0, 161.0, 121.0]]]), reduction)
+    x, y = near.region_boxes(box)[0, :2].astype(int)
+    far_x, far_y = far.region_boxes(box)[0, :2].astype(int)
+    patch = near.pixels[y : y + 5, x : x + 5]
+    top, _, left, _ = far.padding
+    far_patch = far.pixels[far_y - top : far_y - top + 5, far_x - left : far_x - left + 5]
+    np.testing.assert_array_equal(patch, far_patch)
+    block = image[48 : 48 + reduction, 60 : 60 + reduction].reshape(-1, 3)
+    np.testing.assert_allclose(patch[0, 0], block.mean(axis=0), atol=0.51)
+
+
+def test_a_box_that_reaches_outside_is_padded(image):
+    maps = FrameMaps(image, np.array([[-5.0, 110.0, 20.0, 20.0]]))
+    top, bottom, left, right = maps.padding
+    assert (top, right) == (0, 0)
+    assert left >= 5
+    assert bottom >= 9
+    bins = maps.color_bins(16)
+    assert (bins[:, :left] == 16**3).all()
+    assert (bins[-bottom:] == 16**3).all()
+    assert (bins[:-bottom, left:] < 16**3).all()
+
+
+def test_the_integral_holds_the_sum_of_all_gradient_magnitude(image):
+    box = np.array([[30.0, 30.0, 20.0, 20.0]])
+    maps = FrameMaps(image, box)
+    gray = maps.gray.astype(float)
+    padded = cv2.copyMakeBorder(gray, 1, 1, 1, 1, cv2.BORDER_REFLECT_101)
+    right = padded[1:-1, 2:] - padded[1:-1, :-2]
+    down = padded[2:, 1:-1] - padded[:-2, 1:-1]
+    total = maps.gradient_integral(8)[-1, -1].sum()
+    assert total == pytest.approx(np.hypot(right, down).sum(), rel=1e-5)

@@ -1,0 +1,117 @@
+"""Resampling schemes: unbiased, within their scheme's bounds, and only when asked for."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from pf_tracker_ros.filter import RESAMPLERS, EffectiveSampleSizeResampler, ParticleSet
+
+raw_weights = arrays(float, st.integers(1, 30), elements=st.floats(0, 1)).filter(
+    lambda weights: weights.sum() > 1e-3
+)
+every_scheme = pytest.mark.parametrize("scheme", sorted(RESAMPLERS))
+
+
+def draw_counts(scheme, weights, count, seed):
+    indices = RESAMPLERS[scheme]().indices(weights, count, np.random.default_rng(seed))
+    assert indices.shape == (count,)
+    return np.bincount(indices, minlength=len(weights))
+
+
+@every_scheme
+@given(weights=raw_weights, count=st.integers(1, 60), seed=st.integers(0, 1000))
+def test_a_particle_without_weight_never_goes_on(scheme, weights, count, seed):
+    weights = weights / weights.sum()
+    counts = draw_counts(scheme, weights, count, seed)
+    assert counts.sum() == count
+    assert (counts[weights == 0.0] == 0).all()
+
+
+@every_scheme
+def test_the_mean_number_of_copies_is_count_times_weight(scheme):
+    weights = np.array([0.05, 0.4, 0.1, 0.25, 0.2])
+    runs = np.array([draw_counts(scheme, weights, 20, seed) for seed in range(2000)])
+    # The multinomial scheme has the largest standard error, sqrt(20 * 0.24 / 2000) = 0.05.
+    np.testing.assert_allclose(runs.mean(axis=0), 20 * weights, atol=0.2)
+
+
+@given(weights=raw_weights, count=st.integers(1, 60), seed=st.integers(0, 1000))
+def test_systematic_copies_are_the_expected_number_rounded_down_or_up(weights, count, seed):
+    weights = weights / weights.sum()
+    counts = draw_counts("systematic", weights, count, seed)
+    assert (np.abs(counts - count * weights) < 1 + 1e-9).all()
+
+
+@given(weights=raw_weights, count=st.integers(1, 60), seed=st.integers(0, 1000))
+def test_residual_copies_are_never_below_the_whole_part(weights, count, seed):
+    weights = weights / weights.sum()
+    counts = draw_counts("residual", weights, count, seed)
+    assert (counts >= np.floor(count * weights - 1e-9)).all()
+
+
+@given(weights=raw_weights, count=st.integers(1, 60), seed=st.integers(0, 1000))
+def test_stratified_copies_are_within_two_of_the_expected_number(weights, count, seed):
+    weights = weights / weights.sum()
+    counts = draw_counts("stratified", weights, count, seed)
+    assert (np.abs(counts - count * weights) < 2).all()
+
+
+@pytest.mark.parametrize("scheme", ["systematic", "stratified", "residual"])
+def test_equal_weights_draw_every_particle_once(scheme):
+    counts = draw_counts(scheme, np.full(50, 1 / 50), 50, seed=3)
+    np.testing.assert_array_equal(counts, np.ones(50))
+
+
+@every_scheme
+def test_one_particle_that_has_all_weight_is_drawn_always(scheme):
+    assert draw_counts(scheme, np.array([0.0, 1.0, 0.0]), 7, seed=1)[1] == 7
+
+
+def test_multinomial_draws_vary_more_than_systematic_ones():
+    weights = np.full(20, 1 / 20)
+    multinomial = np.var([draw_counts("multinomial", weights, 20, s) for s in range(200)])
+    systematic = np.var([draw_counts("systematic", weights, 20, s) for s in range(200)])
+    assert multinomial > 0.5 > systematic
+
+
+def test_a_uniform_number_next_to_one_stays_inside():
+    class LargestNumber:
+        def random(self, count=None):
+            largest = np.nextafter(1.0, 0.0)
+            return largest if count is None else np.full(count, largest)
+
+    for resampler in RESAMPLERS.values():
+        indices = resampler().indices(np.full(3, 1 / 3), 3, LargestNumber())
+        assert indices.max() <= 2
+
+
+def test_resamples_only_below_the_threshold():
+    resampler = EffectiveSampleSizeResampler(RESAMPLERS["systematic"](), threshold=0.5)
+    generator = np.random.default_rng(0)
+    states = np.arange(4.0)[:, None]
+    even = ParticleSet(states, np.log([0.3, 0.3, 0.2, 0.2]))
+    uneven = ParticleSet(states, np.log([0.97, 0.01, 0.01, 0.01]))
+    assert resampler.resample(even, 4, generator) is even
+    resampled = resampler.resample(uneven, 4, generator)
+    assert (resampled.states == 0.0).sum() >= 3
+    np.testing.assert_allclose(resampled.weights, 0.25)
+
+
+def test_a_threshold_of_one_always_resamples_and_of_zero_never():
+    generator = np.random.default_rng(0)
+    even = ParticleSet.uniform(np.zeros((4, 1)))
+    uneven = ParticleSet(np.zeros((2, 1)), np.array([0.0, -50.0]))
+    always = EffectiveSampleSizeResampler(RESAMPLERS["systematic"](), threshold=1.0)
+    never = EffectiveSampleSizeResampler(RESAMPLERS["systematic"](), threshold=0.0)
+    assert always.resample(even, 4, generator) is not even
+    assert never.resample(uneven, 2, generator) is uneven
+
+
+def test_another_number_of_particles_resamples_to_it():
+    resampler = EffectiveSampleSizeResampler(RESAMPLERS["systematic"](), threshold=0.0)
+    particles = ParticleSet(np.array([[1.0], [2.0]]), np.log([0.25, 0.75]))
+    more = resampler.resample(particles, 400, np.random.default_rng(0))
+    assert len(more) == 400
+    assert (more.states == 2.0).mean() == pytest.approx(0.75)
