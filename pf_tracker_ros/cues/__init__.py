@@ -1,7 +1,7 @@
 """Cues: what a box in the image looks like, compared with a template of the target."""
 
 from pf_tracker_ros.cues.color_histogram import ColorHistogram, ColorHistogramParameters
-from pf_tracker_ros.cues.cue import Cue
+from pf_tracker_ros.cues.cue import Cue, Match
 from pf_tracker_ros.cues.fusion import CueFusion, TemplateParameters
 from pf_tracker_ros.cues.gradient_orientation import (
     GradientOrientation,
@@ -17,5 +17,6 @@ __all__ = [
     "FrameMaps",
     "GradientOrientation",
     "GradientOrientationParameters",
+    "Match",
     "TemplateParameters",
 ]

@@ -6,18 +6,20 @@ Source: Li et al. 2007, section 2.2.1; Perez et al. 2002, "Color-based probabili
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from pf_tracker_ros.cues.cue import Match
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.parameters import declared
 
-# 8 bits each number the particles of one calcHist call and a page of the template's bins.
-_PAGE = 255
-_CHUNK = 256
+# 8 bits number the boxes of one calcHist call, and the colors on one page of a template.
+_BOXES_AT_ONCE = 256
+_COLORS_PER_PAGE = 255
 # A bin that old updates left with less than this share of one pixel has faded away.
 _FADED = 0.01
 
@@ -41,18 +43,48 @@ class ColorHistogramParameters:
         read_only=True,
     )
     sharpness: float = declared(
-        30.0,
+        20.0,
         "How fast the likelihood falls with the squared Bhattacharyya distance (lambda).",
         minimum=0.0,
         maximum=1000.0,
     )
 
 
+@dataclass(frozen=True, eq=False)
+class ColorTemplate:
+    """The colors of the target.
+
+    Attributes:
+        histogram: (levels^3,) share of each color, numbered as in `FrameMaps.color_bins`. They sum
+            to the share of the box that is inside the image.
+        smallest_share: Share of one pixel of the box.
+    """
+
+    histogram: NDArray[np.float32]
+    smallest_share: float
+
+    @cached_property
+    def pages(self) -> tuple[tuple[NDArray[np.uint8], NDArray[np.float32]], ...]:
+        """The colors that the histogram holds, up to 255 to a page.
+
+        Returns:
+            For each page the (levels^3,) labels of its colors, 1, 2, ... and 0 for all others, and
+            the (labels,) square roots of their shares.
+        """
+        held = np.flatnonzero(self.histogram)
+        pages = []
+        for start in range(0, len(held), _COLORS_PER_PAGE):
+            page = held[start : start + _COLORS_PER_PAGE]
+            labels = np.zeros(len(self.histogram), dtype=np.uint8)
+            labels[page] = np.arange(1, len(page) + 1)
+            pages.append((labels, np.sqrt(self.histogram[page])))
+        return tuple(pages)
+
+
 class ColorHistogram:
     """RGB histogram against a template histogram by their Bhattacharyya distance.
 
-    The template is a (levels^3,) histogram whose entries sum to the share of the box that is inside
-    the image: pixels outside match nothing.
+    Pixels outside the image match nothing; a gray image counts as R = G = B.
 
     Args:
         parameters: Levels and sharpness.
@@ -62,86 +94,103 @@ class ColorHistogram:
         self._levels = parameters.levels
         self._sharpness = parameters.sharpness
 
-    def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> NDArray[np.float64]:
+    def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> ColorTemplate:
         """See `Cue.learn`."""
-        patch = _patches(maps.color_bins(self._levels), maps.region_boxes(box[None]))[0]
-        counts = np.bincount(patch.ravel(), minlength=self._levels**3 + 1)
-        return counts[:-1] / patch.size
+        top, _, left, _ = maps.padding
+        region_box = maps.region_boxes(box[None])
+        columns, rows = _grid(region_box)
+        x, y = _corners(region_box, columns, rows)[0] - (left, top)
+        bins = maps.color_bins(self._levels)
+        inside = bins[max(y, 0) : max(y + rows, 0), max(x, 0) : max(x + columns, 0)]
+        counts = np.bincount(inside.ravel(), minlength=self._levels**3).astype(np.float32)
+        return ColorTemplate(counts / np.float32(rows * columns), 1.0 / (rows * columns))
 
     def log_likelihood(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], template: NDArray[np.float64]
+        self, maps: FrameMaps, boxes: NDArray[np.float64], template: ColorTemplate
     ) -> NDArray[np.float64]:
         """See `Cue.log_likelihood`; source: Li et al. 2007, equation (6)."""
-        distance = self.distance(maps, boxes, template)
-        return -self._sharpness * np.square(distance)
+        return -self._sharpness * self.squared_distance(maps, boxes, template)
 
-    def distance(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], template: NDArray[np.float64]
+    def match(self, seen: ColorTemplate, template: ColorTemplate) -> Match:
+        """See `Cue.match`; the similarity is the Bhattacharyya coefficient."""
+        coefficient = min(float(np.sqrt(seen.histogram * template.histogram).sum()), 1.0)
+        return Match(-self._sharpness * (1.0 - coefficient), coefficient)
+
+    def squared_distance(
+        self, maps: FrameMaps, boxes: NDArray[np.float64], template: ColorTemplate
     ) -> NDArray[np.float64]:
-        """(N,) Bhattacharyya distances, 0 to 1, of (N, 4) boxes from the template.
+        """(N,) squared Bhattacharyya distances d^2, 0 to 1, of (N, 4) boxes from the template.
 
-        Only bins that the template holds add to the coefficient, so pixels are relabeled to those,
-        up to 255 at a time, and all boxes counted by one two-dimensional histogram of (box, label).
+        Only bins that the template holds add to the coefficient, so pixels are labeled with those,
+        and all boxes counted at once by a two-dimensional histogram of (box, label).
 
         Source: Li et al. 2007, equations (4) and (5).
         """
-        bins = maps.color_bins(self._levels)
         region_boxes = maps.region_boxes(boxes)
-        held = np.flatnonzero(template)
         coefficient = np.zeros(len(boxes))
-        for start in range(0, len(held), _PAGE):
-            page = held[start : start + _PAGE]
-            label_of_bin = np.zeros(self._levels**3 + 1, dtype=np.uint8)
-            label_of_bin[page] = np.arange(1, len(page) + 1)
-            root = np.sqrt(template[page])
-            coefficient += _root_shares(label_of_bin[bins], region_boxes, len(page)) @ root
-        return np.sqrt(np.clip(1.0 - coefficient, 0.0, 1.0))
+        for number, (labels_of_colors, root) in enumerate(template.pages):
 
-    def blend(
-        self, template: NDArray[np.float64], seen: NDArray[np.float64], keep: float
-    ) -> NDArray[np.float64]:
+            def label_pixels(table: NDArray[np.uint8] = labels_of_colors) -> NDArray[np.uint8]:
+                return maps.padded(table.take(maps.color_bins(self._levels)))
+
+            labels = maps.shared((template, number), label_pixels)
+            coefficient += _root_shares(labels, region_boxes, len(root)) @ root
+        return 1.0 - np.minimum(coefficient, 1.0)
+
+    def blend(self, template: ColorTemplate, seen: ColorTemplate, keep: float) -> ColorTemplate:
         """See `Cue.blend`; source: Li et al. 2007, equation (9)."""
-        blended = keep * template + (1.0 - keep) * seen
-        smallest_share = seen[seen > 0].min(initial=1.0)
-        blended[blended < _FADED * smallest_share] = 0.0
-        return blended
+        blended = np.float32(keep) * template.histogram + np.float32(1.0 - keep) * seen.histogram
+        blended[blended < _FADED * seen.smallest_share] = 0.0
+        return ColorTemplate(blended, seen.smallest_share)
 
 
 def _root_shares(
     labels: NDArray[np.uint8], region_boxes: NDArray[np.float64], label_count: int
-) -> NDArray[np.float64]:
+) -> NDArray[np.float32]:
     """(N, label_count) square roots of the share of each box's pixels with labels 1, 2, ..."""
-    shares = np.empty((len(region_boxes), label_count))
-    for start in range(0, len(region_boxes), _CHUNK):
-        chunk = region_boxes[start : start + _CHUNK]
-        patches = _patches(labels, chunk).reshape(len(chunk), -1)
+    shares = np.empty((len(region_boxes), label_count), dtype=np.float32)
+    for start in range(0, len(region_boxes), _BOXES_AT_ONCE):
+        patches = _patches(labels, region_boxes[start : start + _BOXES_AT_ONCE])
+        count, pixels = patches.shape
         box_numbers = np.empty_like(patches)
-        box_numbers[:] = np.arange(len(chunk), dtype=np.uint8)[:, None]
-        counts = cv2.calcHist(
+        box_numbers[:] = np.arange(count, dtype=np.uint8)[:, None]
+        shares[start : start + count] = cv2.calcHist(
             [box_numbers, patches],
             [0, 1],
             None,
-            [len(chunk), label_count],
-            [0, len(chunk), 1, label_count + 1],
+            [count, label_count],
+            [0, count, 1, label_count + 1],
         )
-        shares[start : start + _CHUNK] = counts / patches.shape[1]
-    return np.sqrt(shares)
+    shares /= pixels
+    return np.sqrt(shares, out=shares)
 
 
-def _patches(values: NDArray, region_boxes: NDArray[np.float64]) -> NDArray:  # type: ignore[type-arg]
-    """(N, rows, columns) of `values` in N boxes, each sampled at the same number of places.
+def _patches(labels: NDArray[np.uint8], region_boxes: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """(N, pixels) labels in N boxes, each sampled at the same number of places.
 
     Boxes of one size give exactly their pixels; boxes of several sizes are sampled at the centers
     of a grid that has one cell a pixel in the box of mean size.
     """
+    columns, rows = _grid(region_boxes)
     sizes = region_boxes[:, 2:]
-    columns, rows = np.maximum(np.rint(sizes.mean(axis=0)), 1).astype(int)
-    if np.ptp(sizes, axis=0).max() == 0.0:
-        left, top = np.floor(region_boxes[:, :2] + 0.5 * sizes / (columns, rows)).astype(int).T
-        windows: NDArray = sliding_window_view(values, (rows, columns))[top, left]  # type: ignore[type-arg]
-        return windows
+    if (sizes == sizes[0]).all():
+        left, top = _corners(region_boxes, columns, rows).T
+        windows = sliding_window_view(labels, (rows, columns))[top, left]
+        return windows.reshape(len(region_boxes), -1)
     x = region_boxes[:, :1] + (np.arange(columns) + 0.5) / columns * sizes[:, :1]
     y = region_boxes[:, 1:2] + (np.arange(rows) + 0.5) / rows * sizes[:, 1:]
-    row_starts = np.floor(y).astype(np.intp) * values.shape[1]
-    places = row_starts[:, :, None] + np.floor(x).astype(np.intp)[:, None, :]
-    return values.reshape(-1).take(places)
+    row_starts = y.astype(np.intp) * labels.shape[1]
+    places = row_starts[:, :, None] + x.astype(np.intp)[:, None, :]
+    return labels.ravel().take(places).reshape(len(region_boxes), -1)
+
+
+def _grid(region_boxes: NDArray[np.float64]) -> tuple[int, int]:
+    """Whole columns and rows of the box of mean size."""
+    width, height = region_boxes[:, 2:].mean(axis=0)
+    return max(round(width), 1), max(round(height), 1)
+
+
+def _corners(region_boxes: NDArray[np.float64], columns: int, rows: int) -> NDArray[np.intp]:
+    """(N, 2) top-left pixels (x, y) of boxes that are given whole columns and rows."""
+    half_cells = 0.5 * region_boxes[:, 2:] / (columns, rows)
+    return (region_boxes[:, :2] + half_cells).astype(np.intp)

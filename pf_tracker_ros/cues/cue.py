@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.cues.maps import FrameMaps
+
+
+class Match(NamedTuple):
+    """How well one box fits a template.
+
+    Attributes:
+        log_likelihood: log p(Z | X), as `Cue.log_likelihood` gives it for that box.
+        similarity: 0 (nothing in common) to 1 (the same), whatever the cue's sharpness.
+    """
+
+    log_likelihood: float
+    similarity: float
 
 
 class Cue(Protocol):
@@ -24,6 +36,9 @@ class Cue(Protocol):
         self, maps: FrameMaps, boxes: NDArray[np.float64], template: Any
     ) -> NDArray[np.float64]:
         """(N,) log p(Z | X), at most 0, of (N, 4) boxes of any size; 0 is a perfect match."""
+
+    def match(self, seen: Any, template: Any) -> Match:
+        """How well the one box that `seen` was learned from fits the template."""
 
     def blend(self, template: Any, seen: Any, keep: float) -> Any:
         """The template `keep * template + (1 - keep) * seen`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Cue
+from pf_tracker_ros.cues.cue import Cue, Match
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.parameters import ParameterError, declared
 
@@ -73,6 +74,22 @@ class CueFusion:
         for cue, power, template in zip(self._cues, self.powers, templates, strict=True):
             fused += power * cue.log_likelihood(maps, boxes, template)
         return fused
+
+    def match(self, seen: Templates, templates: Templates) -> Match:
+        """How well the one box that `seen` was learned from fits, fused by equation (8)."""
+        matches = [
+            cue.match(new, template)
+            for cue, new, template in zip(self._cues, seen, templates, strict=True)
+        ]
+        return Match(
+            log_likelihood=sum(
+                power * match.log_likelihood
+                for power, match in zip(self.powers, matches, strict=True)
+            ),
+            similarity=math.prod(
+                match.similarity**power for power, match in zip(self.powers, matches, strict=True)
+            ),
+        )
 
     def blend(self, templates: Templates, seen: Templates, keep: float) -> Templates:
         """Each template moved towards what is seen; source: Li et al. 2007, (9) and (10)."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.cues.cue import Match
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.parameters import declared
 
@@ -51,7 +52,7 @@ class GradientOrientationParameters:
         read_only=True,
     )
     sharpness: float = declared(
-        10.0,
+        20.0,
         "How fast the likelihood falls with the squared Euclidean distance (mu).",
         minimum=0.0,
         maximum=1000.0,
@@ -74,38 +75,57 @@ class GradientOrientation:
         self._directions = parameters.directions
         self._sharpness = parameters.sharpness
         self._corner_weights = _corner_weights(parameters.cells, parameters.gaussian_width)
+        parts = _PARTS * parameters.cells
+        self._fractions = np.arange(parts + 1)[:, None] / parts
 
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `Cue.learn`."""
-        return self.vectors(maps, box[None])[:, 0]
+        sums = self._cell_sums(maps, box[None])[:, 0].astype(np.float64)
+        length = np.linalg.norm(sums)
+        return (sums / length if length > 0.0 else sums).ravel()
 
     def log_likelihood(
         self, maps: FrameMaps, boxes: NDArray[np.float64], template: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """See `Cue.log_likelihood`; source: Li et al. 2007, equation (7)."""
-        squared_distance = np.square(self.vectors(maps, boxes) - template[:, None]).sum(axis=0)
-        return -self._sharpness * squared_distance
+        return -self._sharpness * self.squared_distance(maps, boxes, template)
 
-    def vectors(self, maps: FrameMaps, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(cells^2 * directions, N) gradient orientation vectors of (N, 4) boxes.
+    def match(self, seen: NDArray[np.float64], template: NDArray[np.float64]) -> Match:
+        """See `Cue.match`; the similarity is 1 - e^2 / 2, for unit vectors their cosine."""
+        offset = seen - template
+        squared_distance = float(offset @ offset)
+        similarity = max(1.0 - squared_distance / 2.0, 0.0)
+        return Match(-self._sharpness * squared_distance, similarity)
+
+    def squared_distance(
+        self, maps: FrameMaps, boxes: NDArray[np.float64], template: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(N,) squared Euclidean distances e^2, from 0 to 2, of (N, 4) boxes from the template.
+
+        |h - r|^2 = |h|^2 - 2 h.r + |r|^2, with |h| = 1, or 0 in a box without any gradient.
+        """
+        sums = self._cell_sums(maps, boxes)
+        reference = template.reshape(-1, self._directions)
+        product = np.einsum("cnd,cd->n", sums, reference.astype(np.float32))
+        squared_length = np.einsum("cnd,cnd->n", sums, sums)
+        textured = squared_length > 0.0
+        cosine = product / np.sqrt(np.where(textured, squared_length, 1.0))
+        return np.maximum(textured - 2.0 * cosine + template @ template, 0.0)
+
+    def _cell_sums(self, maps: FrameMaps, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
+        """(cells^2, N, directions) Gaussian-weighted sums of gradient magnitude in N boxes.
 
         A cell's sum is linear in the values of the integral image at the corners of its parts, so
         all cells of all boxes are one matrix product.
         """
         integral = maps.gradient_integral(self._directions)
-        region_boxes = maps.region_boxes(boxes)
-        fractions = np.arange(_PARTS * self._cells + 1)[:, None] / (_PARTS * self._cells)
-        x, y, width, height = region_boxes.T
-        columns = np.rint(x + fractions * width).astype(np.intp)
-        rows = np.rint(y + fractions * height).astype(np.intp)
+        x, y, width, height = maps.region_boxes(boxes).T
+        columns = np.rint(x + self._fractions * width).astype(np.intp)
+        rows = np.rint(y + self._fractions * height).astype(np.intp)
         corners = rows[:, None] * integral.shape[1] + columns[None]
         values = integral.reshape(-1, self._directions).take(corners, axis=0)
-        sums = self._corner_weights @ values.reshape(len(self._corner_weights[0]), -1)
-        vectors = sums.reshape(self._cells**2, len(boxes), self._directions)
-        vectors = np.moveaxis(vectors, 2, 1).reshape(-1, len(boxes))
-        # Differences of large sums leave a trace of rounding where there is no gradient at all.
-        lengths = np.linalg.norm(vectors, axis=0)
-        return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 1e-6)
+        sums = self._corner_weights @ values.reshape(self._corner_weights.shape[1], -1)
+        return sums.reshape(self._cells**2, len(boxes), self._directions)
 
     def blend(
         self, template: NDArray[np.float64], seen: NDArray[np.float64], keep: float
@@ -114,7 +134,7 @@ class GradientOrientation:
         return keep * template + (1.0 - keep) * seen
 
 
-def _corner_weights(cells: int, gaussian_width: float) -> NDArray[np.float64]:
+def _corner_weights(cells: int, gaussian_width: float) -> NDArray[np.float32]:
     """(cells^2, corners) factors that turn integral image values into weighted cell sums.
 
     The box is divided into parts, `_PARTS` times `cells` along each axis; each counts with the
@@ -128,5 +148,4 @@ def _corner_weights(cells: int, gaussian_width: float) -> NDArray[np.float64]:
     for part, weight in enumerate(gaussian):
         along_axis[part // _PARTS, part + 1] += weight
         along_axis[part // _PARTS, part] -= weight
-    weights = np.kron(along_axis, along_axis)
-    return weights.astype(np.float64, copy=False)
+    return np.kron(along_axis, along_axis).astype(np.float32)

@@ -6,6 +6,7 @@ particle then only reads. A map is computed when a cue first asks for it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cache
 from typing import TypeVar
@@ -42,36 +43,34 @@ class FrameMaps:
         self, image: NDArray[np.uint8], boxes: NDArray[np.float64], reduction: int = 1
     ) -> None:
         height, width = image.shape[:2]
-        low = np.floor(boxes[:, :2].min(axis=0) / reduction).astype(int) - _MARGIN
-        high = np.ceil((boxes[:, :2] + boxes[:, 2:]).max(axis=0) / reduction).astype(int) + _MARGIN
-        inside_low = np.clip(low, 0, None)
-        inside_high = np.minimum(high, np.array([-(-width // reduction), -(-height // reduction)]))
-        left, top = inside_low * reduction
-        right, bottom = inside_high * reduction
-        crop = image[top:bottom, left:right]
+        left, top = (math.floor(low / reduction) - _MARGIN for low in boxes[:, :2].min(axis=0))
+        ends = (boxes[:, :2] + boxes[:, 2:]).max(axis=0)
+        right, bottom = (math.ceil(end / reduction) + _MARGIN for end in ends)
+        inside_left, inside_top = max(left, 0), max(top, 0)
+        inside_right = min(right, -(-width // reduction))
+        inside_bottom = min(bottom, -(-height // reduction))
+        crop = image[
+            inside_top * reduction : inside_bottom * reduction,
+            inside_left * reduction : inside_right * reduction,
+        ]
         if reduction > 1:
-            # Blocks are counted from the image's corner, so a pixel's value does not depend on
-            # which region it was read for; the last block repeats the image's edge.
-            missing = -np.array(crop.shape[:2]) % reduction
-            crop = cv2.copyMakeBorder(crop, 0, missing[0], 0, missing[1], cv2.BORDER_REPLICATE)
-            size = (crop.shape[1] // reduction, crop.shape[0] // reduction)
-            crop = cv2.resize(crop, size, interpolation=cv2.INTER_AREA)
+            crop = _reduced(crop, reduction)
         self.pixels: NDArray[np.uint8] = crop
         self.padding = (
-            int(inside_low[1] - low[1]),
-            int(high[1] - inside_high[1]),
-            int(inside_low[0] - low[0]),
-            int(high[0] - inside_high[0]),
+            inside_top - top,
+            bottom - inside_bottom,
+            inside_left - left,
+            right - inside_right,
         )
-        self._origin = low
+        self._corner = np.array([left, top, 0.0, 0.0])
         self._reduction = reduction
         self._shared: dict[object, object] = {}
 
     def region_boxes(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 4) boxes in image pixels as (x, y, width, height) in region pixels."""
-        scaled = boxes / self._reduction
-        scaled[:, :2] -= self._origin
-        return scaled
+        if self._reduction > 1:
+            boxes = boxes / self._reduction
+        return boxes - self._corner
 
     def shared(self, key: object, compute: Callable[[], Map]) -> Map:
         """The map stored under `key`, computed at the first call and shared by all who ask."""
@@ -86,67 +85,85 @@ class FrameMaps:
             return self.pixels
         return self.shared("gray", lambda: cv2.cvtColor(self.pixels, cv2.COLOR_BGR2GRAY))
 
+    @property
+    def color(self) -> NDArray[np.uint8]:
+        """(h, w, 3) uint8 BGR of `pixels`, a gray one with equal channels."""
+        if self.pixels.ndim == 3:
+            return self.pixels
+        return self.shared("color", lambda: cv2.cvtColor(self.pixels, cv2.COLOR_GRAY2BGR))
+
     def color_bins(self, levels: int) -> NDArray[np.uint16]:
-        """Histogram bin of every region pixel, each of R, G and B in `levels` equal steps.
+        """(h, w) color of each of `pixels`, each of R, G and B in `levels` equal steps.
 
-        A gray image counts as R = G = B.
-
-        Returns:
-            (h, w) of the padded region: red * levels^2 + green * levels + blue, and levels^3 for a
-            pixel outside the image.
+        A color's number is red * levels^2 + green * levels + blue; `levels` is at most 40.
         """
 
         def compute() -> NDArray[np.uint16]:
-            step = np.minimum(np.arange(256) * levels // 256, levels - 1)
-            if self.pixels.ndim == 2:
-                bins = (step * (levels**2 + levels + 1)).astype(np.uint16)[self.pixels]
-            else:
-                blue, green, red = (
-                    cv2.LUT(channel, (step * weight).astype(np.uint16))
-                    for channel, weight in zip(
-                        cv2.split(self.pixels), (1, levels, levels**2), strict=True
-                    )
-                )
-                bins = blue + green + red
-            padded: NDArray[np.uint16] = cv2.copyMakeBorder(
-                bins, *self.padding, cv2.BORDER_CONSTANT, value=levels**3
-            )
-            return padded
+            bins = cv2.LUT(self.color, _color_table(levels))
+            return bins[..., 0] + bins[..., 1] + bins[..., 2]
 
         return self.shared(("color bins", levels), compute)
 
-    def gradient_integral(self, directions: int) -> NDArray[np.float64]:
+    def padded(self, values: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(h, w) values of `pixels` with zeros around for what is outside the image."""
+        if not any(self.padding):
+            return values
+        return cv2.copyMakeBorder(values, *self.padding, cv2.BORDER_CONSTANT, value=0)
+
+    def gradient_integral(self, directions: int) -> NDArray[np.float32]:
         """Integral image of the gradient magnitude in each direction.
 
         A pixel's gradient magnitude counts for the direction, of `directions` equal ones over 360
         degrees starting at 0, that its gradient falls into. Outside the image there is none.
 
         Returns:
-            (h + 1, w + 1, directions) of the padded region: the sum over all pixels above and left.
+            (h + 1, w + 1, directions) of the padded region: the sum over all pixels above and left,
+            in quarters of a gray level.
         """
 
-        def compute() -> NDArray[np.float64]:
+        def compute() -> NDArray[np.float32]:
             gray = self.gray
             # Differences of the two neighbors: the gradient of the smallest possible window.
             right = cv2.Sobel(gray, cv2.CV_32F, 1, 0, ksize=1)
             down = cv2.Sobel(gray, cv2.CV_32F, 0, 1, ksize=1)
-            place = ((down + 255) * 511 + (right + 255)).astype(np.intp)
-            direction = _direction_table(directions).take(place)
+            # Sums of whole numbers are exact in 32 bits up to 2^24, those of fractions are not.
+            magnitude = np.rint(cv2.magnitude(4.0 * right, 4.0 * down))
+            place = 511.0 * down + right + 511.0 * 255.0 + 255.0
+            direction = _direction_table(directions).take(place.astype(np.intp))
             height, width = gray.shape
             top, bottom, left, right_ = self.padding
-            channels = np.zeros(
-                (top + height + bottom, left + width + right_, directions), dtype=np.float32
-            )
-            rows, columns = np.arange(top, top + height), np.arange(left, left + width)
-            channels[rows[:, None], columns, direction] = cv2.magnitude(right, down)
-            return cv2.integral(channels, sdepth=cv2.CV_64F)
+            shape = (top + height + bottom, left + width + right_, directions)
+            channels = np.zeros(shape, dtype=np.float32)
+            row_starts = (np.arange(height) + top)[:, None] * (shape[1] * directions)
+            first_channels = np.arange(left, left + width) * directions
+            channels.reshape(-1)[row_starts + first_channels + direction] = magnitude
+            return cv2.integral(channels, sdepth=cv2.CV_32F)
 
         return self.shared(("gradient integral", directions), compute)
 
 
+def _reduced(crop: NDArray[np.uint8], reduction: int) -> NDArray[np.uint8]:
+    """Means of whole blocks of reduction x reduction pixels.
+
+    Blocks are counted from the image's corner, so a block's mean does not depend on the region that
+    it was read for. One that reaches out of the image repeats the last row or column.
+    """
+    missing_rows, missing_columns = -np.array(crop.shape[:2]) % reduction
+    crop = cv2.copyMakeBorder(crop, 0, missing_rows, 0, missing_columns, cv2.BORDER_REPLICATE)
+    size = (crop.shape[1] // reduction, crop.shape[0] // reduction)
+    return cv2.resize(crop, size, interpolation=cv2.INTER_AREA)
+
+
+@cache
+def _color_table(levels: int) -> NDArray[np.uint16]:
+    """(1, 256, 3) what each value of blue, green and red adds to the number of a color."""
+    step = np.arange(256) * levels // 256
+    return np.stack([step, step * levels, step * levels**2], axis=-1).astype(np.uint16)[None]
+
+
 @cache
 def _direction_table(directions: int) -> NDArray[np.uint8]:
-    """(511 * 511,) direction of all differences of 8-bit values: row down + 255, column right + 255.
+    """(511 * 511,) direction of any two 8-bit differences: row down + 255, column right + 255.
 
     Exact where an approximate angle would be off, on the borders between two directions, where many
     gradients of whole numbers lie.

@@ -1,6 +1,6 @@
 """The particle filter: particles, motion models and resampling. It knows nothing of images."""
 
-from pf_tracker_ros.filter.motion import MOTION_MODELS, MotionModel, MotionParameters
+from pf_tracker_ros.filter.motion import MOTION_MODELS, Box, MotionModel, MotionParameters
 from pf_tracker_ros.filter.particles import ParticleSet
 from pf_tracker_ros.filter.resampling import (
     RESAMPLERS,
@@ -12,6 +12,7 @@ from pf_tracker_ros.filter.resampling import (
 __all__ = [
     "MOTION_MODELS",
     "RESAMPLERS",
+    "Box",
     "EffectiveSampleSizeResampler",
     "MotionModel",
     "MotionParameters",

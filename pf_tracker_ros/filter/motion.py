@@ -32,14 +32,14 @@ class MotionParameters:
         read_only=True,
     )
     position_noise: float = declared(
-        0.5,
+        1.0,
         "Random walk of the position; raise it for jerky motion.",
         unit="box sizes per square root of a second",
         minimum=0.0,
         maximum=50.0,
     )
     velocity_noise: float = declared(
-        2.0,
+        0.9,
         "Random walk of the velocity; raise it for targets that turn and brake.",
         unit="box sizes per second per square root of a second",
         minimum=0.0,
@@ -53,14 +53,14 @@ class MotionParameters:
         maximum=100.0,
     )
     size_noise: float = declared(
-        0.2,
+        0.1,
         "Random walk of the logarithm of the size, where the model has a size.",
         unit="per square root of a second",
         minimum=0.0,
         maximum=10.0,
     )
     aspect_noise: float = declared(
-        0.05,
+        0.03,
         "Random walk of the logarithm of width / height, where the model has a size.",
         unit="per square root of a second",
         minimum=0.0,
@@ -121,11 +121,11 @@ class ConstantVelocity:
         self._center = np.array([x + width / 2, y + height / 2])
         self._size = np.array([width, height])
         self._parameters = parameters
+        self._noise = np.repeat([parameters.position_noise, parameters.velocity_noise], 2)
 
     def prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
         """See `MotionModel.prior`; source: Li et al. 2007, section 3."""
-        box_size = np.sqrt(self._size.prod())
-        spread = box_size * np.repeat(
+        spread = np.sqrt(self._size.prod()) * np.repeat(
             [self._parameters.prior_position, self._parameters.prior_velocity], 2
         )
         states = generator.standard_normal((count, 4)) * spread
@@ -136,13 +136,13 @@ class ConstantVelocity:
         self, states: NDArray[np.float64], interval: float, generator: np.random.Generator
     ) -> NDArray[np.float64]:
         """See `MotionModel.predict`; source: Li et al. 2007, equation (3)."""
-        box_sizes = np.sqrt(self.boxes(states)[:, 2:].prod(axis=1))[:, None]
-        noise = generator.standard_normal((len(states), 4)) * (np.sqrt(interval) * box_sizes)
+        noise = generator.standard_normal((len(states), 4))
+        noise *= np.sqrt(interval) * self._box_sizes(states)
+        noise *= self._noise
         predicted = states.copy()
         predicted[:, :2] += states[:, 2:4] * interval
-        predicted[:, :2] += self._parameters.position_noise * noise[:, :2]
         predicted[:, 2:4] *= np.exp(-self._parameters.velocity_damping * interval)
-        predicted[:, 2:4] += self._parameters.velocity_noise * noise[:, 2:]
+        predicted[:, :4] += noise
         return predicted
 
     def constrained(
@@ -150,7 +150,8 @@ class ConstantVelocity:
     ) -> NDArray[np.float64]:
         """See `MotionModel.constrained`."""
         constrained = states.copy()
-        np.clip(states[:, :2], 0.0, image_size, out=constrained[:, :2])
+        center = constrained[:, :2]
+        np.minimum(np.maximum(center, 0.0, out=center), image_size, out=center)
         return constrained
 
     def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -159,6 +160,10 @@ class ConstantVelocity:
         boxes[:, 2:] = self._size
         boxes[:, :2] = states[:, :2] - self._size / 2
         return boxes
+
+    def _box_sizes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, 1) square roots of the boxes' areas, or one (1,) for all."""
+        return np.sqrt(self._size.prod(keepdims=True))
 
 
 class ConstantVelocityAndSize(ConstantVelocity):
@@ -203,6 +208,9 @@ class ConstantVelocityAndSize(ConstantVelocity):
     def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `MotionModel.boxes`."""
         return np.hstack([states[:, :2] - states[:, 4:6] / 2, states[:, 4:6]])
+
+    def _box_sizes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.sqrt(states[:, 4:5] * states[:, 5:6])
 
 
 MOTION_MODELS: Mapping[str, Callable[[Box, MotionParameters], MotionModel]] = MappingProxyType(

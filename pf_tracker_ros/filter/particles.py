@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -43,15 +44,18 @@ class ParticleSet:
             raise ValueError(
                 f"log weights have shape {log_weights.shape}; expected ({len(states)},)"
             )
-        log_weights[np.isnan(log_weights)] = -np.inf
-        largest = log_weights.max()
-        if np.isfinite(largest):
+        largest = float(log_weights.max())
+        if math.isnan(largest):
+            log_weights[np.isnan(log_weights)] = -np.inf
+            largest = float(log_weights.max())
+        if math.isfinite(largest):
             log_weights -= largest
-            log_weights -= np.log(np.exp(log_weights).sum())
+            log_weights -= math.log(np.exp(log_weights).sum())
         else:
-            log_weights[:] = -np.log(len(states))
+            log_weights[:] = -math.log(len(states))
+        log_weights.setflags(write=False)
         object.__setattr__(self, "states", states)
-        object.__setattr__(self, "log_weights", _read_only(log_weights))
+        object.__setattr__(self, "log_weights", log_weights)
 
     @classmethod
     def uniform(cls, states: ArrayLike) -> ParticleSet:
@@ -65,8 +69,7 @@ class ParticleSet:
     @cached_property
     def weights(self) -> NDArray[np.float64]:
         """(N,) normalized weights, summing to 1; read-only."""
-        weights = np.exp(self.log_weights)
-        return _read_only(weights / weights.sum())
+        return _read_only(np.exp(self.log_weights))
 
     @cached_property
     def effective_sample_size(self) -> float:
@@ -74,7 +77,7 @@ class ParticleSet:
 
         Source: Zhang et al. 2015, equation (6).
         """
-        return float(1.0 / np.square(self.weights).sum())
+        return float(1.0 / (self.weights @ self.weights))
 
     @cached_property
     def mean(self) -> NDArray[np.float64]:
@@ -103,7 +106,7 @@ class ParticleSet:
         Source: Zhang et al. 2015, equations (10) and (11).
         """
         log_weights = self.log_weights + np.asarray(log_likelihood, dtype=np.float64)
-        if not np.isfinite(np.nanmax(log_weights, initial=-np.inf)):
+        if not (log_weights > -np.inf).any():
             return self
         return ParticleSet(self.states, log_weights)
 

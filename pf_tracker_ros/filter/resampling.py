@@ -122,7 +122,7 @@ class ResamplingParameters:
         choices=tuple(RESAMPLERS),
     )
     threshold: float = declared(
-        0.5,
+        0.8,
         "Resample when the effective sample size falls below this share of the particles; "
         "1 resamples every frame, 0 never.",
         minimum=0.0,

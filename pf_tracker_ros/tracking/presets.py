@@ -14,6 +14,10 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         "default": MappingProxyType(
             {
                 "motion.model": "constant_velocity_and_size",
+                "working_size": 56,
+                "color_histogram.power": 0.5,
+                "gradient_orientation.power": 0.5,
+                "template.keep": 0.97,
             }
         ),
         "li2007": MappingProxyType(

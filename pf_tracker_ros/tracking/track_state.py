@@ -13,13 +13,13 @@ class TrackParameters:
     """When the target counts as hidden, seen again, or gone."""
 
     occluded_below: float = declared(
-        0.1,
+        0.45,
         "The target counts as occluded while the confidence is below this; 0 switches it off.",
         minimum=0.0,
         maximum=1.0,
     )
     recovered_above: float = declared(
-        0.2,
+        0.5,
         "An occluded or lost target is seen again when the confidence exceeds this.",
         minimum=0.0,
         maximum=1.0,

@@ -15,6 +15,7 @@ from pf_tracker_ros.cues.fusion import Templates
 from pf_tracker_ros.filter import (
     MOTION_MODELS,
     RESAMPLERS,
+    Box,
     EffectiveSampleSizeResampler,
     MotionModel,
     ParticleSet,
@@ -37,6 +38,7 @@ from pf_tracker_ros.tracking.track_state import Track
 class _Target:
     """All that is known of the target; a frame replaces it whole or not at all."""
 
+    first_box: Box
     image_shape: tuple[int, ...]
     gray_range: tuple[float, float] | None
     motion: MotionModel
@@ -136,13 +138,14 @@ class Tracker:
         first_box = check_box(box, _size(image))
         span = gray_range(image)
         generator = np.random.default_rng(self._seed)
-        motion = MOTION_MODELS[self._parameters.motion.model](first_box, self._parameters.motion)
+        motion = _motion_model(first_box, self._parameters)
         particles = ParticleSet.uniform(motion.prior(self._parameters.particles, generator))
         particles = particles.moved(motion.constrained(particles.states, _size(image)))
         boxes = np.array([first_box])
         maps = self._maps(to_8_bit(image, span), boxes, boxes[0])
         self._generator = generator
         self._target = _Target(
+            first_box=first_box,
             image_shape=image.shape,
             gray_range=span,
             motion=motion,
@@ -198,8 +201,9 @@ class Tracker:
         weighted = predicted.reweighted(likelihood)
 
         box = motion.boxes(weighted.mean[None])
-        fit = math.exp(self._fusion.log_likelihood(maps, box, target.templates)[0])
-        track = target.track.after(fit, interval, parameters.track)
+        seen = self._fusion.learn(maps, box[0])
+        match = self._fusion.match(seen, target.templates)
+        track = target.track.after(match.similarity, interval, parameters.track)
         if track.state != "tracking":
             # What is at the box is not the target: its likelihoods would pull the particles to
             # whatever hides it. The motion model alone carries them on.
@@ -207,8 +211,8 @@ class Tracker:
             box = motion.boxes(weighted.mean[None])
 
         templates = target.templates
-        if track.state == "tracking" and fit > parameters.template.update_above:
-            seen = self._fusion.learn(maps, box[0])
+        trusted = math.exp(match.log_likelihood) > parameters.template.update_above
+        if track.state == "tracking" and trusted:
             templates = self._fusion.blend(templates, seen, parameters.template.keep)
 
         x, y, width, height = (float(value) for value in box[0])
@@ -217,7 +221,7 @@ class Tracker:
             particles=self._resampler.resample(weighted, parameters.particles, self._generator),
             templates=templates,
             track=track,
-            estimate=_estimate((x, y, width, height), track, fit, weighted, motion),
+            estimate=_estimate((x, y, width, height), track, match.similarity, weighted, motion),
         )
 
     def _configure(self, parameters: TrackerParameters) -> None:
@@ -232,6 +236,9 @@ class Tracker:
             RESAMPLERS[parameters.resampling.scheme](), parameters.resampling.threshold
         )
         self._parameters = parameters
+        if self._target:
+            motion = _motion_model(self._target.first_box, parameters)
+            self._target = replace(self._target, motion=motion)
 
     def _maps(
         self, image: NDArray[np.uint8], boxes: NDArray[np.float64], target_box: NDArray[np.float64]
@@ -240,12 +247,16 @@ class Tracker:
         return FrameMaps(image, boxes, math.ceil(target_size / self._parameters.working_size))
 
 
+def _motion_model(first_box: Box, parameters: TrackerParameters) -> MotionModel:
+    return MOTION_MODELS[parameters.motion.model](first_box, parameters.motion)
+
+
 def _size(image: NDArray[np.generic]) -> tuple[int, int]:
     return image.shape[1], image.shape[0]
 
 
 def _estimate(
-    box: tuple[float, float, float, float],
+    box: Box,
     track: Track,
     confidence: float,
     particles: ParticleSet,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pf_tracker_ros.cues import CueFusion, FrameMaps
+from pf_tracker_ros.cues import CueFusion, FrameMaps, Match
 from pf_tracker_ros.parameters import ParameterError
 
 
@@ -20,6 +20,9 @@ class ScriptedCue:
         self.asked += 1
         return -template * boxes[:, 0]
 
+    def match(self, seen, template):
+        return Match(-template * seen, 1 / (template + seen))
+
     def blend(self, template, seen, keep):
         return keep * template + (1 - keep) * seen
 
@@ -33,6 +36,10 @@ def test_the_fused_likelihood_is_the_product_of_powers():
     fused = np.exp(fusion.log_likelihood(MAPS, BOXES, (1.0, 5.0)))
     likelihood_a, likelihood_b = np.exp(-BOXES[:, 0]), np.exp(-5.0 * BOXES[:, 0])
     np.testing.assert_allclose(fused, likelihood_a**0.6 * likelihood_b**0.4)
+    seen = fusion.learn(MAPS, BOXES[1])
+    match = fusion.match(seen, (1.0, 5.0))
+    assert np.exp(match.log_likelihood) == pytest.approx(fused[1])
+    assert match.similarity == pytest.approx((1 / 3) ** 0.6 * (1 / 7) ** 0.4)
 
 
 def test_powers_are_scaled_to_a_sum_of_one():

@@ -81,9 +81,24 @@ def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image):
     cue = GradientOrientation(PARAMETERS)
     box = np.array([[70.0, 40.0, 30.0, 20.0]])
     others = np.vstack([box, [[0.0, 0.0, 33.0, 21.0], [120.0, 90.0, 40.0, 30.0]]])
-    alone = cue.vectors(FrameMaps(image, box), box)[:, 0]
-    among = cue.vectors(FrameMaps(image, others), others)[:, 0]
-    np.testing.assert_allclose(alone, among, atol=1e-12)
+    template_box = np.array([60.0, 40.0, 30.0, 20.0])
+    template = cue.learn(FrameMaps(image, template_box[None]), template_box)
+    alone = cue.log_likelihood(FrameMaps(image, box), box, template)
+    among = cue.log_likelihood(FrameMaps(image, others), others, template)
+    assert alone[0] == pytest.approx(among[0], rel=1e-5)
+
+
+def test_the_distances_are_those_of_the_vectors(image):
+    """e^2 of many boxes at once equals |h - r|^2 of their vectors, learned one by one."""
+    cue = GradientOrientation(GradientOrientationParameters(sharpness=1.0))
+    generator = np.random.default_rng(1)
+    boxes = np.column_stack([generator.uniform(0, 80, (30, 2)), generator.uniform(12, 40, (30, 2))])
+    maps = FrameMaps(image, boxes)
+    template = cue.learn(maps, boxes[0])
+    expected = [np.square(cue.learn(maps, box) - template).sum() for box in boxes]
+    np.testing.assert_allclose(-cue.log_likelihood(maps, boxes, template), expected, atol=1e-5)
+    matches = [-cue.match(cue.learn(maps, box), template).log_likelihood for box in boxes]
+    np.testing.assert_allclose(matches, expected, atol=1e-9)
 
 
 def test_likelihood_by_hand():
@@ -95,7 +110,10 @@ def test_likelihood_by_hand():
     maps = FrameMaps(image, boxes)
     cue = GradientOrientation(GradientOrientationParameters(sharpness=3.0))
     log_likelihood = cue.log_likelihood(maps, boxes, cue.learn(maps, boxes[0]))
-    np.testing.assert_allclose(log_likelihood, [0.0, -6.0], atol=1e-9)
+    np.testing.assert_allclose(log_likelihood, [0.0, -6.0], atol=1e-5)
+    same, other = (cue.match(cue.learn(maps, box), cue.learn(maps, boxes[0])) for box in boxes)
+    assert same == (0.0, 1.0)
+    assert other == pytest.approx((-6.0, 0.0), abs=1e-5)
 
 
 def test_the_paper_s_literal_constant_hardly_tells_match_from_mismatch():

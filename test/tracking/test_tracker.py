@@ -1,0 +1,368 @@
+"""The tracker on generated images: follows, repeats itself, coasts, refuses."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.tracking.presets import PRESETS
+
+WIDTH, HEIGHT, SIDE = 320, 240, 36
+every_preset = pytest.mark.parametrize("preset", sorted(PRESETS))
+
+
+def texture(seed, shape, low, high):
+    noise = np.random.default_rng(seed).integers(low, high, (*[s // 6 for s in shape[:2]], 3))
+    return cv2.resize(noise.astype(np.uint8), shape[1::-1], interpolation=cv2.INTER_CUBIC)
+
+
+BACKGROUND = texture(1, (HEIGHT, WIDTH), 90, 160)
+TARGET = texture(2, (SIDE, SIDE), 0, 250)
+
+
+def frame(x, y, scale=1.0, visible=True):
+    """The target with its center at (x, y), and its box."""
+    image = BACKGROUND.copy()
+    side = round(SIDE * scale)
+    left, top = round(x - side / 2), round(y - side / 2)
+    if visible:
+        image[top : top + side, left : left + side] = cv2.resize(TARGET, (side, side))
+    return image, (left, top, side, side)
+
+
+def center(box):
+    return np.array([box[0] + box[2] / 2, box[1] + box[3] / 2])
+
+
+def overlap(a, b):
+    width = min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0])
+    height = min(a[1] + a[3], b[1] + b[3]) - max(a[1], b[1])
+    common = max(width, 0) * max(height, 0)
+    return common / (a[2] * a[3] + b[2] * b[3] - common)
+
+
+def walk(count=40, speed=3.0):
+    return [frame(60 + speed * t, 120 + 30 * np.sin(t / 8)) for t in range(count)]
+
+
+def run(tracker, frames):
+    tracker.start(*frames[0])
+    return [tracker.update(image) for image, _ in frames[1:]]
+
+
+@every_preset
+def test_follows_a_moving_target(preset):
+    frames = walk()
+    estimates = run(Tracker.from_preset(preset), frames)
+    for estimate, (_, box) in zip(estimates, frames[1:], strict=True):
+        assert overlap(estimate.box, box) > 0.6
+        assert estimate.state == "tracking"
+
+
+@pytest.mark.parametrize("kind", ["gray", "16 bit"])
+@every_preset
+def test_follows_in_gray_and_16_bit_images(preset, kind):
+    def convert(image):
+        gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        return gray if kind == "gray" else gray.astype(np.uint16) * 12 + 7000
+
+    frames = [(convert(image), box) for image, box in walk()]
+    estimates = run(Tracker.from_preset(preset), frames)
+    assert overlap(estimates[-1].box, frames[-1][1]) > 0.6
+
+
+def test_the_default_follows_a_change_of_size():
+    frames = [frame(160, 120, 1.0 + 0.02 * t) for t in range(40)]
+    estimates = run(Tracker.from_preset("default"), frames)
+    assert overlap(estimates[-1].box, frames[-1][1]) > 0.6
+
+
+def test_li2007_keeps_the_size_of_the_first_box():
+    frames = [frame(160, 120, 1.0 + 0.02 * t) for t in range(20)]
+    for estimate in run(Tracker.from_preset("li2007"), frames):
+        assert estimate.box[2:] == pytest.approx((SIDE, SIDE))
+
+
+@every_preset
+def test_same_seed_same_bits_another_seed_other_bits(preset):
+    frames = walk(15)
+    one, same = (run(Tracker.from_preset(preset, seed=5), frames) for _ in range(2))
+    other = run(Tracker.from_preset(preset, seed=6), frames)
+    assert [e.box for e in one] == [e.box for e in same]
+    np.testing.assert_array_equal(one[-1].particles, same[-1].particles)
+    assert [e.box for e in one] != [e.box for e in other]
+
+
+def test_starting_again_begins_the_random_sequence_anew():
+    frames = walk(10)
+    tracker = Tracker.from_preset("default", seed=3)
+    assert [e.box for e in run(tracker, frames)] == [e.box for e in run(tracker, frames)]
+
+
+@every_preset
+def test_the_estimate_is_complete_and_consistent(preset):
+    frames = walk(10)
+    estimate = run(Tracker.from_preset(preset), frames)[-1]
+    count = len(estimate.weights)
+    assert estimate.weights.sum() == pytest.approx(1.0)
+    assert estimate.particles.shape[0] == estimate.particle_boxes.shape[0] == count
+    assert estimate.particle_boxes.shape == (count, 4)
+    assert 1.0 <= estimate.effective_sample_size <= count
+    assert 0.0 <= estimate.confidence <= 1.0
+    centers = estimate.particle_boxes[:, :2] + estimate.particle_boxes[:, 2:] / 2
+    np.testing.assert_allclose(center(estimate.box), estimate.weights @ centers)
+    np.testing.assert_allclose(
+        estimate.covariance, np.cov(centers.T, aweights=estimate.weights, ddof=0)
+    )
+    assert all(isinstance(value, float) for value in estimate.box)
+
+
+def test_the_first_estimate_is_the_given_box_with_full_confidence():
+    image, box = frame(100, 100)
+    estimate = Tracker.from_preset("li2007").start(image, box)
+    assert estimate.box == pytest.approx(box)
+    assert (estimate.state, estimate.confidence) == ("tracking", 1.0)
+
+
+@every_preset
+def test_while_hidden_it_coasts_on_with_growing_covariance_then_finds_the_target_again(preset):
+    tracker = Tracker.from_preset(preset)
+    estimates = run(tracker, walk(30))
+    assert estimates[-1].state == "tracking"
+    hidden = []
+    for t in range(30, 36):
+        image, _ = frame(60 + 3.0 * t, 120 + 30 * np.sin(t / 8), visible=False)
+        hidden.append(tracker.update(image))
+    assert {estimate.state for estimate in hidden} == {"occluded"}
+    traces = [np.trace(estimate.covariance) for estimate in hidden]
+    assert traces == sorted(traces)
+    assert traces[-1] > 2 * np.trace(estimates[-1].covariance)
+    assert center(hidden[-1].box)[0] > center(estimates[-1].box)[0] + 5
+    for t in range(36, 46):
+        image, box = frame(60 + 3.0 * t, 120 + 30 * np.sin(t / 8))
+        estimate = tracker.update(image)
+    assert estimate.state == "tracking"
+    assert overlap(estimate.box, box) > 0.5
+
+
+@every_preset
+def test_a_target_hidden_for_too_long_is_lost(preset):
+    tracker = Tracker.from_preset(preset, parameters={"track.lost_after": 0.5})
+    run(tracker, walk(20))
+    states = [tracker.update(BACKGROUND, dt=0.1).state for _ in range(8)]
+    assert states == ["occluded"] * 4 + ["lost"] * 4
+
+
+def test_templates_freeze_while_hidden():
+    """After a long look at the background the target itself still fits as before."""
+    frames = walk(20)
+    tracker = Tracker.from_preset("default", parameters={"track.lost_after": 1000.0})
+    before = run(tracker, frames)[-1].confidence
+    for _ in range(50):
+        tracker.update(BACKGROUND, dt=0.001)
+    assert tracker.update(frames[-1][0], dt=0.001).confidence > 0.5 * before
+
+
+def test_time_between_frames_counts():
+    """At half the frame rate the target moves twice as far a frame, and dt says so."""
+    frames = walk(40)[::2]
+    tracker = Tracker.from_preset("default")
+    tracker.start(*frames[0])
+    for image, box in frames[1:]:
+        estimate = tracker.update(image, dt=0.08)
+        assert overlap(estimate.box, box) > 0.5
+
+
+def test_no_time_no_spread():
+    parameters = {"motion.prior_position": 0.0}
+    tracker = Tracker.from_preset("li2007", parameters=parameters)
+    tracker.start(*frame(100, 100))
+    estimate = tracker.update(frame(100, 100)[0], dt=0.0)
+    np.testing.assert_allclose(estimate.covariance, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("edge", [(2, 120), (318, 120), (160, 2), (160, 238)])
+@every_preset
+def test_a_target_that_leaves_the_image_is_no_error(preset, edge):
+    tracker = Tracker.from_preset(preset)
+    tracker.start(BACKGROUND, (edge[0] - 18, edge[1] - 18, 36, 36))
+    for _ in range(20):
+        estimate = tracker.update(BACKGROUND)
+        assert np.isfinite(estimate.box).all()
+
+
+@every_preset
+@pytest.mark.parametrize("value", [0, 255])
+def test_a_flat_image_is_no_error(preset, value):
+    tracker = Tracker.from_preset(preset)
+    run(tracker, walk(5))
+    for _ in range(5):
+        estimate = tracker.update(np.full_like(BACKGROUND, value))
+    assert np.isfinite(estimate.box).all()
+    assert estimate.state == "occluded"
+
+
+def test_starting_on_a_flat_image_is_no_error():
+    flat = np.zeros((100, 100), np.uint8)
+    estimates = run(Tracker.from_preset("default"), [(flat, (40, 40, 20, 20))] * 5)
+    assert np.isfinite(estimates[-1].box).all()
+
+
+def test_a_box_of_the_whole_image_and_one_of_a_pixel_are_no_error():
+    for box in [(0, 0, WIDTH, HEIGHT), (100, 100, 1, 1)]:
+        estimates = run(Tracker.from_preset("default"), [(BACKGROUND, box)] * 5)
+        assert np.isfinite(estimates[-1].box).all()
+
+
+def test_a_large_target_is_looked_at_reduced_and_still_followed():
+    large = texture(3, (900, 1200), 90, 160)
+    sprite = cv2.resize(TARGET, (300, 300), interpolation=cv2.INTER_CUBIC)
+    frames = []
+    for t in range(15):
+        image = large.copy()
+        image[200:500, 100 + 10 * t : 400 + 10 * t] = sprite
+        frames.append((image, (100 + 10 * t, 200, 300, 300)))
+    estimates = run(Tracker.from_preset("default"), frames)
+    assert overlap(estimates[-1].box, frames[-1][1]) > 0.7
+
+
+@pytest.mark.parametrize(
+    ("box", "complaint"),
+    [
+        ((10, 10, 0, 20), "too small"),
+        ((10, 10, -5, 20), "too small"),
+        ((10, 10, 321, 20), "larger than the image, 320 x 240"),
+        ((400, 10, 20, 20), "outside the image, 320 x 240"),
+        ((-30, 10, 20, 20), "outside the image"),
+        ((10, 10, float("nan"), 20), "finite"),
+        ((10, 10, float("inf"), 20), "finite"),
+        ((10, 10, 20), "four"),
+        ("here", "four"),
+        (None, "four"),
+    ],
+)
+def test_a_bad_box_is_refused_and_the_target_before_is_kept(box, complaint):
+    tracker = Tracker.from_preset("li2007")
+    tracker.start(*frame(100, 100))
+    before = tracker.estimate
+    with pytest.raises(ValueError, match=complaint):
+        tracker.start(BACKGROUND, box)
+    assert tracker.estimate is before
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        np.zeros((240, 320, 4), np.uint8),
+        np.zeros((240, 320, 3), np.float32),
+        np.zeros((240, 320), np.int16),
+        np.zeros((0, 320), np.uint8),
+        np.zeros(320, np.uint8),
+        [[0, 1], [2, 3]],
+        np.zeros((100, 320, 3), np.uint8),
+        np.zeros((240, 320), np.uint8),
+    ],
+)
+def test_a_bad_image_is_refused_and_the_target_is_kept(image):
+    tracker = Tracker.from_preset("li2007")
+    tracker.start(*frame(100, 100))
+    before = tracker.estimate
+    with pytest.raises(ValueError, match="image is"):
+        tracker.update(image)
+    assert tracker.estimate is before
+    assert overlap(tracker.update(frame(100, 100)[0]).box, frame(100, 100)[1]) > 0.6
+
+
+@pytest.mark.parametrize("interval", [-0.1, float("nan"), float("inf")])
+def test_a_bad_interval_is_refused(interval):
+    tracker = Tracker.from_preset("li2007")
+    tracker.start(*frame(100, 100))
+    with pytest.raises(ValueError, match="dt is"):
+        tracker.update(BACKGROUND, dt=interval)
+
+
+def test_an_update_without_a_target_says_to_start():
+    tracker = Tracker.from_preset("default")
+    with pytest.raises(RuntimeError, match="call start"):
+        tracker.update(BACKGROUND)
+    tracker.start(*frame(100, 100))
+    tracker.stop()
+    assert not tracker.started
+    assert tracker.estimate is None
+    with pytest.raises(RuntimeError, match="call start"):
+        tracker.update(BACKGROUND)
+
+
+def test_an_unknown_preset_or_parameter_names_what_there_is():
+    with pytest.raises(ParameterError, match=r"'fast'; there are: default, li2007"):
+        Tracker.from_preset("fast")
+    with pytest.raises(ParameterError, match=r"'particle'; there are: particles"):
+        Tracker.from_preset("default", parameters={"particle": 3})
+
+
+def test_parameters_change_without_losing_the_target():
+    frames = walk(20)
+    tracker = Tracker.from_preset("default")
+    run(tracker, frames[:10])
+    tracker.set_parameters({"particles": 500, "color_histogram.power": 0.2})
+    tracker.update(frames[10][0])
+    estimate = tracker.update(frames[11][0])
+    assert len(estimate.weights) == 500
+    assert overlap(estimate.box, frames[11][1]) > 0.6
+    assert tracker.parameters["color_histogram.power"] == 0.2
+
+
+def test_refused_parameters_change_nothing():
+    tracker = Tracker.from_preset("default")
+    before = tracker.parameters
+    for values in (
+        {"particles": 500, "color_histogram.power": 7.0},
+        {"color_histogram.power": 0.0, "gradient_orientation.power": 0.0},
+    ):
+        with pytest.raises(ParameterError):
+            tracker.set_parameters(values)
+        assert tracker.parameters == before
+
+
+def test_a_read_only_parameter_changes_only_without_a_target():
+    tracker = Tracker.from_preset("default")
+    tracker.start(*frame(100, 100))
+    with pytest.raises(ParameterError, match="stop first"):
+        tracker.set_parameters({"gradient_orientation.cells": 3})
+    tracker.stop()
+    tracker.set_parameters({"gradient_orientation.cells": 3})
+    assert tracker.parameters["gradient_orientation.cells"] == 3
+
+
+def test_motion_noise_changes_while_tracking():
+    tracker = Tracker.from_preset("li2007")
+    tracker.start(*frame(100, 100))
+    narrow = np.trace(tracker.update(BACKGROUND, dt=0.04).covariance)
+    tracker.set_parameters({"motion.position_noise": 20.0})
+    assert np.trace(tracker.update(BACKGROUND, dt=0.04).covariance) > 5 * narrow
+
+
+def test_estimates_cannot_be_changed_in_place():
+    estimate = Tracker.from_preset("default").start(*frame(100, 100))
+    for array in (
+        estimate.particles,
+        estimate.particle_boxes,
+        estimate.weights,
+        estimate.covariance,
+    ):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+
+
+def test_an_image_that_is_reused_by_the_caller_does_no_harm():
+    """Cameras hand out one buffer again and again."""
+    frames = walk(10)
+    buffer = np.empty_like(frames[0][0])
+    fresh = run(Tracker.from_preset("default"), frames)
+    tracker = Tracker.from_preset("default")
+    buffer[:] = frames[0][0]
+    tracker.start(buffer, frames[0][1])
+    for (image, _), expected in zip(frames[1:], fresh, strict=True):
+        buffer[:] = image
+        assert tracker.update(buffer).box == expected.box
