@@ -6,7 +6,7 @@ Source: Li et al. 2007, section 2.2.1; Perez et al. 2002, "Color-based probabili
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
@@ -98,7 +98,7 @@ class ColorHistogram:
         """See `Cue.learn`."""
         top, _, left, _ = maps.padding
         region_box = maps.region_boxes(box[None])
-        columns, rows = _grid(region_box)
+        columns, rows = _grid(region_box[0, 2:])
         x, y = _corners(region_box, columns, rows)[0] - (left, top)
         bins = maps.color_bins(self._levels)
         inside = bins[max(y, 0) : max(y + rows, 0), max(x, 0) : max(x + columns, 0)]
@@ -152,10 +152,8 @@ def _root_shares(
     for start in range(0, len(region_boxes), _BOXES_AT_ONCE):
         patches = _patches(labels, region_boxes[start : start + _BOXES_AT_ONCE])
         count, pixels = patches.shape
-        box_numbers = np.empty_like(patches)
-        box_numbers[:] = np.arange(count, dtype=np.uint8)[:, None]
         shares[start : start + count] = cv2.calcHist(
-            [box_numbers, patches],
+            [_box_numbers(count, pixels), patches],
             [0, 1],
             None,
             [count, label_count],
@@ -165,18 +163,25 @@ def _root_shares(
     return np.sqrt(shares, out=shares)
 
 
+@lru_cache(maxsize=4)
+def _box_numbers(count: int, pixels: int) -> NDArray[np.uint8]:
+    """(count, pixels) with row i full of i."""
+    return np.repeat(np.arange(count, dtype=np.uint8)[:, None], pixels, axis=1)
+
+
 def _patches(labels: NDArray[np.uint8], region_boxes: NDArray[np.float64]) -> NDArray[np.uint8]:
     """(N, pixels) labels in N boxes, each sampled at the same number of places.
 
     Boxes of one size give exactly their pixels; boxes of several sizes are sampled at the centers
     of a grid that has one cell a pixel in the box of mean size.
     """
-    columns, rows = _grid(region_boxes)
     sizes = region_boxes[:, 2:]
     if (sizes == sizes[0]).all():
+        columns, rows = _grid(sizes[0])
         left, top = _corners(region_boxes, columns, rows).T
         windows = sliding_window_view(labels, (rows, columns))[top, left]
         return windows.reshape(len(region_boxes), -1)
+    columns, rows = _grid(sizes.mean(axis=0))
     x = region_boxes[:, :1] + (np.arange(columns) + 0.5) / columns * sizes[:, :1]
     y = region_boxes[:, 1:2] + (np.arange(rows) + 0.5) / rows * sizes[:, 1:]
     row_starts = y.astype(np.intp) * labels.shape[1]
@@ -184,10 +189,9 @@ def _patches(labels: NDArray[np.uint8], region_boxes: NDArray[np.float64]) -> ND
     return labels.ravel().take(places).reshape(len(region_boxes), -1)
 
 
-def _grid(region_boxes: NDArray[np.float64]) -> tuple[int, int]:
-    """Whole columns and rows of the box of mean size."""
-    width, height = region_boxes[:, 2:].mean(axis=0)
-    return max(round(width), 1), max(round(height), 1)
+def _grid(size: NDArray[np.float64]) -> tuple[int, int]:
+    """Whole columns and rows of a box of (width, height)."""
+    return max(round(size[0]), 1), max(round(size[1]), 1)
 
 
 def _corners(region_boxes: NDArray[np.float64], columns: int, rows: int) -> NDArray[np.intp]:

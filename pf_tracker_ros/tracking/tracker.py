@@ -152,7 +152,7 @@ class Tracker:
             particles=particles,
             templates=self._fusion.learn(maps, boxes[0]),
             track=Track(),
-            estimate=_estimate(first_box, Track(), 1.0, particles, motion),
+            estimate=_estimate(first_box, Track(), 1.0, particles, motion.boxes(particles.states)),
         )
         return self._target.estimate
 
@@ -221,7 +221,7 @@ class Tracker:
             particles=self._resampler.resample(weighted, parameters.particles, self._generator),
             templates=templates,
             track=track,
-            estimate=_estimate((x, y, width, height), track, match.similarity, weighted, motion),
+            estimate=_estimate((x, y, width, height), track, match.similarity, weighted, boxes),
         )
 
     def _configure(self, parameters: TrackerParameters) -> None:
@@ -260,19 +260,16 @@ def _estimate(
     track: Track,
     confidence: float,
     particles: ParticleSet,
-    motion: MotionModel,
+    particle_boxes: NDArray[np.float64],
 ) -> Estimate:
-    boxes = motion.boxes(particles.states)
-    covariance = np.array(particles.covariance[:2, :2])
-    for array in (boxes, covariance):
-        array.setflags(write=False)
+    particle_boxes.setflags(write=False)
     return Estimate(
         box=box,
         state=track.state,
         confidence=confidence,
-        covariance=covariance,
+        covariance=particles.covariance[:2, :2],
         particles=particles.states,
-        particle_boxes=boxes,
+        particle_boxes=particle_boxes,
         weights=particles.weights,
         effective_sample_size=particles.effective_sample_size,
     )
