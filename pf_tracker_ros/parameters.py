@@ -73,7 +73,7 @@ class Declaration:
             return "true or false"
         if self.type is str:
             return "any string"
-        text = f"{self.minimum:g} to {self.maximum:g}"
+        text = f"{self.minimum:.10g} to {self.maximum:.10g}"
         if self.lengths:
             lengths = " or ".join(str(length) for length in self.lengths)
             return f"{lengths} numbers, each {text}"

@@ -2,6 +2,10 @@
 
 from pf_tracker_ros.cues.color_histogram import ColorHistogram, ColorHistogramParameters
 from pf_tracker_ros.cues.cue import Cue, Match
+from pf_tracker_ros.cues.foreground_probability import (
+    ForegroundProbability,
+    ForegroundProbabilityParameters,
+)
 from pf_tracker_ros.cues.fusion import CueFusion, TemplateParameters
 from pf_tracker_ros.cues.gradient_orientation import (
     GradientOrientation,
@@ -14,6 +18,8 @@ __all__ = [
     "ColorHistogramParameters",
     "Cue",
     "CueFusion",
+    "ForegroundProbability",
+    "ForegroundProbabilityParameters",
     "FrameMaps",
     "GradientOrientation",
     "GradientOrientationParameters",

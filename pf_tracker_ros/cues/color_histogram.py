@@ -94,6 +94,16 @@ class ColorHistogram:
         self._levels = parameters.levels
         self._sharpness = parameters.sharpness
 
+    @property
+    def reach(self) -> float:
+        """See `Cue.reach`."""
+        return 0.0
+
+    @property
+    def steady_keep(self) -> None:
+        """See `Cue.steady_keep`."""
+        return None
+
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> ColorTemplate:
         """See `Cue.learn`."""
         top, _, left, _ = maps.padding

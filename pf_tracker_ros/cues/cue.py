@@ -29,6 +29,17 @@ class Cue(Protocol):
     target owns. To freeze a template is not to replace it.
     """
 
+    @property
+    def reach(self) -> float:
+        """How far beyond each side of a box the cue looks, in box sides."""
+
+    @property
+    def steady_keep(self) -> float | None:
+        """Share of the template that every tracked frame keeps, whatever its likelihood.
+
+        None leaves it to the trusted frames and to their common share, `TemplateParameters`.
+        """
+
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> Any:
         """The template of what is in a (4,) box (x, y, width, height), pixels."""
 

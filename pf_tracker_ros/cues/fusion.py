@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,8 +13,8 @@ from pf_tracker_ros.cues.cue import Cue, Match
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.parameters import ParameterError, declared
 
-# One template a cue, in the order of the fused cues.
-Templates = tuple[Any, ...]
+# Name of a cue to its template.
+Templates = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -58,42 +57,64 @@ class CueFusion:
             names = ", ".join(f"'{name}.power'" for name in cues)
             raise ParameterError(f"all cues are off; at least one of {names} must be above 0")
         total = sum(power for _, power in used.values())
-        self.names: Sequence[str] = tuple(used)
-        self.powers: Sequence[float] = tuple(power / total for _, power in used.values())
-        self._cues = tuple(cue for cue, _ in used.values())
+        self._cues = {name: cue for name, (cue, _) in used.items()}
+        self.powers: Mapping[str, float] = {
+            name: power / total for name, (_, power) in used.items()
+        }
+
+    @property
+    def reach(self) -> float:
+        """How far beyond each side of a box the cues look at most, in box sides."""
+        return max(cue.reach for cue in self._cues.values())
 
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> Templates:
         """Each cue's template of what is in a (4,) box."""
-        return tuple(cue.learn(maps, box) for cue in self._cues)
+        return {name: cue.learn(maps, box) for name, cue in self._cues.items()}
 
     def log_likelihood(
         self, maps: FrameMaps, boxes: NDArray[np.float64], templates: Templates
     ) -> NDArray[np.float64]:
-        """(N,) log p(Z | X), at most 0, of (N, 4) boxes; source: Li et al. 2007, equation (8)."""
+        """(N,) log p(Z | X), at most 0, of (N, 4) boxes; source: Li et al. 2007, equation (8).
+
+        A cue that has no template yet, because it was switched on while tracking, says nothing.
+        """
         fused = np.zeros(len(boxes))
-        for cue, power, template in zip(self._cues, self.powers, templates, strict=True):
+        for name, template in self._known(templates):
+            cue, power = self._cues[name], self.powers[name]
             fused += power * cue.log_likelihood(maps, boxes, template)
         return fused
 
     def match(self, seen: Templates, templates: Templates) -> Match:
         """How well the one box that `seen` was learned from fits, fused by equation (8)."""
-        matches = [
-            cue.match(new, template)
-            for cue, new, template in zip(self._cues, seen, templates, strict=True)
-        ]
-        return Match(
-            log_likelihood=sum(
-                power * match.log_likelihood
-                for power, match in zip(self.powers, matches, strict=True)
-            ),
-            similarity=math.prod(
-                match.similarity**power for power, match in zip(self.powers, matches, strict=True)
-            ),
-        )
+        log_likelihood, similarity = 0.0, 1.0
+        for name, template in self._known(templates):
+            match, power = self._cues[name].match(seen[name], template), self.powers[name]
+            log_likelihood += power * match.log_likelihood
+            similarity *= match.similarity**power
+        return Match(log_likelihood, similarity)
 
-    def blend(self, templates: Templates, seen: Templates, keep: float) -> Templates:
-        """Each template moved towards what is seen; source: Li et al. 2007, (9) and (10)."""
-        return tuple(
-            cue.blend(template, new, keep)
-            for cue, template, new in zip(self._cues, templates, seen, strict=True)
-        )
+    def updated(
+        self, templates: Templates, seen: Templates, trusted: bool, keep: float
+    ) -> Templates:
+        """The templates after a frame in which the target was tracked.
+
+        Args:
+            templates: Of the frames before.
+            seen: Learned at the estimate.
+            trusted: Whether the fused likelihood of the estimate exceeded w_Th.
+            keep: Share of the old templates that a trusted frame keeps (beta).
+
+        Returns:
+            Templates moved towards what was seen; source: Li et al. 2007, (9) and (10).
+        """
+        updated = dict(seen)
+        for name, template in self._known(templates):
+            cue = self._cues[name]
+            if cue.steady_keep is not None:
+                updated[name] = cue.blend(template, seen[name], cue.steady_keep)
+            else:
+                updated[name] = cue.blend(template, seen[name], keep) if trusted else template
+        return updated
+
+    def _known(self, templates: Templates) -> list[tuple[str, Any]]:
+        return [(name, templates[name]) for name in self._cues if name in templates]

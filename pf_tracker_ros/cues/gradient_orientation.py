@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.cues.cue import Match
-from pf_tracker_ros.cues.maps import FrameMaps
+from pf_tracker_ros.cues.maps import FrameMaps, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
 # The Gaussian weight is constant over each of so many parts of a cell along an axis.
@@ -78,6 +78,16 @@ class GradientOrientation:
         parts = _PARTS * parameters.cells
         self._fractions = np.arange(parts + 1)[:, None] / parts
 
+    @property
+    def reach(self) -> float:
+        """See `Cue.reach`."""
+        return 0.0
+
+    @property
+    def steady_keep(self) -> None:
+        """See `Cue.steady_keep`."""
+        return None
+
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `Cue.learn`."""
         sums = self._cell_sums(maps, box[None])[:, 0].astype(np.float64)
@@ -120,8 +130,8 @@ class GradientOrientation:
         """
         integral = maps.gradient_integral(self._directions)
         x, y, width, height = maps.region_boxes(boxes).T
-        columns = np.rint(x + self._fractions * width).astype(np.intp)
-        rows = np.rint(y + self._fractions * height).astype(np.intp)
+        columns = nearest_pixel(x + self._fractions * width)
+        rows = nearest_pixel(y + self._fractions * height)
         corners = rows[:, None] * integral.shape[1] + columns[None]
         values = integral.reshape(-1, self._directions).take(corners, axis=0)
         sums = self._corner_weights @ values.reshape(self._corner_weights.shape[1], -1)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Map = TypeVar("Map")
+Value = TypeVar("Value", bound=np.generic)
 
 # Derivatives look one pixel further than the boxes do.
 _MARGIN = 2
@@ -33,6 +34,7 @@ class FrameMaps:
             overlaps the image.
         reduction: Whole number of image pixels that one region pixel averages along each axis;
             above 1 for targets so large that full resolution would only cost time.
+        reach: How far beyond each side of a box the region covers, in box sides.
 
     Attributes:
         pixels: The region inside the image, (h, w, 3) or (h, w) uint8, reduced.
@@ -40,11 +42,16 @@ class FrameMaps:
     """
 
     def __init__(
-        self, image: NDArray[np.uint8], boxes: NDArray[np.float64], reduction: int = 1
+        self,
+        image: NDArray[np.uint8],
+        boxes: NDArray[np.float64],
+        reduction: int = 1,
+        reach: float = 0.0,
     ) -> None:
         height, width = image.shape[:2]
-        left, top = (math.floor(low / reduction) - _MARGIN for low in boxes[:, :2].min(axis=0))
-        ends = (boxes[:, :2] + boxes[:, 2:]).max(axis=0)
+        starts = (boxes[:, :2] - reach * boxes[:, 2:]).min(axis=0)
+        ends = (boxes[:, :2] + (1.0 + reach) * boxes[:, 2:]).max(axis=0)
+        left, top = (math.floor(start / reduction) - _MARGIN for start in starts)
         right, bottom = (math.ceil(end / reduction) + _MARGIN for end in ends)
         inside_left, inside_top = max(left, 0), max(top, 0)
         inside_right = min(right, -(-width // reduction))
@@ -104,7 +111,7 @@ class FrameMaps:
 
         return self.shared(("color bins", levels), compute)
 
-    def padded(self, values: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def padded(self, values: NDArray[Value]) -> NDArray[Value]:
         """(h, w) values of `pixels` with zeros around for what is outside the image."""
         if not any(self.padding):
             return values
@@ -126,7 +133,8 @@ class FrameMaps:
             # Differences of the two neighbors: the gradient of the smallest possible window.
             right = cv2.Sobel(gray, cv2.CV_32F, 1, 0, ksize=1)
             down = cv2.Sobel(gray, cv2.CV_32F, 0, 1, ksize=1)
-            # Sums of whole numbers are exact in 32 bits up to 2^24, those of fractions are not.
+            # Sums of whole numbers are exact in 32 bits up to 2^24, those of fractions are not. It
+            # also hides that the last bit of cv2.magnitude depends on where in memory it works.
             magnitude = np.rint(cv2.magnitude(4.0 * right, 4.0 * down))
             place = 511.0 * down + right + 511.0 * 255.0 + 255.0
             direction = _direction_table(directions).take(place.astype(np.intp))
@@ -140,6 +148,11 @@ class FrameMaps:
             return cv2.integral(channels, sdepth=cv2.CV_32F)
 
         return self.shared(("gradient integral", directions), compute)
+
+
+def nearest_pixel(edges: NDArray[np.float64]) -> NDArray[np.intp]:
+    """The pixel edges next to edges in region pixels; halves go up, wherever the region begins."""
+    return np.floor(edges + 0.5).astype(np.intp)
 
 
 def _reduced(crop: NDArray[np.uint8], reduction: int) -> NDArray[np.uint8]:

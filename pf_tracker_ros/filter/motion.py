@@ -20,68 +20,6 @@ from pf_tracker_ros.parameters import declared
 Box = tuple[float, float, float, float]
 
 
-@dataclass(frozen=True)
-class MotionParameters:
-    """The motion model and its noise."""
-
-    model: str = declared(
-        "constant_velocity",
-        "Motion model: constant_velocity keeps the box size of the first frame, "
-        "constant_velocity_and_size lets it change.",
-        choices=("constant_velocity", "constant_velocity_and_size"),
-        read_only=True,
-    )
-    position_noise: float = declared(
-        1.0,
-        "Random walk of the position; raise it for jerky motion.",
-        unit="box sizes per square root of a second",
-        minimum=0.0,
-        maximum=50.0,
-    )
-    velocity_noise: float = declared(
-        0.9,
-        "Random walk of the velocity; raise it for targets that turn and brake.",
-        unit="box sizes per second per square root of a second",
-        minimum=0.0,
-        maximum=500.0,
-    )
-    velocity_damping: float = declared(
-        0.0,
-        "Rate at which a velocity fades; 0 keeps it, as a constant velocity means.",
-        unit="1/s",
-        minimum=0.0,
-        maximum=100.0,
-    )
-    size_noise: float = declared(
-        0.1,
-        "Random walk of the logarithm of the size, where the model has a size.",
-        unit="per square root of a second",
-        minimum=0.0,
-        maximum=10.0,
-    )
-    aspect_noise: float = declared(
-        0.03,
-        "Random walk of the logarithm of width / height, where the model has a size.",
-        unit="per square root of a second",
-        minimum=0.0,
-        maximum=10.0,
-    )
-    prior_position: float = declared(
-        0.05,
-        "Standard deviation of the Gaussian prior's position around the first box.",
-        unit="box sizes",
-        minimum=0.0,
-        maximum=10.0,
-    )
-    prior_velocity: float = declared(
-        0.5,
-        "Standard deviation of the Gaussian prior's velocity around zero.",
-        unit="box sizes per second",
-        minimum=0.0,
-        maximum=100.0,
-    )
-
-
 class MotionModel(Protocol):
     """Owns the meaning of the state's columns; columns 0 and 1 are the box's center in pixels."""
 
@@ -219,3 +157,65 @@ MOTION_MODELS: Mapping[str, Callable[[Box, MotionParameters], MotionModel]] = Ma
         "constant_velocity_and_size": ConstantVelocityAndSize,
     }
 )
+
+
+@dataclass(frozen=True)
+class MotionParameters:
+    """The motion model and its noise."""
+
+    model: str = declared(
+        "constant_velocity",
+        "Motion model: constant_velocity keeps the box size of the first frame, "
+        "constant_velocity_and_size lets it change.",
+        choices=tuple(MOTION_MODELS),
+        read_only=True,
+    )
+    position_noise: float = declared(
+        1.0,
+        "Random walk of the position; raise it for jerky motion.",
+        unit="box sizes per square root of a second",
+        minimum=0.0,
+        maximum=50.0,
+    )
+    velocity_noise: float = declared(
+        0.9,
+        "Random walk of the velocity; raise it for targets that turn and brake.",
+        unit="box sizes per second per square root of a second",
+        minimum=0.0,
+        maximum=500.0,
+    )
+    velocity_damping: float = declared(
+        0.0,
+        "Rate at which a velocity fades; 0 keeps it, as a constant velocity means.",
+        unit="1/s",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    size_noise: float = declared(
+        0.1,
+        "Random walk of the logarithm of the size, where the model has a size.",
+        unit="per square root of a second",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    aspect_noise: float = declared(
+        0.03,
+        "Random walk of the logarithm of width / height, where the model has a size.",
+        unit="per square root of a second",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    prior_position: float = declared(
+        0.05,
+        "Standard deviation of the Gaussian prior's position around the first box.",
+        unit="box sizes",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    prior_velocity: float = declared(
+        0.5,
+        "Standard deviation of the Gaussian prior's velocity around zero.",
+        unit="box sizes per second",
+        minimum=0.0,
+        maximum=100.0,
+    )

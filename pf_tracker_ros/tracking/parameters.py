@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from pf_tracker_ros.cues import (
     ColorHistogramParameters,
+    ForegroundProbabilityParameters,
     GradientOrientationParameters,
     TemplateParameters,
 )
@@ -44,5 +45,6 @@ class TrackerParameters:
     resampling: ResamplingParameters = group(ResamplingParameters)
     color_histogram: ColorHistogramParameters = group(ColorHistogramParameters)
     gradient_orientation: GradientOrientationParameters = group(GradientOrientationParameters)
+    foreground_probability: ForegroundProbabilityParameters = group(ForegroundProbabilityParameters)
     template: TemplateParameters = group(TemplateParameters)
     track: TrackParameters = group(TrackParameters)

@@ -15,8 +15,10 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             {
                 "motion.model": "constant_velocity_and_size",
                 "working_size": 56,
-                "color_histogram.power": 0.5,
-                "gradient_orientation.power": 0.5,
+                "motion.size_noise": 0.15,
+                "color_histogram.power": 0.2,
+                "gradient_orientation.power": 0.4,
+                "foreground_probability.power": 0.4,
                 "template.keep": 0.97,
             }
         ),
@@ -24,6 +26,9 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             {
                 "particles": 60,
                 "motion.model": "constant_velocity",
+                "motion.position_noise": 0.7,
+                "gradient_orientation.sharpness": 30.0,
+                "template.update_above": 0.2,
             }
         ),
     }

@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pf_tracker_ros.cues import ColorHistogram, CueFusion, FrameMaps, GradientOrientation
+from pf_tracker_ros.cues import (
+    ColorHistogram,
+    CueFusion,
+    ForegroundProbability,
+    FrameMaps,
+    GradientOrientation,
+)
 from pf_tracker_ros.cues.fusion import Templates
 from pf_tracker_ros.filter import (
     MOTION_MODELS,
@@ -204,16 +210,17 @@ class Tracker:
         seen = self._fusion.learn(maps, box[0])
         match = self._fusion.match(seen, target.templates)
         track = target.track.after(match.similarity, interval, parameters.track)
-        if track.state != "tracking":
+        if track.state == "tracking":
+            trusted = math.exp(match.log_likelihood) > parameters.template.update_above
+            templates = self._fusion.updated(
+                target.templates, seen, trusted, parameters.template.keep
+            )
+        else:
             # What is at the box is not the target: its likelihoods would pull the particles to
             # whatever hides it. The motion model alone carries them on.
+            templates = target.templates
             weighted = predicted
             box = motion.boxes(weighted.mean[None])
-
-        templates = target.templates
-        trusted = math.exp(match.log_likelihood) > parameters.template.update_above
-        if track.state == "tracking" and trusted:
-            templates = self._fusion.blend(templates, seen, parameters.template.keep)
 
         x, y, width, height = (float(value) for value in box[0])
         return replace(
@@ -226,10 +233,12 @@ class Tracker:
 
     def _configure(self, parameters: TrackerParameters) -> None:
         color, gradient = parameters.color_histogram, parameters.gradient_orientation
+        foreground = parameters.foreground_probability
         self._fusion = CueFusion(
             {
                 "color_histogram": (ColorHistogram(color), color.power),
                 "gradient_orientation": (GradientOrientation(gradient), gradient.power),
+                "foreground_probability": (ForegroundProbability(foreground), foreground.power),
             }
         )
         self._resampler = EffectiveSampleSizeResampler(
@@ -244,7 +253,8 @@ class Tracker:
         self, image: NDArray[np.uint8], boxes: NDArray[np.float64], target_box: NDArray[np.float64]
     ) -> FrameMaps:
         target_size = math.sqrt(target_box[2] * target_box[3])
-        return FrameMaps(image, boxes, math.ceil(target_size / self._parameters.working_size))
+        reduction = math.ceil(target_size / self._parameters.working_size)
+        return FrameMaps(image, boxes, reduction, self._fusion.reach)
 
 
 def _motion_model(first_box: Box, parameters: TrackerParameters) -> MotionModel:

@@ -9,6 +9,7 @@ from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.tracking.presets import PRESETS
 
 WIDTH, HEIGHT, SIDE = 320, 240, 36
+CUES = ("color_histogram", "gradient_orientation", "foreground_probability")
 every_preset = pytest.mark.parametrize("preset", sorted(PRESETS))
 
 
@@ -131,14 +132,14 @@ def test_while_hidden_the_covariance_grows_and_then_the_target_is_found_again(pr
     estimates = run(tracker, walk(30))
     assert estimates[-1].state == "tracking"
     hidden = []
-    for t in range(30, 36):
+    for t in range(30, 34):
         image, _ = frame(60 + 3.0 * t, 120 + 30 * np.sin(t / 8), visible=False)
         hidden.append(tracker.update(image))
     assert {estimate.state for estimate in hidden} == {"occluded"}
     traces = [np.trace(estimate.covariance) for estimate in hidden]
     assert traces == sorted(traces)
     assert traces[-1] > 2 * np.trace(estimates[-1].covariance)
-    for t in range(36, 46):
+    for t in range(34, 44):
         image, box = frame(60 + 3.0 * t, 120 + 30 * np.sin(t / 8))
         estimate = tracker.update(image)
     assert estimate.state == "tracking"
@@ -324,12 +325,26 @@ def test_parameters_change_without_losing_the_target():
     assert tracker.parameters["color_histogram.power"] == 0.2
 
 
+@pytest.mark.parametrize("only", CUES)
+def test_cues_are_switched_off_and_on_while_tracking(only):
+    frames = walk(24)
+    tracker = Tracker.from_preset("default")
+    run(tracker, frames[:8])
+    for powers, part in [
+        ({f"{cue}.power": float(cue == only) for cue in CUES}, frames[8:16]),
+        ({f"{cue}.power": 0.3 for cue in CUES}, frames[16:]),
+    ]:
+        tracker.set_parameters(powers)
+        for image, box in part:
+            assert overlap(tracker.update(image).box, box) > 0.5
+
+
 def test_refused_parameters_change_nothing():
     tracker = Tracker.from_preset("default")
     before = tracker.parameters
     for values in (
         {"particles": 500, "color_histogram.power": 7.0},
-        {"color_histogram.power": 0.0, "gradient_orientation.power": 0.0},
+        {f"{cue}.power": 0.0 for cue in CUES},
     ):
         with pytest.raises(ParameterError):
             tracker.set_parameters(values)

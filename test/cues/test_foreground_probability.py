@@ -1,0 +1,119 @@
+"""The foreground probability cue: colors of the target that its surroundings do not have."""
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.cues import (
+    ForegroundProbability,
+    ForegroundProbabilityParameters,
+    FrameMaps,
+)
+
+BOX = np.array([40.0, 30.0, 20.0, 20.0])
+CUE = ForegroundProbability(ForegroundProbabilityParameters(ring=0.5, sharpness=10.0))
+
+
+def maps_of(image, *boxes):
+    return FrameMaps(image, np.array(boxes), reach=CUE.reach)
+
+
+@pytest.fixture
+def image():
+    """A red square on blue ground; a fence of green through both."""
+    image = np.zeros((90, 120, 3), np.uint8)
+    image[..., 0] = 200
+    image[30:50, 40:60] = (0, 0, 200)
+    image[38:42] = (0, 200, 0)
+    return image
+
+
+def test_probabilities_by_hand(image):
+    template = CUE.learn(maps_of(image, BOX), BOX)
+    levels = 16
+    red, green, blue = 12 * levels**2, 12 * levels, 12
+    # Inside: 4 of 20 rows are green, the rest red. The ring is 40 x 40 less the box.
+    assert template.inside[green] == pytest.approx(0.2)
+    assert template.inside[red] == pytest.approx(0.8)
+    ring_green = 4 * 20 / (40 * 40 - 20 * 20)
+    assert template.ring[green] == pytest.approx(ring_green)
+    probabilities = template.probabilities
+    assert probabilities[red] == pytest.approx(1.0, abs=1e-3)
+    assert probabilities[blue] == pytest.approx(0.0, abs=1e-3)
+    assert probabilities[green] == pytest.approx(0.2 / (0.2 + ring_green), abs=1e-3)
+    # A color that was never seen is undecided.
+    assert probabilities[5] == pytest.approx(0.5)
+
+
+def test_the_target_s_own_place_and_size_have_the_highest_contrast(image):
+    template = CUE.learn(maps_of(image, BOX), BOX)
+    others = [
+        BOX + shift
+        for shift in ([5, 0, 0, 0], [0, -5, 0, 0], [-3, -3, 6, 6], [3, 3, -6, -6], [20, 0, 0, 0])
+    ]
+    contrasts = CUE.contrast(maps_of(image, BOX, *others), np.array([BOX, *others]), template)
+    assert contrasts.argmax() == 0
+    assert contrasts[0] == pytest.approx(template.contrast, abs=1e-6)
+
+
+def test_contrast_equals_a_loop_over_pixels():
+    generator = np.random.default_rng(0)
+    image = generator.integers(0, 4, (90, 120, 3), dtype=np.uint8) * 60
+    boxes = np.column_stack(
+        [generator.integers(25, 60, (20, 2)), generator.integers(10, 18, (20, 2))]
+    ).astype(float)
+    maps = FrameMaps(image, boxes, reach=CUE.reach)
+    template = CUE.learn(maps, boxes[0])
+    steps = image.astype(int) * 16 // 256
+    foreground = template.probabilities[steps[..., 2] * 256 + steps[..., 1] * 16 + steps[..., 0]]
+    expected = []
+    for x, y, width, height in boxes:
+        inside = np.zeros(image.shape[:2], bool)
+        inside[int(y) : int(y + height), int(x) : int(x + width)] = True
+        around = np.zeros_like(inside)
+        left, right = np.floor([x - width / 2 + 0.5, x + 1.5 * width + 0.5]).astype(int)
+        top, bottom = np.floor([y - height / 2 + 0.5, y + 1.5 * height + 0.5]).astype(int)
+        around[top:bottom, left:right] = True
+        ring = around & ~inside
+        expected.append(foreground[inside].mean() - foreground[ring].mean())
+    np.testing.assert_allclose(CUE.contrast(maps, boxes, template), expected, atol=1e-6)
+
+
+def test_likelihood_and_match_by_hand(image):
+    boxes = np.array([BOX, BOX + [20, 0, 0, 0]])
+    maps = maps_of(image, *boxes)
+    template = CUE.learn(maps, BOX)
+    contrasts = CUE.contrast(maps, boxes, template)
+    expected = -10.0 * template.contrast * (template.contrast - contrasts[1])
+    log_likelihood = CUE.log_likelihood(maps, boxes, template)
+    np.testing.assert_allclose(log_likelihood, [0.0, expected], atol=1e-5)
+    for box, log, contrast in zip(boxes, log_likelihood, contrasts, strict=True):
+        match = CUE.match(CUE.learn(maps, box), template)
+        assert match.log_likelihood == pytest.approx(log, abs=1e-5)
+        share = min(max(contrast / template.contrast, 0.0), 1.0)
+        assert match.similarity == pytest.approx(share, abs=1e-5)
+
+
+def test_a_target_like_its_surroundings_says_nothing():
+    image = np.full((90, 120, 3), 90, np.uint8)
+    boxes = np.array([BOX, BOX + [10, 10, 0, 0]])
+    maps = maps_of(image, *boxes)
+    template = CUE.learn(maps, BOX)
+    np.testing.assert_allclose(CUE.log_likelihood(maps, boxes, template), 0.0, atol=1e-6)
+    assert CUE.match(template, template).similarity == 1.0
+
+
+def test_boxes_at_the_edge_of_the_image_are_learned_and_scored(image):
+    boxes = np.array([[-8.0, 30.0, 20.0, 20.0], [110.0, 80.0, 20.0, 20.0]])
+    maps = maps_of(image, *boxes)
+    template = CUE.learn(maps, boxes[0])
+    assert template.inside.sum() == pytest.approx(1.0)
+    assert template.ring.sum() == pytest.approx(1.0)
+    assert np.isfinite(CUE.log_likelihood(maps, boxes, template)).all()
+
+
+def test_the_surroundings_follow_every_tracked_frame(image):
+    assert CUE.steady_keep == ForegroundProbabilityParameters().keep
+    template = CUE.learn(maps_of(image, BOX), BOX)
+    seen = CUE.learn(maps_of(255 - image, BOX), BOX)
+    blended = CUE.blend(template, seen, 0.75)
+    np.testing.assert_allclose(blended.ring, 0.75 * template.ring + 0.25 * seen.ring, atol=1e-6)
