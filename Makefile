@@ -1,0 +1,49 @@
+# Development tasks; `make` lists them. Needs Python 3.11 or 3.12 and pip: PYTHON=... names one.
+
+PYTHON ?=
+VENV := .venv
+INSTALLED := $(VENV)/.installed
+
+# Nothing that the tests and the demo publish leaves the machine.
+export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+
+# The environment brings its own ROS; one sourced from elsewhere would mix with it.
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+ifdef AMENT_PREFIX_PATH
+unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
+endif
+
+.PHONY: help setup test lint demo generate lock clean
+
+help:  ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s%s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: $(INSTALLED)  ## create .venv with everything pinned, and this package in it
+
+$(INSTALLED): requirements/development.txt requirements/environment.sh setup.py pyproject.toml
+	@requirements/environment.sh $(VENV) $(PYTHON)
+	@touch $@
+
+test: lint  ## lint, types and all tests (PYTEST_ARGS=... narrows them down)
+	$(VENV)/bin/python -m pytest $(PYTEST_ARGS)
+
+lint: $(INSTALLED)  ## lint, format, spelling and types alone
+	$(VENV)/bin/ruff check
+	$(VENV)/bin/ruff format --check
+	$(VENV)/bin/codespell
+	$(VENV)/bin/mypy
+
+demo: $(INSTALLED)  ## track two recorded clips through the node; results go to demo/<clip>/
+	$(VENV)/bin/python demo/run.py
+
+generate: $(INSTALLED)  ## write config/*.yaml and docs/parameters.md from the declared parameters
+	$(VENV)/bin/python -m pf_tracker_ros.node.generate
+
+lock: $(INSTALLED)  ## pin the newest versions that setup.py allows
+	$(VENV)/bin/python requirements/lock.py > $(VENV)/lock.txt
+	mv $(VENV)/lock.txt requirements/development.txt
+
+clean:  ## remove .venv and everything built
+	rm -rf $(VENV) build install log dist *.egg-info demo/*/
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,60 @@
+#!/bin/sh
+# Creates the virtual environment, or brings it up to date: environment.sh DIRECTORY [PYTHON]
+#
+# Needs Python 3.11 or 3.12 and pip, nothing else. Without PYTHON it takes the first that fits of
+# python3.12, python3.11 and python3.
+set -eu
+cd "$(dirname "$0")/.."
+directory=$1
+requested=${2:-}
+
+fail() {
+    echo "error: $*" >&2
+    exit 1
+}
+
+is_supported() {
+    "$1" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null
+}
+
+choose_python() {
+    if [ -n "$requested" ]; then
+        is_supported "$requested" || fail "PYTHON=$requested is not a Python 3.11 or 3.12"
+        echo "$requested"
+        return
+    fi
+    for candidate in python3.12 python3.11 python3; do
+        if is_supported "$candidate"; then
+            echo "$candidate"
+            return
+        fi
+    done
+    fail "no Python 3.11 or 3.12 found as python3.12, python3.11 or python3;" \
+        "install one, or name it: make PYTHON=/path/to/python3.12 ..."
+}
+
+create() {
+    python=$(choose_python)
+    echo "Creating $directory with $("$python" --version)"
+    rm -rf "$directory"
+    if "$python" -c 'import ensurepip, venv' 2>/dev/null; then
+        "$python" -m venv "$directory"
+    elif "$python" -c 'import pip, venv' 2>/dev/null; then
+        # Debian and Ubuntu split ensurepip off into python3-venv; the installed pip does as well.
+        "$python" -m venv --without-pip "$directory"
+        "$python" -m pip --python "$directory/bin/python" install --quiet pip
+    else
+        fail "$python can create no virtual environment: it has neither ensurepip nor pip" \
+            "(Debian and Ubuntu: apt install python3-venv)"
+    fi
+}
+
+if ! is_supported "$directory/bin/python" || ! "$directory/bin/python" -m pip --version >/dev/null
+then
+    create
+fi
+echo "Installing requirements/development.txt into $directory (700 MB, one to three minutes)"
+"$directory/bin/python" -m pip install --quiet --disable-pip-version-check \
+    --requirement requirements/development.txt
+"$directory/bin/python" -m pip install --quiet --disable-pip-version-check \
+    --no-deps --no-build-isolation --editable .

@@ -1,0 +1,75 @@
+"""Packaging of pf_tracker_ros for pip and for colcon (ament_python).
+
+The version stands here and in package.xml, where `catkin_prepare_release` raises both.
+"""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = "pf_tracker_ros"
+SHARE = f"share/{PACKAGE}"
+ROOT = Path(__file__).resolve().parent
+
+
+def shared_files(folder: str, *patterns: str) -> list[str]:
+    """Files of a folder beside this one, relative to it as `data_files` wants them."""
+    found = [path for pattern in patterns for path in (ROOT / folder).glob(pattern)]
+    return sorted(str(path.relative_to(ROOT)) for path in found)
+
+
+# Reading rosbag2 folders and MCAP files; no part of ROS, so it is safe beside a ROS from apt.
+BAGS = ["rosbags>=0.11.9,<0.12"]
+
+EXTRAS = {
+    # A whole ROS 2 Jazzy from PyPI (third-party wheels, Linux x86-64). Never beside a ROS from apt.
+    "ros": [
+        "ros-jazzy-rclpy[fastrtps]==7.1.6",
+        "ros-jazzy-common-interfaces==5.3.6",
+        *BAGS,
+    ],
+    "bags": BAGS,
+    "evaluation": ["rich>=13", "matplotlib>=3.6"],
+    # colcon takes pytest as the test runner because it finds it under this name.
+    "test": ["pytest>=7.4,<9", "hypothesis>=6.98", "catkin-pkg>=1.0", "pyyaml"],
+    "development": [
+        "ros-jazzy-domain-coordinator==0.12.0",
+        "colcon-common-extensions==0.3.0",
+        "setuptools>=70.1,<80",
+        "ruff",
+        "mypy",
+        "codespell",
+    ],
+}
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="Visual object tracking in ROS 2 with a particle filter that fuses several cues",
+    long_description=(ROOT / "README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    author="pf_tracker_ros maintainers",
+    author_email="pf-tracker-ros@example.org",
+    maintainer="pf_tracker_ros maintainers",
+    maintainer_email="pf-tracker-ros@example.org",
+    license="Apache-2.0",
+    python_requires=">=3.11",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (SHARE, ["package.xml"]),
+        (f"{SHARE}/config", shared_files("config", "*.yaml", "*.xml")),
+        (f"{SHARE}/launch", shared_files("launch", "*.launch.py")),
+    ],
+    install_requires=["numpy>=1.24", "opencv-python-headless>=4.6,<5"],
+    extras_require=EXTRAS,
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            f"tracker = {PACKAGE}.node.tracker_node:main",
+            f"replay = {PACKAGE}.node.replay_node:main",
+            f"evaluate = {PACKAGE}.evaluation.__main__:main",
+        ],
+    },
+)

@@ -1,0 +1,154 @@
+"""Installed in any of the three ways, the package is whole and its executables work."""
+
+import os
+from importlib import util
+from pathlib import Path
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter_client import AsyncParameterClient
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PACKAGE = "pf_tracker_ros"
+
+pytestmark = pytest.mark.skipif(
+    util.find_spec("ros_wheels_bootstrapper") is None,
+    reason="the installations are made of the ROS wheels that make installs",
+)
+
+
+@pytest.fixture
+def remote_parameters(ros_domain):
+    """Asks a node in the test's domain for the values of its parameters."""
+    context = Context()
+    rclpy.init(context=context, domain_id=ros_domain)
+    node = rclpy.create_node("client", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def ask(name, parameters):
+        client = AsyncParameterClient(node, name)
+        assert client.wait_for_services(timeout_sec=20.0), f"no answer from {name}"
+        future = client.get_parameters(parameters)
+        executor.spin_until_future_complete(future, timeout_sec=20.0)
+        return future.result().values
+
+    yield ask
+    executor.shutdown()
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def files_of(folder, *patterns):
+    return {str(path.relative_to(folder)) for pattern in patterns for path in folder.rglob(pattern)}
+
+
+def test_every_module_of_the_source_is_installed_and_that_one_is_imported(installation):
+    code = f"import {PACKAGE}; print({PACKAGE}.__path__[0])"
+    installed = Path(installation.evaluate(code))
+    assert installed.is_relative_to(installation.prefix)
+    patterns = ("*.py", "py.typed")
+    assert files_of(installed, *patterns) == files_of(REPOSITORY / PACKAGE, *patterns)
+
+
+def test_share_holds_the_configuration_the_launch_files_and_the_manifest(installation):
+    for folder, pattern in (("config", "*.yaml"), ("config", "*.xml"), ("launch", "*.launch.py")):
+        expected = files_of(REPOSITORY / folder, pattern)
+        assert expected
+        assert files_of(installation.share / folder, pattern) == expected
+    assert (installation.share / "package.xml").is_file()
+    index = installation.prefix / "share/ament_index/resource_index/packages"
+    assert (index / PACKAGE).exists()
+
+
+def test_tracker_starts_with_an_installed_preset_answers_and_ends_with_ctrl_c(
+    installation, remote_parameters, interrupt
+):
+    preset = installation.share / "config" / "li2007.yaml"
+    with installation.started("tracker", "--ros-args", "--params-file", preset) as process:
+        (value,) = remote_parameters("pf_tracker", ["preset"])
+        assert value.string_value == "li2007"
+        assert interrupt(process) == 0
+
+
+def test_replay_plays_a_sequence_to_its_end(installation, ros_domain, moving_square_sequence):
+    source = f"source:={moving_square_sequence}"
+    outcome = installation.call("replay", "--ros-args", "-p", source, "-p", "rate:=100.0")
+    assert outcome.returncode == 0, outcome.stderr
+    assert "published 20 frames" in outcome.stderr
+
+
+def test_replay_names_a_source_that_does_not_exist(installation, ros_domain, tmp_path):
+    source = tmp_path / "absent.mp4"
+    outcome = installation.call("replay", "--ros-args", "-p", f"source:={source}")
+    assert outcome.returncode == 1
+    assert str(source) in outcome.stderr
+    assert "Traceback" not in outcome.stderr
+
+
+def test_evaluate_explains_itself(installation):
+    outcome = installation.call("evaluate", "--help")
+    assert outcome.returncode == 0, outcome.stderr
+    assert "--preset" in outcome.stdout
+
+
+def test_evaluate_scores_a_sequence(colcon_installation, moving_square_sequence, tmp_path):
+    output = tmp_path / "result.json"
+    outcome = colcon_installation.call(
+        "evaluate", moving_square_sequence, "--seeds", "1", "--output", output
+    )
+    assert outcome.returncode == 0, outcome.stderr
+    assert "moving_square" in output.read_text()
+
+
+def test_symlink_install_runs_the_source(colcon, sourced, workspace, colcon_installation):
+    bases = ("--build-base", "build_symlink", "--install-base", "install_symlink")
+    colcon("build", "--symlink-install", *bases)
+    prefix = workspace / "install_symlink" / PACKAGE
+    assert os.access(prefix / "lib" / PACKAGE / "tracker", os.X_OK)
+    assert (prefix / "share" / PACKAGE / "config" / "default.yaml").is_file()
+    symlinked = type(colcon_installation)(
+        prefix, prefix / "lib" / PACKAGE, colcon_installation.python, sourced("install_symlink")
+    )
+    installed = symlinked.evaluate(f"import {PACKAGE}; print({PACKAGE}.__path__[0])")
+    assert Path(installed).resolve() == workspace / "src" / PACKAGE / PACKAGE
+
+
+def test_colcon_test_runs_pytest(colcon, workspace, colcon_installation):
+    colcon("test", "--pytest-args", "test/packaging/test_manifest.py", "-k", "version")
+    summary = colcon("test-result", "--verbose")
+    assert " 0 errors, 0 failures, 0 skipped" in summary
+    assert "Summary: 0 tests" not in summary
+
+
+def test_nothing_of_ros_is_required_without_the_extra(requires, without_extra):
+    taken = [item["metadata"]["name"] for item in without_extra.report["install"]]
+    assert taken == [PACKAGE]
+    assert not [name for name in requires() if name.startswith(("ros", "rclpy"))]
+    with_extra = requires("ros")
+    for name in ("ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "rosbags"):
+        assert [text for text in with_extra if text.startswith(name)]
+
+
+def test_the_library_works_without_ros(without_extra):
+    code = f"from {PACKAGE} import Tracker; print(Tracker.from_preset('default').started)"
+    assert without_extra.installation.evaluate(code) == "False"
+
+
+@pytest.mark.parametrize("executable", ["tracker", "replay"])
+def test_nodes_say_what_is_missing_without_ros(without_extra, executable):
+    outcome = without_extra.installation.call(executable)
+    assert outcome.returncode != 0
+    last_line = outcome.stderr.strip().splitlines()[-1]
+    assert "rclpy" in last_line
+    assert "[ros]" in last_line
+
+
+def test_evaluate_says_what_is_missing_without_its_extra(without_extra, moving_square_sequence):
+    outcome = without_extra.installation.call("evaluate", moving_square_sequence)
+    assert outcome.returncode == 2
+    assert "rich" in outcome.stderr
+    assert "[evaluation]" in outcome.stderr
+    assert "Traceback" not in outcome.stderr

@@ -1,0 +1,110 @@
+"""`make` finds a fitting Python or says what is wrong; continuous integration runs all checks."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+CANDIDATES = ("python3.12", "python3.11", "python3")
+# Stand-ins for interpreters, by what they do when they are asked.
+UNSUPPORTED = "exit 1"
+SUPPORTED_WITHOUT_PACKAGES = 'case "$2" in *import?ensurepip*|*import?pip*) exit 1;; esac'
+SUPPORTED = 'if [ "$2" = venv ]; then echo "$(basename "$0") creates $3"; exit 7; fi'
+
+
+@pytest.fixture
+def clone(tmp_path):
+    """What `make setup` reads, in a folder of its own."""
+    folder = tmp_path / "clone"
+    (folder / "requirements").mkdir(parents=True)
+    for name in ("Makefile", "setup.py", "pyproject.toml"):
+        shutil.copy2(REPOSITORY / name, folder)
+    for name in ("development.txt", "environment.sh"):
+        shutil.copy2(REPOSITORY / "requirements" / name, folder / "requirements")
+    return folder
+
+
+@pytest.fixture
+def programs(tmp_path, monkeypatch):
+    """Puts scripts on the path ahead of all others."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
+    monkeypatch.delenv("PYTHON", raising=False)
+
+    def write(**scripts):
+        for name, script in scripts.items():
+            path = folder / name
+            path.write_text(f"#!/bin/sh\n{script}\n")
+            path.chmod(0o755)
+        return folder
+
+    return write
+
+
+def make(folder, *arguments):
+    # A make that runs these tests hands its flags down.
+    variables = {name: value for name, value in os.environ.items() if "MAKE" not in name}
+    return subprocess.run(
+        ["make", *arguments], cwd=folder, env=variables, capture_output=True, text=True, check=False
+    )
+
+
+def test_make_alone_lists_the_targets(clone):
+    listed = make(clone).stdout
+    assert all(f"make {target} " in listed for target in ("setup", "test", "demo", "clean"))
+
+
+def test_no_fitting_python_is_an_error_that_names_those_that_fit(clone, programs):
+    programs(**dict.fromkeys(CANDIDATES, UNSUPPORTED))
+    outcome = make(clone, "setup")
+    assert outcome.returncode != 0
+    assert "no Python 3.11 or 3.12 found" in outcome.stderr
+    assert "PYTHON=" in outcome.stderr
+    assert not (clone / ".venv").exists()
+
+
+def test_an_unsupported_python_that_is_asked_for_is_an_error_that_names_it(clone, programs):
+    folder = programs(python3_9=UNSUPPORTED)
+    outcome = make(clone, "setup", f"PYTHON={folder}/python3_9")
+    assert outcome.returncode != 0
+    assert f"{folder}/python3_9 is not a Python 3.11 or 3.12" in outcome.stderr
+
+
+@pytest.mark.parametrize("first", CANDIDATES)
+def test_the_first_fitting_python_is_taken(clone, programs, first):
+    after = CANDIDATES.index(first)
+    programs(**dict.fromkeys(CANDIDATES[:after], UNSUPPORTED))
+    programs(**dict.fromkeys(CANDIDATES[after:], SUPPORTED))
+    outcome = make(clone, "setup")
+    assert outcome.returncode != 0
+    assert f"{first} creates .venv" in outcome.stdout
+
+
+def test_a_python_that_can_create_no_environment_is_an_error_that_says_what_to_install(
+    clone, programs
+):
+    programs(**dict.fromkeys(CANDIDATES, SUPPORTED_WITHOUT_PACKAGES))
+    outcome = make(clone, "setup")
+    assert outcome.returncode != 0
+    assert "apt install python3-venv" in outcome.stderr
+
+
+def test_pytest_closes_the_checks(clone):
+    commands = make(clone, "--dry-run", "test").stdout
+    for check in ("ruff check", "ruff format --check", "codespell", "mypy"):
+        assert check in commands
+    assert "-m pytest" in commands.splitlines()[-1]
+
+
+@pytest.mark.parametrize("code", [0, 3])
+def test_continuous_integration_runs_make_test_and_passes_its_exit_code(programs, code):
+    programs(make=f'echo "$@ in $PWD"; exit {code}')
+    outcome = subprocess.run(
+        ["bash", REPOSITORY / ".ci" / "run"], capture_output=True, text=True, check=False
+    )
+    assert outcome.returncode == code
+    assert outcome.stdout == f"test in {REPOSITORY}\n"
