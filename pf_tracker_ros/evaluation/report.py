@@ -1,0 +1,72 @@
+"""Results as a JSON document and as a table."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pf_tracker_ros.evaluation.results import Scores, SequenceResult, mean_scores
+
+
+def result_document(
+    preset: str, parameters: Mapping[str, Any], results: Sequence[SequenceResult]
+) -> dict[str, Any]:
+    """The results as a JSON object.
+
+    `preset`; `seeds`, their number; `sequences`, of each name the four figures of `Scores`; `mean`,
+    the same four, `frames` included, averaged over the sequences. Only where parameters differ from
+    the preset are they listed too, under `parameters`.
+
+    Raises:
+        ValueError: There is no result.
+    """
+    overrides = {"parameters": dict(parameters)} if parameters else {}
+    mean = mean_scores(results)
+    return {
+        "preset": preset,
+        **overrides,
+        "seeds": len(results[0].seeds),
+        "sequences": {result.name: dataclasses.asdict(result.scores) for result in results},
+        "mean": dataclasses.asdict(mean),
+    }
+
+
+def print_table(title: str, results: Sequence[SequenceResult]) -> None:
+    """Print the figures of each sequence, and their means, on standard output.
+
+    The column after the success AUC is its standard deviation over the seeds, empty for one seed.
+    Needs Rich.
+
+    Raises:
+        ValueError: There is no result.
+    """
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    mean = mean_scores(results)
+    table = Table(title=Text(title), title_justify="left")
+    table.add_column("sequence", overflow="fold")
+    for heading in ("frames", "AUC", "±", "precision 20 px", "CPU ms"):
+        table.add_column(heading, justify="right")
+    # Names go in as Text: square brackets in a plain string are markup to Rich.
+    for result in results:
+        table.add_row(
+            Text(result.name), *_cells(result.scores, result.success_auc_deviation, frames=".0f")
+        )
+    table.add_section()
+    deviation = sum(result.success_auc_deviation for result in results) / len(results)
+    table.add_row("mean", *_cells(mean, deviation, frames=".1f"), style="bold")
+    Console().print(table)
+
+
+def _cells(scores: Scores, deviation: float, frames: str) -> list[str]:
+    return [
+        format(scores.frames, frames),
+        f"{scores.success_auc:.3f}",
+        "" if math.isnan(deviation) else f"{deviation:.3f}",
+        f"{scores.precision_20px:.3f}",
+        f"{scores.cpu_ms_median:.2f}",
+    ]

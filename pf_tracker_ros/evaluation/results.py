@@ -1,0 +1,112 @@
+"""What an evaluation found out: boxes, times and scores of a sequence, and means over sequences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.evaluation import metrics
+
+
+class EvaluationError(ValueError):
+    """An evaluation that cannot be carried out as asked; the message says why."""
+
+
+@dataclass(frozen=True)
+class Scores:
+    """The figures of one sequence, or their means over sequences.
+
+    Attributes:
+        success_auc: Area under the success curve, 0 to 20/21; see `metrics.success_auc`.
+        precision_20px: Share of frames with a center error of at most 20 px, 0 to 1.
+        cpu_ms_median: Median CPU time of one `update`, in milliseconds.
+        frames: Number of frames, the first included.
+    """
+
+    success_auc: float
+    precision_20px: float
+    cpu_ms_median: float
+    frames: float
+
+
+@dataclass(frozen=True)
+class SequenceResult:
+    """One pass over one sequence, once for each seed.
+
+    Frames whose true box is missing (`metrics.has_target`) are tracked but take no part in the
+    scores.
+
+    Attributes:
+        name: The sequence's name.
+        seeds: The seeds, in the order of the first axis of the arrays.
+        true_boxes: (frames, 4) x, y, width, height in pixels.
+        boxes: (seeds, frames, 4) the tracker's boxes; the first is the true one that it was given,
+            and while the tracker calls the target lost, the last one before.
+        lost: (seeds, frames) whether the tracker called the target lost.
+        cpu_seconds: (seeds, frames - 1) CPU time of each `update`.
+    """
+
+    name: str
+    seeds: tuple[int, ...]
+    true_boxes: NDArray[np.float64]
+    boxes: NDArray[np.float64]
+    lost: NDArray[np.bool_]
+    cpu_seconds: NDArray[np.float64]
+
+    @cached_property
+    def overlaps(self) -> NDArray[np.float64]:
+        """(seeds, frames) intersection over union; NaN where the true box is missing."""
+        return metrics.overlap(self.boxes, self.true_boxes)
+
+    @cached_property
+    def center_errors(self) -> NDArray[np.float64]:
+        """(seeds, frames) pixels; NaN where the true box is missing."""
+        return metrics.center_errors(self.boxes, self.true_boxes)
+
+    @property
+    def success_aucs(self) -> NDArray[np.float64]:
+        """(seeds,) area under the success curve of each seed."""
+        return np.array([metrics.success_auc(overlaps) for overlaps in self.overlaps])
+
+    @property
+    def success_curve(self) -> NDArray[np.float64]:
+        """(21,) success curve, mean over the seeds."""
+        return np.mean([metrics.success_curve(overlaps) for overlaps in self.overlaps], axis=0)
+
+    @property
+    def success_auc_deviation(self) -> float:
+        """Standard deviation of the success AUC over the seeds; NaN for a single seed."""
+        if len(self.seeds) < 2:
+            return float("nan")
+        return float(self.success_aucs.std(ddof=1))
+
+    @property
+    def scores(self) -> Scores:
+        """The sequence's figures: each is computed for every seed, then averaged."""
+        return Scores(
+            success_auc=float(self.success_aucs.mean()),
+            precision_20px=float(np.mean([metrics.precision(row) for row in self.center_errors])),
+            cpu_ms_median=float(np.median(self.cpu_seconds, axis=1).mean() * 1e3),
+            frames=len(self.true_boxes),
+        )
+
+
+def mean_scores(results: Sequence[SequenceResult]) -> Scores:
+    """Mean over sequences of every figure, `frames` included; long sequences weigh no more.
+
+    Raises:
+        ValueError: There is no result.
+    """
+    if not results:
+        raise ValueError("no results to average; allowed: at least one sequence")
+    scores = [result.scores for result in results]
+    return Scores(
+        success_auc=float(np.mean([score.success_auc for score in scores])),
+        precision_20px=float(np.mean([score.precision_20px for score in scores])),
+        cpu_ms_median=float(np.mean([score.cpu_ms_median for score in scores])),
+        frames=float(np.mean([score.frames for score in scores])),
+    )

@@ -1,0 +1,258 @@
+"""One-pass evaluation: a tracker gets the first true box and has to follow it to the end."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.evaluation import metrics
+from pf_tracker_ros.evaluation.results import EvaluationError, SequenceResult
+from pf_tracker_ros.footage import Footage
+
+Image = NDArray[Any]
+Box = tuple[float, float, float, float]
+
+
+class Answer(Protocol):
+    """What a tracker says of one frame; an `Estimate` is one."""
+
+    @property
+    def box(self) -> Box:
+        """(x, y, width, height) in pixels; not looked at while the target is lost."""
+        ...
+
+    @property
+    def state(self) -> str:
+        """The word "lost" while the tracker knows that it has no box, any other otherwise."""
+        ...
+
+
+class BoxTracker(Protocol):
+    """Whatever can be evaluated: `Tracker`, or an adapter of a few lines around another one."""
+
+    def start(self, image: Image, box: Box, /) -> object:
+        """Start on the first frame; the returned value is not looked at."""
+        ...
+
+    def update(self, image: Image, dt: float | None, /) -> Answer:
+        """Track into the next frame, `dt` seconds after the last; the image is read-only."""
+        ...
+
+
+MakeTracker = Callable[[int], BoxTracker]
+"""Makes a tracker from a seed, which one without randomness may ignore."""
+
+OnProgress = Callable[[str, int], None]
+"""Called with a sequence's name and the number of its frames done since the last call."""
+
+
+def evaluate_sequence(
+    footage: Footage,
+    make_tracker: MakeTracker,
+    seeds: Sequence[int],
+    on_progress: OnProgress | None = None,
+) -> SequenceResult:
+    """Run one tracker for each seed over a sequence, side by side.
+
+    The frames are read once and are not kept, whatever the number of seeds. There are no restarts:
+    a tracker that calls the target lost keeps its last box until it finds the target again.
+
+    Times are CPU time of this process during `update`, with OpenCV held to one thread, so a tracker
+    that starts threads of its own pays for them.
+
+    Args:
+        footage: A sequence with ground truth, its first true box known.
+        make_tracker: Called once for each seed.
+        seeds: One run each.
+        on_progress: Called after each frame.
+
+    Returns:
+        The boxes and times of all runs.
+
+    Raises:
+        EvaluationError: No seeds; no usable ground truth; another number of frames than of true
+            boxes; a tracker that refuses the first box or a frame, or answers with a box that is
+            not finite.
+        FootageError: A frame cannot be read.
+    """
+    true_boxes = _ground_truth(footage)
+    frames = len(true_boxes)
+    if not seeds:
+        raise EvaluationError("no seeds; allowed: at least one")
+    trackers = [make_tracker(seed) for seed in seeds]
+    boxes = np.empty((len(seeds), frames, 4))
+    lost = np.zeros((len(seeds), frames), dtype=bool)
+    cpu_seconds = np.empty((len(seeds), frames - 1))
+    done, last_stamp = 0, 0
+    with _one_opencv_thread():
+        for index, frame in enumerate(footage.frames()):
+            if index >= frames:
+                raise _count_mismatch(footage.name, f"more than {frames}", frames)
+            # The trackers share the image: one that drew into it would change what the next sees.
+            image = frame.image.view()
+            image.flags.writeable = False
+            _wait_for_other_threads()
+            for run, tracker in enumerate(trackers):
+                with _naming(footage.name, index):
+                    if index == 0:
+                        tracker.start(image, _as_box(true_boxes[0]))
+                        boxes[run, 0] = true_boxes[0]
+                        continue
+                    dt = (frame.stamp - last_stamp) * 1e-9
+                    before = time.process_time()
+                    answer = tracker.update(image, dt)
+                    cpu_seconds[run, index - 1] = time.process_time() - before
+                    lost[run, index] = answer.state == "lost"
+                    boxes[run, index] = (
+                        boxes[run, index - 1] if lost[run, index] else _finite(answer.box)
+                    )
+            last_stamp = frame.stamp
+            done = index + 1
+            if on_progress is not None:
+                on_progress(footage.name, 1)
+    if done != frames:
+        raise _count_mismatch(footage.name, str(done), frames)
+    return SequenceResult(footage.name, tuple(seeds), true_boxes, boxes, lost, cpu_seconds)
+
+
+def evaluate_sequences(
+    sequences: Sequence[Footage],
+    make_tracker: MakeTracker,
+    seeds: Sequence[int],
+    jobs: int = 1,
+    on_progress: OnProgress | None = None,
+) -> list[SequenceResult]:
+    """Evaluate a tracker on several sequences.
+
+    Args:
+        sequences: The sequences, as `read_sequences` opens them.
+        make_tracker: Called once for each sequence and seed; must be picklable for `jobs` > 1.
+        seeds: One run each.
+        jobs: Number of processes, each working on one sequence at a time. As they share the
+            machine's caches and memory, times are comparable only at 1.
+        on_progress: Called after each frame, or after each sequence for `jobs` > 1.
+
+    Returns:
+        One result a sequence, in their order.
+
+    Raises:
+        EvaluationError: As `evaluate_sequence`, or a process ended unexpectedly.
+        FootageError: A frame cannot be read.
+    """
+    if jobs == 1:
+        return [
+            evaluate_sequence(footage, make_tracker, seeds, on_progress) for footage in sequences
+        ]
+    # Forked processes would inherit OpenCV's and NumPy's threads in an undefined state.
+    context = get_context("spawn")
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_end_on_interrupt) as pool:
+        futures = [
+            pool.submit(evaluate_sequence, footage, make_tracker, seeds) for footage in sequences
+        ]
+        try:
+            for future in as_completed(futures):
+                result = future.result()
+                if on_progress is not None:
+                    on_progress(result.name, len(result.true_boxes))
+        except BrokenProcessPool as error:
+            raise EvaluationError(
+                f"one of {jobs} processes ended unexpectedly; allowed: as many as memory permits"
+            ) from error
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+    return [future.result() for future in futures]
+
+
+def _end_on_interrupt() -> None:
+    """Let Ctrl-C end a worker process without a traceback; the parent reports it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def _ground_truth(footage: Footage) -> NDArray[np.float64]:
+    if footage.ground_truth is None:
+        raise EvaluationError(f"{footage.name}: no ground truth; allowed: one box a frame")
+    true_boxes = np.array(footage.ground_truth, dtype=np.float64)
+    if true_boxes.ndim != 2 or true_boxes.shape[1] != 4 or len(true_boxes) < 2:
+        raise EvaluationError(
+            f"{footage.name}: ground truth of shape {true_boxes.shape}; "
+            "allowed: x, y, width, height of at least 2 frames"
+        )
+    if not metrics.has_target(true_boxes[0]):
+        raise EvaluationError(
+            f"{footage.name}: the first true box is {_as_box(true_boxes[0])}; "
+            "allowed: finite numbers, width and height above 0"
+        )
+    if footage.frame_count is not None and footage.frame_count != len(true_boxes):
+        raise _count_mismatch(footage.name, str(footage.frame_count), len(true_boxes))
+    return true_boxes
+
+
+def _count_mismatch(name: str, frames: str, boxes: int) -> EvaluationError:
+    return EvaluationError(f"{name}: {frames} frames, but {boxes} true boxes; allowed: as many")
+
+
+def _as_box(row: NDArray[np.float64]) -> Box:
+    x, y, width, height = row.tolist()
+    return x, y, width, height
+
+
+def _finite(box: Sequence[float]) -> NDArray[np.float64]:
+    array = np.asarray(box, dtype=np.float64)
+    if array.shape != (4,) or not np.isfinite(array).all():
+        raise ValueError(f"the tracker answered with the box {box}; allowed: 4 finite numbers")
+    return array
+
+
+@contextmanager
+def _naming(sequence: str, index: int) -> Iterator[None]:
+    """Say in which sequence and frame a tracker refused what it was given."""
+    try:
+        yield
+    except ValueError as error:
+        raise EvaluationError(f"{sequence}, frame {index + 1}: {error}") from error
+
+
+@contextmanager
+def _one_opencv_thread() -> Iterator[None]:
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+def _wait_for_other_threads() -> None:
+    """Wait until this process' other threads rest, for at most 50 ms.
+
+    A video decoder reads ahead in threads of its own; their CPU time would count as the tracker's.
+    Only Linux tells which threads are at work; elsewhere this returns at once.
+    """
+    deadline = time.monotonic() + 0.05
+    while _others_work() and time.monotonic() < deadline:
+        time.sleep(2e-4)
+
+
+def _others_work() -> bool:
+    own = str(threading.get_native_id())
+    for status in Path("/proc/self/task").glob("*/stat"):
+        if status.parent.name == own:
+            continue
+        # A thread may have ended since it was listed.
+        with suppress(OSError):
+            # "number (name) state ...", R for running or waiting for a processor.
+            if status.read_text().rpartition(")")[2].split()[0] == "R":
+                return True
+    return False

@@ -1,0 +1,74 @@
+"""Finding and opening the sequences to evaluate on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from pf_tracker_ros.evaluation.results import EvaluationError
+from pf_tracker_ros.footage import Footage, read_sequence
+from pf_tracker_ros.footage.sequences import GROUND_TRUTH_FILE
+
+
+def read_sequences(folders: Iterable[str | Path]) -> list[Footage]:
+    """Open the sequence folders among `folders` and directly inside them.
+
+    Args:
+        folders: As for `find_sequences`.
+
+    Returns:
+        The sequences with their ground truth, frames not yet read.
+
+    Raises:
+        EvaluationError: As for `find_sequences`, or two sequences share a name and could not be
+            told apart in the results.
+        FootageError: A sequence lacks a part, or its ground truth is broken.
+    """
+    sequences: dict[str, Footage] = {}
+    for folder in find_sequences(folders):
+        footage = read_sequence(folder)
+        if footage.name in sequences:
+            raise EvaluationError(
+                f"more than one sequence is named '{footage.name}', the last one in {folder}; "
+                "allowed: different names"
+            )
+        sequences[footage.name] = footage
+    return list(sequences.values())
+
+
+def find_sequences(folders: Iterable[str | Path]) -> list[Path]:
+    """The sequence folders among `folders` and directly inside them.
+
+    A folder with a `groundtruth.txt` is a sequence; of any other folder, the sequences are those of
+    its subfolders that have one, in the order of their names. A sequence met twice counts once.
+
+    Args:
+        folders: Sequence folders, or folders of sequence folders.
+
+    Returns:
+        Absolute paths, in the order given.
+
+    Raises:
+        EvaluationError: A folder does not exist or holds no sequence.
+    """
+    found: dict[Path, None] = {}
+    for given in folders:
+        folder = Path(given).expanduser().resolve()
+        if not folder.is_dir():
+            raise EvaluationError(
+                f"no folder '{given}'; allowed: a sequence folder, or a folder of such folders"
+            )
+        sequences = _sequences_of(folder)
+        if not sequences:
+            raise EvaluationError(
+                f"no sequence in '{given}'; allowed: a folder with a {GROUND_TRUTH_FILE}, "
+                "or a folder of such folders"
+            )
+        found.update(dict.fromkeys(sequences))
+    return list(found)
+
+
+def _sequences_of(folder: Path) -> list[Path]:
+    if (folder / GROUND_TRUTH_FILE).is_file():
+        return [folder]
+    return sorted(entry.parent.resolve() for entry in folder.glob(f"*/{GROUND_TRUTH_FILE}"))

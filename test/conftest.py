@@ -1,0 +1,112 @@
+"""Fixtures for all tests: real sequences, a drawn sequence, a ROS domain of one's own."""
+
+import itertools
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def sequences_directory():
+    """The folder of real sequences, which is not part of the repository; skips where absent."""
+    given = os.environ.get("PF_TRACKER_SEQUENCES")
+    directory = Path(given) if given else REPOSITORY.parent / "shared" / "sequences"
+    if not directory.is_dir():
+        pytest.skip(f"no real sequences in {directory}; PF_TRACKER_SEQUENCES names their folder")
+    return directory.resolve()
+
+
+@dataclass(frozen=True)
+class DrawnSequence:
+    """Frames drawn for a test, with the exact box in each.
+
+    Attributes:
+        images: (frames, H, W, 3) uint8 BGR.
+        boxes: (frames, 4) x, y, width, height, whole pixels.
+    """
+
+    images: np.ndarray
+    boxes: np.ndarray
+
+
+@pytest.fixture(scope="session")
+def moving_square():
+    """A checkered red square of 24 px that goes down and right over a smooth green ground."""
+    generator = np.random.default_rng(7)
+    height, width, size, count = 120, 160, 24, 20
+    ground = np.empty((height, width, 3), np.uint8)
+    ground[:] = (60, 120, 40)
+    coarse = generator.integers(0, 80, (height // 20, width // 20, 3), dtype=np.uint8)
+    ground += cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
+    rows, columns = np.indices((size, size)) // 6
+    square = np.where(((rows + columns) % 2 == 0)[..., None], (40, 40, 220), (30, 180, 240))
+    images, boxes = [], []
+    for index in range(count):
+        x, y = 20 + 4 * index, 30 + 2 * index
+        image = ground.copy()
+        image[y : y + size, x : x + size] = square
+        images.append(image)
+        boxes.append((x, y, size, size))
+    images, boxes = np.array(images), np.array(boxes, np.float64)
+    for array in (images, boxes):
+        array.flags.writeable = False
+    return DrawnSequence(images, boxes)
+
+
+@pytest.fixture
+def write_sequence(tmp_path):
+    """A function that writes images and boxes as a sequence folder and returns its path."""
+
+    def write(name, images, boxes, parent=tmp_path):
+        folder = parent / name
+        (folder / "img").mkdir(parents=True)
+        for number, image in enumerate(images, start=1):
+            # PNG keeps every pixel: results do not hang on a JPEG library.
+            assert cv2.imwrite(str(folder / "img" / f"{number:04d}.png"), image)
+        lines = [",".join(f"{value:g}" for value in box) + "\n" for box in boxes]
+        (folder / "groundtruth.txt").write_text("".join(lines))
+        height, width = images[0].shape[:2]
+        meta = {"name": name, "width": width, "height": height, "frames": len(images)}
+        (folder / "meta.json").write_text(json.dumps(meta))
+        return folder
+
+    return write
+
+
+@pytest.fixture
+def moving_square_sequence(write_sequence, moving_square):
+    """The moving square as a sequence folder."""
+    return write_sequence("moving_square", moving_square.images, moving_square.boxes)
+
+
+@pytest.fixture(scope="session")
+def _domain_numbers():
+    """Candidates for domains: each test tries the number after the last one taken.
+
+    Participants of a test that has just ended may still be heard for a moment; the next test must
+    not listen where they were.
+    """
+    return itertools.cycle(range(1, 101)).__next__
+
+
+@pytest.fixture
+def ros_domain(_domain_numbers, monkeypatch, tmp_path):
+    """A ROS domain that nobody else on this machine uses, kept on the loopback; its number.
+
+    Valid for nodes in this process and in processes that the test starts.
+    """
+    coordinator = pytest.importorskip("domain_coordinator", reason="needs ROS 2")
+    with coordinator.domain_id(_domain_numbers) as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))
+        for name in ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"):
+            monkeypatch.delenv(name, raising=False)
+        yield domain
