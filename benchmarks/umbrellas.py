@@ -1,0 +1,312 @@
+"""The umbrella experiment of Li, Zhang, Li 2007 (sequence 2), over many generated scenes.
+
+Two umbrellas of like color and unlike texture pass each other behind trees. The paper's three
+settings of `li2007` run on the same scenes: color alone with 60 particles, color and texture
+(alpha = 0.6) with 30 and with 60. The paper's finding: color alone ends on the wrong umbrella;
+color and texture stay on the target, with 30 particles in jerks, with 60 steadily.
+
+    python benchmarks/umbrellas.py --seeds 30
+
+Written into the output folder: `umbrellas.md` (the table), `umbrellas.csv` (every run),
+`umbrellas.png` (shares, errors over time, jitter) and `umbrellas_frames.png` (one scene with the
+estimates and particles drawn in, as in the paper's Fig. 3).
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+# One thread also for the linear algebra, which reads this when NumPy is imported.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from umbrellas_report import print_table, write_csv, write_frames, write_plot, write_table
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.evaluation.metrics import center_errors, overlap
+from pf_tracker_ros.scenes import UmbrellaScene
+from pf_tracker_ros.scenes.umbrellas import FRAME_INTERVAL, REGION
+
+RESULTS = Path(__file__).resolve().parent / "results"
+PRESET = "li2007"
+PAPER_FRAMES = (20, 96, 122, 159)
+"""The frames of the paper's Fig. 3, counted from 1."""
+SECOND = 25
+"""Frames in one second."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One of the paper's experiments.
+
+    Attributes:
+        name: For the tables.
+        alpha: Power of the color cue; the texture cue has the rest.
+        particles: Number of particles.
+    """
+
+    name: str
+    alpha: float
+    particles: int
+
+    def tracker(self, seed: int, overrides: Mapping[str, Any]) -> Tracker:
+        """The preset's tracker in this setting, other parameters changed by `overrides`.
+
+        Raises:
+            ValueError: A parameter is part of the setting, does not exist or is not allowed.
+        """
+        parameters = {
+            "particles": self.particles,
+            "color_histogram.power": self.alpha,
+            "gradient_orientation.power": 1.0 - self.alpha,
+        }
+        for name in sorted(parameters.keys() & overrides.keys()):
+            raise ValueError(
+                f"parameter '{name}' is what the settings differ in; allowed: all but "
+                f"{', '.join(parameters)}"
+            )
+        return Tracker.from_preset(PRESET, seed=seed, parameters={**parameters, **overrides})
+
+
+SETTINGS = (
+    Setting("color alone, N = 60", 1.0, 60),
+    Setting("color + texture, N = 30", 0.6, 30),
+    Setting("color + texture, N = 60", 0.6, 60),
+)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One setting on one scene.
+
+    Attributes:
+        setting: Name of the setting.
+        seed: Of the scene and of the tracker.
+        outcome: "held", "switched" or "lost", as `outcome` has it.
+        errors: (frames,) distance of the estimate's center from the target's, px.
+        error_before: Median of the errors in the second before the umbrellas' boxes first touch.
+        jitter: As `jitter` has it, px.
+        milliseconds: Median CPU time of one update.
+        snapshots: Per frame of `PAPER_FRAMES`: estimated box (4,), particles' boxes (N, 4) and
+            weights (N,).
+    """
+
+    setting: str
+    seed: int
+    outcome: str
+    errors: NDArray[np.float64]
+    error_before: float
+    jitter: float
+    milliseconds: float
+    snapshots: tuple[tuple[NDArray[np.float64], ...], ...]
+
+    @property
+    def true_switch(self) -> bool:
+        """Whether it switched from the target, not from somewhere it had strayed to before."""
+        return self.outcome == "switched" and self.error_before <= REGION / 2
+
+    @property
+    def mean_error(self) -> float:
+        """Center error averaged over the frames, px."""
+        return float(self.errors.mean())
+
+
+def outcome(
+    boxes: NDArray[np.float64], target: NDArray[np.float64], other: NDArray[np.float64]
+) -> str:
+    """What became of a run after the umbrellas met and were apart again.
+
+    "switched": for at least half a second without a break the estimate overlapped the other
+    umbrella's box and its center was nearer to the other's center than to the target's; a run that
+    comes back later still counts as switched. "held": not switched, and in the last second the
+    median center error is at most half a box. "lost": neither.
+
+    Args:
+        boxes: (frames, 4) estimates.
+        target: (frames, 4) the target's true boxes.
+        other: (frames, 4) the other umbrella's true boxes.
+    """
+    apart = center_errors(target, other) > target[:, 2]
+    meeting = int(np.argmin(center_errors(target, other)))
+    wrong = (center_errors(boxes, other) < center_errors(boxes, target)) & apart
+    wrong &= overlap(boxes, other) > 0.0
+    wrong[:meeting] = False
+    if _longest_stretch(wrong) >= SECOND // 2:
+        return "switched"
+    held = np.median(center_errors(boxes, target)[-SECOND:]) <= target[0, 2] / 2
+    return "held" if held else "lost"
+
+
+def jitter(boxes: NDArray[np.float64], target: NDArray[np.float64]) -> float:
+    """How much the estimate shakes around the target, in px.
+
+    The root mean square, over the frames, of the length of the change from one frame to the next
+    of the vector from the target's true center to the estimate's.
+
+    Args:
+        boxes: (frames, 4) estimates.
+        target: (frames, 4) the target's true boxes.
+    """
+    offsets = (boxes[:, :2] + boxes[:, 2:] / 2) - (target[:, :2] + target[:, 2:] / 2)
+    return float(np.sqrt(np.mean(np.sum(np.diff(offsets, axis=0) ** 2, axis=1))))
+
+
+def run_scene(
+    seed: int,
+    overrides: Mapping[str, Any] | None = None,
+    settings: Sequence[Setting] = SETTINGS,
+) -> list[Run]:
+    """Run the settings side by side on the scene of one seed.
+
+    Args:
+        seed: Of the scene and of the trackers.
+        overrides: Tracker parameters over those of preset and setting.
+        settings: What to run.
+    """
+    cv2.setNumThreads(1)
+    scene = UmbrellaScene(seed)
+    trackers = [setting.tracker(seed, overrides or {}) for setting in settings]
+    boxes = np.empty((len(settings), len(scene), 4))
+    seconds = np.empty((len(settings), len(scene) - 1))
+    snapshots: list[list[tuple[NDArray[np.float64], ...]]] = [[] for _ in settings]
+    for index, image in enumerate(scene.frames()):
+        for run, tracker in enumerate(trackers):
+            before = time.process_time()
+            if index == 0:
+                estimate = tracker.start(image, tuple(scene.target_boxes[0]))
+            else:
+                estimate = tracker.update(image, FRAME_INTERVAL)
+                seconds[run, index - 1] = time.process_time() - before
+            boxes[run, index] = estimate.box
+            if index + 1 in PAPER_FRAMES:
+                shown = (boxes[run, index].copy(), estimate.particle_boxes, estimate.weights)
+                snapshots[run].append(shown)
+    errors = center_errors(boxes, scene.target_boxes)
+    touch = int(np.argmax(overlap(scene.target_boxes, scene.other_boxes) > 0.0))
+    return [
+        Run(
+            setting=setting.name,
+            seed=seed,
+            outcome=outcome(boxes[run], scene.target_boxes, scene.other_boxes),
+            errors=errors[run],
+            error_before=float(np.median(errors[run, touch - SECOND : touch])),
+            jitter=jitter(boxes[run], scene.target_boxes),
+            milliseconds=1000.0 * float(np.median(seconds[run])),
+            snapshots=tuple(snapshots[run]),
+        )
+        for run, setting in enumerate(settings)
+    ]
+
+
+def run_all(seeds: Sequence[int], overrides: Mapping[str, Any], jobs: int) -> list[Run]:
+    """Run all settings on the scenes of all seeds, with a progress bar.
+
+    Args:
+        seeds: Of the scenes and trackers.
+        overrides: Tracker parameters over those of preset and setting.
+        jobs: Number of processes.
+
+    Returns:
+        The runs in the order of the seeds, then of the settings.
+    """
+    columns = (TextColumn("scenes"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    runs: list[Run] = []
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        task = progress.add_task("scenes", total=len(seeds))
+        for scene_runs in _scenes(seeds, overrides, jobs):
+            runs += scene_runs
+            progress.advance(task)
+    names = [setting.name for setting in SETTINGS]
+    return sorted(runs, key=lambda run: (run.seed, names.index(run.setting)))
+
+
+def _scenes(seeds: Sequence[int], overrides: Mapping[str, Any], jobs: int) -> Iterator[list[Run]]:
+    if jobs == 1:
+        yield from (run_scene(seed, overrides) for seed in seeds)
+        return
+    # Forked processes would inherit OpenCV's threads in an undefined state.
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        futures = [pool.submit(run_scene, seed, overrides) for seed in seeds]
+        yield from (future.result() for future in as_completed(futures))
+
+
+def _longest_stretch(flags: NDArray[np.bool_]) -> int:
+    """Length of the longest run of true values without a break."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    return int(np.max(ends[1::2] - ends[::2], initial=0))
+
+
+def _positive(text: str) -> int:
+    return _whole(text, least=1)
+
+
+def _whole(text: str, least: int = 0) -> int:
+    if not text.isdecimal() or int(text) < least:
+        raise argparse.ArgumentTypeError(f"'{text}'; allowed: a whole number of at least {least}")
+    return int(text)
+
+
+def _parameter(text: str) -> tuple[str, Any]:
+    name, separator, value = text.partition("=")
+    if not separator:
+        raise argparse.ArgumentTypeError(f"'{text}'; allowed: NAME=VALUE")
+    for convert in (int, float):
+        try:
+            return name, convert(value)
+        except ValueError:
+            continue
+    return name, value
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the experiment, print the table and write the files."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=_positive, default=30, help="number of scenes [30]")
+    parser.add_argument("--first-seed", type=_whole, default=0, help="seed of the first scene [0]")
+    parser.add_argument("--jobs", type=_positive, default=1, help="number of processes [1]")
+    parser.add_argument("--output", type=Path, default=RESULTS, help=f"folder [{RESULTS}]")
+    parser.add_argument(
+        "--parameter",
+        type=_parameter,
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a tracker parameter over those of preset and setting; may be repeated",
+    )
+    options = parser.parse_args(arguments)
+    overrides = dict(options.parameter)
+    try:
+        for setting in SETTINGS:
+            setting.tracker(0, overrides)
+        options.output.mkdir(parents=True, exist_ok=True)
+    except (ValueError, OSError) as error:
+        parser.error(str(error))
+    started = time.monotonic()
+    seeds = range(options.first_seed, options.first_seed + options.seeds)
+    runs = run_all(seeds, overrides, options.jobs)
+    print_table(runs)
+    write_table(options.output / "umbrellas.md", runs, overrides)
+    write_csv(options.output / "umbrellas.csv", runs)
+    write_plot(options.output / "umbrellas.png", runs)
+    write_frames(options.output / "umbrellas_frames.png", runs, PAPER_FRAMES)
+    print(f"{time.monotonic() - started:.0f} s; files in {options.output}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

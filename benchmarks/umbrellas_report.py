@@ -1,0 +1,272 @@
+"""Tables and plots of the umbrella experiment."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import intervals
+import numpy as np
+from intervals import Interval
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from pf_tracker_ros.scenes import UmbrellaScene
+
+if TYPE_CHECKING:
+    from umbrellas import Run
+
+HEADINGS = (
+    "setting",
+    "switched %",
+    "lost %",
+    "held %",
+    "center error px",
+    "error if held px",
+    "jitter if held px",
+    "CPU ms",
+)
+COLORS = ("tab:red", "tab:orange", "tab:blue")
+NOTE = (
+    "In brackets: 95 % confidence intervals over the scenes (Wilson for shares, bootstrap for "
+    "means). Center error: mean over all frames. Jitter: root mean square of the change of the "
+    "error vector from frame to frame. CPU ms: median of one update on one thread."
+)
+
+
+def print_table(runs: Sequence[Run]) -> None:
+    """Print the table on standard output."""
+    table = Table(title=f"Umbrellas, {_scenes(runs)}", title_justify="left")
+    rows = _rows(runs)
+    for heading in ("", *(row[0] for row in rows)):
+        table.add_column(heading, justify="right" if heading else "left")
+    for heading, *cells in list(zip(HEADINGS, *rows, strict=True))[1:]:
+        table.add_row(heading, *cells)
+    console = Console()
+    console.print(table)
+    console.print(_comparison(runs))
+
+
+def write_table(path: Path, runs: Sequence[Run], overrides: Mapping[str, Any]) -> None:
+    """Write the table as Markdown, with what differed from the preset."""
+    lines = [f"# Umbrella experiment, {_scenes(runs)}", ""]
+    if overrides:
+        changes = ", ".join(f"`{name}` = {value}" for name, value in overrides.items())
+        lines += [f"Parameters over the preset's: {changes}.", ""]
+    lines += [_line(HEADINGS), _line(["---"] * len(HEADINGS))]
+    lines += [_line(row) for row in _rows(runs)]
+    lines += ["", _comparison(runs), "", NOTE, ""]
+    path.write_text("\n".join(lines), encoding="utf-8")
+
+
+def write_csv(path: Path, runs: Sequence[Run]) -> None:
+    """Write one line a run."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        headings = ("mean_error_px", "error_before_meeting_px", "jitter_px", "cpu_ms")
+        writer.writerow(["setting", "seed", "outcome", *headings])
+        for run in runs:
+            figures = (run.mean_error, run.error_before, run.jitter, run.milliseconds)
+            writer.writerow(
+                [run.setting, run.seed, run.outcome, *(f"{figure:.4f}" for figure in figures)]
+            )
+
+
+def write_plot(path: Path, runs: Sequence[Run]) -> None:
+    """Draw the outcomes' shares, the errors over time and the jitter."""
+    figure = Figure(figsize=(12.0, 7.5), layout="constrained")
+    figure.suptitle(f"Two like-colored umbrellas crossing, generated {_scenes(runs)}")
+    grid = figure.add_gridspec(2, 2, height_ratios=(1.0, 1.1), width_ratios=(1.5, 1.0))
+    settings = _by_setting(runs)
+    _draw_shares(figure.add_subplot(grid[0, 0]), settings)
+    _draw_jitter(figure.add_subplot(grid[0, 1]), settings)
+    _draw_errors(figure.add_subplot(grid[1, :]), settings)
+    figure.savefig(path, dpi=120)
+
+
+def write_frames(path: Path, runs: Sequence[Run], frames: Sequence[int]) -> None:
+    """Draw estimates and particles into frames of one scene, one row a setting.
+
+    The scene is the first in which color alone switched at the meeting and the other settings held;
+    without one, the first of all.
+
+    Args:
+        path: The image file.
+        runs: All runs.
+        frames: The frames of the runs' snapshots, counted from 1.
+    """
+    settings = _by_setting(runs)
+    scenes = list(zip(*settings.values(), strict=True))
+    told = [
+        (color, few, many)
+        for color, few, many in scenes
+        if color.true_switch and few.outcome == many.outcome == "held"
+    ]
+    chosen = (told or scenes)[0]
+    scene = UmbrellaScene(chosen[0].seed)
+    figure = Figure(figsize=(15.0, 5.8), layout="constrained")
+    figure.suptitle(f"Scene {chosen[0].seed}: estimate (large) and particles (size by weight)")
+    axes = figure.subplots(len(chosen), len(frames), squeeze=False)
+    for row, run in zip(axes, chosen, strict=True):
+        for cell, number, snapshot in zip(row, frames, run.snapshots, strict=True):
+            image = _with_boxes(scene.render(number - 1), *snapshot)
+            cell.imshow(image[210:430, 110:660, ::-1])
+            cell.set(xticks=[], yticks=[], title=f"{run.setting}, frame {number}")
+            cell.title.set_fontsize(9)
+    figure.savefig(path, dpi=120)
+
+
+def _with_boxes(
+    image: NDArray[np.uint8],
+    box: NDArray[np.float64],
+    particle_boxes: NDArray[np.float64],
+    weights: NDArray[np.float64],
+) -> NDArray[np.uint8]:
+    centers = particle_boxes[:, :2] + particle_boxes[:, 2:] / 2
+    halves = 1.0 + 4.0 * np.sqrt(weights / weights.max())
+    for center, half in zip(centers, halves, strict=True):
+        low, high = np.round(center - half).astype(int), np.round(center + half).astype(int)
+        cv2.rectangle(image, low.tolist(), high.tolist(), (255, 255, 255), 1)
+    low, high = np.round(box[:2]).astype(int), np.round(box[:2] + box[2:]).astype(int)
+    cv2.rectangle(image, low.tolist(), high.tolist(), (255, 255, 255), 2)
+    return image
+
+
+def _draw_shares(axes: Axes, settings: Mapping[str, list[Run]]) -> None:
+    places = np.arange(3)
+    for number, (name, runs) in enumerate(settings.items()):
+        shares = [_share(runs, outcome) for outcome in ("switched", "lost", "held")]
+        values = 100 * np.array([figure.value for figure in shares])
+        ends = 100 * np.array([(figure.low, figure.high) for figure in shares]).T
+        x = places + 0.27 * (number - 1)
+        axes.bar(x, values, 0.25, color=COLORS[number], label=name)
+        axes.errorbar(
+            x, values, np.abs(ends - values), fmt="none", ecolor="black", capsize=3, linewidth=1
+        )
+    axes.set(
+        title="outcome, with 95 % intervals",
+        ylabel="% of scenes",
+        ylim=(0, 105),
+        xticks=places,
+        xticklabels=("switches to the wrong umbrella", "lost", "holds the target"),
+    )
+    axes.legend()
+
+
+def _draw_jitter(axes: Axes, settings: Mapping[str, list[Run]]) -> None:
+    for number, runs in enumerate(settings.values()):
+        held = [run.jitter for run in runs if run.outcome == "held"]
+        spread = np.linspace(-0.12, 0.12, max(len(held), 1))[: len(held)]
+        axes.plot(number + spread, held, ".", color=COLORS[number], alpha=0.6)
+        figure = intervals.mean(held)
+        axes.errorbar(
+            number + 0.25,
+            figure.value,
+            [[figure.value - figure.low], [figure.high - figure.value]],
+            fmt="o",
+            color="black",
+            capsize=3,
+        )
+    axes.set(
+        title="jitter of the runs that hold, mean with 95 % interval",
+        ylabel="px",
+        xticks=range(len(settings)),
+        xticklabels=[name.replace(", ", "\n") for name in settings],
+        xlim=(-0.5, len(settings) - 0.5),
+    )
+    axes.set_ylim(bottom=0)
+    axes.grid(axis="y", alpha=0.3)
+
+
+def _draw_errors(axes: Axes, settings: Mapping[str, list[Run]]) -> None:
+    for number, (name, runs) in enumerate(settings.items()):
+        errors = np.array([run.errors for run in runs])
+        low, middle, high = np.quantile(errors, (0.25, 0.5, 0.75), axis=0)
+        frames = np.arange(1, errors.shape[1] + 1)
+        axes.plot(frames, middle, color=COLORS[number], label=name)
+        axes.fill_between(frames, low, high, color=COLORS[number], alpha=0.2, linewidth=0)
+    axes.axvline(96, color="0.5", linestyle="--", linewidth=1)
+    axes.annotate("the umbrellas meet", (97, 0.94), xycoords=("data", "axes fraction"), color="0.4")
+    axes.set_yscale("symlog", linthresh=20.0)
+    axes.set(
+        title="center error over time: median and quartiles over the scenes",
+        xlabel="frame",
+        ylabel="px (logarithmic above 20)",
+        xlim=(1, frames[-1]),
+    )
+    axes.set_yticks([0, 5, 10, 20, 50, 100, 200, 400], [0, 5, 10, 20, 50, 100, 200, 400])
+    axes.set_ylim(0, 400)
+    axes.grid(alpha=0.3)
+    axes.legend(loc="upper left")
+
+
+def _rows(runs: Sequence[Run]) -> list[list[str]]:
+    rows = []
+    for name, of_setting in _by_setting(runs).items():
+        held = [run for run in of_setting if run.outcome == "held"]
+        shares = [_share(of_setting, outcome) for outcome in ("switched", "lost", "held")]
+        rows.append(
+            [
+                name,
+                *(_cell(figure, 100.0, 0) for figure in shares),
+                _cell(intervals.mean([run.mean_error for run in of_setting])),
+                _cell(intervals.mean([run.mean_error for run in held])),
+                _cell(intervals.mean([run.jitter for run in held]), digits=2),
+                f"{np.median([run.milliseconds for run in of_setting]):.2f}",
+            ]
+        )
+    return rows
+
+
+def _comparison(runs: Sequence[Run]) -> str:
+    """Where color alone was before it switched, and what 60 particles instead of 30 change."""
+    color, few, many = _by_setting(runs).values()
+    switched = sum(run.outcome == "switched" for run in color)
+    on_target = sum(run.true_switch for run in color)
+    ratios = [
+        second.jitter / first.jitter
+        for first, second in zip(few, many, strict=True)
+        if first.outcome == second.outcome == "held"
+    ]
+    figure = intervals.mean(ratios)
+    return (
+        f"Color alone was on the target right before the meeting in {on_target} of the {switched} "
+        "scenes in which it switched. "
+        f"Jitter of N = 60 over that of N = 30 in the {len(ratios)} scenes that both hold: "
+        f"{_cell(figure, digits=2)}."
+    )
+
+
+def _share(runs: Sequence[Run], outcome: str) -> Interval:
+    return intervals.share(sum(run.outcome == outcome for run in runs), len(runs))
+
+
+def _cell(figure: Interval, factor: float = 1.0, digits: int = 1) -> str:
+    if np.isnan(figure.value):
+        return "-"
+    value, low, high = (
+        f"{factor * number:.{digits}f}" for number in (figure.value, figure.low, figure.high)
+    )
+    return value if np.isnan(figure.low) else f"{value} ({low}-{high})"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _by_setting(runs: Sequence[Run]) -> dict[str, list[Run]]:
+    settings: dict[str, list[Run]] = {}
+    for run in runs:
+        settings.setdefault(run.setting, []).append(run)
+    return settings
+
+
+def _scenes(runs: Sequence[Run]) -> str:
+    seeds = {run.seed for run in runs}
+    return f"scenes {min(seeds)} to {max(seeds)}" if len(seeds) > 1 else f"scene {min(seeds)}"

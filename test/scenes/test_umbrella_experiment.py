@@ -1,0 +1,164 @@
+"""The umbrella experiment: its measures by hand, and its finding on a few scenes."""
+
+import importlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+FRAMES = 180
+
+
+@pytest.fixture
+def benchmark(monkeypatch):
+    """Imports a module of the benchmarks' folder, where they find each other as scripts do."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    return importlib.import_module
+
+
+@pytest.fixture
+def experiment(benchmark):
+    return benchmark("umbrellas")
+
+
+def boxes_at(xs):
+    xs = np.broadcast_to(xs, FRAMES).astype(float)
+    return np.stack([xs, np.full(FRAMES, 100.0), np.full(FRAMES, 40.0), np.full(FRAMES, 40.0)], 1)
+
+
+def shifted(boxes, right, down):
+    return boxes + np.array([right, down, 0.0, 0.0])
+
+
+@pytest.fixture
+def crossing():
+    """Target and other umbrella walk towards and past each other, 4 px a frame; meeting in 90."""
+    times = np.arange(FRAMES) - 90.0
+    return boxes_at(300 + 2 * times), boxes_at(300 - 2 * times)
+
+
+def test_an_estimate_on_the_target_holds_it(experiment, crossing):
+    target, other = crossing
+    assert experiment.outcome(target, target, other) == "held"
+    assert experiment.outcome(shifted(target, 15.0, 0.0), target, other) == "held"
+
+
+def test_an_estimate_that_goes_with_the_other_umbrella_switched(experiment, crossing):
+    target, other = crossing
+    estimate = np.concatenate([target[:91], other[91:]])
+    assert experiment.outcome(estimate, target, other) == "switched"
+
+
+def test_half_a_second_on_the_wrong_umbrella_is_a_switch_even_if_it_comes_back(
+    experiment, crossing
+):
+    target, other = crossing
+    for frames, expected in ((11, "held"), (12, "switched")):
+        estimate = target.copy()
+        estimate[120 : 120 + frames] = other[120 : 120 + frames]
+        assert experiment.outcome(estimate, target, other) == expected
+
+
+def test_only_time_after_the_meeting_and_apart_counts(experiment, crossing):
+    target, other = crossing
+    early = np.concatenate([other[:60], target[60:]])
+    assert experiment.outcome(early, target, other) == "held"
+    # Boxes are 40 px wide and part by 4 px a frame: apart from 11 frames after the meeting on.
+    beside = np.concatenate([target[:90], other[90:101], target[101:]])
+    assert experiment.outcome(beside, target, other) == "held"
+
+
+def test_an_estimate_that_stays_behind_is_lost(experiment, crossing):
+    target, other = crossing
+    assert experiment.outcome(boxes_at(600.0), target, other) == "lost"
+    assert experiment.outcome(shifted(target, 21.0, 0.0), target, other) == "lost"
+
+
+def test_jitter_is_of_the_change_of_the_error_and_not_of_the_error(experiment, crossing):
+    target, _ = crossing
+    assert experiment.jitter(shifted(target, 7.0, -3.0), target) == 0.0
+    shaken = target.copy()
+    shaken[::2, 0] += 3.0
+    shaken[::2, 1] += 4.0
+    assert experiment.jitter(shaken, target) == pytest.approx(5.0)
+
+
+def test_wilson_interval_of_published_values(benchmark):
+    intervals = benchmark("intervals")
+    # Newcombe 1998, "Two-sided confidence intervals for the single proportion", table I, method 3.
+    for count, total, low, high in (
+        (81, 263, 0.2553, 0.3662),
+        (15, 148, 0.0624, 0.1605),
+        (0, 20, 0.0, 0.1611),
+        (1, 29, 0.0061, 0.1718),
+    ):
+        share = intervals.share(count, total)
+        assert share.value == count / total
+        assert (share.low, share.high) == pytest.approx((low, high), abs=5e-5)
+
+
+def test_bootstrap_interval_is_that_of_the_normal_law_for_many_runs(benchmark):
+    intervals = benchmark("intervals")
+    values = np.random.default_rng(1).normal(5.0, 2.0, 400)
+    mean = intervals.mean(values)
+    half = 1.96 * values.std() / np.sqrt(400)
+    assert mean.value == values.mean()
+    assert (mean.low, mean.high) == pytest.approx((mean.value - half, mean.value + half), abs=0.02)
+
+
+def test_no_runs_and_one_run_have_no_interval(benchmark):
+    intervals = benchmark("intervals")
+    assert np.isnan(intervals.mean([]).value)
+    assert intervals.mean([3.0]).value == 3.0
+    assert np.isnan(intervals.mean([3.0]).low)
+
+
+def test_color_alone_switches_and_texture_holds(experiment):
+    outcomes = {setting.name: [] for setting in experiment.SETTINGS}
+    for seed in range(5):
+        for run in experiment.run_scene(seed):
+            outcomes[run.setting].append(run.outcome)
+    color, few, many = outcomes.values()
+    assert color.count("switched") >= 3
+    assert few.count("held") >= 4
+    assert many.count("held") >= 4
+
+
+def test_runs_are_the_same_to_the_bit(experiment):
+    color = experiment.SETTINGS[:1]
+    first, again = (experiment.run_scene(3, settings=color)[0] for _ in range(2))
+    assert np.array_equal(first.errors, again.errors)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--seeds", "0"], "'0'; allowed: a whole number of at least 1"),
+        (["--seeds", "many"], "'many'; allowed: a whole number"),
+        (["--jobs", "-1"], "'-1'; allowed"),
+        (["--first-seed", "x"], "'x'; allowed: a whole number of at least 0"),
+        (["--parameter", "particles"], "'particles'; allowed: NAME=VALUE"),
+        (["--parameter", "particles=5"], "'particles' is what the settings differ in"),
+        (["--parameter", "speed=5"], "no parameter 'speed'"),
+        (["--parameter", "template.keep=7"], "'template.keep' is 7; allowed: float, 0 to 1"),
+    ],
+)
+def test_wrong_arguments_are_refused_with_what_is_allowed(experiment, arguments, message, capsys):
+    with pytest.raises(SystemExit) as ended:
+        experiment.main(arguments)
+    assert ended.value.code == 2
+    assert message in " ".join(capsys.readouterr().err.split())
+
+
+def test_table_csv_and_plots_are_written(experiment, tmp_path, capsys):
+    output = tmp_path / "new" / "results"
+    assert experiment.main(["--seeds", "1", "--first-seed", "4", "--output", str(output)]) == 0
+    assert "Umbrellas, scene 4" in capsys.readouterr().out
+    lines = (output / "umbrellas.csv").read_text().splitlines()
+    assert len(lines) == 1 + len(experiment.SETTINGS)
+    table = (output / "umbrellas.md").read_text()
+    for setting in experiment.SETTINGS:
+        assert f"| {setting.name} |" in table
+    for name in ("umbrellas.png", "umbrellas_frames.png"):
+        assert (output / name).read_bytes().startswith(b"\x89PNG")
