@@ -1,0 +1,171 @@
+"""Writes what follows from the declared parameters: the preset files and their table.
+
+`python -m pf_tracker_ros.node.generate` in the repository writes `config/<preset>.yaml` for each
+preset, and `docs/parameters.md`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from pf_tracker_ros.node.node_parameters import NodeParameters
+from pf_tracker_ros.node.replay_parameters import ReplayParameters
+from pf_tracker_ros.parameters import Declaration, declarations
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
+
+_COMMAND = "python -m pf_tracker_ros.node.generate"
+_LINE_LENGTH = 100
+
+
+def generated_files() -> dict[str, str]:
+    """Path in the repository to text, for every generated file."""
+    files = {f"config/{preset}.yaml": _preset_file(preset) for preset in PRESETS}
+    files["docs/parameters.md"] = _parameter_tables()
+    return files
+
+
+def _preset_file(preset: str) -> str:
+    """A ROS parameter file; it names every parameter, nested by its groups."""
+    values = {
+        name: declaration.default for name, declaration in declarations(NodeParameters).items()
+    }
+    values |= {"preset": preset} | preset_parameters(preset)
+    lines = [
+        f"# Parameters of the tracker node, preset {preset}.",
+        f"# Written by `{_COMMAND}`; copy it to change it, and use it with",
+        "#   ros2 run pf_tracker_ros tracker --ros-args --params-file FILE",
+        "/**:",
+        "  ros__parameters:",
+    ]
+    known = declarations(NodeParameters) | declarations(TrackerParameters)
+    groups: list[str] = []
+    for name, declaration in known.items():
+        *path, leaf = name.split(".")
+        common = _common_length(groups, path)
+        lines += [f"{_indent(depth)}{path[depth]}:" for depth in range(common, len(path))]
+        groups = path
+        indent = _indent(len(path))
+        comment = f"{declaration.description} {_allowed(declaration)}."
+        lines += textwrap.wrap(
+            comment,
+            _LINE_LENGTH,
+            initial_indent=f"{indent}# ",
+            subsequent_indent=f"{indent}# ",
+            break_on_hyphens=False,
+        )
+        lines.append(f"{indent}{leaf}: {_yaml(values[name])}")
+    return "\n".join(lines) + "\n"
+
+
+def _parameter_tables() -> str:
+    presets = {preset: preset_parameters(preset) for preset in PRESETS}
+    sections = [
+        "# Parameters",
+        f"Written by `{_COMMAND}` from the declarations in the code.",
+        "What changes at run time does so with `ros2 param set`, all or nothing; the rest is fixed "
+        "once the node runs.",
+        "## The node `pf_tracker`",
+        "A wrong value at start-up keeps the node from tracking, not from running: the log and "
+        "`~/status` say what is wrong, and it goes on as soon as every such parameter, also one "
+        "that is otherwise fixed, has been set rightly.",
+        _table(declarations(NodeParameters)),
+        "## The tracker",
+        "The same names in the node and in the library (`Tracker.from_preset`); one column for "
+        "each preset, of which `default` applies if none is chosen. In the library, what does not "
+        "change at run time is fixed only while there is a target.",
+        _table(declarations(TrackerParameters), presets),
+        "## The replay publisher `replay`",
+        _table(declarations(ReplayParameters)),
+    ]
+    return "\n\n".join(sections) + "\n"
+
+
+def _table(
+    known: Mapping[str, Declaration], presets: Mapping[str, Mapping[str, Any]] | None = None
+) -> str:
+    columns = presets or {
+        "default": {name: declaration.default for name, declaration in known.items()}
+    }
+    titles = ["name", "type", *(f"`{column}`" if presets else column for column in columns)]
+    rows = [[*titles, "allowed", "unit", "at run time", "description"]]
+    rows.append(["---"] * len(rows[0]))
+    for name, declaration in known.items():
+        values = [f"`{_yaml(column[name])}`" for column in columns.values()]
+        at_run_time = "no" if declaration.read_only else "yes"
+        rows.append(
+            [
+                f"`{name}`",
+                declaration.type_name,
+                *values,
+                declaration.allowed,
+                declaration.unit,
+                at_run_time,
+                declaration.description,
+            ]
+        )
+    return "\n".join(_row(row) for row in rows)
+
+
+def _row(cells: Iterable[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _allowed(declaration: Declaration) -> str:
+    unit = f" [{declaration.unit}]" if declaration.unit else ""
+    fixed = "; fixed while the node runs" if declaration.read_only else ""
+    return f"Allowed: {declaration.type_name}, {declaration.allowed}{unit}{fixed}"
+
+
+def _yaml(value: Any) -> str:
+    """A value as YAML that ROS reads back with the same type."""
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_yaml(element) for element in value) + "]"
+    if isinstance(value, float):
+        text = repr(value)
+        # Without a point, readers of YAML disagree on whether 1e-05 is a number.
+        return text.replace("e", ".0e") if "e" in text and "." not in text else text
+    return json.dumps(value)
+
+
+def _common_length(first: list[str], second: list[str]) -> int:
+    length = 0
+    for one, other in zip(first, second, strict=False):
+        if one != other:
+            break
+        length += 1
+    return length
+
+
+def _indent(depth: int) -> str:
+    return "  " * (depth + 2)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Write the generated files and print their paths."""
+    parser = argparse.ArgumentParser(description="Write the preset files and their table.")
+    parser.add_argument(
+        "directory", nargs="?", type=Path, default=Path(), help="the repository, by default here"
+    )
+    directory: Path = parser.parse_args(arguments).directory
+    if not (directory / "pf_tracker_ros").is_dir():
+        parser.error(f"{directory.resolve()} is not the repository: no folder pf_tracker_ros in it")
+    for path in _write(directory):
+        print(path)
+
+
+def _write(directory: Path) -> Iterator[Path]:
+    for name, text in generated_files().items():
+        path = directory / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        yield path
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,135 @@
+"""Estimates as ROS messages, and a target's polygon as a box."""
+
+from __future__ import annotations
+
+import array
+import math
+import sys
+from collections.abc import Mapping
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point32, PolygonStamped
+from numpy.typing import NDArray
+from sensor_msgs.msg import Image, PointCloud2, PointField
+from std_msgs.msg import Header
+
+from pf_tracker_ros.tracking.estimate import Estimate
+
+Box = tuple[float, float, float, float]
+
+PARTICLE_FIELDS = ("x", "y", "z", "width", "height", "weight")
+_FLOAT_SIZE = 4
+
+
+class TargetError(ValueError):
+    """A target's polygon that does not describe a box."""
+
+
+def box_of_polygon(message: PolygonStamped) -> Box:
+    """The bounding rectangle (x, y, width, height) of a polygon in pixels.
+
+    Raises:
+        TargetError: A point is not finite, or the points span no area.
+    """
+    points = [(point.x, point.y) for point in message.polygon.points]
+    count = len(points)
+    if count < 2:
+        raise TargetError(
+            f"target refused: its polygon has {count} points; allowed: at least two, such as "
+            "opposite corners of the box in pixels"
+        )
+    if not all(math.isfinite(value) for point in points for value in point):
+        raise TargetError("target refused: a point of its polygon is not finite")
+    left, top = (min(values) for values in zip(*points, strict=True))
+    right, bottom = (max(values) for values in zip(*points, strict=True))
+    if right == left or bottom == top:
+        raise TargetError(
+            f"target refused: its {count} points span {right - left:g} x {bottom - top:g} px; "
+            "allowed: points that differ in both x and y"
+        )
+    return left, top, right - left, bottom - top
+
+
+def box_message(box: Box, header: Header) -> PolygonStamped:
+    """The four corners of a box in pixels, clockwise from the top left."""
+    x, y, width, height = box
+    corners = ((x, y), (x + width, y), (x + width, y + height), (x, y + height))
+    message = PolygonStamped(header=header)
+    message.polygon.points = [Point32(x=corner_x, y=corner_y) for corner_x, corner_y in corners]
+    return message
+
+
+def particles_message(estimate: Estimate, header: Header) -> PointCloud2:
+    """The particles as points at the centers of their boxes, in pixels, with size and weight."""
+    boxes = estimate.particle_boxes
+    columns = np.zeros((len(boxes), len(PARTICLE_FIELDS)), dtype=np.float32)
+    columns[:, :2] = boxes[:, :2] + boxes[:, 2:] / 2
+    columns[:, 3:5] = boxes[:, 2:]
+    columns[:, 5] = estimate.weights
+    point_step = _FLOAT_SIZE * len(PARTICLE_FIELDS)
+    return PointCloud2(
+        header=header,
+        height=1,
+        width=len(boxes),
+        fields=[
+            PointField(name=name, offset=index * _FLOAT_SIZE, datatype=PointField.FLOAT32, count=1)
+            for index, name in enumerate(PARTICLE_FIELDS)
+        ],
+        is_bigendian=sys.byteorder == "big",
+        point_step=point_step,
+        row_step=point_step * len(boxes),
+        data=_octets(columns),
+        is_dense=True,
+    )
+
+
+def image_message(image: NDArray[np.uint8], header: Header) -> Image:
+    """A (height, width, 3) uint8 BGR image."""
+    height, width = image.shape[:2]
+    return Image(
+        header=header,
+        height=height,
+        width=width,
+        encoding="bgr8",
+        is_bigendian=0,
+        step=3 * width,
+        data=_octets(image),
+    )
+
+
+def status_message(
+    header: Header, name: str, level: bytes, message: str, values: Mapping[str, str | float | int]
+) -> DiagnosticArray:
+    """One status; numbers are written so that they read back to the same value.
+
+    Args:
+        header: Of the frame that it is about.
+        name: Fully qualified name of the node.
+        level: `DiagnosticStatus.OK`, `WARN` or `ERROR`.
+        message: One sentence for people.
+        values: What there is to know, key to value.
+    """
+    status = DiagnosticStatus(name=name, level=level, message=message)
+    status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    return DiagnosticArray(header=header, status=[status])
+
+
+def estimate_values(estimate: Estimate) -> dict[str, float | int]:
+    """An estimate's numbers under the keys that the status uses; covariance in px^2."""
+    covariance = estimate.covariance
+    return {
+        "confidence": float(estimate.confidence),
+        "covariance_xx": float(covariance[0, 0]),
+        "covariance_xy": float(covariance[0, 1]),
+        "covariance_yy": float(covariance[1, 1]),
+        "effective_sample_size": float(estimate.effective_sample_size),
+        "particles": len(estimate.weights),
+    }
+
+
+def _octets(values: NDArray[np.generic]) -> array.array[int]:
+    # rclpy takes an array.array as it is, but converts an ndarray element by element.
+    octets = array.array("B")
+    octets.frombytes(np.ascontiguousarray(values).tobytes())
+    return octets

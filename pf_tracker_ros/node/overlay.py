@@ -1,0 +1,95 @@
+"""The estimate, the particles and the state drawn into the image, as in the figures of the paper.
+
+Source: Li et al. 2007, figures: a large white box for the estimate, small white boxes for the
+particles, their place and size showing state and weight.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.tracking.estimate import Estimate
+
+Color = tuple[int, int, int]
+
+COLORS: dict[str, Color] = {
+    "tracking": (255, 255, 255),
+    "occluded": (0, 165, 255),
+    "lost": (0, 0, 255),
+}
+_OUTLINE: Color = (0, 0, 0)
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+# Sizes at an image height of 576 px, that of the paper.
+_NOMINAL_HEIGHT = 576.0
+_PARTICLE_SIDES = (2.0, 10.0)
+_FONT_SCALE = 0.7
+_GRAY_PERCENTILES = (1.0, 99.0)
+_SAMPLING = 4
+
+
+def draw_overlay(image: NDArray[Any], estimate: Estimate | None, text: str = "") -> NDArray[Any]:
+    """Draw what the tracker knows into a copy of the image.
+
+    Args:
+        image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
+        estimate: Drawn as a large box, with its particles as small boxes whose side grows with
+            the weight from the lightest to the heaviest; its state gives the color. None draws
+            the text alone.
+        text: Written at the top left.
+
+    Returns:
+        (H, W, 3) uint8 BGR.
+    """
+    canvas = _canvas(image)
+    scale = max(canvas.shape[0] / _NOMINAL_HEIGHT, 0.5)
+    thickness = max(1, round(2 * scale))
+    color = COLORS["tracking"]
+    if estimate is not None:
+        color = COLORS[estimate.state]
+        _draw_boxes(canvas, _particle_boxes(estimate, scale), COLORS["tracking"], 1)
+        _draw_boxes(canvas, np.array([estimate.box]), _OUTLINE, thickness + 2)
+        _draw_boxes(canvas, np.array([estimate.box]), color, thickness)
+    if text:
+        font_scale = _FONT_SCALE * scale
+        origin = (round(8 * scale), round(24 * scale))
+        for text_color, width in ((_OUTLINE, thickness + 2), (color, thickness)):
+            cv2.putText(canvas, text, origin, _FONT, font_scale, text_color, width, cv2.LINE_AA)
+    return canvas
+
+
+def _canvas(image: NDArray[Any]) -> NDArray[Any]:
+    if image.ndim == 3:
+        return image.copy()
+    if image.dtype != np.uint8:
+        # From a sample of the pixels, so that a thermal image costs no more than the drawing.
+        low, high = np.percentile(image[::_SAMPLING, ::_SAMPLING], _GRAY_PERCENTILES)
+        gain = 255.0 / max(high - low, 1.0)
+        image = cv2.convertScaleAbs(np.maximum(image, low), alpha=gain, beta=-gain * low)
+    return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+
+
+def _particle_boxes(estimate: Estimate, scale: float) -> NDArray[np.float64]:
+    """(N, 4) squares at the particles' centers with sides by weight."""
+    boxes = estimate.particle_boxes
+    smallest, largest = (side * scale for side in _PARTICLE_SIDES)
+    share = estimate.weights / estimate.weights.max()
+    sides = smallest + (largest - smallest) * share[:, None]
+    centers = boxes[:, :2] + boxes[:, 2:] / 2
+    return np.hstack([centers - sides / 2, np.repeat(sides, 2, axis=1)])
+
+
+def _draw_boxes(
+    canvas: NDArray[Any], boxes: NDArray[np.float64], color: Color, thickness: int
+) -> None:
+    height, width = canvas.shape[:2]
+    # The last pixel inside [x, x + width); far outside is cut off, for OpenCV's integers.
+    left, top = boxes[:, 0], boxes[:, 1]
+    right, bottom = left + boxes[:, 2] - 1, top + boxes[:, 3] - 1
+    x = np.clip(np.rint([left, right, right, left]), -width, 2 * width)
+    y = np.clip(np.rint([top, top, bottom, bottom]), -height, 2 * height)
+    corners = np.ascontiguousarray(np.stack([x.T, y.T], axis=-1), dtype=np.int32)
+    cv2.polylines(canvas, list(corners), isClosed=True, color=color, thickness=thickness)

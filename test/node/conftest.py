@@ -1,0 +1,301 @@
+"""Real nodes over real DDS: a tracker in a thread or a process, and a client that talks to it."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from array import array
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Point32, PolygonStamped
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Image, PointCloud2
+
+from pf_tracker_ros.node.tracker_node import TrackerNode
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+DEADLINE = 15.0
+FRAME_INTERVAL = 40_000_000
+FIRST_STAMP = 1_700_000_000_000_000_000
+
+
+@dataclass(frozen=True)
+class Status:
+    stamp: int
+    name: str
+    level: str
+    message: str
+    values: dict
+
+
+def stamp_of(header):
+    return header.stamp.sec * 10**9 + header.stamp.nanosec
+
+
+def set_stamp(header, stamp):
+    header.stamp.sec, header.stamp.nanosec = divmod(stamp, 10**9)
+
+
+class Client(Node):
+    """Sends images and targets to a tracker and keeps what it answers."""
+
+    def __init__(
+        self, context, *, particles=False, overlay=False, reliability="RELIABLE", namespace=""
+    ):
+        super().__init__("client", context=context, namespace=namespace)
+        self.statuses, self.boxes, self.particles, self.overlays = [], [], [], []
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(self)
+        quality = QoSProfile(depth=10, reliability=ReliabilityPolicy[reliability])
+        self.images = self.create_publisher(Image, "image", quality)
+        self.targets = self.create_publisher(PolygonStamped, "pf_tracker/target", 10)
+        subscriptions = [
+            (DiagnosticArray, "status", lambda message: self.statuses.append(_parsed(message))),
+            (PolygonStamped, "box", self.boxes.append),
+        ]
+        if particles:
+            subscriptions.append((PointCloud2, "particles", self.particles.append))
+        if overlay:
+            subscriptions.append((Image, "overlay", self.overlays.append))
+        for message_type, name, callback in subscriptions:
+            self.create_subscription(message_type, f"pf_tracker/{name}", callback, 100)
+        self.parameters = AsyncParameterClient(self, "pf_tracker")
+
+    @staticmethod
+    def at(index):
+        """The stamp of a frame by its index, counted from 0, at an even rate."""
+        return FIRST_STAMP + round(index * FRAME_INTERVAL)
+
+    @staticmethod
+    def message(image, stamp, encoding="bgr8"):
+        """An image message without padding, built without the project's own code."""
+        message = Image(height=image.shape[0], width=image.shape[1], encoding=encoding)
+        message.step = image[0].nbytes
+        message.data = array("B", image.tobytes())
+        message.header.frame_id = "camera"
+        set_stamp(message.header, stamp)
+        return message
+
+    def wait_for(self, condition, what, deadline=DEADLINE):
+        """Spin until `condition()` is true and return it; fail after the deadline."""
+        end = time.monotonic() + deadline
+        while not (result := condition()):
+            assert time.monotonic() < end, f"no {what} within {deadline} s"
+            self._executor.spin_once(timeout_sec=0.02)
+        return result
+
+    def send(self, message):
+        """Publish an image message and return the status that answers it."""
+        stamp, before = stamp_of(message.header), len(self.statuses)
+        self.images.publish(message)
+
+        def answers():
+            return [status for status in self.statuses[before:] if status.stamp == stamp]
+
+        return self.wait_for(answers, f"status for stamp {stamp}")[0]
+
+    def meet(self):
+        """Wait until a tracker in a process answers; it refuses these images and nothing else."""
+        ping = self.message(np.zeros((1, 1), np.uint8), 1, "ping")
+
+        def answered():
+            self.images.publish(ping)
+            return self.statuses and self.targets.get_subscription_count()
+
+        self.wait_for(answered, "status of the process")
+
+    def show(self, image, stamp, encoding="bgr8"):
+        """Publish an image and return the status that answers it."""
+        return self.send(self.message(image, stamp, encoding))
+
+    def show_all(self, images, encoding="bgr8"):
+        """Show images one interval apart and return their statuses."""
+        return [self.show(image, self.at(i), encoding) for i, image in enumerate(images)]
+
+    def point_at(self, box, stamp=0):
+        """Send a target given by two opposite corners."""
+        x, y, width, height = (float(value) for value in box)
+        self.send_target([(x, y), (x + width, y + height)], stamp)
+
+    def send_target(self, points, stamp=0):
+        message = PolygonStamped()
+        set_stamp(message.header, stamp)
+        message.polygon.points = [Point32(x=float(x), y=float(y)) for x, y in points]
+        self.targets.publish(message)
+        # The tracker must have it before the next image, which comes by another topic.
+        assert self.targets.wait_for_all_acked(rclpy.duration.Duration(seconds=DEADLINE))
+
+    def box_at(self, stamp):
+        """The message with the box of a frame."""
+        return self.answer(self.boxes, stamp)
+
+    def answer(self, messages, stamp):
+        """The message among `messages` with this stamp, once it has come."""
+
+        def found():
+            return [message for message in messages if stamp_of(message.header) == stamp]
+
+        return self.wait_for(found, f"message for stamp {stamp}")[0]
+
+    def set_parameters(self, **values):
+        """Set parameters in one atomic step; double underscores stand for dots."""
+        parameters = [
+            value
+            if isinstance(value, Parameter)
+            else Parameter(name.replace("__", "."), value=value)
+            for name, value in values.items()
+        ]
+        return self.call(self.parameters.set_parameters_atomically, parameters).result
+
+    def call(self, request, *arguments):
+        """The response to a request to a parameter service."""
+        self.wait_for(self.parameters.services_are_ready, "parameter services")
+        future = request(*arguments)
+        self.wait_for(future.done, "response of a parameter service")
+        return future.result()
+
+    def close(self):
+        self._executor.shutdown()
+        self.destroy_node()
+
+
+def _parsed(message):
+    (status,) = message.status
+    levels = {getattr(DiagnosticStatus, level): level for level in ("OK", "WARN", "ERROR", "STALE")}
+    return Status(
+        stamp=stamp_of(message.header),
+        name=status.name,
+        level=levels[status.level],
+        message=status.message,
+        values={item.key: item.value for item in status.values},
+    )
+
+
+class Graph:
+    """The nodes of one test, each with a context of its own, that is, as if in its own process."""
+
+    def __init__(self, domain):
+        self._domain = domain
+        self._closing = []
+
+    def client(self, **options):
+        client = Client(self.context(), **options)
+        self._closing.append(client.close)
+        return client
+
+    def tracker(self, client=None, namespace="", **parameters):
+        """Start a tracker in a thread and wait until it and the client know each other.
+
+        Parameters are start-up overrides, double underscores standing for dots.
+        """
+        node = TrackerNode(
+            context=self.context(),
+            namespace=namespace,
+            parameter_overrides=[
+                Parameter(name.replace("__", "."), value=value)
+                for name, value in parameters.items()
+            ],
+        )
+        executor = SingleThreadedExecutor(context=node.context)
+        executor.add_node(node)
+        thread = threading.Thread(target=_spin, args=(executor,))
+        thread.start()
+
+        def close():
+            node.context.try_shutdown()
+            thread.join(DEADLINE)
+            node.destroy_node()
+
+        self._closing.append(close)
+        if client is not None:
+            self.introduce(client, node)
+        return node
+
+    def introduce(self, client, node):
+        outward = [publisher for publisher in node.publishers if "pf_tracker" in publisher.topic]
+        expected = sum(
+            publisher.topic_name == subscription.topic_name
+            for publisher in outward
+            for subscription in client.subscriptions
+        )
+
+        def acquainted():
+            return (
+                client.images.get_subscription_count()
+                and client.targets.get_subscription_count()
+                and sum(publisher.get_subscription_count() for publisher in outward) == expected
+            )
+
+        client.wait_for(acquainted, "connection of client and tracker")
+
+    def process(self, *arguments, module="pf_tracker_ros.node.tracker_node"):
+        """Start a node as a process of its own."""
+        process = subprocess.Popen(
+            [sys.executable, "-m", module, *(["--ros-args", *arguments] if arguments else [])],
+            cwd=REPOSITORY,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )
+        self._closing.append(lambda: _end(process))
+        return process
+
+    def context(self):
+        context = Context()
+        rclpy.init(context=context, domain_id=self._domain)
+        self._closing.append(context.try_shutdown)
+        return context
+
+    def close(self):
+        for close in reversed(self._closing):
+            close()
+
+
+def _spin(executor):
+    with contextlib.suppress(ExternalShutdownException):
+        executor.spin()
+
+
+def _end(process):
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+    process.communicate()
+
+
+@pytest.fixture
+def graph(ros_domain):
+    """The test's nodes in a ROS domain of its own."""
+    graph = Graph(ros_domain)
+    yield graph
+    graph.close()
+
+
+@pytest.fixture(scope="session")
+def noise():
+    """A function that makes images of textured noise."""
+
+    def make(height=48, width=64, channels=3, seed=0, kind=np.uint8):
+        shape = (height, width, channels) if channels > 1 else (height, width)
+        return np.random.default_rng(seed).integers(
+            0, np.iinfo(kind).max, shape, dtype=kind, endpoint=True
+        )
+
+    return make

@@ -1,0 +1,136 @@
+import math
+import struct
+from array import array
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Point32, PolygonStamped
+from hypothesis import given
+from hypothesis import strategies as st
+from std_msgs.msg import Header
+
+from pf_tracker_ros import Estimate
+from pf_tracker_ros.node.image_decoding import decode
+from pf_tracker_ros.node.message_building import (
+    TargetError,
+    box_message,
+    box_of_polygon,
+    estimate_values,
+    image_message,
+    particles_message,
+    status_message,
+)
+
+
+@pytest.fixture
+def header():
+    header = Header(frame_id="camera")
+    header.stamp.sec, header.stamp.nanosec = 12, 34
+    return header
+
+
+def polygon(*points):
+    message = PolygonStamped()
+    message.polygon.points = [Point32(x=float(x), y=float(y)) for x, y in points]
+    return message
+
+
+def make_estimate(particle_boxes, weights):
+    return Estimate(
+        box=(1.0, 2.0, 3.0, 4.0),
+        state="tracking",
+        confidence=0.1,
+        covariance=np.array([[1 / 3, -0.5], [-0.5, 2 / 3]]),
+        particles=np.zeros((len(weights), 4)),
+        particle_boxes=np.array(particle_boxes, np.float64),
+        weights=np.array(weights, np.float64),
+        effective_sample_size=1.7,
+    )
+
+
+def test_a_box_becomes_its_four_corners_clockwise_from_the_top_left(header):
+    message = box_message((10.0, 20.0, 3.0, 4.0), header)
+    points = [(point.x, point.y, point.z) for point in message.polygon.points]
+    assert points == [(10, 20, 0), (13, 20, 0), (13, 24, 0), (10, 24, 0)]
+    assert message.header == header
+
+
+@given(
+    st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(1.0, 1e4), st.floats(1.0, 1e4))
+)
+def test_a_box_survives_the_way_through_a_polygon(box):
+    assert box_of_polygon(box_message(box, Header())) == pytest.approx(box, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        [(10, 20), (40, 60)],
+        [(40, 60), (10, 20)],
+        [(10, 60), (40, 20)],
+        [(25, 20), (40, 60), (10, 50)],
+        [(10, 20), (40, 20), (40, 60), (10, 60), (10, 20)],
+    ],
+)
+def test_a_target_is_the_bounding_rectangle_of_its_points(points):
+    assert box_of_polygon(polygon(*points)) == (10, 20, 30, 40)
+
+
+@pytest.mark.parametrize(
+    ("points", "reason"),
+    [
+        ([], "0 points"),
+        ([(1, 2)], "1 points"),
+        ([(1, 2), (1, 2)], "0 x 0 px"),
+        ([(1, 2), (1, 9), (1, 5)], "0 x 7 px"),
+        ([(1, 2), (9, 2)], "8 x 0 px"),
+        ([(1, 2), (math.nan, 9)], "not finite"),
+        ([(1, 2), (3, math.inf)], "not finite"),
+    ],
+)
+def test_a_polygon_without_area_is_refused_with_the_reason(points, reason):
+    with pytest.raises(TargetError, match=reason):
+        box_of_polygon(polygon(*points))
+
+
+def test_particles_are_packed_at_the_centers_of_their_boxes(header):
+    estimate = make_estimate([(10, 20, 4, 6), (-1.5, 0, 1, 3)], [0.75, 0.25])
+    cloud = particles_message(estimate, header)
+    assert [field.name for field in cloud.fields] == ["x", "y", "z", "width", "height", "weight"]
+    assert [field.offset for field in cloud.fields] == [0, 4, 8, 12, 16, 20]
+    assert (cloud.width, cloud.height, cloud.point_step, cloud.row_step) == (2, 1, 24, 48)
+    assert struct.unpack("=12f", cloud.data.tobytes()) == (
+        *(12, 23, 0, 4, 6, 0.75),
+        *(-1.0, 1.5, 0, 1, 3, 0.25),
+    )
+    assert cloud.header == header
+
+
+def test_an_image_survives_the_way_through_a_message(header, noise):
+    image = noise(height=7, width=5)
+    message = image_message(image, header)
+    assert isinstance(message.data, array)
+    assert np.array_equal(decode(message), image)
+    assert message.header == header
+
+
+def test_an_image_that_is_not_contiguous_is_packed(header, noise):
+    image = noise(height=7, width=10)[:, ::2]
+    assert np.array_equal(decode(image_message(image, header)), image)
+
+
+def test_numbers_in_a_status_read_back_to_the_same_values(header):
+    estimate = make_estimate([(0, 0, 1, 1)] * 3, [0.2, 0.3, 0.5])
+    values = estimate_values(estimate)
+    status = status_message(header, "/pf_tracker", DiagnosticStatus.WARN, "text", values).status[0]
+    read = {item.key: float(item.value) for item in status.values}
+    assert read == {
+        "confidence": 0.1,
+        "covariance_xx": 1 / 3,
+        "covariance_xy": -0.5,
+        "covariance_yy": 2 / 3,
+        "effective_sample_size": 1.7,
+        "particles": 3,
+    }
+    assert (status.name, status.level, status.message) == ("/pf_tracker", b"\x01", "text")

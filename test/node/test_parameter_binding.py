@@ -1,0 +1,251 @@
+"""Declared parameters on a real node."""
+
+import math
+from dataclasses import dataclass
+
+import pytest
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from pf_tracker_ros.node.parameter_binding import ParameterBinding
+from pf_tracker_ros.parameters import declarations, declared
+
+
+@dataclass(frozen=True)
+class Group:
+    rate: float = declared(1.0, "How often.", unit="Hz", minimum=0.5, maximum=10.0)
+    count: int = declared(3, "How many.", minimum=1, maximum=10)
+    box: tuple[float, ...] = declared(
+        (), "Where.", unit="px", minimum=0.0, maximum=100.0, lengths=(0, 4)
+    )
+    mode: str = declared("slow", "Which way.", choices=("slow", "fast"))
+    fixed: float = declared(1.0, "Not at run time.", minimum=0.0, maximum=2.0, read_only=True)
+    switch: bool = declared(False, "Whether.")
+
+
+DECLARATIONS = declarations(Group)
+
+
+class Bound:
+    """A node with a binding, all that it reported, and all that it applied."""
+
+    def __init__(self, context, overrides):
+        parameters = [Parameter(name, value=value) for name, value in overrides.items()]
+        self.node = Node("bound", context=context, parameter_overrides=parameters)
+        self.reports = []
+        self.applied = []
+        self.binding = ParameterBinding(self.node, self.reports.append)
+
+    def listen(self, **options):
+        self.binding.listen(apply=lambda changes: self.applied.append(dict(changes)), **options)
+        return self
+
+    def set(self, **values):
+        parameters = [Parameter(name, value=value) for name, value in values.items()]
+        return self.node.set_parameters_atomically(parameters)
+
+
+@pytest.fixture
+def bind(graph):
+    """A function that makes a node with the overrides and binds the group to it."""
+
+    def make(defaults=None, **overrides):
+        bound = Bound(graph.context(), overrides)
+        bound.binding.declare(DECLARATIONS, defaults)
+        return bound
+
+    return make
+
+
+def test_every_parameter_gets_its_type_description_range_and_default(bind):
+    node = bind().listen().node
+    described = {name: node.describe_parameter(name) for name in DECLARATIONS}
+    kinds = {name: node.get_parameter(name).type_.name for name in DECLARATIONS}
+    assert kinds == {
+        "rate": "DOUBLE",
+        "count": "INTEGER",
+        "box": "DOUBLE_ARRAY",
+        "mode": "STRING",
+        "fixed": "DOUBLE",
+        "switch": "BOOL",
+    }
+    assert described["rate"].description == "How often. [Hz]"
+    assert described["mode"].description == "Which way."
+    (limits,) = described["rate"].floating_point_range
+    assert (limits.from_value, limits.to_value) == (0.5, 10.0)
+    (limits,) = described["count"].integer_range
+    assert (limits.from_value, limits.to_value, limits.step) == (1, 10, 1)
+    assert "'slow' or 'fast'" in described["mode"].additional_constraints
+    assert "0 or 4 numbers, each 0 to 100" in described["box"].additional_constraints
+    assert [name for name in described if described[name].read_only] == ["fixed"]
+    assert node.get_parameter("rate").value == 1.0
+    assert list(node.get_parameter("box").value) == []
+
+
+def test_what_is_given_at_start_up_comes_over_the_defaults(bind):
+    bound = bind(
+        defaults={**Group().__dict__, "rate": 2.0, "count": 4},
+        count=5,
+        box=[1.0, 2.0, 3.0, 4.5],
+        mode="fast",
+    ).listen()
+    assert bound.binding.values == {
+        "rate": 2.0,
+        "count": 5,
+        "box": (1.0, 2.0, 3.0, 4.5),
+        "mode": "fast",
+        "fixed": 1.0,
+        "switch": False,
+    }
+    assert bound.binding.given == {"count", "box", "mode"}
+    assert not bound.reports
+    assert bound.node.get_parameter("count").value == 5
+
+
+def test_whole_numbers_are_taken_for_floats(bind):
+    bound = bind(rate=2, box=[1, 2, 3, 4]).listen()
+    assert bound.binding.values["box"] == (1.0, 2.0, 3.0, 4.0)
+    assert bound.node.get_parameter("rate").value == 2.0
+    assert bound.set(rate=3, box=[5, 6, 7, 8]).successful
+    assert bound.binding.values["rate"] == 3.0
+    assert bound.binding.values["box"] == (5.0, 6.0, 7.0, 8.0)
+    assert isinstance(bound.node.get_parameter("rate").value, float)
+    assert not bound.reports
+
+
+WRONG = {
+    "text for a number": ("rate", "quick", "float, 0.5 to 10"),
+    "a flag for a number": ("rate", True, "float, 0.5 to 10"),
+    "below the range": ("rate", 0.4999, "float, 0.5 to 10"),
+    "above the range": ("count", 11, "int, 1 to 10"),
+    "not a number": ("rate", math.nan, "float, 0.5 to 10"),
+    "infinite": ("rate", math.inf, "float, 0.5 to 10"),
+    "a fraction for an int": ("count", 2.0, "int, 1 to 10"),
+    "no choice": ("mode", "swift", "'slow' or 'fast'"),
+    "a number for text": ("mode", 1, "'slow' or 'fast'"),
+    "too short a list": ("box", [1.0, 2.0], "0 or 4 numbers, each 0 to 100"),
+    "not a number in a list": ("box", [1.0, 2.0, math.nan, 4.0], "each 0 to 100"),
+    "out of range in a list": ("box", [1.0, 2.0, 300.0, 4.0], "each 0 to 100"),
+    "text in a list": ("box", ["a", "b", "c", "d"], "each 0 to 100"),
+    "a number for a list": ("box", 5.0, "each 0 to 100"),
+    "text for a list": ("box", "1234", "each 0 to 100"),
+    "a number for a flag": ("switch", 1, "true or false"),
+}
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_a_wrong_value_is_refused_at_start_up_and_at_run_time(bind, kind):
+    name, value, allowed = WRONG[kind]
+    default = DECLARATIONS[name].default
+
+    at_start_up = bind(**{name: value}).listen()
+    (report,) = at_start_up.reports
+    assert report.startswith(f"parameter '{name}' is {value!r}")
+    assert allowed in report
+    assert at_start_up.binding.refused == {name: report}
+    assert at_start_up.binding.values[name] == default
+
+    at_run_time = bind().listen()
+    result = at_run_time.set(**{name: value})
+    assert not result.successful
+    assert result.reason
+    assert at_run_time.reports == [report]
+    assert at_run_time.binding.values[name] == default
+    assert not at_run_time.binding.refused
+    assert not at_run_time.applied
+
+
+def test_every_wrong_value_at_start_up_is_reported(bind):
+    bound = bind(rate=math.nan, count="many", mode="fast", switch=3).listen()
+    assert set(bound.binding.refused) == {"rate", "count", "switch"}
+    assert len(bound.reports) == 3
+    assert bound.binding.values["mode"] == "fast"
+
+
+def test_a_value_refused_at_start_up_is_set_rightly_at_run_time(bind):
+    bound = bind(rate=-1.0, count=0).listen()
+    assert bound.set(rate=2.0).successful
+    assert set(bound.binding.refused) == {"count"}
+    assert bound.set(count=1).successful
+    assert not bound.binding.refused
+    assert bound.applied == [{"rate": 2.0}, {"count": 1}]
+
+
+def test_a_set_is_all_or_nothing(bind):
+    bound = bind().listen()
+    assert not bound.set(rate=5.0, mode="swift").successful
+    assert not bound.set(rate=5.0, count=99).successful
+    assert bound.node.get_parameter("rate").value == bound.binding.values["rate"] == 1.0
+    assert bound.set(rate=5.0, count=9).successful
+    assert bound.applied == [{"rate": 5.0, "count": 9}]
+
+
+def test_values_that_contradict_each_other_are_refused_together(bind):
+    def check(values):
+        if values["rate"] * values["count"] > 20:
+            raise ValueError("rate times count is above 20")
+
+    bound = bind().listen(check=check)
+    result = bound.set(rate=9.0, count=9)
+    assert (result.successful, result.reason) == (False, "rate times count is above 20")
+    assert bound.reports == ["rate times count is above 20"]
+    assert bound.set(rate=9.0, count=2).successful
+    assert not bound.set(count=3).successful
+    assert bound.binding.values["count"] == 2
+
+
+def test_a_read_only_parameter_keeps_its_value_at_run_time(bind):
+    bound = bind(fixed=1.5).listen()
+    result = bound.set(fixed=0.5)
+    assert not result.successful
+    assert "fixed" in result.reason
+    assert "fixed while the node runs" in bound.reports[0]
+    assert bound.binding.values["fixed"] == 1.5
+
+
+def test_a_read_only_parameter_can_be_set_until_nothing_is_refused_any_more(bind):
+    bound = bind(fixed=3.0).listen()
+    assert not bound.node.describe_parameter("fixed").read_only
+    assert bound.set(fixed=0.5).successful
+    assert bound.node.describe_parameter("fixed").read_only
+    assert not bound.set(fixed=0.6).successful
+
+
+def test_a_parameter_cannot_be_deleted(bind):
+    bound = bind().listen()
+    assert not bound.node.set_parameters_atomically([Parameter("rate")]).successful
+    assert bound.node.get_parameter("rate").value == 1.0
+
+
+def test_an_empty_list_is_taken(bind):
+    bound = bind(box=[1.0, 2.0, 3.0, 4.0]).listen()
+    assert bound.set(box=[]).successful
+    assert bound.binding.values["box"] == ()
+    assert bound.node.get_parameter("box").type_ == Parameter.Type.DOUBLE_ARRAY
+
+
+def test_a_parameter_that_does_not_exist_is_reported_with_the_likely_one(bind):
+    bound = bind(raet=2.0, use_sim_time=False).listen()
+    assert bound.reports == [
+        "there is no parameter 'raet' (did you mean 'rate'?); it has no effect"
+    ]
+    assert not bound.binding.refused
+
+
+def test_values_that_follow_from_another_are_set_with_it_unless_requested(bind):
+    def imply(requested):
+        return {"rate": 7.0, "count": 7} if requested.get("mode") == "fast" else {}
+
+    bound = bind().listen(imply=imply)
+    assert bound.set(mode="fast", count=2).successful
+    assert bound.applied == [{"mode": "fast", "count": 2, "rate": 7.0}]
+    assert bound.node.get_parameter("rate").value == 7.0
+    assert bound.binding.given == {"mode", "count"}
+
+
+def test_a_set_of_other_parameters_is_none_of_its_business(bind):
+    bound = bind().listen()
+    bound.node.declare_parameter("other", 1)
+    assert bound.set(other=2).successful
+    assert not bound.applied
+    assert not bound.reports

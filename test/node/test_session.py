@@ -1,0 +1,168 @@
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.node.session import LATE_WITHIN, Session
+from pf_tracker_ros.tracking.presets import preset_parameters
+
+SECOND = 1_000_000_000
+START = 1_000 * SECOND
+PARAMETERS = preset_parameters("li2007") | {"particles": 20}
+
+
+@pytest.fixture
+def images(moving_square):
+    return moving_square.images
+
+
+@pytest.fixture
+def box(moving_square):
+    return tuple(moving_square.boxes[0])
+
+
+@pytest.fixture
+def session():
+    return Session(PARAMETERS, seed=3)
+
+
+@pytest.fixture
+def started(session, images, box):
+    session.request(box)
+    assert session.process(images[0], START).frame == "started"
+    return session
+
+
+def library(images, box, intervals):
+    """Estimates of the library alone, fed with the images after the first."""
+    tracker = Tracker.from_preset("li2007", seed=3, parameters={"particles": 20})
+    tracker.start(images[0], box)
+    pairs = zip(images[1:], intervals, strict=True)
+    return [tracker.update(image, interval) for image, interval in pairs]
+
+
+def same(first, second):
+    return first.box == second.box and np.array_equal(first.particles, second.particles)
+
+
+def test_without_a_target_frames_wait(session, images):
+    outcome = session.process(images[0], START)
+    assert (outcome.frame, outcome.estimate) == ("waiting", None)
+
+
+def test_the_interval_is_the_difference_of_the_stamps(started, images, box):
+    stamps = [START + 20_000_000, START + 100_000_000, START + 5 * SECOND]
+    outcomes = [started.process(images[i + 1], stamp) for i, stamp in enumerate(stamps)]
+    expected = library(images[:4], box, [0.02, 0.08, 4.9])
+    assert all(
+        same(outcome.estimate, estimate)
+        for outcome, estimate in zip(outcomes, expected, strict=True)
+    )
+
+
+def test_a_frame_with_the_stamp_of_the_last_one_is_not_tracked_again(started, images, box):
+    first = started.process(images[1], START + SECOND)
+    again = started.process(images[2], START + SECOND)
+    assert again.frame == "duplicate"
+    assert again.estimate is first.estimate
+    after = started.process(images[3], START + 2 * SECOND)
+    assert same(after.estimate, library(images[[0, 1, 3]], box, [1.0, 1.0])[-1])
+
+
+def test_a_late_frame_is_dropped_and_does_not_move_the_clock(started, images, box):
+    late = started.process(images[5], START - LATE_WITHIN)
+    assert (late.frame, late.estimate.box) == ("late", box)
+    after = started.process(images[1], START + 40_000_000)
+    assert same(after.estimate, library(images[:2], box, [0.04])[0])
+
+
+def test_time_that_begins_anew_goes_on_at_the_nominal_interval(started, images, box):
+    again = started.process(images[1], START - LATE_WITHIN - 1)
+    assert again.frame == "tracked"
+    after = started.process(images[2], START - LATE_WITHIN - 1 + SECOND // 2)
+    assert same(after.estimate, library(images[:3], box, [None, 0.5])[-1])
+
+
+def test_frames_without_stamps_are_tracked_at_the_nominal_interval(session, images, box):
+    session.request(box)
+    outcomes = [session.process(image, 0) for image in images[:4]]
+    assert [outcome.frame for outcome in outcomes] == ["started", *["tracked"] * 3]
+    assert same(outcomes[-1].estimate, library(images[:4], box, [None] * 3)[-1])
+
+
+def test_one_frame_without_a_stamp_leaves_two_nominal_intervals(started, images, box):
+    for image, stamp in zip(images[1:4], [0, START + SECOND, START + 2 * SECOND], strict=True):
+        outcome = started.process(image, stamp)
+    assert same(outcome.estimate, library(images[:4], box, [None, None, 1.0])[-1])
+
+
+def test_a_target_waits_for_the_first_frame_that_is_not_before_it(session, images, box):
+    session.request(box, START + SECOND)
+    assert session.requested_stamp == START + SECOND
+    assert session.process(images[0], START + SECOND - 1).frame == "waiting"
+    assert session.process(images[0], START + SECOND + 1).frame == "started"
+    assert session.requested_stamp is None
+
+
+def test_a_target_that_waits_does_not_hold_up_the_last_one(started, images, box):
+    started.request((0.0, 0.0, 30.0, 30.0), START + 2 * SECOND)
+    assert started.process(images[1], START + SECOND).frame == "tracked"
+    outcome = started.process(images[2], START + 2 * SECOND)
+    assert (outcome.frame, outcome.estimate.box) == ("started", (0.0, 0.0, 30.0, 30.0))
+
+
+def test_a_withdrawn_target_is_not_started(session, images, box):
+    session.request(box)
+    session.withdraw()
+    assert session.process(images[0], START).frame == "waiting"
+
+
+def test_a_refused_target_leaves_the_last_one_tracked(started, images, box):
+    started.request((1000.0, 0.0, 10.0, 10.0))
+    outcome = started.process(images[1], START + 40_000_000)
+    assert outcome.frame == "tracked"
+    assert "1000" in outcome.refused_target
+    assert "outside the image" in outcome.refused_target
+    assert same(outcome.estimate, library(images[:2], box, [0.04])[0])
+
+
+def test_a_refused_target_without_another_leaves_the_session_waiting(session, images):
+    session.request((1000.0, 0.0, 10.0, 10.0))
+    assert session.process(images[0], START).frame == "waiting"
+
+
+def test_an_image_of_another_size_is_refused_and_does_not_move_the_clock(started, images, box):
+    with pytest.raises(ValueError, match="start again"):
+        started.process(images[1][:50], START + 20_000_000)
+    after = started.process(images[1], START + 40_000_000)
+    assert same(after.estimate, library(images[:2], box, [0.04])[0])
+
+
+def test_each_target_begins_the_random_sequence_anew(started, images, box):
+    started.process(images[1], START + SECOND)
+    started.request(box)
+    started.process(images[0], START + 2 * SECOND)
+    outcome = started.process(images[1], START + 3 * SECOND)
+    assert same(outcome.estimate, library(images[:2], box, [1.0])[0])
+
+
+def test_a_new_seed_counts_from_the_next_target(started, images, box):
+    started.configure(PARAMETERS, seed=4)
+    same_seed = started.process(images[1], START + SECOND)
+    assert same(same_seed.estimate, library(images[:2], box, [1.0])[0])
+    started.request(box)
+    started.process(images[0], START + 2 * SECOND)
+    other_seed = started.process(images[1], START + 3 * SECOND)
+    assert not same(other_seed.estimate, same_seed.estimate)
+
+
+def test_parameters_change_under_way(started, images):
+    started.configure(PARAMETERS | {"particles": 33}, seed=3)
+    started.process(images[1], START + SECOND)
+    assert len(started.process(images[2], START + 2 * SECOND).estimate.weights) == 33
+
+
+def test_a_refused_change_changes_nothing(started, images, box):
+    with pytest.raises(ValueError, match="particles"):
+        started.configure(PARAMETERS | {"motion.position_noise": 3.0, "particles": 0}, seed=3)
+    after = started.process(images[1], START + 40_000_000)
+    assert same(after.estimate, library(images[:2], box, [0.04])[0])

@@ -1,0 +1,374 @@
+"""The node's topics: real messages over DDS in, real messages out."""
+
+import itertools
+import math
+from array import array
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Tracker
+
+# Few particles keep the tests quick; never occluded, so that each frame has a box.
+QUICK = {
+    "preset": "li2007",
+    "particles": 20,
+    "track__occluded_below": 0.0,
+    "image_reliability": "reliable",
+}
+COVARIANCE = (("xx", "xy"), ("xy", "yy"))
+
+
+@pytest.fixture
+def client(graph):
+    return graph.client()
+
+
+@pytest.fixture
+def images(moving_square):
+    return moving_square.images
+
+
+@pytest.fixture
+def box(moving_square):
+    return tuple(float(value) for value in moving_square.boxes[0])
+
+
+def corners(message):
+    return [(point.x, point.y) for point in message.polygon.points]
+
+
+def corners_of(box):
+    x, y, width, height = box
+    points = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
+    return [tuple(float(np.float32(value)) for value in point) for point in points]
+
+
+def library_boxes(images, box, intervals, **options):
+    """Boxes of the library alone, fed with the same frames."""
+    values = {"particles": 20, "track.occluded_below": 0.0}
+    tracker = Tracker.from_preset("li2007", parameters=values, **options)
+    boxes = [tracker.start(images[0], box).box]
+    pairs = zip(images[1:], intervals, strict=True)
+    return boxes + [tracker.update(image, interval).box for image, interval in pairs]
+
+
+def test_without_a_target_every_frame_is_answered_by_an_idle_status(graph, client, images):
+    graph.tracker(client, **QUICK)
+    statuses = client.show_all(images[:3])
+    assert [status.stamp for status in statuses] == [client.at(0), client.at(1), client.at(2)]
+    for status in statuses:
+        assert (status.level, status.message) == ("OK", "waiting for a target")
+        assert status.values["state"] == "idle"
+        assert status.values["frame"] == "waiting"
+    assert not client.boxes
+
+
+def test_boxes_are_those_of_the_library_fed_with_the_same_frames(graph, client, images, box):
+    graph.tracker(client, seed=5, **QUICK)
+    stamps = [
+        client.at(0),
+        client.at(1),
+        client.at(2),
+        client.at(2) + 7_000_000,
+        client.at(9),
+        client.at(60),
+    ]
+    client.point_at(box)
+    for image, stamp in zip(images, stamps, strict=False):
+        client.show(image, stamp)
+    intervals = [(after - before) / 1e9 for before, after in itertools.pairwise(stamps)]
+    expected = library_boxes(images[: len(stamps)], box, intervals, seed=5)
+    for stamp, expected_box in zip(stamps, expected, strict=True):
+        message = client.box_at(stamp)
+        assert corners(message) == corners_of(expected_box)
+        assert message.header.frame_id == "camera"
+
+
+def test_the_box_is_the_target_in_the_frame_that_starts_it(graph, client, images, box):
+    graph.tracker(client, **QUICK)
+    x, y, width, height = box
+    client.send_target([(x + width, y), (x, y + height), (x + 1, y + 1)])
+    status = client.show(images[0], client.at(0))
+    assert status.values["frame"] == "started"
+    assert float(status.values["confidence"]) == 1.0
+    assert corners(client.box_at(client.at(0))) == corners_of(box)
+
+
+def test_a_status_tells_state_and_numbers_of_every_frame(graph, client, images, box):
+    graph.tracker(client, target_box=list(box), **QUICK)
+    for status in client.show_all(images[:4]):
+        assert status.name == "/pf_tracker"
+        assert (status.level, status.message) == ("OK", "tracking")
+        values = status.values
+        assert values["state"] == "tracking"
+        assert values["preset"] == "li2007"
+        assert values["last_error"] == ""
+        assert 0.0 <= float(values["confidence"]) <= 1.0
+        assert int(values["particles"]) == 20
+        assert 1.0 <= float(values["effective_sample_size"]) <= 20.0
+        covariance = [[float(values[f"covariance_{axes}"]) for axes in row] for row in COVARIANCE]
+        assert np.linalg.eigvalsh(covariance).min() >= 0.0
+        assert 0.0 < float(values["processing_time_ms"]) < 10_000.0
+
+
+def test_an_occluded_target_has_a_box_and_a_lost_one_has_none(graph, client, images, box):
+    parameters = QUICK | {"track__occluded_below": 1.0, "track__lost_after": 0.1}
+    graph.tracker(client, target_box=list(box), **parameters)
+    statuses = client.show_all(images[:5])
+    states = [status.values["state"] for status in statuses]
+    assert states == ["tracking", "occluded", "occluded", "lost", "lost"]
+    levels = [status.level for status in statuses]
+    assert levels == ["OK", "WARN", "WARN", "ERROR", "ERROR"]
+    client.point_at(box)
+    client.show(images[0], client.at(9))
+    client.box_at(client.at(9))
+    stamps = [message.header.stamp.nanosec for message in client.boxes]
+    assert stamps == [client.at(index) % 10**9 for index in (0, 1, 2, 9)]
+
+
+def test_particles_and_overlay_come_with_each_frame_that_is_tracked(graph, images, box):
+    client = graph.client(particles=True, overlay=True)
+    graph.tracker(client, target_box=list(box), **QUICK)
+    client.show_all(images[:3])
+    for index in range(3):
+        cloud = client.answer(client.particles, client.at(index))
+        values = np.frombuffer(cloud.data, np.float32).reshape(-1, 6)
+        assert len(values) == cloud.width == 20
+        assert values[:, 5].sum() == pytest.approx(1.0, abs=1e-5)
+        assert (values[:, 2] == 0).all()
+        assert (values[:, 3:5] == 24).all()
+        overlay = client.answer(client.overlays, client.at(index))
+        drawn = np.frombuffer(overlay.data, np.uint8).reshape(images[index].shape)
+        assert overlay.encoding == "bgr8"
+        assert 0.01 < (drawn != images[index]).any(axis=2).mean() < 0.5
+    x, y, width, height = box
+    cloud = client.answer(client.particles, client.at(0))
+    values = np.frombuffer(cloud.data, np.float32).reshape(-1, 6)
+    assert np.average(values[:, 0], weights=values[:, 5]) == pytest.approx(x + width / 2, abs=3)
+    assert np.average(values[:, 1], weights=values[:, 5]) == pytest.approx(y + height / 2, abs=3)
+
+
+def test_the_overlay_shows_the_image_while_there_is_no_target(graph, images):
+    client = graph.client(overlay=True)
+    graph.tracker(client, **QUICK)
+    client.show(images[0], client.at(0))
+    overlay = client.answer(client.overlays, client.at(0))
+    drawn = np.frombuffer(overlay.data, np.uint8).reshape(images[0].shape)
+    assert np.array_equal(drawn[40:], images[0][40:])
+
+
+def test_the_same_picture_gives_the_same_boxes_in_every_layout(graph, client, images, box):
+    graph.tracker(client, **QUICK)
+    layouts = {
+        "bgr8": images[:4],
+        "rgb8": np.ascontiguousarray(images[:4, ..., ::-1]),
+    }
+    boxes = []
+    for encoding, frames in layouts.items():
+        client.boxes.clear()
+        client.point_at(box)
+        client.show_all(frames, encoding)
+        boxes.append([corners(client.box_at(client.at(index))) for index in range(4)])
+        client.show(images[0], 1)
+    assert boxes[0] == boxes[1]
+
+
+@pytest.mark.parametrize("encoding", ["mono8", "mono16"])
+def test_gray_images_are_tracked(graph, client, images, box, encoding):
+    graph.tracker(client, target_box=list(box), **QUICK)
+    gray = images[:4].mean(axis=3)
+    frames = (gray * 250).astype(np.uint16) if encoding == "mono16" else gray.astype(np.uint8)
+    client.show_all(frames, encoding)
+    expected = library_boxes(frames, box, [0.04] * 3)
+    assert [corners(client.box_at(client.at(i))) for i in range(4)] == [
+        corners_of(b) for b in expected
+    ]
+
+
+def test_a_target_waits_for_the_frame_that_its_stamp_names(graph, client, images, box):
+    graph.tracker(client, **QUICK)
+    client.point_at(box, stamp=client.at(2))
+    statuses = client.show_all(images[:4])
+    assert [s.values["frame"] for s in statuses] == ["waiting", "waiting", "started", "tracked"]
+    seconds = f"{client.at(2) // 10**9}.{client.at(2) % 10**9:09d}"
+    assert seconds in statuses[0].message
+
+
+REFUSED_TARGETS = {
+    "no points": ([], "0 points"),
+    "one point": ([(10, 10)], "1 points"),
+    "one point twice": ([(10, 10), (10, 10)], "0 x 0 px"),
+    "not a number": ([(10, 10), (math.nan, 30)], "not finite"),
+    "infinite": ([(10, 10), (math.inf, 30)], "not finite"),
+    "outside": ([(1000, 10), (1030, 30)], "outside the image"),
+    "larger than the image": ([(0, 0), (500, 400)], "larger than the image, 160 x 120"),
+    "smaller than a pixel": ([(10, 10), (10.5, 10.5)], "at least 1 px"),
+}
+
+
+def test_a_refused_target_says_why_and_leaves_the_last_one_tracked(graph, client, images, box):
+    graph.tracker(client, target_box=list(box), **QUICK)
+    client.show(images[0], client.at(0))
+    for index, (points, reason) in enumerate(REFUSED_TARGETS.values(), start=1):
+        client.send_target(points)
+        status = client.show(images[index], client.at(index))
+        assert status.level == "WARN"
+        assert status.message.startswith("target refused: ")
+        assert reason in status.message
+        assert status.values["last_error"] == status.message
+        assert status.values["frame"] == "tracked"
+    count = len(REFUSED_TARGETS)
+    quiet = client.show(images[count + 1], client.at(count + 1))
+    assert (quiet.level, quiet.message) == ("OK", "tracking")
+    expected = library_boxes(images[: count + 2], box, [0.04] * (count + 1))
+    assert corners(client.box_at(client.at(count + 1))) == corners_of(expected[-1])
+
+
+def test_a_refused_target_without_another_leaves_the_node_waiting(graph, client, images):
+    graph.tracker(client, target_box=[500.0, 0.0, 20.0, 20.0], **QUICK)
+    status = client.show(images[0], client.at(0))
+    assert (status.level, status.values["state"]) == ("WARN", "idle")
+    assert "box (500, 0, 20, 20) is outside the image, 160 x 120 px" in status.message
+
+
+def malformed(client, image, stamp):
+    """Messages with one fault each, and what the node says of it."""
+
+    def changed(encoding="bgr8", **fields):
+        message = client.message(image, stamp, encoding)
+        for name, value in fields.items():
+            setattr(message, name, value)
+        return message
+
+    height, width = image.shape[:2]
+    yield changed(data=array("B")), "data has 0 bytes"
+    yield changed(data=array("B", bytes(10))), "data has 10 bytes"
+    yield changed(width=0, height=0), "width is 0 px"
+    yield changed(height=0), "height is 0 px"
+    yield changed(step=0), "step is 0 bytes"
+    yield changed(step=3 * width - 1), f"step is {3 * width - 1} bytes"
+    yield changed(height=height + 1), f"data has {3 * width * height} bytes"
+    yield changed(width=2**32 - 1, step=2**32 - 1), "width is 4294967295 px"
+    yield changed(height=2**32 - 1), "height is 4294967295 px"
+    yield changed("mono16"), "start again"
+    yield changed("yuv_from_mars"), "encoding is 'yuv_from_mars'; allowed: bgr8"
+    yield changed(""), "encoding is ''"
+    yield client.message(image[: height // 2], stamp), "start again"
+    yield client.message(image[:1, :1], stamp), "start again"
+
+
+def test_every_malformed_image_is_answered_and_the_next_good_one_tracked_as_if_it_never_came(
+    graph, client, images, box
+):
+    graph.tracker(client, target_box=list(box), **QUICK)
+    client.show(images[0], client.at(0))
+    for message, reason in malformed(client, images[1], client.at(0) + 1_000_000):
+        status = client.send(message)
+        assert status.level == "ERROR"
+        assert reason in status.message
+        assert status.values["frame"] == "refused"
+        assert status.values["state"] == "tracking"
+        assert status.values["last_error"] == status.message
+    good = client.show(images[1], client.at(1))
+    assert (good.level, good.values["frame"]) == ("OK", "tracked")
+    expected = library_boxes(images[:2], box, [0.04])
+    assert corners(client.box_at(client.at(1))) == corners_of(expected[1])
+
+
+def test_images_without_texture_or_light_are_survived(graph, client, images, box):
+    graph.tracker(client, target_box=list(box), **QUICK)
+    client.show(images[0], client.at(0))
+    for index, value in enumerate([0, 255, 128], start=1):
+        status = client.show(np.full_like(images[0], value), client.at(index))
+        assert status.values["frame"] == "tracked"
+        assert all(
+            math.isfinite(x) for point in corners(client.box_at(client.at(index))) for x in point
+        )
+
+
+def test_a_frame_that_comes_twice_is_answered_twice_and_tracked_once(graph, client, images, box):
+    graph.tracker(client, target_box=list(box), **QUICK)
+    client.show(images[0], client.at(0))
+    first = client.show(images[1], client.at(1))
+    again = client.show(images[1], client.at(1))
+    assert (first.values["frame"], again.values["frame"]) == ("tracked", "duplicate")
+    assert again.values["confidence"] == first.values["confidence"]
+    client.show(images[2], client.at(2))
+    client.box_at(client.at(2))
+    assert len(client.boxes) == 3
+
+
+def test_a_late_frame_is_dropped_and_a_loop_of_the_bag_is_followed(graph, client, images, box):
+    graph.tracker(client, target_box=list(box), **QUICK)
+    client.show(images[0], client.at(100))
+    client.show(images[1], client.at(101))
+    assert client.show(images[0], client.at(99)).values["frame"] == "late"
+    assert client.show(images[2], client.at(0)).values["frame"] == "tracked"
+    client.show(images[3], client.at(1))
+    expected = library_boxes(images[:4], box, [0.04, None, 0.04])
+    assert corners(client.box_at(client.at(1))) == corners_of(expected[-1])
+
+
+def test_frames_without_stamps_are_all_tracked(graph, client, images, box):
+    graph.tracker(client, target_box=list(box), **QUICK)
+    statuses = [client.show(image, 0) for image in images[:4]]
+    assert [status.values["frame"] for status in statuses] == ["started", *["tracked"] * 3]
+    client.wait_for(lambda: len(client.boxes) == 4, "boxes")
+    expected = library_boxes(images[:4], box, [None] * 3)
+    assert [corners(message) for message in client.boxes] == [corners_of(b) for b in expected]
+
+
+def test_a_jump_far_ahead_is_survived(graph, client, images, box):
+    graph.tracker(client, target_box=list(box), **QUICK)
+    client.show(images[0], 1)
+    status = client.show(images[1], 2_000_000_000 * 10**9)
+    assert status.values["frame"] == "tracked"
+    points = corners(client.box_at(2_000_000_000 * 10**9))
+    assert all(math.isfinite(value) for point in points for value in point)
+
+
+def test_by_default_images_are_taken_from_a_best_effort_camera(graph, images, box):
+    client = graph.client(reliability="BEST_EFFORT")
+    graph.tracker(client, target_box=list(box))
+    numbers = itertools.count()
+
+    def tracked():
+        # A camera does not wait, and best effort may lose any frame.
+        number = next(numbers)
+        client.images.publish(client.message(images[number % len(images)], client.at(number)))
+        frames = [status.values["frame"] for status in client.statuses]
+        return "started" in frames and frames.count("tracked") >= 3
+
+    client.wait_for(tracked, "tracked frames")
+
+
+def test_a_node_in_a_namespace_says_so(graph, images):
+    client = graph.client(namespace="/left")
+    graph.tracker(client, namespace="/left", **QUICK)
+    assert client.show(images[0], client.at(0)).name == "/left/pf_tracker"
+
+
+def test_an_error_nobody_expected_is_logged_and_the_next_frame_tracked(
+    graph, client, images, box, monkeypatch
+):
+    monkeypatch.setattr(Tracker, "update", _failing_once(Tracker.update))
+    graph.tracker(client, target_box=list(box), **QUICK)
+    client.show(images[0], client.at(0))
+    status = client.show(images[1], client.at(1))
+    assert (status.level, status.values["frame"]) == ("ERROR", "refused")
+    assert status.message == "unexpected ZeroDivisionError: by chance"
+    status = client.show(images[2], client.at(2))
+    assert status.values["frame"] == "tracked"
+    assert status.values["last_error"] == "unexpected ZeroDivisionError: by chance"
+
+
+def _failing_once(update):
+    failures = [ZeroDivisionError("by chance")]
+
+    def failing(tracker, image, interval):
+        if failures:
+            raise failures.pop()
+        return update(tracker, image, interval)
+
+    return failing
