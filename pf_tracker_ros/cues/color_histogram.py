@@ -5,6 +5,7 @@ Source: Li et al. 2007, section 2.2.1; Perez et al. 2002, "Color-based probabili
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -71,7 +72,7 @@ class ColorTemplate:
             For each page the (levels^3,) labels of its colors, 1, 2, ... and 0 for all others, and
             the (labels,) square roots of their shares.
         """
-        held = np.flatnonzero(self.histogram)
+        held = np.flatnonzero(self.histogram > 0.0)
         pages = []
         for start in range(0, len(held), _COLORS_PER_PAGE):
             page = held[start : start + _COLORS_PER_PAGE]
@@ -144,7 +145,7 @@ class ColorHistogram:
                 return maps.padded(table.take(maps.color_bins(self._levels)))
 
             labels = maps.shared((template, number), label_pixels)
-            coefficient += _root_shares(labels, region_boxes, len(root)) @ root
+            coefficient += _root_coefficient(labels, region_boxes, root)
         return 1.0 - np.minimum(coefficient, 1.0)
 
     def blend(self, template: ColorTemplate, seen: ColorTemplate, keep: float) -> ColorTemplate:
@@ -154,23 +155,23 @@ class ColorHistogram:
         return ColorTemplate(blended, seen.smallest_share)
 
 
-def _root_shares(
-    labels: NDArray[np.uint8], region_boxes: NDArray[np.float64], label_count: int
+def _root_coefficient(
+    labels: NDArray[np.uint8], region_boxes: NDArray[np.float64], root: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """(N, label_count) square roots of the share of each box's pixels with labels 1, 2, ..."""
-    shares = np.empty((len(region_boxes), label_count), dtype=np.float32)
+    """(N,) sums over labels 1, 2, ... of sqrt(share of a box's pixels with that label) * root."""
+    coefficient = np.empty(len(region_boxes), dtype=np.float32)
     for start in range(0, len(region_boxes), _BOXES_AT_ONCE):
         patches = _patches(labels, region_boxes[start : start + _BOXES_AT_ONCE])
         count, pixels = patches.shape
-        shares[start : start + count] = cv2.calcHist(
+        counts = cv2.calcHist(
             [_box_numbers(count, pixels), patches],
             [0, 1],
             None,
-            [count, label_count],
-            [0, count, 1, label_count + 1],
+            [count, len(root)],
+            [0, count, 1, len(root) + 1],
         )
-    shares /= pixels
-    return np.sqrt(shares, out=shares)
+        coefficient[start : start + count] = np.sqrt(counts, out=counts) @ root
+    return coefficient / np.float32(math.sqrt(pixels))
 
 
 @lru_cache(maxsize=4)

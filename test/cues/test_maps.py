@@ -62,4 +62,4 @@ def test_the_integral_holds_the_sum_of_all_gradient_magnitude(image):
     right = padded[1:-1, 2:] - padded[1:-1, :-2]
     down = padded[2:, 1:-1] - padded[:-2, 1:-1]
     total = maps.gradient_integral(8)[-1, -1].sum()
-    assert total / 4 == pytest.approx(np.hypot(right, down).sum(), rel=1e-3)
+    assert total == np.minimum(np.rint(2 * np.hypot(right, down)), 255).sum()
