@@ -1,0 +1,233 @@
+"""Write MCAP recordings that `ros2 bag` plays, without ROS installed."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.footage.bags import GROUND_TRUTH_TYPE, IMAGE_TYPE
+from pf_tracker_ros.footage.base import Footage, FootageError
+from pf_tracker_ros.footage.messages import box_corners, image_encoding
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from rosbags.interfaces import Connection, Qos
+    from rosbags.typesys.store import Typestore
+
+Reliability = Literal["reliable", "best_effort"]
+
+
+class BagWriter:
+    """Writes one MCAP bag; a context manager, finished when left without an error.
+
+    A path that ends in `.mcap` becomes a single file, any other a rosbag2 folder with
+    metadata.yaml.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        """Begin a bag.
+
+        Args:
+            path: Where it will be once finished.
+
+        Raises:
+            FootageError: Something is there already, or the package rosbags is missing.
+        """
+        try:
+            from rosbags.rosbag2 import StoragePlugin, Writer
+            from rosbags.typesys import Stores, get_typestore
+        except ImportError as error:
+            raise FootageError(
+                "writing a bag needs the Python package rosbags: pip install rosbags"
+            ) from error
+        self._path = Path(path)
+        if self._path.exists():
+            raise FootageError(f"{self._path} exists already; a bag does not overwrite anything")
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._workplace = Path(tempfile.mkdtemp(prefix=".bag_", dir=self._path.parent))
+        self._writer = Writer(
+            self._workplace / self._path.stem, version=9, storage_plugin=StoragePlugin.MCAP
+        )
+        self._typestore: Typestore = get_typestore(Stores.ROS2_JAZZY)
+        self._connections: dict[str, Connection] = {}
+
+    def __enter__(self) -> BagWriter:
+        self._writer.open()
+        return self
+
+    def __exit__(
+        self,
+        error_type: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        try:
+            self._writer.__exit__(error_type, error, traceback)
+            if error_type is None:
+                self._put_in_place()
+        finally:
+            shutil.rmtree(self._workplace, ignore_errors=True)
+
+    def _put_in_place(self) -> None:
+        finished = self._writer.path
+        if self._path.suffix == ".mcap":
+            finished = finished / f"{self._path.stem}.mcap"
+        finished.replace(self._path)
+
+    def add_topic(
+        self,
+        topic: str,
+        message_type: str,
+        *,
+        reliability: Reliability = "reliable",
+        depth: int = 10,
+    ) -> None:
+        """Add a topic of the common interfaces, with the QoS profile that a player shall offer.
+
+        Args:
+            topic: Full topic name.
+            message_type: For example `sensor_msgs/msg/Image`.
+            reliability: Reliability of the QoS profile.
+            depth: Queue length of the QoS profile.
+        """
+        self._connections[topic] = self._writer.add_connection(
+            topic,
+            message_type,
+            typestore=self._typestore,
+            offered_qos_profiles=[_qos(reliability, depth)],
+        )
+
+    def write(self, topic: str, log_time: int, message: bytes) -> None:
+        """Write a message that is serialized already.
+
+        Args:
+            topic: One of the added topics.
+            log_time: Nanoseconds.
+            message: The message in CDR.
+        """
+        self._writer.write(self._connections[topic], log_time, message)
+
+    def write_image(
+        self, topic: str, stamp: int, image: NDArray[Any], frame_id: str = "camera"
+    ) -> None:
+        """Write an image as sensor_msgs/msg/Image, logged at its stamp.
+
+        Args:
+            topic: One of the added topics.
+            stamp: Nanoseconds.
+            image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
+            frame_id: Frame of the header.
+        """
+        types = self._typestore.types
+        pixels = np.ascontiguousarray(image, dtype=image.dtype.newbyteorder("<"))
+        message = types[IMAGE_TYPE](
+            header=self._header(stamp, frame_id),
+            height=image.shape[0],
+            width=image.shape[1],
+            encoding=image_encoding(image),
+            is_bigendian=0,
+            step=pixels.strides[0],
+            data=pixels.reshape(-1).view(np.uint8),
+        )
+        self._write_message(topic, stamp, message, IMAGE_TYPE)
+
+    def write_box(
+        self, topic: str, stamp: int, box: Sequence[float], frame_id: str = "camera"
+    ) -> None:
+        """Write a box as geometry_msgs/msg/PolygonStamped of its corners, logged at its stamp.
+
+        Args:
+            topic: One of the added topics.
+            stamp: Nanoseconds.
+            box: (x, y, width, height) in pixels.
+            frame_id: Frame of the header.
+        """
+        types = self._typestore.types
+        point = types["geometry_msgs/msg/Point32"]
+        message = types[GROUND_TRUTH_TYPE](
+            header=self._header(stamp, frame_id),
+            polygon=types["geometry_msgs/msg/Polygon"](
+                points=[point(x=x, y=y, z=0.0) for x, y in box_corners(box)]
+            ),
+        )
+        self._write_message(topic, stamp, message, GROUND_TRUTH_TYPE)
+
+    def _header(self, stamp: int, frame_id: str) -> Any:
+        types = self._typestore.types
+        seconds, nanoseconds = divmod(stamp, 1_000_000_000)
+        return types["std_msgs/msg/Header"](
+            stamp=types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds),
+            frame_id=frame_id,
+        )
+
+    def _write_message(self, topic: str, stamp: int, message: Any, message_type: str) -> None:
+        self.write(topic, stamp, bytes(self._typestore.serialize_cdr(message, message_type)))
+
+
+def write_footage(
+    footage: Footage,
+    path: str | Path,
+    *,
+    topic: str = "/image",
+    ground_truth_topic: str = "/ground_truth",
+    frame_id: str = "camera",
+) -> int:
+    """Write footage into an MCAP bag, with its ground truth where there is one.
+
+    Args:
+        footage: What to write.
+        path: The bag; a single file if it ends in `.mcap`, else a rosbag2 folder.
+        topic: Image topic.
+        ground_truth_topic: Topic of the boxes.
+        frame_id: Frame of all headers.
+
+    Returns:
+        The number of frames written.
+
+    Raises:
+        FootageError: The footage cannot be read or the bag cannot be written.
+    """
+    count = 0
+    boxes = footage.ground_truth
+    with BagWriter(path) as writer:
+        writer.add_topic(topic, IMAGE_TYPE)
+        if boxes is not None:
+            writer.add_topic(ground_truth_topic, GROUND_TRUTH_TYPE)
+        for frame in footage.frames():
+            writer.write_image(topic, frame.stamp, frame.image, frame_id)
+            if boxes is not None:
+                writer.write_box(ground_truth_topic, frame.stamp, boxes[count], frame_id)
+            count += 1
+    return count
+
+
+def _qos(reliability: Reliability, depth: int) -> Qos:
+    from rosbags.interfaces import (
+        Qos,
+        QosDurability,
+        QosHistory,
+        QosLiveliness,
+        QosReliability,
+        QosTime,
+    )
+
+    # What the ROS middleware interface calls an infinite duration.
+    unlimited = QosTime(sec=9_223_372_036, nsec=854_775_807)
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=depth,
+        reliability=QosReliability[reliability.upper()],
+        durability=QosDurability.VOLATILE,
+        deadline=unlimited,
+        lifespan=unlimited,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=unlimited,
+        avoid_ros_namespace_conventions=False,
+    )

@@ -1,0 +1,80 @@
+"""What all footage has in common: frames in order, each with a stamp."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+FIRST_STAMP = 1_000_000_000
+DEFAULT_FRAME_RATE = 25.0
+
+
+class FootageError(ValueError):
+    """A source that cannot be read; the message says what is wrong and what would be accepted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One picture of the footage.
+
+    Attributes:
+        stamp: Source time in nanoseconds, the same each time the footage is read.
+        image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
+    """
+
+    stamp: int
+    image: NDArray[Any]
+
+
+class Footage(Protocol):
+    """A source of frames.
+
+    Attributes:
+        name: Short name for messages and tables.
+        frame_count: Number of frames as far as the source tells, else None.
+        nominal_interval: Seconds from one frame to the next.
+        ground_truth: (frames, 4) boxes x, y, width, height in pixels, (x, y) the top-left corner
+            counted from 0; None where the source has none.
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def frame_count(self) -> int | None: ...  # noqa: D102
+    @property
+    def nominal_interval(self) -> float: ...  # noqa: D102
+    @property
+    def ground_truth(self) -> NDArray[np.float64] | None: ...  # noqa: D102
+
+    def frames(self) -> Iterator[Frame]:
+        """Read the frames in order; each call starts from the first.
+
+        Yields:
+            Frames of one size and type with rising stamps.
+
+        Raises:
+            FootageError: A frame cannot be read, or differs from the first in size or type.
+        """
+        ...
+
+
+def frame_stamp(index: int, interval: float) -> int:
+    """Stamp of a frame in nanoseconds.
+
+    The first frame is at 1 s, because a stamp of 0 means "no stamp" to ROS.
+
+    Args:
+        index: Position of the frame, counted from 0.
+        interval: Seconds from one frame to the next.
+    """
+    return FIRST_STAMP + round(index * interval * 1e9)
+
+
+def describe(image: NDArray[Any]) -> str:
+    """Size and kind of an image in words, for messages."""
+    channels = 1 if image.ndim == 2 else image.shape[2]
+    return f"{image.shape[1]}x{image.shape[0]}, {channels} channel(s) of {image.dtype}"

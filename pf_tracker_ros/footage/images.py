@@ -1,0 +1,115 @@
+"""Folders of images in natural order: `2.png` comes before `10.png`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.footage.base import (
+    DEFAULT_FRAME_RATE,
+    FootageError,
+    Frame,
+    describe,
+    frame_stamp,
+)
+
+IMAGE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp")
+
+# Depth and color stay as stored; a turn noted by the camera would swap width and height against
+# ground truth, which counts pixels as stored.
+_READ_FLAGS = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
+
+
+def natural_order(name: str) -> tuple[tuple[str | int, ...], str]:
+    """Sorting key under which runs of digits compare as numbers.
+
+    Args:
+        name: A file name.
+
+    Returns:
+        The key; names that differ only in case or leading zeros still get different keys.
+    """
+    # re.split with a group alternates text and digits, so equal positions hold equal types.
+    parts = re.split(r"([0-9]+)", name.casefold())
+    return tuple(int(part) if index % 2 else part for index, part in enumerate(parts)), name
+
+
+def image_paths(folder: Path) -> list[Path]:
+    """The images of a folder in natural order, hidden files left out."""
+    found = (
+        entry
+        for entry in folder.iterdir()
+        if entry.suffix.lower() in IMAGE_SUFFIXES
+        and not entry.name.startswith(".")
+        and entry.is_file()
+    )
+    return sorted(found, key=lambda entry: natural_order(entry.name))
+
+
+def read_image(path: Path) -> NDArray[Any]:
+    """Read one image file as it is stored.
+
+    Returns:
+        (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
+
+    Raises:
+        FootageError: The file does not decode, or has another depth.
+    """
+    image = cv2.imread(str(path), _READ_FLAGS)
+    if image is None:
+        raise FootageError(
+            f"image {path} cannot be decoded; accepted are {', '.join(IMAGE_SUFFIXES)}"
+        )
+    eight_bit = image.dtype == np.uint8 and (image.ndim == 2 or image.shape[2] == 3)
+    sixteen_bit_gray = image.dtype == np.uint16 and image.ndim == 2
+    if not eight_bit and not sixteen_bit_gray:
+        raise FootageError(
+            f"image {path} is {describe(image)}; accepted are 8-bit color, 8-bit gray and "
+            "16-bit gray"
+        )
+    return image
+
+
+class ImageFolderFootage:
+    """The images of a folder, in natural order of their names."""
+
+    ground_truth = None
+
+    def __init__(self, folder: Path, *, frame_rate: float = DEFAULT_FRAME_RATE) -> None:
+        """List the folder and read its first image.
+
+        Args:
+            folder: The folder.
+            frame_rate: Frames a second; images do not tell.
+
+        Raises:
+            FootageError: There are no images, or the first one cannot be read.
+        """
+        self._paths: Sequence[Path] = image_paths(folder)
+        if not self._paths:
+            raise FootageError(
+                f"folder {folder} has no images; accepted are {', '.join(IMAGE_SUFFIXES)}"
+            )
+        read_image(self._paths[0])
+        self.name = folder.resolve().name
+        self.frame_count: int | None = len(self._paths)
+        self.nominal_interval = 1.0 / frame_rate
+
+    def frames(self) -> Iterator[Frame]:
+        """Read the frames in order; see `Footage.frames`."""
+        expected = None
+        for index, path in enumerate(self._paths):
+            image = read_image(path)
+            expected = describe(image) if expected is None else expected
+            if describe(image) != expected:
+                raise FootageError(
+                    f"image {path} is {describe(image)}, but the first image of the folder is "
+                    f"{expected}; all must be alike"
+                )
+            yield Frame(frame_stamp(index, self.nominal_interval), image)

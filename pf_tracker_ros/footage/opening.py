@@ -1,0 +1,64 @@
+"""Open footage of any kind by its path."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pf_tracker_ros.footage.bags import BAG_SUFFIXES, is_bag
+from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE, Footage, FootageError
+from pf_tracker_ros.footage.images import IMAGE_SUFFIXES, ImageFolderFootage, image_paths
+from pf_tracker_ros.footage.sequences import GROUND_TRUTH_FILE, read_sequence
+from pf_tracker_ros.footage.videos import VideoFootage
+
+ACCEPTED = (
+    "accepted are a video file, a folder of images, a sequence folder "
+    f"({GROUND_TRUTH_FILE} and frames), a rosbag2 folder and a .mcap file"
+)
+
+
+def existing_path(path: str | Path) -> Path:
+    """The path of a source with `~` expanded.
+
+    Raises:
+        FootageError: There is nothing there.
+    """
+    if not str(path):
+        raise FootageError(f"no source is given; {ACCEPTED}")
+    expanded = Path(path).expanduser()
+    if not expanded.exists():
+        raise FootageError(f"there is no {expanded}; {ACCEPTED}")
+    return expanded
+
+
+def open_footage(path: str | Path, *, frame_rate: float = DEFAULT_FRAME_RATE) -> Footage:
+    """Open a video file, a folder of images or a sequence folder.
+
+    Args:
+        path: Where it is.
+        frame_rate: Frames a second, used where the source does not tell (folders of images).
+
+    Returns:
+        The footage, its first frame known to decode.
+
+    Raises:
+        FootageError: It cannot be read; the message names what and what would be accepted.
+    """
+    source = existing_path(path)
+    if is_bag(source):
+        raise FootageError(f"{source} is a bag, which holds messages; open it with open_bag")
+    if source.is_file():
+        return VideoFootage(source, frame_rate=frame_rate)
+    if (source / GROUND_TRUTH_FILE).exists():
+        return read_sequence(source, frame_rate=frame_rate)
+    storage = [entry.name for entry in source.iterdir() if entry.suffix in BAG_SUFFIXES]
+    if storage:
+        raise FootageError(
+            f"folder {source} has {', '.join(sorted(storage))} but no metadata.yaml, so it is not "
+            "a rosbag2 folder; `ros2 bag reindex` writes one, or give the .mcap file itself"
+        )
+    if not image_paths(source):
+        raise FootageError(
+            f"folder {source} has no images ({', '.join(IMAGE_SUFFIXES)}), no {GROUND_TRUTH_FILE} "
+            f"and no metadata.yaml; {ACCEPTED}"
+        )
+    return ImageFolderFootage(source, frame_rate=frame_rate)

@@ -1,0 +1,92 @@
+"""Video files, read in order from the start: seeking in compressed video is not exact."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+
+from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE, FootageError, Frame, frame_stamp
+
+
+class VideoFootage:
+    """The frames of a video file, or a stretch of them.
+
+    The frame rate is the file's; stamps are index x interval, not the container's, so that they
+    are the same with every decoder.
+    """
+
+    ground_truth = None
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        first_frame: int = 0,
+        frame_count: int | None = None,
+        frame_rate: float = DEFAULT_FRAME_RATE,
+    ) -> None:
+        """Open the video and decode its first frame, so that errors show at once.
+
+        Args:
+            path: The file.
+            first_frame: Where to begin, counted from 0.
+            frame_count: How many frames there must be from there; None reads to the end.
+            frame_rate: Frames a second, used if the file does not tell.
+
+        Raises:
+            FootageError: The file is not a video that OpenCV can decode.
+        """
+        self._path = path
+        self._first_frame = first_frame
+        self._required_count = frame_count
+        capture = self._open()
+        try:
+            rate = capture.get(cv2.CAP_PROP_FPS)
+            count = capture.get(cv2.CAP_PROP_FRAME_COUNT)
+            if not capture.grab():
+                raise FootageError(f"video {path}: not one frame can be decoded")
+        finally:
+            capture.release()
+        rate_is_known = math.isfinite(rate) and 0.01 <= rate <= 10_000
+        self.nominal_interval = 1.0 / (rate if rate_is_known else frame_rate)
+        self.name = path.stem
+        announced = int(count) - first_frame if math.isfinite(count) and count > 0 else None
+        self.frame_count = frame_count if frame_count is not None else announced
+
+    def frames(self) -> Iterator[Frame]:
+        """Read the frames in order; see `Footage.frames`."""
+        capture = self._open()
+        try:
+            for _ in range(self._first_frame):
+                if not capture.grab():
+                    raise self._too_short(0)
+            index = 0
+            while self._required_count is None or index < self._required_count:
+                decoded, image = capture.read()
+                if not decoded:
+                    if self._required_count is not None or index == 0:
+                        raise self._too_short(index)
+                    return
+                yield Frame(frame_stamp(index, self.nominal_interval), image)
+                index += 1
+        finally:
+            capture.release()
+
+    def _open(self) -> cv2.VideoCapture:
+        capture = cv2.VideoCapture(str(self._path))
+        if not capture.isOpened():
+            raise FootageError(
+                f"{self._path} is not a video that OpenCV can open; accepted are video files "
+                "(mp4, avi, mkv, ...), folders of images, sequence folders and bags"
+            )
+        return capture
+
+    def _too_short(self, frames_read: int) -> FootageError:
+        wanted = "some" if self._required_count is None else str(self._required_count)
+        return FootageError(
+            f"video {self._path}: {wanted} frames expected from frame {self._first_frame} "
+            f"(counted from 0), only {frames_read} could be decoded"
+        )

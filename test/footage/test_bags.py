@@ -1,0 +1,145 @@
+import pytest
+
+from pf_tracker_ros.footage import FootageError, is_bag, open_bag
+
+IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
+POLYGON = "geometry_msgs/msg/PolygonStamped"
+STRING = "std_msgs/msg/String"
+
+KINDS = [
+    ("SQLITE3", "NONE"),
+    ("SQLITE3", "FILE"),
+    ("SQLITE3", "MESSAGE"),
+    ("MCAP", "NONE"),
+    ("MCAP", "FILE"),
+    ("MCAP", "MESSAGE"),
+    ("MCAP", "STORAGE"),
+]
+
+
+@pytest.fixture
+def rows(make_message):
+    """Three images, recorded 7 ns after their stamps, with boxes for the first and the last."""
+    stamps = [2_000_000_000, 2_100_000_000, 2_200_000_000]
+    images = [("/eye/image", IMAGE, stamp + 7, make_message(IMAGE, stamp)) for stamp in stamps]
+    boxes = [
+        ("/eye/ground_truth", POLYGON, stamp + 9, make_message(POLYGON, stamp))
+        for stamp in (stamps[0], stamps[2])
+    ]
+    other = make_message(POLYGON, stamps[0])
+    return [*images, *boxes, ("/eye/area", POLYGON, stamps[0], other)]
+
+
+@pytest.mark.parametrize(("storage", "compression"), KINDS)
+def test_every_kind_of_bag_gives_back_the_recorded_bytes(
+    tmp_path, write_bag, rows, storage, compression
+):
+    path = write_bag(tmp_path / "talk", rows, storage, compression)
+    bag = open_bag(path)
+    assert (bag.image_topic, bag.image_type, bag.image_count) == ("/eye/image", IMAGE, 3)
+    images = list(bag.images())
+    assert [image.message for image in images] == [row[3] for row in rows[:3]]
+    assert [image.log_time for image in images] == [row[2] for row in rows[:3]]
+    assert [image.stamp for image in images] == [2_000_000_000, 2_100_000_000, 2_200_000_000]
+    assert list(bag.images()) == images
+
+
+@pytest.mark.parametrize(("storage", "compression"), [("MCAP", "NONE"), ("MCAP", "STORAGE")])
+def test_a_bare_mcap_file_is_enough(tmp_path, write_bag, rows, storage, compression):
+    folder = write_bag(tmp_path / "talk", rows, storage, compression)
+    (folder / "metadata.yaml").unlink()
+    path = folder / "talk.mcap"
+    assert is_bag(path)
+    assert [image.message for image in open_bag(path).images()] == [row[3] for row in rows[:3]]
+
+
+def test_messages_compressed_one_by_one_need_the_folder(tmp_path, write_bag, rows):
+    folder = write_bag(tmp_path / "talk", rows, "MCAP", "MESSAGE")
+    with pytest.raises(FootageError, match="give the rosbag2 folder"):
+        list(open_bag(folder / "talk.mcap").images())
+
+
+def test_ground_truth_is_matched_by_stamp(tmp_path, write_bag, rows):
+    bag = open_bag(write_bag(tmp_path / "talk", rows))
+    assert bag.ground_truth_topic == "/eye/ground_truth"
+    assert [image.ground_truth for image in bag.images()] == [rows[3][3], None, rows[4][3]]
+
+
+def test_ground_truth_topic_can_be_named(tmp_path, write_bag, rows):
+    path = write_bag(tmp_path / "talk", rows)
+    bag = open_bag(path, ground_truth_topic="/eye/area")
+    assert [image.ground_truth is None for image in bag.images()] == [False, True, True]
+    with pytest.raises(FootageError, match=r"no topic /eye/image of type geometry_msgs.*eye/area"):
+        open_bag(path, ground_truth_topic="/eye/image")
+
+
+def test_the_ground_truth_to_take_must_be_clear(tmp_path, write_bag, rows, make_message):
+    second = ("/ear/ground_truth", POLYGON, 5, make_message(POLYGON, 5))
+    path = write_bag(tmp_path / "talk", [*rows, second])
+    with pytest.raises(FootageError, match=r"several.*choose one: /ear/ground_truth, /eye/ground"):
+        open_bag(path)
+
+
+def test_the_image_topic_to_take_must_be_clear(tmp_path, write_bag, rows, make_message):
+    second = ("/ear/image/compressed", COMPRESSED, 5, make_message(COMPRESSED, 5))
+    path = write_bag(tmp_path / "talk", [*rows, second])
+    with pytest.raises(FootageError, match=r"choose one: /ear/image/compressed, /eye/image"):
+        open_bag(path)
+    assert open_bag(path, "/ear/image/compressed").image_type == COMPRESSED
+    assert len(list(open_bag(path, "/eye/image").images())) == 3
+
+
+@pytest.mark.parametrize("topic", ["/eye/area", "/nose"])
+def test_a_topic_without_images_is_refused(tmp_path, write_bag, rows, topic):
+    path = write_bag(tmp_path / "talk", rows)
+    with pytest.raises(FootageError, match=f"no image topic {topic}; image topics are: /eye/image"):
+        open_bag(path, topic)
+
+
+def test_a_bag_without_images_names_what_it_has(tmp_path, write_bag, rows):
+    path = write_bag(tmp_path / "talk", rows[-1:])
+    with pytest.raises(FootageError, match=r"no topic of type .*there are: /eye/area \(geometry_"):
+        open_bag(path)
+
+
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_a_topic_that_nothing_was_recorded_on_is_refused(tmp_path, write_bag, rows, storage):
+    path = write_bag(tmp_path / "talk", [("/image", IMAGE, 0, None), rows[-1]], storage)
+    with pytest.raises(FootageError, match="no message on topic /image"):
+        list(open_bag(path).images())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("damage", ["cut", "garbage", "empty", "gone"])
+def test_a_damaged_bag_is_refused(tmp_path, write_bag, rows, kind, damage):
+    path = write_bag(tmp_path / "talk", rows, *kind)
+    (data,) = (entry for entry in path.iterdir() if entry.name != "metadata.yaml")
+    content = data.read_bytes()
+    if damage == "gone":
+        data.unlink()
+    else:
+        damaged = {"cut": content[: len(content) // 3], "garbage": b"?" * len(content)}
+        data.write_bytes(damaged.get(damage, b""))
+    with pytest.raises(FootageError, match="talk"):
+        list(open_bag(path).images())
+
+
+@pytest.mark.parametrize("content", ["", "{", "rosbag2_bagfile_information: 3", "- 1"])
+def test_damaged_metadata_is_refused(tmp_path, write_bag, rows, content):
+    path = write_bag(tmp_path / "talk", rows)
+    (path / "metadata.yaml").write_text(content)
+    with pytest.raises(FootageError, match=r"talk cannot be read .*accepted are rosbag2 folders"):
+        open_bag(path)
+
+
+def test_a_message_that_is_not_cdr_is_refused(tmp_path, write_bag):
+    path = write_bag(tmp_path / "talk", [("/image", IMAGE, 5, b"\xff\xff\xff\xff" + bytes(20))])
+    with pytest.raises(FootageError, match="is not CDR"):
+        list(open_bag(path).images())
+
+
+def test_reading_may_end_early(tmp_path, write_bag, rows):
+    images = open_bag(write_bag(tmp_path / "talk", rows)).images()
+    next(images)
+    images.close()
