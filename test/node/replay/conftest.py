@@ -1,0 +1,276 @@
+"""The replay publisher, and in the tracker's place a node of the test that hears it over DDS."""
+
+import contextlib
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PolygonStamped
+from rcl_interfaces.srv import SetParameters
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Image
+from std_srvs.srv import SetBool
+
+from pf_tracker_ros.node.replay_node import ReplayNode
+
+DEADLINE = 30.0
+EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
+TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+class StandIn(Node):
+    """A node in the tracker's place: answers each frame with a status, and notes what comes.
+
+    Attributes:
+        events: ("image", "target", "truth", "clock" or "answer", serialized message or stamp).
+        deaf_to: How many more copies of a stamp it leaves unanswered.
+    """
+
+    def __init__(self, context, image_type=Image):
+        super().__init__("pf_tracker", context=context)
+        self.events = []
+        self.deaf_to = {}
+        self.pending = []
+        self.status_publisher = self.create_publisher(DiagnosticArray, "~/status", 10)
+        for kind, message_type, topic in (
+            ("target", PolygonStamped, "~/target"),
+            ("truth", PolygonStamped, "/replay/ground_truth"),
+            ("clock", Clock, "/clock"),
+        ):
+            self.create_subscription(message_type, topic, self.note(kind), EVERYTHING, raw=True)
+        self.image_type = image_type
+        self.spinner = SingleThreadedExecutor(context=context)
+        self.spinner.add_node(self)
+
+    def listen(self):
+        topic = "image" if self.image_type is Image else "image/compressed"
+        self.create_subscription(self.image_type, topic, self.on_image, EVERYTHING, raw=True)
+
+    def note(self, kind):
+        return lambda message: self.events.append((kind, message))
+
+    def on_image(self, message):
+        self.events.append(("image", message))
+        self.answer(deserialize_message(message, self.image_type).header.stamp)
+
+    def answer(self, stamp):
+        nanoseconds = stamp.sec * 10**9 + stamp.nanosec
+        if self.deaf_to.get(nanoseconds, 0) > 0:
+            self.deaf_to[nanoseconds] -= 1
+            return
+        self.events.append(("answer", nanoseconds))
+        status = DiagnosticArray()
+        status.header.stamp = stamp
+        self.pending.append(status)
+        self.send_pending()
+
+    def send_pending(self):
+        # Discovery goes both ways: a frame may come before the answer has anybody to go to.
+        while self.pending and self.status_publisher.get_subscription_count():
+            self.status_publisher.publish(self.pending.pop(0))
+
+    def seen(self, kind):
+        return [content for event, content in self.events if event == kind]
+
+    def stamps(self, kind="image"):
+        message_type = {"image": self.image_type, "clock": Clock}.get(kind, PolygonStamped)
+        messages = [deserialize_message(message, message_type) for message in self.seen(kind)]
+        stamps = [m.clock if kind == "clock" else m.header.stamp for m in messages]
+        return [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps]
+
+    def spin_until(self, condition):
+        deadline = time.monotonic() + DEADLINE
+        while not condition():
+            assert time.monotonic() < deadline, [kind for kind, _ in self.events]
+            self.spinner.spin_once(timeout_sec=0.02)
+            self.send_pending()
+
+    def spin_until_ended(self, replay_node):
+        """Spin until the replay has come to its end by itself."""
+        self.spin_until(lambda: not replay_node.context.ok())
+
+    def call(self, service_type, name, request):
+        client = self.create_client(service_type, name)
+        self.spin_until(client.service_is_ready)
+        future = client.call_async(request)
+        self.spin_until(future.done)
+        return future.result()
+
+    def pause(self, data):
+        return self.call(SetBool, "/replay/pause", SetBool.Request(data=data))
+
+    def set_replay_parameter(self, name, value):
+        parameters = [Parameter(name, value=value).to_parameter_msg()]
+        request = SetParameters.Request(parameters=parameters)
+        response = self.call(SetParameters, "/replay/set_parameters", request)
+        assert all(result.successful for result in response.results), response
+
+    def close(self):
+        self.spinner.shutdown()
+        self.destroy_node()
+
+
+@pytest.fixture
+def stand_in(graph):
+    """A function that starts a `StandIn`."""
+    nodes = []
+
+    def make(*arguments):
+        nodes.append(StandIn(graph.context(), *arguments))
+        return nodes[-1]
+
+    yield make
+    for node in nodes:
+        node.close()
+
+
+@pytest.fixture
+def replay(graph):
+    """Start the replay publisher in a thread, in a context of its own; returns the node."""
+    closing = []
+
+    def start(**parameters):
+        # On a busy machine an answer may take its time; no frame shall be sent twice for that.
+        parameters = {"lockstep_timeout": 5.0, **parameters}
+        node = ReplayNode(
+            context=graph.context(),
+            parameter_overrides=[
+                Parameter(name, value=str(value) if isinstance(value, Path) else value)
+                for name, value in parameters.items()
+            ],
+        )
+        executor = SingleThreadedExecutor(context=node.context)
+        executor.add_node(node)
+
+        def spin():
+            with contextlib.suppress(ExternalShutdownException):
+                executor.spin()
+
+        thread = threading.Thread(target=spin)
+        thread.start()
+
+        def close():
+            node.context.try_shutdown()
+            thread.join(DEADLINE)
+            executor.shutdown()
+            node.destroy_node()
+
+        closing.append(close)
+        return node
+
+    yield start
+    for close in closing:
+        close()
+
+
+@pytest.fixture
+def replay_process(graph):
+    """Start the replay publisher as a process; returns it."""
+
+    def start(**parameters):
+        arguments = []
+        for name, value in parameters.items():
+            text = str(value).lower() if isinstance(value, bool) else str(value)
+            arguments += ["-p", f"{name}:={text}"]
+        return graph.process(*arguments, module="pf_tracker_ros.node.replay_node")
+
+    return start
+
+
+class Recordings:
+    """Messages and bags written without the code under test.
+
+    Attributes:
+        stamps: Stamps of the images in `rows`.
+        rows: (topic, type, log time, message): an image for each stamp, recorded 5 ns later.
+    """
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.stamps = [2_000_000_000, 2_040_000_000, 2_080_000_000, 2_120_000_000]
+        self.rows = [
+            ("/eye", "sensor_msgs/msg/Image", stamp + 5, self.image(stamp)) for stamp in self.stamps
+        ]
+
+    @staticmethod
+    def message(message_type, stamp, *, little_endian=True, **fields):
+        """A serialized message with a header."""
+        types = TYPESTORE.types
+        seconds, nanoseconds = divmod(stamp, 10**9)
+        time_type = types["builtin_interfaces/msg/Time"]
+        header = types["std_msgs/msg/Header"](
+            stamp=time_type(sec=seconds, nanosec=nanoseconds), frame_id="lens"
+        )
+        message = types[message_type](header=header, **fields)
+        return bytes(TYPESTORE.serialize_cdr(message, message_type, little_endian=little_endian))
+
+    def image(self, stamp, *, little_endian=True):
+        """A small image that depends on its stamp."""
+        return self.message(
+            "sensor_msgs/msg/Image",
+            stamp,
+            little_endian=little_endian,
+            height=3,
+            width=4,
+            encoding="mono8",
+            is_bigendian=0,
+            step=4,
+            data=np.arange(12, dtype=np.uint8) + np.uint8(stamp // 10**7 % 100),
+        )
+
+    def polygon(self, stamp):
+        types = TYPESTORE.types
+        corners = [types["geometry_msgs/msg/Point32"](x=x, y=1.0, z=0.0) for x in (1.0, 2.0)]
+        shape = types["geometry_msgs/msg/Polygon"](points=corners)
+        return self.message("geometry_msgs/msg/PolygonStamped", stamp, polygon=shape)
+
+    def write(self, rows=None, storage="MCAP", compression="NONE"):
+        """Write rows, by default `rows`, into a bag of the given kind and return its path."""
+        path = self.folder / "bag"
+        writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage])
+        writer.set_compression(CompressionMode[compression], CompressionFormat.ZSTD)
+        with writer:
+            connections = {}
+            for topic, message_type, log_time, message in rows or self.rows:
+                if topic not in connections:
+                    connections[topic] = writer.add_connection(
+                        topic, message_type, typestore=TYPESTORE
+                    )
+                writer.write(connections[topic], log_time, message)
+        return path
+
+
+@pytest.fixture
+def recordings(tmp_path):
+    return Recordings(tmp_path)
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """A folder of six pictures, and the stamps that they get at 25 Hz from 1 s on."""
+
+    folder: Path
+    stamps: list
+
+
+@pytest.fixture
+def pictures(tmp_path):
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    generator = np.random.default_rng(3)
+    for index in range(6):
+        picture = generator.integers(0, 256, (20, 30, 3), dtype=np.uint8)
+        assert cv2.imwrite(str(folder / f"{index}.png"), picture)
+    return Pictures(folder, [1_000_000_000 + index * 40_000_000 for index in range(6)])

@@ -1,0 +1,69 @@
+"""Starting with what is wrong, failing on the way, and being stopped."""
+
+import re
+import signal
+
+import pytest
+
+DEADLINE = 30.0
+
+
+@pytest.mark.parametrize(
+    ("parameters", "complaint"),
+    [
+        ({}, "no source is given; accepted are a video file"),
+        ({"source": "/nowhere/at_all"}, "there is no /nowhere/at_all; accepted are"),
+        ({"source": __file__}, "is not a video that OpenCV can open"),
+        ({"source": "{folder}", "rate": "nan"}, "'rate' is nan; allowed: float, 0.01 to 1000"),
+        ({"source": "{folder}", "target_box": "[1.0]"}, "'target_box' is .*0 or 4 numbers"),
+        ({"source": "{folder}", "target_from_ground_truth": True}, "has no ground truth to take"),
+        (
+            {"source": "{folder}", "target_box": "[1.,1.,2.,2.]", "target_topic": "a b"},
+            "topic name",
+        ),
+        ({"source": "{bag}", "bag_topic": "/nose"}, "no image topic /nose; image topics are: /eye"),
+    ],
+)
+def test_a_wrong_start_ends_with_one_clear_line(
+    pictures, recordings, replay_process, parameters, complaint
+):
+    places = {"{folder}": pictures.folder, "{bag}": recordings.write()}
+    process = replay_process(
+        **{name: places.get(value, value) for name, value in parameters.items()}
+    )
+    log, _ = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 1
+    assert "Traceback" not in log
+    errors = [line for line in log.splitlines() if "[FATAL]" in line or "[ERROR]" in line]
+    assert len(errors) == 1, log
+    assert re.search(complaint, log.replace("\n", " ")), log
+
+
+def test_a_frame_that_does_not_decode_ends_the_replay_after_the_ones_before(
+    pictures, stand_in, replay, capfd
+):
+    (pictures.folder / "3.png").write_bytes(b"broken")
+    tracker = stand_in()
+    tracker.listen()
+    node = replay(source=pictures.folder, lockstep=True)
+    tracker.spin_until_ended(node)
+    assert node.exit_code == 1
+    log = capfd.readouterr().err
+    assert "3.png cannot be decoded" in log
+    assert "Traceback" not in log
+    assert tracker.stamps() == pictures.stamps[:3]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "state",
+    [{"lockstep": True}, {"start_paused": True}, {"rate": 0.01}],
+    ids=["waiting for the tracker", "paused", "between two frames"],
+)
+def test_it_can_be_stopped_in_every_state(pictures, replay_process, number, state):
+    process = replay_process(source=pictures.folder, **state)
+    assert "replaying pictures" in process.stdout.readline()
+    process.send_signal(number)
+    log, _ = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 0, log
+    assert "Traceback" not in log

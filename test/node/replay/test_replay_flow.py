@@ -1,0 +1,73 @@
+"""When a frame goes out: lockstep, loop, pause and rate."""
+
+import itertools
+import time
+
+
+def test_lockstep_has_one_frame_under_way_and_waits_for_the_tracker(pictures, stand_in, replay):
+    tracker = stand_in()
+    replay(source=pictures.folder, lockstep=True, target_box=[1.0, 2.0, 3.0, 4.0])
+    # Until somebody takes images, not even the target comes.
+    tracker.spin_until(lambda: tracker.count_publishers("/image") == 1)
+    assert tracker.events == []
+    tracker.listen()
+    tracker.spin_until(lambda: len(tracker.seen("answer")) == 6)
+    kinds = [kind for kind, _ in tracker.events]
+    assert kinds == ["target", *["image", "answer"] * 6]
+    assert tracker.stamps() == pictures.stamps
+    assert tracker.stamps("target") == pictures.stamps[:1]
+
+
+def test_lockstep_publishes_an_unanswered_frame_again(pictures, stand_in, replay, capfd):
+    tracker = stand_in()
+    tracker.listen()
+    tracker.deaf_to = {pictures.stamps[2]: 2}
+    node = replay(source=pictures.folder, lockstep=True, lockstep_timeout=0.5)
+    tracker.spin_until_ended(node)
+    assert [stamp for stamp, _ in itertools.groupby(tracker.stamps())] == pictures.stamps
+    assert tracker.stamps().count(pictures.stamps[2]) >= 3
+    log = capfd.readouterr().err
+    assert "no status for frame 2" in log
+    assert log.count("publishing it again") == 1, "the warning is throttled"
+
+
+def test_a_loop_begins_again_with_the_target_until_it_is_switched_off(pictures, stand_in, replay):
+    tracker = stand_in()
+    tracker.listen()
+    node = replay(source=pictures.folder, lockstep=True, loop=True, target_box=[1.0, 2.0, 3.0, 4.0])
+    tracker.spin_until(lambda: len(tracker.seen("image")) >= 14)
+    tracker.set_replay_parameter("loop", False)
+    tracker.spin_until_ended(node)
+    passes = len(tracker.seen("target"))
+    assert passes >= 3
+    assert tracker.stamps() == pictures.stamps * passes
+    kinds = [kind for kind, _ in tracker.events if kind != "answer"]
+    assert kinds == ["target", *["image"] * 6] * passes
+
+
+def test_nothing_comes_while_paused(pictures, stand_in, replay):
+    tracker = stand_in()
+    tracker.listen()
+    node = replay(source=pictures.folder, start_paused=True, rate=1000.0, publish_clock=True)
+    tracker.spin_until(lambda: tracker.count_publishers("/image") == 1)
+    assert tracker.pause(True).message == ("paused, 0 frames published")
+    assert tracker.seen("image") == []
+    assert tracker.pause(False).success
+    tracker.spin_until(lambda: pictures.stamps[-1] in tracker.stamps())
+    assert tracker.stamps() == sorted(tracker.stamps())
+    tracker.spin_until(lambda: pictures.stamps[-1] in tracker.stamps("clock"))
+    tracker.spin_until_ended(node)
+
+
+def test_the_rate_counts_at_once(pictures, stand_in, replay):
+    tracker = stand_in()
+    tracker.listen()
+    # At this rate a frame would come every 4 s, the last one after 20 s.
+    began = time.monotonic()
+    node = replay(source=pictures.folder, rate=0.01, start_paused=True)
+    tracker.pause(False)
+    tracker.spin_until(lambda: tracker.seen("image"))
+    tracker.set_replay_parameter("rate", 1000.0)
+    tracker.spin_until(lambda: pictures.stamps[-1] in tracker.stamps())
+    assert time.monotonic() - began < 20.0
+    tracker.spin_until_ended(node)
