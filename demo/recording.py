@@ -1,0 +1,150 @@
+"""Records what the tracker publishes, message by message."""
+
+from __future__ import annotations
+
+import time
+from array import array
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PolygonStamped
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Image, PointCloud2
+
+from pf_tracker_ros.footage.cdr import header_stamp
+
+BOX = "/pf_tracker/box"
+STATUS = "/pf_tracker/status"
+PARTICLES = "/pf_tracker/particles"
+OVERLAY = "/pf_tracker/overlay"
+# The overlay comes last: once the tracker knows that somebody listens to it, it knows of the rest.
+TOPICS = {
+    BOX: (PolygonStamped, "geometry_msgs/msg/PolygonStamped"),
+    STATUS: (DiagnosticArray, "diagnostic_msgs/msg/DiagnosticArray"),
+    PARTICLES: (PointCloud2, "sensor_msgs/msg/PointCloud2"),
+    OVERLAY: (Image, "sensor_msgs/msg/Image"),
+}
+RECORDED_STATUS = "/recorder/status"
+_EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
+_PROBE_STAMP = 1
+_PROBE_INTERVAL = 0.5
+
+
+class Recorder:
+    """A node that listens to the tracker; a context manager.
+
+    The status of a frame is passed on as `RECORDED_STATUS` once all that the tracker publishes for
+    the frame has been recorded: a replay in lockstep with that topic loses nothing here either.
+
+    Attributes:
+        messages: Topic to stamp to serialized message.
+    """
+
+    def __init__(self) -> None:
+        """Start listening in the ROS domain of this process."""
+        self.messages: dict[str, dict[int, bytes]] = {topic: {} for topic in TOPICS}
+        self._context = Context()
+        self._context.init()
+        self._node = Node("recorder", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._probes = self._node.create_publisher(Image, "/image", 1)
+        self._recorded = self._node.create_publisher(DiagnosticArray, RECORDED_STATUS, 10)
+        for topic, (message_type, _) in TOPICS.items():
+            self._node.create_subscription(
+                message_type, topic, self._keep(topic), _EVERYTHING, raw=True
+            )
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(
+        self,
+        error_type: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def read(self, topic: str) -> dict[int, Any]:
+        """The messages of a topic by stamp."""
+        message_type, _ = TOPICS[topic]
+        return {
+            stamp: deserialize_message(message, message_type)
+            for stamp, message in self.messages[topic].items()
+        }
+
+    def wait_until(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """Record until a condition holds, and tell whether it came to hold in time."""
+        deadline = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            self._executor.spin_once(timeout_sec=0.02)
+        return True
+
+    def meet_tracker(self, timeout: float, check: Callable[[], None]) -> bool:
+        """Wait until all that the tracker publishes arrives here.
+
+        DDS makes the two acquainted topic by topic, and what is published before is lost. So a
+        small image is shown to the tracker, which has no target yet, until it comes back.
+
+        Args:
+            timeout: Longest wait in seconds.
+            check: Called now and then; raises to give up.
+
+        Returns:
+            Whether it does.
+        """
+        deadline = time.monotonic() + timeout
+        while time.monotonic() < deadline:
+            check()
+            self._probes.publish(_probe())
+            if self.wait_until(self._probe_has_returned, _PROBE_INTERVAL):
+                self._node.destroy_publisher(self._probes)
+                return True
+        return False
+
+    def _probe_has_returned(self) -> bool:
+        return all(_PROBE_STAMP in self.messages[topic] for topic in (STATUS, OVERLAY))
+
+    def _keep(self, topic: str) -> Callable[[bytes], None]:
+        def keep(message: bytes) -> None:
+            stamp = header_stamp(message)
+            # The first message of a stamp is the answer; a frame that comes twice changes nothing.
+            self.messages[topic].setdefault(stamp, message)
+            if self._is_complete(stamp):
+                self._recorded.publish(self.messages[STATUS][stamp])
+
+        return keep
+
+    def _is_complete(self, stamp: int) -> bool:
+        if stamp not in self.messages[STATUS]:
+            return False
+        state = status_values(deserialize_message(self.messages[STATUS][stamp], DiagnosticArray))
+        expected = {"idle": {OVERLAY}, "lost": {OVERLAY, PARTICLES}}.get(
+            state["state"], set(TOPICS)
+        )
+        return all(stamp in self.messages[topic] for topic in expected)
+
+
+def status_values(message: DiagnosticArray) -> dict[str, str]:
+    """The values of a status by key."""
+    (status,) = message.status
+    return {pair.key: pair.value for pair in status.values}
+
+
+def _probe() -> Image:
+    side = 16
+    image = Image(height=side, width=side, encoding="mono8", step=side)
+    image.header.stamp.nanosec = _PROBE_STAMP
+    image.data = array("B", bytes(side * side))
+    return image

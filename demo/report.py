@@ -1,0 +1,189 @@
+"""What the demo leaves behind for a clip: result.mcap, result.json, overlay.mp4, contact sheet."""
+
+from __future__ import annotations
+
+import json
+import statistics
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from failure import DemoError
+from numpy.typing import NDArray
+from recording import BOX, OVERLAY, STATUS, TOPICS, Recorder, status_values
+from rich.table import Table
+
+from pf_tracker_ros.footage import BagWriter
+from pf_tracker_ros.node.image_decoding import decode
+from pf_tracker_ros.node.message_building import box_of_polygon
+
+Picture = NDArray[np.uint8]
+
+# Small footage is enlarged to be seen on a screen.
+_SCREEN_HEIGHT = 432
+_SHEET_WIDTH = 1920
+_SHEET_TILES = 12
+_WIDE = 1.6
+_CAPTION_HEIGHT = 26
+
+
+@dataclass(frozen=True)
+class FrameResult:
+    """The tracker's answer for one frame.
+
+    Attributes:
+        stamp: Nanoseconds.
+        box: (x, y, width, height) in pixels, None while the target is lost.
+        state: As in `~/status`.
+        confidence: 0 to 1.
+        milliseconds: Processing time.
+    """
+
+    stamp: int
+    box: tuple[float, float, float, float] | None
+    state: str
+    confidence: float
+    milliseconds: float
+
+
+def collect(recorder: Recorder, stamps: list[int]) -> list[FrameResult]:
+    """The tracker's answers in the order of the frames.
+
+    Raises:
+        DemoError: A frame has no status, or no target was tracked in it.
+    """
+    statuses = recorder.read(STATUS)
+    boxes = recorder.read(BOX)
+    missing = [index for index, stamp in enumerate(stamps) if stamp not in statuses]
+    if missing:
+        raise DemoError(f"the tracker published no status for frames {missing}")
+    results = []
+    for index, stamp in enumerate(stamps):
+        values = status_values(statuses[stamp])
+        if "confidence" not in values:
+            raise DemoError(f"the tracker has no target in frame {index}: {values}")
+        results.append(
+            FrameResult(
+                stamp=stamp,
+                box=box_of_polygon(boxes[stamp]) if stamp in boxes else None,
+                state=values["state"],
+                confidence=float(values["confidence"]),
+                milliseconds=float(values["processing_time_ms"]),
+            )
+        )
+    return results
+
+
+def write_bag(recorder: Recorder, stamps: list[int], path: Path) -> None:
+    """Write all that the tracker published for these frames into an MCAP file."""
+    with BagWriter(path) as writer:
+        for topic, (_, message_type) in TOPICS.items():
+            writer.add_topic(topic, message_type)
+        for stamp in stamps:
+            for topic in TOPICS:
+                if stamp in recorder.messages[topic]:
+                    writer.write(topic, stamp, recorder.messages[topic][stamp])
+
+
+def write_json(clip: str, results: list[FrameResult], path: Path) -> None:
+    """Write one entry a frame: stamp in seconds, box, state and confidence."""
+    frames = [
+        {
+            "stamp": result.stamp / 1e9,
+            "box": None if result.box is None else [round(value, 3) for value in result.box],
+            "state": result.state,
+            "confidence": result.confidence,
+        }
+        for result in results
+    ]
+    path.write_text(json.dumps({"clip": clip, "frames": frames}, indent=1) + "\n")
+
+
+def read_overlays(recorder: Recorder, stamps: list[int]) -> list[Picture]:
+    """The overlay of each frame, enlarged to be seen on a screen.
+
+    Raises:
+        DemoError: A frame has none.
+    """
+    messages = recorder.read(OVERLAY)
+    missing = [index for index, stamp in enumerate(stamps) if stamp not in messages]
+    if missing:
+        raise DemoError(f"the tracker published no overlay for frames {missing}")
+    overlays = []
+    for stamp in stamps:
+        overlay = decode(messages[stamp])
+        factor = max(1, round(_SCREEN_HEIGHT / overlay.shape[0]))
+        overlays.append(
+            cv2.resize(overlay, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
+        )
+    return overlays
+
+
+def write_video(overlays: list[Picture], frame_rate: float, path: Path) -> None:
+    """Write pictures as a video.
+
+    Raises:
+        DemoError: OpenCV cannot write it.
+    """
+    height, width = overlays[0].shape[:2]
+    codec = cv2.VideoWriter_fourcc(*"mp4v")
+    writer = cv2.VideoWriter(str(path), codec, frame_rate, (width, height))
+    if not writer.isOpened():
+        raise DemoError(f"OpenCV cannot write {path}")
+    for overlay in overlays:
+        writer.write(overlay)
+    writer.release()
+
+
+def write_contact_sheet(overlays: list[Picture], first_frame: int, path: Path) -> None:
+    """Write an even choice of pictures, the first and the last among them, onto one sheet.
+
+    Raises:
+        DemoError: OpenCV cannot write it.
+    """
+    height, width = overlays[0].shape[:2]
+    columns = 3 if width / height > _WIDE else 4
+    chosen = np.linspace(0, len(overlays) - 1, min(len(overlays), _SHEET_TILES)).round().astype(int)
+    tiles = [
+        _captioned(overlays[index], f"frame {first_frame + index}", _SHEET_WIDTH // columns)
+        for index in chosen
+    ]
+    tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % columns)
+    rows = [np.hstack(tiles[start : start + columns]) for start in range(0, len(tiles), columns)]
+    if not cv2.imwrite(str(path), np.vstack(rows)):
+        raise DemoError(f"OpenCV cannot write {path}")
+
+
+def _captioned(picture: Picture, caption: str, width: int) -> Picture:
+    scale = width / picture.shape[1]
+    tile = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    band = np.zeros((_CAPTION_HEIGHT, tile.shape[1], 3), np.uint8)
+    origin = (8, _CAPTION_HEIGHT - 8)
+    font = cv2.FONT_HERSHEY_SIMPLEX
+    cv2.putText(band, caption, origin, font, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
+    return np.vstack([band, tile])
+
+
+def summary_table() -> Table:
+    """An empty table, a row for each clip."""
+    table = Table(title="Tracked through the ROS node")
+    table.add_column("clip")
+    for heading in ("frames", "tracking", "confidence", "ms a frame"):
+        table.add_column(heading, justify="right")
+    table.add_column("results")
+    return table
+
+
+def add_row(table: Table, clip: str, results: list[FrameResult], folder: Any) -> None:
+    """Add a clip's figures: share of frames with state tracking, means and median."""
+    tracked = sum(result.state == "tracking" for result in results)
+    table.add_row(
+        clip,
+        str(len(results)),
+        f"{tracked / len(results):.0%}",
+        f"{statistics.mean(result.confidence for result in results):.2f}",
+        f"{statistics.median(result.milliseconds for result in results):.1f}",
+        f"{folder}/",
+    )

