@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_msgs.msg import Header
 
+from pf_tracker_ros.footage.messages import box_corners, image_encoding
 from pf_tracker_ros.tracking.estimate import Estimate
 
 Box = tuple[float, float, float, float]
@@ -53,10 +54,8 @@ def box_of_polygon(message: PolygonStamped) -> Box:
 
 def box_message(box: Box, header: Header) -> PolygonStamped:
     """The four corners of a box in pixels, clockwise from the top left."""
-    x, y, width, height = box
-    corners = ((x, y), (x + width, y), (x + width, y + height), (x, y + height))
     message = PolygonStamped(header=header)
-    message.polygon.points = [Point32(x=corner_x, y=corner_y) for corner_x, corner_y in corners]
+    message.polygon.points = [Point32(x=x, y=y) for x, y in box_corners(box)]
     return message
 
 
@@ -84,17 +83,25 @@ def particles_message(estimate: Estimate, header: Header) -> PointCloud2:
     )
 
 
-def image_message(image: NDArray[np.uint8], header: Header) -> Image:
-    """A (height, width, 3) uint8 BGR image."""
-    height, width = image.shape[:2]
+def image_message(image: NDArray[np.generic], header: Header) -> Image:
+    """An array as an image.
+
+    Args:
+        image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
+        header: Of the message.
+
+    Returns:
+        The message, encoded bgr8, mono8 or little-endian mono16.
+    """
+    pixels = np.ascontiguousarray(image, dtype=image.dtype.newbyteorder("<"))
     return Image(
         header=header,
-        height=height,
-        width=width,
-        encoding="bgr8",
+        height=image.shape[0],
+        width=image.shape[1],
+        encoding=image_encoding(image),
         is_bigendian=0,
-        step=3 * width,
-        data=_octets(image),
+        step=pixels.strides[0],
+        data=_octets(pixels),
     )
 
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Generator, Iterable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
-import numpy as np
 from geometry_msgs.msg import PolygonStamped
-from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
@@ -23,8 +20,7 @@ from pf_tracker_ros.footage import (
     open_footage,
 )
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE
-from pf_tracker_ros.footage.messages import image_encoding
-from pf_tracker_ros.node.message_building import Box, box_message
+from pf_tracker_ros.node.message_building import Box, box_message, image_message
 from pf_tracker_ros.node.replay_parameters import ReplayParameters
 
 
@@ -147,28 +143,3 @@ def make_header(stamp: int, frame_id: str) -> Header:
     header = Header(frame_id=frame_id)
     header.stamp.sec, header.stamp.nanosec = divmod(stamp, 1_000_000_000)
     return header
-
-
-def image_message(image: NDArray[Any], header: Header) -> Image:
-    """An array as sensor_msgs/Image.
-
-    Args:
-        image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
-        header: The header of the message.
-
-    Returns:
-        The message, encoded bgr8, mono8 or little-endian mono16.
-    """
-    pixels = np.ascontiguousarray(image, dtype=image.dtype.newbyteorder("<"))
-    # rclpy takes an array of bytes as it is; it would copy any other sequence element by element.
-    data = array("B")
-    data.frombytes(pixels.data.cast("B"))
-    return Image(
-        header=header,
-        height=image.shape[0],
-        width=image.shape[1],
-        encoding=image_encoding(image),
-        is_bigendian=0,
-        step=pixels.strides[0],
-        data=data,
-    )

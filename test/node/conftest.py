@@ -237,6 +237,10 @@ class Graph:
                 client.images.get_subscription_count()
                 and client.targets.get_subscription_count()
                 and sum(publisher.get_subscription_count() for publisher in outward) == expected
+                # A writer may know its reader before the reader knows it: what it then sends at
+                # best effort is lost.
+                and all(s.get_publisher_count() for s in _heard(node, client))
+                and all(s.get_publisher_count() for s in _heard(client, node))
             )
 
         client.wait_for(acquainted, "connection of client and tracker")
@@ -263,6 +267,12 @@ class Graph:
     def close(self):
         for close in reversed(self._closing):
             close()
+
+
+def _heard(listener, speaker):
+    """The listener's subscriptions to what the speaker publishes."""
+    topics = {publisher.topic_name for publisher in speaker.publishers}
+    return [s for s in listener.subscriptions if s.topic_name in topics]
 
 
 def _spin(executor):

@@ -1,0 +1,20 @@
+"""The presets' accuracy on real footage, where it is present: a floor that no change may break."""
+
+import functools
+
+import pytest
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.evaluation.results import mean_scores
+from pf_tracker_ros.evaluation.runner import evaluate_sequences
+from pf_tracker_ros.evaluation.sequences import read_sequences
+
+FLOORS = {"default": 0.48, "li2007": 0.40}
+
+
+@pytest.mark.parametrize("preset", FLOORS)
+def test_mean_success_auc_over_the_development_sequences(preset, sequences_directory):
+    sequences = read_sequences([sequences_directory])
+    make_tracker = functools.partial(Tracker.from_preset, preset)
+    results = evaluate_sequences(sequences, make_tracker, range(1), jobs=2)
+    assert mean_scores(results).success_auc >= FLOORS[preset]
