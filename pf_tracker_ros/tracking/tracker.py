@@ -222,10 +222,16 @@ class Tracker:
             weighted = predicted
             box = motion.boxes(weighted.mean[None])
 
+        particles = self._resampler.resample(weighted, parameters.particles, self._generator)
+        if track.state == "lost":
+            # Going on from where the target was lost, every frame searches that region anew. Going
+            # on from here, the cloud and its cost would grow without end.
+            particles = target.particles
+
         x, y, width, height = (float(value) for value in box[0])
         return replace(
             target,
-            particles=self._resampler.resample(weighted, parameters.particles, self._generator),
+            particles=particles,
             templates=templates,
             track=track,
             estimate=_estimate((x, y, width, height), track, match.similarity, weighted, boxes),

@@ -166,6 +166,22 @@ def test_a_target_hidden_for_too_long_is_lost(preset):
     assert states == ["occluded"] * 4 + ["lost"] * 4
 
 
+@every_preset
+def test_the_search_for_a_lost_target_does_not_grow_without_end(preset):
+    tracker = Tracker.from_preset(preset, parameters={"track.lost_after": 0.5})
+    run(tracker, walk(20))
+    lost = [tracker.update(BACKGROUND, dt=0.1) for _ in range(60)][5:]
+    assert {estimate.state for estimate in lost} == {"lost"}
+    traces = [np.trace(estimate.covariance) for estimate in lost]
+    assert max(traces) < 2 * traces[0]
+    assert lost[0].box != lost[1].box
+    image, box = frame(60 + 3.0 * 20, 120 + 30 * np.sin(20 / 8))
+    for _ in range(30):
+        found = tracker.update(image)
+    assert found.state == "tracking"
+    assert overlap(found.box, box) > 0.5
+
+
 def test_templates_freeze_while_hidden():
     """After a long look at the background the target itself still fits as before."""
     frames = walk(20)
