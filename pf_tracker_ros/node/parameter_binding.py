@@ -106,6 +106,7 @@ class ParameterBinding:
         self._check: Callable[[Values], None] = lambda values: None
         self._apply: Callable[[Values], None] = lambda changes: None
         self._imply: Callable[[Values], Values] = lambda requested: {}
+        self._ready: Callable[[], bool] = lambda: True
 
     def declare(
         self, declarations: Mapping[str, Declaration], defaults: Values | None = None
@@ -151,6 +152,7 @@ class ParameterBinding:
         check: Callable[[Values], None] | None = None,
         apply: Callable[[Values], None] | None = None,
         imply: Callable[[Values], Values] | None = None,
+        ready: Callable[[], bool] | None = None,
     ) -> None:
         """Follow changes at run time, and report what was given at start-up but does not exist.
 
@@ -160,10 +162,12 @@ class ParameterBinding:
             apply: Called with the changed values once `values` holds them.
             imply: Called with the requested values; returns the values that follow from them for
                 other parameters, which are set in the same step. A request wins over it.
+            ready: Whether the node has begun; until then read-only parameters can be corrected.
         """
         self._check = check or self._check
         self._apply = apply or self._apply
         self._imply = imply or self._imply
+        self._ready = ready or self._ready
         self._node.add_pre_set_parameters_callback(self._convert)
         self._node.add_on_set_parameters_callback(self._validate)
         self._node.add_post_set_parameters_callback(self._store)
@@ -237,8 +241,8 @@ class ParameterBinding:
         return [parameter for parameter in parameters if parameter.name in self._declarations]
 
     def _lock(self) -> None:
-        """Make read-only what is declared so, once no wrong value awaits correction."""
-        if self._locked or self.refused:
+        """Make read-only what is declared so, once nothing awaits correction."""
+        if self._locked or self.refused or not self._ready():
             return
         self._locked = True
         for name, declaration in self._declarations.items():

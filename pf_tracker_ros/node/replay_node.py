@@ -16,7 +16,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PolygonStamped
 from rclpy.duration import Duration
 from rclpy.exceptions import NameValidationException
-from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -33,12 +32,13 @@ from pf_tracker_ros.node.prefetch import Prefetch
 from pf_tracker_ros.node.replay_parameters import ReplayParameters
 from pf_tracker_ros.node.replay_source import (
     ReplayItem,
+    ReplaySource,
     as_box,
     make_header,
     open_replay_source,
 )
 from pf_tracker_ros.node.running import run
-from pf_tracker_ros.parameters import ParameterError, build, declarations
+from pf_tracker_ros.parameters import build, declarations
 
 # Deep enough that a subscriber may be busy for a third of a second, shallow enough for memory.
 _IMAGE_DEPTH = 10
@@ -51,10 +51,11 @@ _WARNING_INTERVAL = 5.0
 class ReplayNode(Node):
     """Publishes `image`, `~/ground_truth`, the tracker's target and `/clock` from a recording.
 
-    Its context is shut down at the end of the source.
+    A wrong parameter or a source that cannot be read keeps it from playing until both are set
+    rightly; it stays up. Its context is shut down at the end of the source.
 
     Attributes:
-        exit_code: 1 once the source has failed, else 0.
+        exit_code: 1 once the source has failed while it was played, else 0.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -62,24 +63,41 @@ class ReplayNode(Node):
 
         Args:
             **options: Of `rclpy.node.Node`.
-
-        Raises:
-            FootageError: The source cannot be read.
-            ParameterError: A parameter was given a value that is not allowed.
         """
         super().__init__("replay", **options)
         self._log = self.get_logger()  # type: ignore[no-untyped-call]
+        self.exit_code = 0
+        self._published = 0
+        self._thread: threading.Thread | None = None
         self._binding = ParameterBinding(self)
         self._binding.declare(declarations(ReplayParameters))
-        if self._binding.refused:
-            raise ParameterError("; ".join(self._binding.refused.values()))
-        parameters = build(ReplayParameters, self._binding.values)
-        self._fixed = parameters
-        self._source = open_replay_source(parameters)
+        self._begin()
+        self._binding.listen(
+            apply=lambda changes: self._begin(), ready=lambda: self._thread is not None
+        )
 
-        compressed = self._source.image_type is CompressedImage
+    def _begin(self) -> None:
+        """Open the source and play it, unless it plays already or something is in the way."""
+        if self._thread is not None or self._binding.refused:
+            return
+        parameters = build(ReplayParameters, self._binding.values)
+        before = set(self.publishers)
+        try:
+            self._set_up(open_replay_source(parameters), parameters)
+        except (FootageError, NameValidationException) as error:
+            for publisher in set(self.publishers) - before:
+                self.destroy_publisher(publisher)
+            self._log.error(f"not playing: {error}")
+            return
+        self._thread = threading.Thread(target=self._run, name="playback", daemon=True)
+        self._thread.start()
+
+    def _set_up(self, source: ReplaySource, parameters: ReplayParameters) -> None:
+        self._fixed = parameters
+        self._source = source
+        compressed = source.image_type is CompressedImage
         self._image_publisher = self.create_publisher(
-            self._source.image_type,
+            source.image_type,
             "image/compressed" if compressed else "image",
             QoSProfile(
                 depth=_IMAGE_DEPTH,
@@ -88,7 +106,7 @@ class ReplayNode(Node):
         )
         self._ground_truth_publisher = (
             self.create_publisher(PolygonStamped, "~/ground_truth", _IMAGE_DEPTH)
-            if self._source.has_ground_truth
+            if source.has_ground_truth
             else None
         )
         self._sends_target = bool(parameters.target_box) or parameters.target_from_ground_truth
@@ -108,16 +126,12 @@ class ReplayNode(Node):
                 DiagnosticArray, parameters.lockstep_status, self._on_status, _IMAGE_DEPTH
             )
         self.create_service(SetBool, "~/pause", self._on_pause)
-        self._binding.listen()
-        self._published = 0
-        self.exit_code = 0
-        self._thread = threading.Thread(target=self._run, name="playback", daemon=True)
-        self._thread.start()
 
     def destroy_node(self) -> None:
         """End the playback, then the node."""
-        self._playback.stop()
-        self._thread.join()
+        if self._thread is not None:
+            self._playback.stop()
+            self._thread.join()
         super().destroy_node()  # type: ignore[no-untyped-call]
 
     def _on_status(self, status: DiagnosticArray) -> None:
@@ -284,7 +298,7 @@ def main(arguments: list[str] | None = None) -> int:
         arguments: The command line with the program's name, by default that of the process.
 
     Returns:
-        The exit code: 0 at the end or when stopped, 1 if the source or a parameter is wrong.
+        The exit code: 0 at the end or when stopped, 1 if the source failed while it was played.
     """
     nodes: list[ReplayNode] = []
 
@@ -292,14 +306,7 @@ def main(arguments: list[str] | None = None) -> int:
         nodes.append(ReplayNode())
         return nodes[0]
 
-    try:
-        run(create, arguments)
-    except (FootageError, NameValidationException) as error:
-        get_logger("replay").fatal(str(error))
-        return 1
-    except ParameterError:
-        # The binding has said what is wrong.
-        return 1
+    run(create, arguments)
     return nodes[0].exit_code if nodes else 0
 
 
