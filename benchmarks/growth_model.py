@@ -1,0 +1,335 @@
+"""The univariate growth model: extended Kalman, bootstrap and Kalman-proposal filters compared.
+
+    x_k = x_{k-1} / 2 + 25 x_{k-1} / (1 + x_{k-1}^2) + 8 cos(1.2 k) + u_k,   u_k ~ N(0, 10)
+    y_k = x_k^2 / 20 + v_k,                                                  v_k ~ N(0, 1)
+
+100 steps, 100 particles, resampled when the effective sample size falls below 30; the experiment of
+Zhang Bo, who reports a mean RMSE of 9.08 for the Kalman-predicted filter. Every filter sees the
+same states and measurements. Where the library `particles` is installed (the extra `benchmark`; it
+needs an environment of its own, since it asks for NumPy 1), its bootstrap filter runs beside ours
+as an independent check.
+
+    python benchmarks/growth_model.py --runs 500
+
+It writes `growth_model.md` and `growth_model.png` to the results folder. Exit code 1: the figures
+contradict what must hold (RMSE of the Kalman-proposal filter below 9.08, agreement of the two
+bootstrap filters).
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+# One thread also for the linear algebra, which reads this when NumPy is imported.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import intervals
+import numpy as np
+from intervals import Interval
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from pf_tracker_ros.filter import (
+    EffectiveSampleSizeResampler,
+    Gaussian,
+    ParticleSet,
+    propose_from_prediction,
+    propose_from_transition,
+)
+from pf_tracker_ros.filter.resampling import MultinomialResampler
+
+RESULTS = Path(__file__).resolve().parent / "results"
+FIRST_STATE = 0.1
+STEPS = 100
+PARTICLES = 100
+THRESHOLD = 30
+STATE_VARIANCE = 10.0
+MEASUREMENT_VARIANCE = 1.0
+SHARE = 0.3
+PAPER_RMSE = 9.08
+
+Array = NDArray[np.float64]
+Filter = Callable[[Array, int], Array]
+
+
+def growth(states: Array, step: int) -> Array:
+    """The state without noise in `step`, counted from 1, after `states` in the step before."""
+    return states / 2 + 25 * states / (1 + states**2) + 8 * np.cos(1.2 * step)
+
+
+def growth_slope(state: float) -> float:
+    """Derivative of `growth` by the state."""
+    return 0.5 + 25 * (1 - state**2) / (1 + state**2) ** 2
+
+
+@dataclass(frozen=True)
+class GrowthTransition:
+    """The model's transition prior in one step, as the proposals take it."""
+
+    step: int
+
+    def mean(self, states: Array) -> Array:
+        """See `Transition.mean`."""
+        return growth(states, self.step)
+
+    def spread(self, states: Array) -> Array:
+        """See `Transition.spread`."""
+        return np.full(states.shape, np.sqrt(STATE_VARIANCE))
+
+
+def simulate(seed: int) -> tuple[Array, Array]:
+    """(STEPS,) states and (STEPS,) measurements."""
+    generator = np.random.default_rng([seed, 0])
+    states = np.empty(STEPS)
+    state = FIRST_STATE
+    for index in range(STEPS):
+        noise = np.sqrt(STATE_VARIANCE) * generator.standard_normal()
+        state = float(growth(np.asarray(state), index + 1)) + noise
+        states[index] = state
+    noise = np.sqrt(MEASUREMENT_VARIANCE) * generator.standard_normal(STEPS)
+    return states, states**2 / 20 + noise
+
+
+def extended_kalman(measurements: Array, seed: int) -> Array:
+    """Estimates of the extended Kalman filter; the seed is not used."""
+    belief = Gaussian(np.array([FIRST_STATE]), np.zeros((1, 1)))
+    estimates = np.empty(STEPS)
+    for index, measurement in enumerate(measurements):
+        belief = _foreseen(belief, index + 1)
+        state = belief.mean
+        belief = belief.corrected(
+            [measurement], [state / 10], [[MEASUREMENT_VARIANCE]], expected=state**2 / 20
+        )
+        estimates[index] = belief.mean[0]
+    return estimates
+
+
+def bootstrap(measurements: Array, seed: int) -> Array:
+    """Estimates of the bootstrap filter: particles drawn from the transition prior."""
+    return _particle_filter(measurements, seed, share=0.0)
+
+
+def kalman_proposal(measurements: Array, seed: int) -> Array:
+    """Estimates of the filter that draws a part of its particles around a Kalman prediction.
+
+    The Kalman filter runs on the state itself: the model's slope at its mean predicts, and the
+    particles' mean, with their covariance as its error, corrects it.
+    """
+    return _particle_filter(measurements, seed, share=SHARE)
+
+
+def _particle_filter(measurements: Array, seed: int, share: float) -> Array:
+    generator = np.random.default_rng([seed, 1])
+    resampler = EffectiveSampleSizeResampler(MultinomialResampler(), THRESHOLD / PARTICLES)
+    particles = ParticleSet.uniform(np.full((PARTICLES, 1), FIRST_STATE))
+    belief = Gaussian(np.array([FIRST_STATE]), np.zeros((1, 1)))
+    estimates = np.empty(STEPS)
+    for index, measurement in enumerate(measurements):
+        transition = GrowthTransition(index + 1)
+        if share > 0.0:
+            belief = _foreseen(belief, index + 1)
+            proposed = propose_from_prediction(
+                particles.states, transition, belief, share, generator
+            )
+        else:
+            proposed = propose_from_transition(particles.states, transition, generator)
+        error = measurement - proposed.states[:, 0] ** 2 / 20
+        log_likelihood = -0.5 * error**2 / MEASUREMENT_VARIANCE
+        particles = particles.moved(proposed.states).reweighted(proposed.log_ratio + log_likelihood)
+        if share > 0.0:
+            # A cloud that fell into one point would claim to have no error at all.
+            error_covariance = particles.covariance + 1e-6
+            belief = belief.corrected(particles.mean, np.eye(1), error_covariance)
+        estimates[index] = particles.mean[0]
+        particles = resampler.resample(particles, PARTICLES, generator)
+    return estimates
+
+
+def _foreseen(belief: Gaussian, step: int) -> Gaussian:
+    state = belief.mean
+    return belief.predicted(
+        [[growth_slope(float(state[0]))]], [[STATE_VARIANCE]], mean=growth(state, step)
+    )
+
+
+def library_bootstrap() -> Filter | None:
+    """The bootstrap filter of the library `particles` on this model; None if not installed."""
+    if importlib.util.find_spec("particles") is None:
+        return None
+    particles = importlib.import_module("particles")
+    distributions = importlib.import_module("particles.distributions")
+    models = importlib.import_module("particles.state_space_models")
+    collectors = importlib.import_module("particles.collectors")
+    noise = np.sqrt(STATE_VARIANCE)
+
+    class Growth(models.StateSpaceModel):
+        def PX0(self):  # noqa: N802, the library's name
+            return distributions.Normal(loc=float(growth(np.array(FIRST_STATE), 1)), scale=noise)
+
+        def PX(self, t, xp):  # noqa: N802, the library's name
+            return distributions.Normal(loc=growth(xp, t + 1), scale=noise)
+
+        def PY(self, t, xp, x):  # noqa: N802, the library's name
+            return distributions.Normal(loc=x**2 / 20, scale=np.sqrt(MEASUREMENT_VARIANCE))
+
+    def run(measurements: Array, seed: int) -> Array:
+        np.random.seed(seed)  # noqa: NPY002, the only generator that the library takes
+        algorithm = particles.SMC(
+            fk=models.Bootstrap(ssm=Growth(), data=measurements),
+            N=PARTICLES,
+            resampling="multinomial",
+            ESSrmin=THRESHOLD / PARTICLES,
+            collect=[collectors.Moments()],
+        )
+        algorithm.run()
+        return np.array([moments["mean"] for moments in algorithm.summaries.moments])
+
+    return run
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One filter on all runs.
+
+    Attributes:
+        name: Of the filter.
+        errors: (runs,) root mean square error over the steps of a run.
+        milliseconds: (runs,) CPU time of a step.
+    """
+
+    name: str
+    errors: Array
+    milliseconds: Array
+
+
+def filters() -> dict[str, Filter]:
+    """Name to filter; the library's only where it is installed."""
+    ours = {
+        "extended Kalman": extended_kalman,
+        "bootstrap": bootstrap,
+        "Kalman proposal": kalman_proposal,
+    }
+    library = library_bootstrap()
+    return ours | ({"bootstrap of `particles`": library} if library else {})
+
+
+def run_all(runs: int, first_seed: int = 0) -> list[Outcome]:
+    """Every filter on the same `runs` simulations."""
+    chosen = filters()
+    errors = {name: np.empty(runs) for name in chosen}
+    times = {name: np.empty(runs) for name in chosen}
+    for run in track(range(runs), "runs", console=Console(stderr=True), transient=True):
+        states, measurements = simulate(first_seed + run)
+        for name, estimate in chosen.items():
+            before = time.process_time()
+            estimates = estimate(measurements, first_seed + run)
+            times[name][run] = 1000 * (time.process_time() - before) / STEPS
+            errors[name][run] = np.sqrt(np.mean((estimates - states) ** 2))
+    return [Outcome(name, errors[name], times[name]) for name in chosen]
+
+
+def difference(outcomes: Sequence[Outcome]) -> Interval | None:
+    """Our bootstrap filter's RMSE minus the library's, run by run; None without the library."""
+    errors = {outcome.name: outcome.errors for outcome in outcomes}
+    library = errors.get("bootstrap of `particles`")
+    return None if library is None else intervals.mean(errors["bootstrap"] - library)
+
+
+def rows(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
+    """A heading, then one line a filter."""
+    lines = [("filter", "RMSE", "95 % interval", "CPU ms a step", "95 % interval")]
+    for outcome in outcomes:
+        error, cost = intervals.mean(outcome.errors), intervals.mean(outcome.milliseconds)
+        lines.append(
+            (
+                outcome.name,
+                f"{error.value:.2f}",
+                f"{error.low:.2f} to {error.high:.2f}",
+                f"{cost.value:.3f}",
+                f"{cost.low:.3f} to {cost.high:.3f}",
+            )
+        )
+    return lines
+
+
+def agreement(outcomes: Sequence[Outcome]) -> str:
+    """One sentence on the library's check."""
+    gap = difference(outcomes)
+    if gap is None:
+        return "`particles` is not installed (extra `benchmark`): no independent check was made."
+    verdict = "they agree" if gap.low <= 0.0 <= gap.high else "they DISAGREE"
+    return (
+        f"RMSE of our bootstrap filter minus that of `particles`, run by run: {gap.value:+.3f} "
+        f"(95 % interval {gap.low:+.3f} to {gap.high:+.3f}): {verdict}."
+    )
+
+
+def write(folder: Path, outcomes: Sequence[Outcome]) -> None:
+    """Write the table as Markdown and the RMSE of all runs as a plot."""
+    folder.mkdir(parents=True, exist_ok=True)
+    heading, *body = rows(outcomes)
+    lines = [f"# Growth model, {len(outcomes[0].errors)} runs of {STEPS} steps", ""]
+    lines += ["| " + " | ".join(line) + " |" for line in (heading, ["---"] * len(heading), *body)]
+    lines += ["", agreement(outcomes), "", f"Zhang Bo reports a mean RMSE of {PAPER_RMSE}.", ""]
+    (folder / "growth_model.md").write_text("\n".join(lines), encoding="utf-8")
+
+    figure = Figure(figsize=(11.0, 4.5), layout="constrained")
+    spread, steps = figure.subplots(1, 2)
+    spread.boxplot([outcome.errors for outcome in outcomes], showmeans=True)
+    spread.set_xticks(
+        range(1, len(outcomes) + 1), [outcome.name.replace(" ", "\n") for outcome in outcomes]
+    )
+    spread.axhline(PAPER_RMSE, color="gray", linestyle="--", label="reported by Zhang Bo")
+    spread.set(ylabel="RMSE of a run", ylim=(0.0, None))
+    spread.legend()
+    states, measurements = simulate(0)
+    steps.plot(states, color="black", label="true state")
+    for name, estimate in filters().items():
+        steps.plot(estimate(measurements, 0), linewidth=0.9, label=name)
+    steps.set(xlabel="step", ylabel="state", title="The first run")
+    steps.legend(fontsize="small")
+    figure.savefig(folder / "growth_model.png", dpi=120)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the experiment, print the table and write the files."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--runs", type=int, default=500, help="seeded runs, at least 2 [500]")
+    parser.add_argument("--output", type=Path, default=RESULTS, help=f"folder [{RESULTS}]")
+    options = parser.parse_args(arguments)
+    if options.runs < 2:
+        parser.error(f"--runs is {options.runs}; allowed: at least 2")
+    outcomes = run_all(options.runs)
+    table = Table(title=f"Growth model, {options.runs} runs of {STEPS} steps")
+    heading, *body = rows(outcomes)
+    for title in heading:
+        table.add_column(title)
+    for line in body:
+        table.add_row(*line)
+    Console().print(table)
+    print(agreement(outcomes))
+    try:
+        write(options.output, outcomes)
+    except OSError as error:
+        parser.error(str(error))
+    proposal = next(outcome for outcome in outcomes if outcome.name == "Kalman proposal")
+    gap = difference(outcomes)
+    agrees = gap is None or gap.low <= 0.0 <= gap.high
+    return 0 if proposal.errors.mean() < PAPER_RMSE and agrees else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,124 @@
+"""The Gaussian of a Kalman filter: predicted by a motion, corrected by a measurement.
+
+Linear models are the Kalman filter. A nonlinear one passes its Jacobian as the matrix, and its
+value beside it: the extended Kalman filter.
+
+Source: Zhang Bo, section 3.3 (state and measurement model, prediction and correction).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussian:
+    """A normal distribution of a D-dimensional state; every operation returns another one.
+
+    Attributes:
+        mean: (D,).
+        covariance: (D, D), symmetric.
+
+    Raises:
+        ValueError: The shapes do not fit together, or a number is not finite.
+    """
+
+    mean: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        mean = np.array(self.mean, dtype=np.float64)
+        covariance = np.array(self.covariance, dtype=np.float64)
+        if mean.ndim != 1 or covariance.shape != (len(mean), len(mean)):
+            raise ValueError(
+                f"mean has shape {mean.shape} and covariance {covariance.shape}; "
+                "expected (D,) and (D, D)"
+            )
+        if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+            raise ValueError("mean and covariance must be finite numbers")
+        mean.setflags(write=False)
+        covariance.setflags(write=False)
+        object.__setattr__(self, "mean", mean)
+        object.__setattr__(self, "covariance", covariance)
+
+    def predicted(
+        self,
+        transition: ArrayLike,
+        noise: ArrayLike,
+        mean: ArrayLike | None = None,
+    ) -> Gaussian:
+        """The state one step later, x_k = A x_{k-1} + w.
+
+        Args:
+            transition: (D, D) A, or the Jacobian of a nonlinear motion at `self.mean`.
+            noise: (D, D) covariance of w.
+            mean: (D,) the motion's value at `self.mean`; None takes A times it.
+
+        Source: Zhang Bo, prediction of the Kalman filter.
+        """
+        matrix = np.asarray(transition, dtype=np.float64)
+        moved = matrix @ self.mean if mean is None else np.asarray(mean, dtype=np.float64)
+        return Gaussian(moved, matrix @ self.covariance @ matrix.T + np.asarray(noise))
+
+    def corrected(
+        self,
+        measurement: ArrayLike,
+        observation: ArrayLike,
+        noise: ArrayLike,
+        expected: ArrayLike | None = None,
+    ) -> Gaussian:
+        """The state once z = G x + v has been measured.
+
+        Args:
+            measurement: (M,) z.
+            observation: (M, D) G, or the Jacobian of a nonlinear measurement at `self.mean`.
+            noise: (M, M) covariance of v, positive definite.
+            expected: (M,) the measurement's value at `self.mean`; None takes G times it.
+
+        Source: Zhang Bo, correction of the Kalman filter; the covariance in Joseph's form, which
+        rounding leaves symmetric and positive.
+        """
+        matrix = np.asarray(observation, dtype=np.float64)
+        error = np.asarray(noise, dtype=np.float64)
+        foreseen = matrix @ self.mean if expected is None else np.asarray(expected)
+        cross = matrix @ self.covariance
+        gain = np.linalg.solve(cross @ matrix.T + error, cross).T
+        left = np.eye(len(self.mean)) - gain @ matrix
+        return Gaussian(
+            self.mean + gain @ (np.asarray(measurement, dtype=np.float64) - foreseen),
+            left @ self.covariance @ left.T + gain @ error @ gain.T,
+        )
+
+    def marginal(self, columns: NDArray[np.bool_]) -> Gaussian:
+        """The distribution of the columns that a (D,) mask names."""
+        return Gaussian(self.mean[columns], self.covariance[np.ix_(columns, columns)])
+
+    def draw(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
+        """(count, D) independent states."""
+        return self.mean + generator.standard_normal((count, len(self.mean))) @ self._root.T
+
+    def log_density(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) logarithms of the density at (N, D) states."""
+        offsets = (states - self.mean) @ self._whitener.T
+        constant = np.log(np.diagonal(self._root)).sum() + 0.5 * len(self.mean) * _LOG_TWO_PI
+        return -0.5 * np.square(offsets).sum(axis=1) - constant
+
+    @cached_property
+    def _root(self) -> NDArray[np.float64]:
+        """(D, D) lower triangular; times its transpose it is the covariance."""
+        try:
+            return np.asarray(np.linalg.cholesky(self.covariance), dtype=np.float64)
+        except np.linalg.LinAlgError:
+            raise ValueError("a density needs a covariance that is positive definite") from None
+
+    @cached_property
+    def _whitener(self) -> NDArray[np.float64]:
+        return np.asarray(np.linalg.inv(self._root), dtype=np.float64)
+
+
+_LOG_TWO_PI = math.log(2.0 * math.pi)

@@ -1,0 +1,166 @@
+"""Proposals: the weights undo whatever the proposal does."""
+
+import importlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.filter import (
+    Gaussian,
+    ParticleSet,
+    propose_from_prediction,
+    propose_from_transition,
+)
+from pf_tracker_ros.filter.resampling import SystematicResampler
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+
+
+class Walk:
+    """x_k = 0.5 x_{k-1} + N(0, spread^2), in every column alike."""
+
+    def __init__(self, spread=1.0):
+        self._spread = np.asarray(spread)
+
+    def mean(self, states):
+        return 0.5 * states
+
+    def spread(self, states):
+        return self._spread
+
+
+def normal(x, mean, spread):
+    return np.exp(-0.5 * ((x - mean) / spread) ** 2) / (spread * np.sqrt(2 * np.pi))
+
+
+def test_ratio_by_hand_in_one_dimension():
+    states = np.linspace(-4.0, 4.0, 200)[:, None]
+    prediction = Gaussian([3.0], [[0.25]])
+    proposed = propose_from_prediction(states, Walk(2.0), prediction, 0.4, np.random.default_rng(0))
+    x = proposed.states[:, 0]
+    prior = normal(x, 0.5 * states[:, 0], 2.0)
+    mixture = 0.4 * normal(x, 3.0, 0.5) + 0.6 * prior
+    np.testing.assert_allclose(np.exp(proposed.log_ratio), prior / mixture)
+
+
+def test_the_declared_share_comes_from_the_prediction():
+    # The two parts lie so far apart that each particle shows where it was drawn.
+    proposed = propose_from_prediction(
+        np.zeros((10_000, 2)),
+        Walk(),
+        Gaussian([1000.0, 1000.0], np.eye(2)),
+        0.3,
+        np.random.default_rng(0),
+    )
+    assert (proposed.states[:, 0] > 500).mean() == pytest.approx(0.3, abs=0.02)
+    assert ((proposed.states > 500).sum(axis=1) % 2 == 0).all()
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.95])
+def test_no_weight_grows_by_more_than_the_part_left_to_the_prior_allows(share):
+    proposed = propose_from_prediction(
+        np.zeros((2000, 1)), Walk(), Gaussian([50.0], [[0.01]]), share, np.random.default_rng(0)
+    )
+    assert proposed.log_ratio.max() <= -np.log1p(-share) + 1e-12
+    assert np.isfinite(proposed.states).all()
+    assert not np.isnan(proposed.log_ratio).any()
+
+
+def test_without_a_share_it_is_the_transition_prior():
+    states = np.arange(5.0)[:, None]
+    one = propose_from_transition(states, Walk(), np.random.default_rng(7))
+    other = propose_from_prediction(
+        states, Walk(), Gaussian([9.0], [[1.0]]), 0.0, np.random.default_rng(7)
+    )
+    np.testing.assert_array_equal(one.states, other.states)
+    np.testing.assert_array_equal(other.log_ratio, np.zeros(5))
+
+
+def test_a_column_without_noise_follows_the_motion_wherever_the_rest_is_drawn():
+    states = np.stack([np.zeros(100), np.arange(100.0)], axis=1)
+    proposed = propose_from_prediction(
+        states,
+        Walk([1.0, 0.0]),
+        Gaussian([20.0, 777.0], np.diag([1.0, 0.0])),
+        0.5,
+        np.random.default_rng(0),
+    )
+    np.testing.assert_array_equal(proposed.states[:, 1], 0.5 * states[:, 1])
+    assert (proposed.states[:, 0] > 10).any()
+    assert np.isfinite(proposed.log_ratio).all()
+
+
+def test_the_same_seed_gives_the_same_bits():
+    states = np.arange(50.0)[:, None]
+    prediction = Gaussian([3.0], [[2.0]])
+    one, other = (
+        propose_from_prediction(states, Walk(), prediction, 0.5, np.random.default_rng(4))
+        for _ in range(2)
+    )
+    np.testing.assert_array_equal(one.states, other.states)
+    np.testing.assert_array_equal(one.log_ratio, other.log_ratio)
+
+
+def test_expectations_are_those_of_the_transition_prior():
+    # E[x] = 1 and E[x^2] = 1 + 1 after one step from 2, though 60 % are drawn around 3.
+    proposed = propose_from_prediction(
+        np.full((200_000, 1), 2.0), Walk(), Gaussian([3.0], [[4.0]]), 0.6, np.random.default_rng(1)
+    )
+    ratio, x = np.exp(proposed.log_ratio), proposed.states[:, 0]
+    for function, expected in ((np.ones_like(x), 1.0), (x, 1.0), (x**2, 2.0)):
+        terms = ratio * function
+        assert terms.mean() == pytest.approx(expected, abs=4 * terms.std() / np.sqrt(len(x)))
+
+
+def test_the_filter_agrees_with_an_exact_grid_filter_even_if_the_prediction_is_wrong():
+    measurements = (1.0, 3.0, -1.0, 0.5)
+    grid = np.linspace(-12, 12, 1201)
+    density = normal(grid, 0.0, 2.0)
+    transition = normal(grid[:, None], 0.5 * grid[None], 1.5)
+    generator = np.random.default_rng(2)
+    particles = ParticleSet.uniform(2.0 * generator.standard_normal((40_000, 1)))
+    for measurement in measurements:
+        # y = x^2 / 4 + N(0, 1) leaves two modes, which no Gaussian can follow.
+        density = transition @ density * normal(measurement, grid**2 / 4, 1.0)
+        density /= density.sum()
+        proposed = propose_from_prediction(
+            particles.states, Walk(1.5), Gaussian([2.0], [[1.0]]), 0.5, generator
+        )
+        likelihood = normal(measurement, proposed.states[:, 0] ** 2 / 4, 1.0)
+        particles = particles.moved(proposed.states).reweighted(
+            proposed.log_ratio + np.log(likelihood)
+        )
+        mean = density @ grid
+        assert particles.mean[0] == pytest.approx(mean, abs=0.05)
+        variance = density @ (grid - mean) ** 2
+        assert particles.covariance[0, 0] == pytest.approx(variance, rel=0.05)
+        draws = SystematicResampler().indices(particles.weights, len(particles), generator)
+        particles = particles.resampled(draws)
+
+
+def test_contradictions_are_refused():
+    states, generator = np.zeros((3, 1)), np.random.default_rng(0)
+    with pytest.raises(ValueError, match=r"allowed: 0 to 0\.95"):
+        propose_from_prediction(states, Walk(), Gaussian([0.0], [[1.0]]), 1.0, generator)
+    with pytest.raises(ValueError, match="2 columns; expected 1"):
+        propose_from_prediction(states, Walk(), Gaussian([0.0, 0.0], np.eye(2)), 0.5, generator)
+    with pytest.raises(ValueError, match="positive definite"):
+        propose_from_prediction(states, Walk(), Gaussian([0.0], [[0.0]]), 0.5, generator)
+
+
+def test_growth_model_filters_beat_the_papers_error_and_the_extended_kalman_filter(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    growth_model = importlib.import_module("growth_model")
+    outcomes = {outcome.name: outcome for outcome in growth_model.run_all(15)}
+    for name in ("bootstrap", "Kalman proposal"):
+        assert outcomes[name].errors.mean() < growth_model.PAPER_RMSE
+        assert outcomes[name].errors.mean() < outcomes["extended Kalman"].errors.mean()
+
+
+def test_growth_model_slope_is_the_derivative(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    growth_model = importlib.import_module("growth_model")
+    for state in (-3.0, 0.0, 0.7, 12.0):
+        ahead, behind = (growth_model.growth(np.array(state + h), 4) for h in (1e-5, -1e-5))
+        assert growth_model.growth_slope(state) == pytest.approx((ahead - behind) / 2e-5, rel=1e-6)
