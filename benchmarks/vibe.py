@@ -1,0 +1,161 @@
+"""The ViBe background model on recorded sequences: time of an update, precision and recall.
+
+    python benchmarks/vibe.py SEQUENCE... --output benchmarks/results/vibe.md
+
+The boxes of a sequence name one target and are no silhouettes, so the figures have bounds of their
+own: a person fills about half of a box, which bounds the recall, and whoever else moves counts
+against the precision of the whole frame. The precision nearby only looks at the box and half its
+size around it. Detected is a frame in which at least a fifth of the box is foreground. The first
+frames, in which the model still remembers where things stood when it began, are left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+# One thread also for the linear algebra, which reads this when NumPy is imported.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from pf_tracker_ros.background import BackgroundModel, BackgroundParameters
+from pf_tracker_ros.footage import Footage, FootageError, read_sequence
+
+HEADINGS = (
+    "sequence",
+    "image",
+    "CPU ms",
+    "95 % of",
+    "precision %",
+    "nearby %",
+    "recall %",
+    "detected %",
+)
+LEAST_SHARE = 0.2
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The model on one sequence.
+
+    Attributes:
+        name: Of the sequence.
+        size: (width, height) of its images.
+        milliseconds: (frames - 1,) CPU time of each update, the reduction of the image included.
+        counts: (judged frames, 4) pixels: foreground in the box, in the box and half its size
+            around it, in the frame; pixels of the box.
+    """
+
+    name: str
+    size: tuple[int, int]
+    milliseconds: NDArray[np.float64]
+    counts: NDArray[np.float64]
+
+    def row(self) -> tuple[str, ...]:
+        """The figures under `HEADINGS`."""
+        inside, near, everywhere, area = self.counts.sum(axis=0)
+        detected = self.counts[:, 0] >= LEAST_SHARE * self.counts[:, 3]
+        shares = (inside / max(everywhere, 1), inside / max(near, 1), inside / max(area, 1))
+        return (
+            self.name,
+            f"{self.size[0]}x{self.size[1]}",
+            f"{np.median(self.milliseconds):.2f}",
+            f"{np.quantile(self.milliseconds, 0.95):.2f}",
+            *(f"{100 * share:.1f}" for share in shares),
+            f"{100 * detected.mean():.1f}",
+        )
+
+
+def count_inside(mask: NDArray[np.uint8], box: NDArray[np.float64]) -> tuple[int, int]:
+    """Foreground pixels and all pixels of a mask in a (4,) box in mask pixels."""
+    height, width = mask.shape
+    left, right = np.clip(np.rint([box[0], box[0] + box[2]]).astype(int), 0, width)
+    top, bottom = np.clip(np.rint([box[1], box[1] + box[3]]).astype(int), 0, height)
+    patch = mask[top:bottom, left:right]
+    return int(np.count_nonzero(patch)), patch.size
+
+
+def measure(footage: Footage, parameters: BackgroundParameters, skip: int) -> Outcome:
+    """Run the model over a sequence and judge all frames but the first `skip`."""
+    boxes = footage.ground_truth
+    assert boxes is not None
+    frames = footage.frames()
+    image = next(frames).image
+    model = BackgroundModel(image, parameters, np.random.default_rng(0))
+    milliseconds, counts = [], []
+    for index, frame in enumerate(
+        track(frames, footage.name, len(boxes) - 1, console=Console(stderr=True), transient=True),
+        start=1,
+    ):
+        before = time.process_time()
+        mask = model.update(frame.image)
+        milliseconds.append(1000 * (time.process_time() - before))
+        if index < skip:
+            continue
+        box = boxes[index] / model.reduction
+        x, y, width, height = box
+        around = np.array([x - width / 2, y - height / 2, 2 * width, 2 * height])
+        inside, area = count_inside(mask, box)
+        counts.append((inside, count_inside(mask, around)[0], np.count_nonzero(mask), area))
+    return Outcome(
+        footage.name,
+        (image.shape[1], image.shape[0]),
+        np.array(milliseconds),
+        np.array(counts, float),
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, print the table and, if asked to, save it."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("sequences", nargs="+", type=Path, metavar="SEQUENCE")
+    parser.add_argument("--reduction", type=int, default=2, choices=range(1, 17), metavar="1..16")
+    parser.add_argument("--color", action="store_true", help="model colors, not brightness")
+    parser.add_argument("--moving-camera", action="store_true", help="follow the camera")
+    parser.add_argument("--skip", type=int, default=50, help="first frames not judged [50]")
+    parser.add_argument("--output", type=Path, help="Markdown file for the table")
+    options = parser.parse_args(arguments)
+    cv2.setNumThreads(1)
+    parameters = BackgroundParameters(
+        reduction=options.reduction, color=options.color, moving_camera=options.moving_camera
+    )
+    rows = []
+    try:
+        for path in options.sequences:
+            footage = read_sequence(path)
+            frames = footage.frame_count or 0
+            if not 1 <= options.skip < frames:
+                parser.error(f"--skip is {options.skip}; allowed for {path}: 1 to {frames - 1}")
+            rows.append(measure(footage, parameters, options.skip).row())
+    except FootageError as error:
+        parser.error(str(error))
+    table = Table(title=f"ViBe, {parameters.samples} samples, one thread")
+    for heading in HEADINGS:
+        table.add_column(heading, justify="right")
+    for row in rows:
+        table.add_row(*row)
+    Console().print(table)
+    if options.output:
+        lines = [HEADINGS, ("---",) * len(HEADINGS), *rows]
+        options.output.parent.mkdir(parents=True, exist_ok=True)
+        options.output.write_text(
+            "".join("| " + " | ".join(line) + " |\n" for line in lines), encoding="utf-8"
+        )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,272 @@
+"""ViBe: a background model of sample values a pixel, kept up to date at random.
+
+A pixel is background when enough of its samples lie near its value. A background pixel then, by
+chance, replaces one of its samples, and by chance one of a neighbor's: memory fades exponentially,
+and background spreads into what wrongly counts as foreground.
+
+Sources: Zhang Bo, section 2 (equations (1) to (3)); Barnich, Van Droogenbroeck 2011, "ViBe: a
+universal background subtraction algorithm for video sequences".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.background.camera_motion import CameraMotion
+from pf_tracker_ros.parameters import declared
+
+BackgroundStatus = Literal["still", "warped", "restarted"]
+
+# The model is turned and zoomed, not only shifted, once that would move a corner by so much (px).
+_CORNER_TOLERANCE = 1.5
+_NEIGHBORS = np.array([(x, y) for y in (-1, 0, 1) for x in (-1, 0, 1) if (x, y) != (0, 0)])
+
+
+@dataclass(frozen=True)
+class BackgroundParameters:
+    """The background model."""
+
+    samples: int = declared(
+        20,
+        "Sample values that the model keeps of a pixel (N).",
+        minimum=2,
+        maximum=100,
+        read_only=True,
+    )
+    radius: int = declared(
+        20,
+        "A sample matches a pixel when no channel differs by more than this (R).",
+        unit="gray levels",
+        minimum=0,
+        maximum=254,
+        read_only=True,
+    )
+    matches: int = declared(
+        2,
+        "Samples that must match for a pixel to count as background (U_min).",
+        minimum=1,
+        maximum=100,
+        read_only=True,
+    )
+    update_every: int = declared(
+        16,
+        "A background pixel updates its samples, and a neighbor's, once in so many frames on "
+        "average.",
+        minimum=1,
+        maximum=10_000,
+        read_only=True,
+    )
+    reduction: int = declared(
+        2,
+        "Whole number of image pixels that one pixel of the model averages along each axis.",
+        minimum=1,
+        maximum=16,
+        read_only=True,
+    )
+    color: bool = declared(
+        False,
+        "Whether the model keeps colors; without, it keeps brightness at a third of the cost.",
+        read_only=True,
+    )
+    moving_camera: bool = declared(
+        False,
+        "Whether the camera may move: its motion is then estimated in every frame, and the model "
+        "moved along.",
+        read_only=True,
+    )
+
+
+class BackgroundModel:
+    """ViBe, one update a frame.
+
+    Unlike a cue it has a memory of its own, which every update changes in place.
+
+    Args:
+        image: (H, W, 3) uint8 BGR or (H, W) uint8 first frame, which initializes the model.
+        parameters: As declared.
+        generator: Source of all randomness.
+
+    Attributes:
+        status: What the last update did about the camera. "still": nothing, the camera stood still
+            or is declared to. "warped": moved the model along. "restarted": the camera's motion
+            could not be told, so that the model begins anew with this frame, and the foreground
+            is empty.
+    """
+
+    def __init__(
+        self,
+        image: NDArray[np.uint8],
+        parameters: BackgroundParameters,
+        generator: np.random.Generator,
+    ) -> None:
+        self._parameters = parameters
+        self._generator = generator
+        planes = self._planes(image)
+        self._camera = CameraMotion(_gray(planes)) if parameters.moving_camera else None
+        self._alignment = np.eye(3)
+        self._model = self._fresh(planes)
+        self.status: BackgroundStatus = "still"
+
+    @property
+    def reduction(self) -> int:
+        """Image pixels that one pixel of the mask stands for along each axis."""
+        return self._parameters.reduction
+
+    @property
+    def samples(self) -> NDArray[np.uint8]:
+        """(N, channels, h, w) copy of the model."""
+        return self._model.copy()
+
+    def update(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Tell foreground from background, then learn the background.
+
+        Args:
+            image: As the first, of the same size.
+
+        Returns:
+            (h, w) uint8, 255 for foreground, 0 for background; h and w are those of the image
+            divided by `reduction`, rounded up.
+        """
+        planes = self._planes(image)
+        self.status = self._follow_camera(planes)
+        if self.status == "restarted":
+            return np.zeros(planes.shape[1:], np.uint8)
+        foreground = self._foreground(planes)
+        self._learn(planes, foreground)
+        return foreground
+
+    def _planes(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(channels, h, w) the image as the model sees it."""
+        if image.ndim == 3 and not self._parameters.color:
+            image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        reduction = self._parameters.reduction
+        if reduction > 1:
+            size = (-(-image.shape[1] // reduction), -(-image.shape[0] // reduction))
+            image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        if image.ndim == 2:
+            return image[None]
+        return np.stack(cv2.split(image))
+
+    def _foreground(self, planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Source: Zhang Bo, equations (2) and (3), the sphere that of the largest difference."""
+        channels, height, width = planes.shape
+        stacked = planes.reshape(-1, width)
+        difference = np.empty_like(stacked)
+        matches = np.zeros((height, width), np.uint8)
+        for samples in self._model:
+            cv2.absdiff(stacked, samples.reshape(-1, width), dst=difference)
+            largest = difference[:height]
+            for channel in range(1, channels):
+                start = channel * height
+                cv2.max(largest, difference[start : start + height], dst=largest)
+            # 255 where it matches, which is -1 for bytes that wrap: the count goes up by 1.
+            cv2.threshold(largest, self._parameters.radius, 255, cv2.THRESH_BINARY_INV, dst=largest)
+            matches -= largest
+        return cv2.compare(matches, self._parameters.matches, cv2.CMP_LT)
+
+    def _learn(self, planes: NDArray[np.uint8], foreground: NDArray[np.uint8]) -> None:
+        """Conservative update and spatial propagation: only background pixels give their value.
+
+        Source: Zhang Bo, step 3; Barnich, Van Droogenbroeck 2011, section III-C.
+        """
+        height, width = foreground.shape
+        values = planes.reshape(len(planes), -1)
+        model = self._model.reshape(len(self._model), len(planes), -1)
+        background = foreground.ravel() == 0
+        for propagate in (False, True):
+            givers = self._chosen(height * width)
+            givers = givers[background[givers]]
+            takers = givers
+            if propagate:
+                step = _NEIGHBORS[self._generator.integers(0, len(_NEIGHBORS), len(givers))]
+                y, x = np.divmod(givers, width)
+                x = np.clip(x + step[:, 0], 0, width - 1)
+                y = np.clip(y + step[:, 1], 0, height - 1)
+                takers = y * width + x
+            replaced = self._generator.integers(0, len(model), len(givers))
+            for channel in range(len(planes)):
+                model[replaced, channel, takers] = values[channel, givers]
+
+    def _chosen(self, pixels: int) -> NDArray[np.intp]:
+        """Pixels out of a number of them, each with a chance of 1 in `update_every`.
+
+        Gaps between successes are geometric: far fewer random numbers than one a pixel.
+        """
+        chance = 1.0 / self._parameters.update_every
+        if chance == 1.0:
+            return np.arange(pixels)
+        expected = pixels * chance
+        gaps = self._generator.geometric(chance, int(expected + 6 * np.sqrt(expected) + 10))
+        places = np.cumsum(gaps) - 1
+        return places[: np.searchsorted(places, pixels)]
+
+    def _fresh(self, planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(N, channels, h, w) a model of this frame alone.
+
+        Source: Zhang Bo, equation (1) and step 1; Barnich, Van Droogenbroeck 2011, section III-B.
+        """
+        samples = self._neighborhood_samples(planes, np.arange(planes[0].size))
+        return samples.reshape(-1, *planes.shape)
+
+    def _neighborhood_samples(
+        self, planes: NDArray[np.uint8], pixels: NDArray[np.intp]
+    ) -> NDArray[np.uint8]:
+        """(N, channels, P) values drawn from the 3 x 3 neighborhoods of P pixels."""
+        padded = np.stack([cv2.copyMakeBorder(p, 1, 1, 1, 1, cv2.BORDER_REPLICATE) for p in planes])
+        rows, columns = np.divmod(pixels, planes.shape[2])
+        corners = rows * padded.shape[2] + columns
+        drawn = np.empty((self._parameters.samples, len(planes), len(pixels)), np.uint8)
+        for samples in drawn:
+            step = self._generator.integers(0, 9, len(pixels))
+            places = corners + step // 3 * padded.shape[2] + step % 3
+            samples[:] = padded.reshape(len(planes), -1)[:, places]
+        return drawn
+
+    def _follow_camera(self, planes: NDArray[np.uint8]) -> BackgroundStatus:
+        """Move the model along with the camera.
+
+        The model is shifted by whole pixels and what is left of the motion kept for the next frame:
+        rounding in every frame would let the model drift.
+        """
+        if self._camera is None:
+            return "still"
+        motion = self._camera.update(_gray(planes))
+        if motion is None:
+            self._model = self._fresh(planes)
+            self._alignment = np.eye(3)
+            return "restarted"
+        self._alignment = motion @ self._alignment
+        height, width = planes.shape[1:]
+        corners = np.array([[0, width, 0, width], [0, 0, height, height], [1, 1, 1, 1]], float)
+        shifts = (self._alignment @ corners - corners)[:2]
+        shift = np.eye(3)
+        shift[:2, 2] = np.rint(shifts.mean(axis=1))
+        if np.abs(shifts - shift[:2, 2:]).max() > _CORNER_TOLERANCE:
+            shift = self._alignment
+        elif not shift[:2, 2].any():
+            return "still"
+        self._alignment = np.linalg.inv(shift) @ self._alignment
+        self._warp(shift, planes)
+        return "warped"
+
+    def _warp(self, motion: NDArray[np.float64], planes: NDArray[np.uint8]) -> None:
+        """Move every sample; pixels that come into view begin with this frame's neighborhoods."""
+        size = planes.shape[2], planes.shape[1]
+        matrix = motion[:2]
+        seen = cv2.warpAffine(np.ones(size[::-1], np.uint8), matrix, size, flags=cv2.INTER_NEAREST)
+        entered = np.flatnonzero(seen == 0)
+        for samples in self._model:
+            for plane in samples:
+                plane[:] = cv2.warpAffine(plane, matrix, size, flags=cv2.INTER_NEAREST)
+        model = self._model.reshape(*self._model.shape[:2], -1)
+        model[:, :, entered] = self._neighborhood_samples(planes, entered)
+
+
+def _gray(planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The brightest part of the eye's answer, green, is brightness enough to follow points."""
+    return planes[len(planes) // 2]

@@ -1,0 +1,193 @@
+"""ViBe against its definition, worked out pixel by pixel."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros.background import BackgroundModel, BackgroundParameters
+
+
+def model_of(image, seed=0, **parameters):
+    parameters = {"reduction": 1} | parameters
+    return BackgroundModel(image, BackgroundParameters(**parameters), np.random.default_rng(seed))
+
+
+def noise(shape, seed, low=0, high=256):
+    return np.random.default_rng(seed).integers(low, high, shape).astype(np.uint8)
+
+
+def background_by_definition(samples, pixel, radius, least):
+    """Whether enough samples (N, channels) lie around a pixel (channels,)."""
+    near = 0
+    for sample in samples:
+        if max(abs(int(a) - int(b)) for a, b in zip(sample, pixel, strict=True)) <= radius:
+            near += 1
+    return near >= least
+
+
+def neighborhood(image, y, x):
+    bordered = np.pad(image, [(1, 1), (1, 1)] + [(0, 0)] * (image.ndim - 2), mode="edge")
+    patch = bordered[y : y + 3, x : x + 3].reshape(9, -1)
+    return {tuple(value) for value in patch}
+
+
+@pytest.mark.parametrize("shape", [(6, 5), (6, 5, 3)])
+def test_the_first_model_holds_values_of_each_pixel_s_neighborhood_and_all_of_them(shape):
+    image = noise(shape, seed=1)
+    samples = model_of(image, samples=100, color=True).samples
+    for y in range(6):
+        for x in range(5):
+            drawn = {tuple(value) for value in samples[:, :, y, x]}
+            # 100 draws miss one of nine values once in 130 000 times.
+            assert drawn == neighborhood(image, y, x)
+
+
+@pytest.mark.parametrize("shape", [(9, 8), (9, 8, 3)])
+@pytest.mark.parametrize(("radius", "least"), [(20, 2), (0, 1), (60, 5), (254, 20)])
+def test_foreground_is_what_too_few_samples_are_near(shape, radius, least):
+    first, second = noise(shape, seed=2, low=60, high=180), noise(shape, seed=3, low=40, high=200)
+    model = model_of(first, radius=radius, matches=least, color=True)
+    samples = model.samples
+    mask = model.update(second)
+    assert mask.dtype == np.uint8
+    for y in range(9):
+        for x in range(8):
+            background = background_by_definition(
+                samples[:, :, y, x], np.atleast_1d(second[y, x]), radius, least
+            )
+            assert mask[y, x] == (0 if background else 255)
+
+
+def test_a_difference_of_exactly_the_radius_still_matches():
+    model = model_of(np.full((4, 4), 100, np.uint8), radius=20, update_every=10_000)
+    assert not model.update(np.full((4, 4), 120, np.uint8)).any()
+    assert model.update(np.full((4, 4), 121, np.uint8)).all()
+    assert not model.update(np.full((4, 4), 80, np.uint8)).any()
+    assert model.update(np.full((4, 4), 79, np.uint8)).all()
+
+
+def test_only_background_gives_its_value_to_itself_and_to_neighbors():
+    # Every background pixel updates in every frame; the middle of the image is foreground.
+    model = model_of(np.full((7, 7), 100, np.uint8), update_every=1)
+    image = np.full((7, 7), 110, np.uint8)
+    image[2:5, 2:5] = 200
+    mask = model.update(image)
+    np.testing.assert_array_equal(mask == 255, image == 200)
+    samples = model.samples[:, 0]
+    assert set(np.unique(samples)) == {100, 110}
+    replaced = (samples == 110).sum(axis=0)
+    assert (replaced[mask == 0] >= 1).all()
+    # Two samples at most a frame and pixel come from itself and chance, the rest from neighbors.
+    assert replaced.sum() <= 2 * np.count_nonzero(mask == 0)
+    assert replaced[3, 3] == 0
+
+
+def test_background_spreads_into_what_wrongly_is_foreground():
+    # A ghost: the object of the first frame has gone, and what was behind it looks like the rest.
+    first = np.full((24, 24), 50, np.uint8)
+    first[10:14, 10:14] = 200
+    model = model_of(first, update_every=2)
+    empty = np.full((24, 24), 50, np.uint8)
+    assert model.update(empty)[10:14, 10:14].any()
+    for _ in range(100):
+        mask = model.update(empty)
+    assert not mask.any()
+
+
+def test_samples_are_replaced_as_often_as_declared():
+    # Each pixel replaces one sample with a chance of 1/16 and one of a neighbor's with the same, so
+    # 1/8 of the pixels have one more sample of value 110; few have two in the same place.
+    model = model_of(np.full((200, 200), 100, np.uint8), samples=100)
+    model.update(np.full((200, 200), 110, np.uint8))
+    replaced = np.count_nonzero(model.samples == 110)
+    assert replaced == pytest.approx(200 * 200 / 8, rel=0.06)
+
+
+def test_every_sample_and_every_pixel_has_the_same_chance():
+    model = model_of(np.full((30, 30), 100, np.uint8), update_every=4)
+    # Values within the radius of each other, so that all stays background.
+    counts = np.zeros((20, 30, 30))
+    for step in range(200):
+        value = 100 + step % 2
+        before = model.samples[:, 0]
+        model.update(np.full((30, 30), value, np.uint8))
+        counts += (model.samples[:, 0] != before) if step else 0
+    per_sample = counts.sum(axis=(1, 2))
+    np.testing.assert_allclose(per_sample, per_sample.mean(), rtol=0.1)
+    inner = counts.sum(axis=0)[2:-2, 2:-2]
+    assert inner.std() < 3 * np.sqrt(inner.mean())
+
+
+def test_the_same_seed_gives_the_same_bits():
+    frames = [noise((40, 50, 3), seed, high=120) for seed in range(5)]
+    one, other = (model_of(frames[0], seed=9, reduction=2, color=True) for _ in range(2))
+    for frame in frames[1:]:
+        np.testing.assert_array_equal(one.update(frame), other.update(frame))
+    np.testing.assert_array_equal(one.samples, other.samples)
+
+
+@pytest.mark.parametrize("size", [(48, 64), (47, 63)])
+def test_the_mask_is_as_much_smaller_as_the_model(size):
+    model = model_of(np.full((*size, 3), 80, np.uint8), reduction=4)
+    image = np.full((*size, 3), 80, np.uint8)
+    image[16:32, 16:40] = 220
+    mask = model.update(image)
+    assert mask.shape == (12, 16)
+    expected = np.zeros((12, 16), bool)
+    expected[4:8, 4:10] = True
+    if size == (48, 64):
+        np.testing.assert_array_equal(mask == 255, expected)
+    assert mask[5:7, 5:9].all()
+
+
+def textured(seed=5):
+    coarse = np.random.default_rng(seed).integers(0, 256, (30, 40)).astype(np.uint8)
+    return cv2.resize(coarse, (400, 300), interpolation=cv2.INTER_CUBIC)
+
+
+def view(scene, right, down):
+    """A 240 x 180 picture of a larger scene, the camera moved by whole or broken pixels."""
+    matrix = np.array([[1.0, 0.0, -40.0 - right], [0.0, 1.0, -40.0 - down]])
+    return cv2.warpAffine(scene, matrix, (240, 180), flags=cv2.INTER_LINEAR)
+
+
+def test_a_panning_camera_leaves_the_background_background_and_a_mover_foreground():
+    scene = textured()
+    still = model_of(view(scene, 0, 0))
+    following = model_of(view(scene, 0, 0), moving_camera=True)
+    for step in range(1, 25):
+        image = view(scene, 1.6 * step, 0.7 * step)
+        column = 20 + 5 * step
+        image[80:110, column : column + 20] = 255 - image[80:110, column : column + 20] // 4
+        lost, mask = still.update(image), following.update(image)
+        assert following.status in ("warped", "still")
+    assert following.status == "warped"
+    mover = np.zeros(mask.shape, bool)
+    mover[80:110, column : column + 20] = True
+    assert (mask[mover] > 0).mean() > 0.8
+    assert (mask[~mover] > 0).mean() < 0.05
+    assert (lost[~mover] > 0).mean() > 0.3
+
+
+def test_a_still_camera_is_left_alone():
+    image = view(textured(), 0, 0)
+    model = model_of(image, moving_camera=True)
+    for _ in range(3):
+        # On the steepest edges few of a pixel's neighbors are within the radius of its value.
+        assert (model.update(image) > 0).mean() < 0.01
+        assert model.status == "still"
+
+
+def test_a_cut_restarts_the_model_and_says_so():
+    model = model_of(view(textured(5), 0, 0), moving_camera=True)
+    assert not model.update(view(textured(6), 0, 0)).any()
+    assert model.status == "restarted"
+    assert (model.update(view(textured(6), 0, 0)) > 0).mean() < 0.01
+    assert model.status == "still"
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 30), (9, 9)])
+def test_images_too_small_to_follow_do_not_crash(size):
+    model = model_of(np.full(size, 9, np.uint8), moving_camera=True)
+    assert model.update(np.full(size, 9, np.uint8)).shape == size
+    assert model.status == "restarted"
