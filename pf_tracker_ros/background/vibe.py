@@ -10,6 +10,7 @@ universal background subtraction algorithm for video sequences".
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -90,6 +91,9 @@ class BackgroundModel:
         image: (H, W, 3) uint8 BGR or (H, W) uint8 first frame, which initializes the model.
         parameters: As declared.
         generator: Source of all randomness.
+        hole: (x, y, width, height) in image pixels of what is known not to be background, such as
+            the target; the model there begins with a continuation of what is around it, so that
+            the target leaves no ghost behind.
 
     Attributes:
         status: What the last update did about the camera. "still": nothing, the camera stood still
@@ -103,13 +107,14 @@ class BackgroundModel:
         image: NDArray[np.uint8],
         parameters: BackgroundParameters,
         generator: np.random.Generator,
+        hole: tuple[float, float, float, float] | None = None,
     ) -> None:
         self._parameters = parameters
         self._generator = generator
         planes = self._planes(image)
         self._camera = CameraMotion(_gray(planes)) if parameters.moving_camera else None
         self._alignment = np.eye(3)
-        self._model = self._fresh(planes)
+        self._model = self._fresh(self._filled(planes, hole) if hole else planes)
         self.status: BackgroundStatus = "still"
 
     @property
@@ -204,6 +209,17 @@ class BackgroundModel:
         gaps = self._generator.geometric(chance, int(expected + 6 * np.sqrt(expected) + 10))
         places = np.cumsum(gaps) - 1
         return places[: np.searchsorted(places, pixels)]
+
+    def _filled(
+        self, planes: NDArray[np.uint8], hole: tuple[float, float, float, float]
+    ) -> NDArray[np.uint8]:
+        """The planes with the hole painted over from its surroundings."""
+        x, y, width, height = (side / self._parameters.reduction for side in hole)
+        mask = np.zeros(planes.shape[1:], np.uint8)
+        left, top = max(math.floor(x), 0), max(math.floor(y), 0)
+        right, bottom = max(math.ceil(x + width), 0), max(math.ceil(y + height), 0)
+        mask[top:bottom, left:right] = 255
+        return np.stack([cv2.inpaint(plane, mask, 3, cv2.INPAINT_TELEA) for plane in planes])
 
     def _fresh(self, planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """(N, channels, h, w) a model of this frame alone.

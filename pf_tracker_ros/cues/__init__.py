@@ -12,6 +12,7 @@ from pf_tracker_ros.cues.gradient_orientation import (
     GradientOrientationParameters,
 )
 from pf_tracker_ros.cues.maps import FrameMaps
+from pf_tracker_ros.cues.moving_foreground import MovingForeground, MovingForegroundParameters
 
 __all__ = [
     "ColorHistogram",
@@ -24,5 +25,7 @@ __all__ = [
     "GradientOrientation",
     "GradientOrientationParameters",
     "Match",
+    "MovingForeground",
+    "MovingForegroundParameters",
     "TemplateParameters",
 ]

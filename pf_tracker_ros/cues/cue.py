@@ -48,8 +48,8 @@ class Cue(Protocol):
     ) -> NDArray[np.float64]:
         """(N,) log p(Z | X), at most 0, of (N, 4) boxes of any size; 0 is a perfect match."""
 
-    def match(self, seen: Any, template: Any) -> Match:
-        """How well the one box that `seen` was learned from fits the template."""
+    def match(self, seen: Any, template: Any) -> Match | None:
+        """How well the one box that `seen` was learned from fits; None if the cue cannot tell."""
 
     def blend(self, template: Any, seen: Any, keep: float) -> Any:
         """The template `keep * template + (1 - keep) * seen`."""

@@ -85,12 +85,20 @@ class CueFusion:
         return fused
 
     def match(self, seen: Templates, templates: Templates) -> Match:
-        """How well the one box that `seen` was learned from fits, fused by equation (8)."""
+        """How well the one box that `seen` was learned from fits, fused by equation (8).
+
+        The powers of the cues that can tell are scaled to a sum of 1; without any it fits.
+        """
+        matches = [
+            (self.powers[name], match)
+            for name, template in self._known(templates)
+            if (match := self._cues[name].match(seen[name], template))
+        ]
+        total = sum(power for power, _ in matches)
         log_likelihood, similarity = 0.0, 1.0
-        for name, template in self._known(templates):
-            match, power = self._cues[name].match(seen[name], template), self.powers[name]
-            log_likelihood += power * match.log_likelihood
-            similarity *= match.similarity**power
+        for power, match in matches:
+            log_likelihood += power / total * match.log_likelihood
+            similarity *= match.similarity ** (power / total)
         return Match(log_likelihood, similarity)
 
     def updated(

@@ -40,6 +40,9 @@ class FrameMaps:
 
     Attributes:
         pixels: The region inside the image, (h, w, 3) or (h, w) uint8, reduced.
+        foreground: (mask, reduction) of a background model: (h, w) uint8 over the whole image, 255
+            for foreground, and the image pixels to one of its pixels along each axis; None where
+            there is no model.
         padding: (top, bottom, left, right) region pixels outside the image.
     """
 
@@ -49,6 +52,7 @@ class FrameMaps:
         boxes: NDArray[np.float64],
         reduction: int = 1,
         reach: float = 0.0,
+        foreground: tuple[NDArray[np.uint8], int] | None = None,
     ) -> None:
         height, width = image.shape[:2]
         starts = (boxes[:, :2] - reach * boxes[:, 2:]).min(axis=0)
@@ -64,6 +68,7 @@ class FrameMaps:
         ]
         if reduction > 1:
             crop = _reduced(crop, reduction)
+        self.foreground = foreground
         self.pixels: NDArray[np.uint8] = crop
         self.padding = (
             inside_top - top,

@@ -1,9 +1,17 @@
 """The particle filter: particles, motion models, proposals and resampling; no images here."""
 
+from pf_tracker_ros.filter.affine_motion import AffineMotion, KalmanForesight
 from pf_tracker_ros.filter.gaussian import Gaussian
-from pf_tracker_ros.filter.motion import MOTION_MODELS, Box, MotionModel, MotionParameters
+from pf_tracker_ros.filter.motion import (
+    MODELS_WITH_FORESIGHT,
+    MOTION_MODELS,
+    Box,
+    MotionModel,
+    MotionParameters,
+)
 from pf_tracker_ros.filter.particles import ParticleSet
 from pf_tracker_ros.filter.proposals import (
+    ProposalParameters,
     Proposed,
     Transition,
     propose_from_prediction,
@@ -17,14 +25,18 @@ from pf_tracker_ros.filter.resampling import (
 )
 
 __all__ = [
+    "MODELS_WITH_FORESIGHT",
     "MOTION_MODELS",
     "RESAMPLERS",
+    "AffineMotion",
     "Box",
     "EffectiveSampleSizeResampler",
     "Gaussian",
+    "KalmanForesight",
     "MotionModel",
     "MotionParameters",
     "ParticleSet",
+    "ProposalParameters",
     "Proposed",
     "Resampler",
     "ResamplingParameters",

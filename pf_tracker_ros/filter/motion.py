@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.filter.affine_motion import AffineMotion, KalmanForesight
 from pf_tracker_ros.parameters import declared
 
 Box = tuple[float, float, float, float]
@@ -40,6 +41,9 @@ class MotionModel(Protocol):
 
     def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 4) boxes (x, y, width, height) in pixels of (N, D) states."""
+
+    def foresight(self) -> KalmanForesight | None:
+        """A Kalman filter that predicts the state from the first frame on, if the model has one."""
 
 
 class ConstantVelocity:
@@ -99,6 +103,10 @@ class ConstantVelocity:
         boxes[:, :2] = states[:, :2] - self._size / 2
         return boxes
 
+    def foresight(self) -> None:
+        """See `MotionModel.foresight`; the particles carry the velocity themselves."""
+        return None
+
     def _box_sizes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 1) square roots of the boxes' areas, or one (1,) for all."""
         return np.sqrt(self._size.prod(keepdims=True))
@@ -155,8 +163,11 @@ MOTION_MODELS: Mapping[str, Callable[[Box, MotionParameters], MotionModel]] = Ma
     {
         "constant_velocity": ConstantVelocity,
         "constant_velocity_and_size": ConstantVelocityAndSize,
+        "affine": AffineMotion,
     }
 )
+
+MODELS_WITH_FORESIGHT = ("affine",)
 
 
 @dataclass(frozen=True)
@@ -166,7 +177,7 @@ class MotionParameters:
     model: str = declared(
         "constant_velocity",
         "Motion model: constant_velocity keeps the box size of the first frame, "
-        "constant_velocity_and_size lets it change.",
+        "constant_velocity_and_size lets it change, affine walks in place and scale.",
         choices=tuple(MOTION_MODELS),
         read_only=True,
     )

@@ -11,12 +11,14 @@ methods for Bayesian filtering", section II.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.filter.gaussian import Gaussian
+from pf_tracker_ros.parameters import declared
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 # The transition prior keeps a part, so that no weight is multiplied by more than 1 / that part.
@@ -47,6 +49,20 @@ class Proposed(NamedTuple):
 
     states: NDArray[np.float64]
     log_ratio: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ProposalParameters:
+    """Where the particles are drawn."""
+
+    kalman_share: float = declared(
+        0.0,
+        "Share of the particles drawn around a Kalman filter's prediction, the rest from the "
+        "transition prior; 0 switches the Kalman filter off. Needs the affine motion model.",
+        minimum=0.0,
+        maximum=LARGEST_SHARE,
+        read_only=True,
+    )
 
 
 def propose_from_transition(

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pf_tracker_ros.background import BackgroundParameters
 from pf_tracker_ros.cues import (
     ColorHistogramParameters,
     ForegroundProbabilityParameters,
     GradientOrientationParameters,
+    MovingForegroundParameters,
     TemplateParameters,
 )
-from pf_tracker_ros.filter import MotionParameters, ResamplingParameters
+from pf_tracker_ros.filter import MotionParameters, ProposalParameters, ResamplingParameters
 from pf_tracker_ros.parameters import declared, group
 from pf_tracker_ros.tracking.track_state import TrackParameters
 
@@ -42,9 +44,12 @@ class TrackerParameters:
         read_only=True,
     )
     motion: MotionParameters = group(MotionParameters)
+    proposal: ProposalParameters = group(ProposalParameters)
     resampling: ResamplingParameters = group(ResamplingParameters)
     color_histogram: ColorHistogramParameters = group(ColorHistogramParameters)
     gradient_orientation: GradientOrientationParameters = group(GradientOrientationParameters)
     foreground_probability: ForegroundProbabilityParameters = group(ForegroundProbabilityParameters)
+    moving_foreground: MovingForegroundParameters = group(MovingForegroundParameters)
+    background: BackgroundParameters = group(BackgroundParameters)
     template: TemplateParameters = group(TemplateParameters)
     track: TrackParameters = group(TrackParameters)

@@ -10,19 +10,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pf_tracker_ros.background import BackgroundModel
 from pf_tracker_ros.cues import (
     ColorHistogram,
     CueFusion,
     ForegroundProbability,
     FrameMaps,
     GradientOrientation,
+    MovingForeground,
 )
 from pf_tracker_ros.cues.fusion import Templates
 from pf_tracker_ros.filter import (
+    MODELS_WITH_FORESIGHT,
     MOTION_MODELS,
     RESAMPLERS,
     Box,
     EffectiveSampleSizeResampler,
+    KalmanForesight,
     MotionModel,
     ParticleSet,
 )
@@ -42,12 +46,17 @@ from pf_tracker_ros.tracking.track_state import Track
 
 @dataclass(frozen=True)
 class _Target:
-    """All that is known of the target; a frame replaces it whole or not at all."""
+    """All that is known of the target; a frame replaces it whole or not at all.
+
+    Only the background model learns in place: copying it would cost more than the frame.
+    """
 
     first_box: Box
     image_shape: tuple[int, ...]
     gray_range: tuple[float, float] | None
     motion: MotionModel
+    foresight: KalmanForesight | None
+    background: BackgroundModel | None
     particles: ParticleSet
     templates: Templates
     track: Track
@@ -80,7 +89,7 @@ class Tracker:
         """A tracker with the parameters of a preset.
 
         Args:
-            preset: `default` or `li2007`.
+            preset: `default`, `li2007` or `zhang_bo`.
             seed: As in the constructor.
             parameters: Full parameter name to value, over the preset's.
 
@@ -155,6 +164,8 @@ class Tracker:
             image_shape=image.shape,
             gray_range=span,
             motion=motion,
+            foresight=self._foresight(motion),
+            background=self._background(to_8_bit(image, span), first_box, generator),
             particles=particles,
             templates=self._fusion.learn(maps, boxes[0]),
             track=Track(),
@@ -198,11 +209,14 @@ class Tracker:
     def _updated(self, target: _Target, image: NDArray[np.uint8], interval: float) -> _Target:
         """Predict, weigh, estimate, judge, learn, resample: one frame."""
         parameters, motion = self._parameters, target.motion
-        states = motion.predict(target.particles.states, interval, self._generator)
-        predicted = target.particles.moved(motion.constrained(states, _size(image)))
+        predicted, foresight = self._proposed(target, interval)
+        predicted = predicted.moved(motion.constrained(predicted.states, _size(image)))
 
         boxes = motion.boxes(predicted.states)
-        maps = self._maps(image, boxes, np.asarray(target.estimate.box))
+        foreground = None
+        if target.background:
+            foreground = target.background.update(image), target.background.reduction
+        maps = self._maps(image, boxes, np.asarray(target.estimate.box), foreground)
         likelihood = self._fusion.log_likelihood(maps, boxes, target.templates)
         weighted = predicted.reweighted(likelihood)
 
@@ -215,6 +229,8 @@ class Tracker:
             templates = self._fusion.updated(
                 target.templates, seen, trusted, parameters.template.keep
             )
+            if foresight:
+                foresight = foresight.corrected(weighted.mean, weighted.covariance)
         else:
             # What is at the box is not the target: its likelihoods would pull the particles to
             # whatever hides it. The motion model alone carries them on.
@@ -226,25 +242,61 @@ class Tracker:
         if track.state == "lost":
             # Going on from where the target was lost, every frame searches that region anew. Going
             # on from here, the cloud and its cost would grow without end.
-            particles = target.particles
+            particles, foresight = target.particles, target.foresight
 
         x, y, width, height = (float(value) for value in box[0])
         return replace(
             target,
             particles=particles,
+            foresight=foresight,
             templates=templates,
             track=track,
             estimate=_estimate((x, y, width, height), track, match.similarity, weighted, boxes),
         )
 
+    def _proposed(
+        self, target: _Target, interval: float
+    ) -> tuple[ParticleSet, KalmanForesight | None]:
+        """The particles drawn for this frame, and the Kalman filter's prediction if there is one.
+
+        Source: Zhang Bo, section 3.3: the weights of particles drawn around it carry p / q.
+        """
+        particles = target.particles
+        if target.foresight is None:
+            states = target.motion.predict(particles.states, interval, self._generator)
+            return particles.moved(states), None
+        foresight = target.foresight.predicted(interval)
+        share = self._parameters.proposal.kalman_share
+        proposed = foresight.proposed(particles.states, interval, share, self._generator)
+        return particles.moved(proposed.states).reweighted(proposed.log_ratio), foresight
+
+    def _foresight(self, motion: MotionModel) -> KalmanForesight | None:
+        return motion.foresight() if self._parameters.proposal.kalman_share > 0.0 else None
+
+    def _background(
+        self, image: NDArray[np.uint8], box: Box, generator: np.random.Generator
+    ) -> BackgroundModel | None:
+        if self._parameters.moving_foreground.power > 0.0:
+            return BackgroundModel(image, self._parameters.background, generator, box)
+        return None
+
     def _configure(self, parameters: TrackerParameters) -> None:
         color, gradient = parameters.color_histogram, parameters.gradient_orientation
         foreground = parameters.foreground_probability
+        moving = parameters.moving_foreground
+        share, model = parameters.proposal.kalman_share, parameters.motion.model
+        if share > 0.0 and model not in MODELS_WITH_FORESIGHT:
+            allowed = " or ".join(f"'{name}'" for name in MODELS_WITH_FORESIGHT)
+            raise ParameterError(
+                f"parameter 'proposal.kalman_share' is {share} with the motion model '{model}'; "
+                f"allowed: 0, or the motion model {allowed}"
+            )
         self._fusion = CueFusion(
             {
                 "color_histogram": (ColorHistogram(color), color.power),
                 "gradient_orientation": (GradientOrientation(gradient), gradient.power),
                 "foreground_probability": (ForegroundProbability(foreground), foreground.power),
+                "moving_foreground": (MovingForeground(moving), moving.power),
             }
         )
         self._resampler = EffectiveSampleSizeResampler(
@@ -256,11 +308,15 @@ class Tracker:
             self._target = replace(self._target, motion=motion)
 
     def _maps(
-        self, image: NDArray[np.uint8], boxes: NDArray[np.float64], target_box: NDArray[np.float64]
+        self,
+        image: NDArray[np.uint8],
+        boxes: NDArray[np.float64],
+        target_box: NDArray[np.float64],
+        foreground: tuple[NDArray[np.uint8], int] | None = None,
     ) -> FrameMaps:
         target_size = math.sqrt(target_box[2] * target_box[3])
         reduction = math.ceil(target_size / self._parameters.working_size)
-        return FrameMaps(image, boxes, reduction, self._fusion.reach)
+        return FrameMaps(image, boxes, reduction, self._fusion.reach, foreground)
 
 
 def _motion_model(first_box: Box, parameters: TrackerParameters) -> MotionModel:

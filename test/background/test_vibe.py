@@ -191,3 +191,14 @@ def test_images_too_small_to_follow_do_not_crash(size):
     model = model_of(np.full(size, 9, np.uint8), moving_camera=True)
     assert model.update(np.full(size, 9, np.uint8)).shape == size
     assert model.status == "restarted"
+
+
+def test_what_the_first_frame_s_target_hid_leaves_no_ghost():
+    empty = np.full((60, 60), 90, np.uint8)
+    first = empty.copy()
+    first[20:40, 25:35] = 200
+    parameters = BackgroundParameters(reduction=2)
+    generator = np.random.default_rng(0)
+    model = BackgroundModel(first, parameters, generator, hole=(25.0, 20.0, 10.0, 20.0))
+    assert not model.update(empty).any()
+    assert model.update(first)[10:20, 13:17].all()

@@ -44,6 +44,16 @@ def test_the_fused_likelihood_is_the_product_of_powers():
     assert match.similarity == pytest.approx((1 / 3) ** 0.6 * (1 / 7) ** 0.4)
 
 
+def test_a_cue_that_cannot_tell_leaves_the_match_to_the_others():
+    silent = ScriptedCue()
+    silent.match = lambda seen, template: None
+    fusion = CueFusion({"a": (ScriptedCue(), 0.5), "silent": (silent, 0.5)})
+    seen = fusion.learn(MAPS, BOXES[1])
+    assert fusion.match(seen, {"a": 1.0, "silent": 1.0}) == Match(-2.0, 1 / 3)
+    alone = CueFusion({"silent": (silent, 1.0)})
+    assert alone.match({"silent": 2.0}, {"silent": 1.0}) == Match(0.0, 1.0)
+
+
 def test_powers_are_scaled_to_a_sum_of_one():
     fusion = CueFusion({name: (ScriptedCue(), 0.5) for name in "abc"})
     assert fusion.powers == pytest.approx(dict.fromkeys("abc", 1 / 3))
@@ -70,7 +80,7 @@ def test_a_cue_switched_on_later_says_nothing_until_it_has_learned():
     fused = fusion.log_likelihood(MAPS, BOXES, {"a": 2.0})
     np.testing.assert_allclose(fused, -0.5 * 2.0 * BOXES[:, 0])
     seen = fusion.learn(MAPS, BOXES[1])
-    assert fusion.match(seen, {"a": 2.0}).log_likelihood == -0.5 * 2.0 * 2.0
+    assert fusion.match(seen, {"a": 2.0}).log_likelihood == -2.0 * 2.0
     assert fusion.updated({"a": 2.0}, seen, trusted=False, keep=0.9) == {"a": 2.0, "b": 2.0}
 
 

@@ -71,7 +71,8 @@ def test_the_prior_is_gaussian_around_the_first_box(model):
     states = motion.prior(40_000, np.random.default_rng(3))
     np.testing.assert_allclose(states[:, :2].mean(axis=0), [120.0, 55.0], atol=0.05)
     np.testing.assert_allclose(states[:, :2].std(axis=0), 2.0, rtol=0.02)
-    np.testing.assert_allclose(states[:, 2:4].std(axis=0), 10.0, rtol=0.02)
+    if "velocity_x" in motion.columns:
+        np.testing.assert_allclose(states[:, 2:4].std(axis=0), 10.0, rtol=0.02)
     np.testing.assert_allclose(motion.boxes(states)[:, 2:], np.tile(BOX[2:], (40_000, 1)))
     assert states.shape[1] == len(motion.columns)
 

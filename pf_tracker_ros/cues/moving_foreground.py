@@ -1,0 +1,117 @@
+"""Moving foreground cue: what differs from the background model, and so is not background.
+
+A box scores by the share of foreground in it minus that in the ring around it. The cue knows no
+target: what moves looks alike to it, and a color cue beside it has to tell who is who.
+
+Source: Zhang Bo, sections 2 and 3.3 (the background is extracted before the target is measured).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.cues.maps import FrameMaps
+from pf_tracker_ros.parameters import declared
+
+
+@dataclass(frozen=True)
+class MovingForegroundParameters:
+    """The moving foreground cue."""
+
+    power: float = declared(
+        0.0,
+        "Power of this cue in the fused likelihood; 0 switches it and the background model off. "
+        "The powers of all cues are scaled to a sum of 1.",
+        minimum=0.0,
+        maximum=1.0,
+        read_only=True,
+    )
+    ring: float = declared(
+        0.3,
+        "Width of the ring of surroundings on each side of the box.",
+        unit="box sides",
+        minimum=0.05,
+        maximum=3.0,
+    )
+    sharpness: float = declared(
+        20.0,
+        "How fast the likelihood falls as the foreground's share in the box does, against that in "
+        "the ring.",
+        minimum=0.0,
+        maximum=1000.0,
+    )
+
+
+class MovingForeground:
+    """Share of foreground in the box minus that in the ring around it.
+
+    Args:
+        parameters: Ring and sharpness.
+    """
+
+    def __init__(self, parameters: MovingForegroundParameters) -> None:
+        self._ring = parameters.ring
+        self._sharpness = parameters.sharpness
+
+    @property
+    def reach(self) -> float:
+        """See `Cue.reach`; the mask covers the whole image."""
+        return 0.0
+
+    @property
+    def steady_keep(self) -> None:
+        """See `Cue.steady_keep`."""
+        return None
+
+    def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> None:
+        """See `Cue.learn`; there is nothing to learn."""
+        return None
+
+    def log_likelihood(
+        self, maps: FrameMaps, boxes: NDArray[np.float64], template: None
+    ) -> NDArray[np.float64]:
+        """See `Cue.log_likelihood`; without a foreground mask, all boxes are alike."""
+        if maps.foreground is None:
+            return np.zeros(len(boxes))
+        return self._sharpness * (self.contrast(maps, boxes) - 1.0)
+
+    def match(self, seen: None, template: None) -> None:
+        """See `Cue.match`; that something moves there does not tell whether it is the target."""
+        return None
+
+    def blend(self, template: None, seen: None, keep: float) -> None:
+        """See `Cue.blend`."""
+        return None
+
+    def contrast(self, maps: FrameMaps, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) share of foreground, 0 to 1, in (N, 4) boxes minus that in their rings."""
+        mask, reduction = maps.foreground or (np.zeros((1, 1), np.uint8), 1)
+
+        def integrate() -> NDArray[np.int32]:
+            return cv2.integral(mask, sdepth=cv2.CV_32S)
+
+        integral = maps.shared("foreground integral", integrate)
+        margin = self._ring * boxes[:, 2:]
+        around = np.hstack([boxes[:, :2] - margin, boxes[:, 2:] + 2 * margin])
+        inside, outside = _sums(integral, boxes / reduction), _sums(integral, around / reduction)
+        area = boxes[:, 2] * boxes[:, 3] / reduction**2
+        ring_area = around[:, 2] * around[:, 3] / reduction**2 - area
+        return np.clip((inside / area - (outside - inside) / ring_area) / 255.0, -1.0, 1.0)
+
+
+def _sums(integral: NDArray[np.int32], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) sums over (N, 4) boxes; a box's broken edges go to the nearest pixel."""
+    height, width = integral.shape
+    edges = np.rint(np.hstack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]])).astype(np.intp)
+    left, right = np.clip(edges[:, 0], 0, width - 1), np.clip(edges[:, 2], 0, width - 1)
+    top, bottom = np.clip(edges[:, 1], 0, height - 1), np.clip(edges[:, 3], 0, height - 1)
+    return (
+        integral[bottom, right].astype(np.float64)
+        - integral[top, right]
+        - integral[bottom, left]
+        + integral[top, left]
+    )

@@ -1,0 +1,54 @@
+"""The preset `zhang_bo`: background model and Kalman-predicted proposal in the tracker."""
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Tracker
+
+FIRST = (20.0, 60.0, 20.0, 30.0)
+
+
+def street(step):
+    """A textured wall that a red box passes at 3 px a frame."""
+    image = np.random.default_rng(0).integers(60, 140, (160, 240, 3)).astype(np.uint8)
+    x = 20 + 3 * step
+    image[60:90, x : x + 20] = (30, 30, 220)
+    image[60:75, x : x + 20] = (200, 160, 20)
+    return image
+
+
+def run(seed=0, frames=50, **parameters):
+    tracker = Tracker.from_preset("zhang_bo", seed=seed, parameters=parameters)
+    tracker.start(street(0), FIRST)
+    return [tracker.update(street(step), 0.04) for step in range(1, frames)]
+
+
+def test_a_passer_by_is_followed():
+    estimate = run()[-1]
+    x, y, width, height = estimate.box
+    assert estimate.state == "tracking"
+    assert x + width / 2 == pytest.approx(20 + 3 * 49 + 10, abs=6)
+    assert y + height / 2 == pytest.approx(75, abs=4)
+
+
+def test_the_same_seed_gives_the_same_bits():
+    one, other = run(seed=5, frames=15), run(seed=5, frames=15)
+    assert [estimate.box for estimate in one] == [estimate.box for estimate in other]
+
+
+def test_the_kalman_share_needs_a_gaussian_motion_model():
+    with pytest.raises(ValueError, match=r"'proposal\.kalman_share' is .* 'affine'"):
+        Tracker.from_preset("zhang_bo", parameters={"motion.model": "constant_velocity"})
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {"proposal.kalman_share": 0.0},
+        {"moving_foreground.power": 0.0},
+        {"background.color": True, "background.moving_camera": True},
+    ],
+)
+def test_each_part_can_be_left_out_or_extended(parameters):
+    x, _, width, _ = run(**parameters)[-1].box
+    assert x + width / 2 == pytest.approx(20 + 3 * 49 + 10, abs=6)
