@@ -139,7 +139,7 @@ class FrameMaps:
             # Differences of the two neighbors: the gradient of the smallest possible window.
             right = cv2.Sobel(self.gray, cv2.CV_16S, 1, 0, ksize=1)
             down = cv2.Sobel(self.gray, cv2.CV_16S, 0, 1, ksize=1)
-            rows = (down.astype(np.int32) + 255) * 511 + (right + 255)
+            rows = cv2.addWeighted(down, 511.0, right, 1.0, _NO_GRADIENT, dtype=cv2.CV_32S)
             if any(self.padding):
                 rows = cv2.copyMakeBorder(
                     rows, *self.padding, cv2.BORDER_CONSTANT, value=_NO_GRADIENT

@@ -63,6 +63,16 @@ class ParticleSet:
         states = np.asarray(states, dtype=np.float64)
         return cls(states, np.zeros(len(states)))
 
+    @classmethod
+    def _normalized(
+        cls, states: NDArray[np.float64], log_weights: NDArray[np.float64]
+    ) -> ParticleSet:
+        """Particles whose log weights are known to be normalized and read-only."""
+        particles = object.__new__(cls)
+        object.__setattr__(particles, "states", _read_only(states))
+        object.__setattr__(particles, "log_weights", log_weights)
+        return particles
+
     def __len__(self) -> int:
         return len(self.states)
 
@@ -94,8 +104,15 @@ class ParticleSet:
         return _read_only((offsets * self.weights[:, None]).T @ offsets)
 
     def moved(self, states: ArrayLike) -> ParticleSet:
-        """The same weights at other (N, D) states."""
-        return ParticleSet(np.asarray(states), self.log_weights)
+        """The same weights at other (N, D) states.
+
+        Raises:
+            ValueError: The states are not as many.
+        """
+        moved = np.asarray(states)
+        if moved.ndim != 2 or len(moved) != len(self):
+            raise ValueError(f"states have shape {moved.shape}; expected ({len(self)}, D)")
+        return self._normalized(moved, self.log_weights)
 
     def reweighted(self, log_likelihood: ArrayLike) -> ParticleSet:
         """Multiply every weight by a likelihood, given as N logarithms, and normalize.
@@ -112,4 +129,6 @@ class ParticleSet:
 
     def resampled(self, indices: NDArray[np.intp]) -> ParticleSet:
         """Particles of equal weight, copies of the ones that `indices` names."""
-        return ParticleSet.uniform(self.states[indices])
+        log_weights = np.full(len(indices), -math.log(len(indices)))
+        log_weights.setflags(write=False)
+        return self._normalized(self.states[indices], log_weights)

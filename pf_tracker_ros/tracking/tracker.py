@@ -209,8 +209,7 @@ class Tracker:
     def _updated(self, target: _Target, image: NDArray[np.uint8], interval: float) -> _Target:
         """Predict, weigh, estimate, judge, learn, resample: one frame."""
         parameters, motion = self._parameters, target.motion
-        predicted, foresight = self._proposed(target, interval)
-        predicted = predicted.moved(motion.constrained(predicted.states, _size(image)))
+        predicted, foresight = self._proposed(target, interval, _size(image))
 
         boxes = motion.boxes(predicted.states)
         foreground = None
@@ -255,20 +254,21 @@ class Tracker:
         )
 
     def _proposed(
-        self, target: _Target, interval: float
+        self, target: _Target, interval: float, image_size: tuple[int, int]
     ) -> tuple[ParticleSet, KalmanForesight | None]:
         """The particles drawn for this frame, and the Kalman filter's prediction if there is one.
 
         Source: Zhang Bo, section 3.3: the weights of particles drawn around it carry p / q.
         """
-        particles = target.particles
+        particles, motion = target.particles, target.motion
         if target.foresight is None:
-            states = target.motion.predict(particles.states, interval, self._generator)
-            return particles.moved(states), None
+            states = motion.predict(particles.states, interval, self._generator)
+            return particles.moved(motion.constrained(states, image_size)), None
         foresight = target.foresight.predicted(interval)
         share = self._parameters.proposal.kalman_share
         proposed = foresight.proposed(particles.states, interval, share, self._generator)
-        return particles.moved(proposed.states).reweighted(proposed.log_ratio), foresight
+        moved = particles.moved(motion.constrained(proposed.states, image_size))
+        return moved.reweighted(proposed.log_ratio), foresight
 
     def _foresight(self, motion: MotionModel) -> KalmanForesight | None:
         return motion.foresight() if self._parameters.proposal.kalman_share > 0.0 else None

@@ -81,3 +81,20 @@ def test_states_of_a_wrong_shape_are_refused(shape):
 def test_weights_of_a_wrong_shape_are_refused():
     with pytest.raises(ValueError, match=r"expected \(3,\)"):
         ParticleSet(np.zeros((3, 2)), np.zeros(2))
+
+
+def test_moved_particles_keep_their_weights_and_must_be_as_many():
+    particles = ParticleSet(np.zeros((2, 1)), np.log([3.0, 1.0]))
+    moved = particles.moved([[5.0, 6.0], [7.0, 8.0]])
+    np.testing.assert_allclose(moved.weights, [0.75, 0.25])
+    np.testing.assert_allclose(moved.mean, [5.5, 6.5])
+    for states in (np.zeros((3, 1)), np.zeros(2)):
+        with pytest.raises(ValueError, match=r"expected \(2, D\)"):
+            particles.moved(states)
+
+
+def test_resampled_particles_have_equal_weights():
+    particles = ParticleSet(np.array([[1.0], [2.0]]), np.log([3.0, 1.0]))
+    resampled = particles.resampled(np.array([1, 1, 0]))
+    np.testing.assert_allclose(resampled.weights, 1 / 3)
+    np.testing.assert_array_equal(resampled.states, [[2.0], [2.0], [1.0]])
