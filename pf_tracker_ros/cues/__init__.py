@@ -13,6 +13,7 @@ from pf_tracker_ros.cues.gradient_orientation import (
 )
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.cues.moving_foreground import MovingForeground, MovingForegroundParameters
+from pf_tracker_ros.cues.oriented_gradients import OrientedGradients, OrientedGradientsParameters
 
 __all__ = [
     "ColorHistogram",
@@ -27,5 +28,7 @@ __all__ = [
     "Match",
     "MovingForeground",
     "MovingForegroundParameters",
+    "OrientedGradients",
+    "OrientedGradientsParameters",
     "TemplateParameters",
 ]

@@ -20,7 +20,7 @@ Value = TypeVar("Value", bound=np.generic)
 
 # Derivatives look one pixel further than the boxes do.
 _MARGIN = 2
-# Row of the gradient table for two differences of 0.
+# Two differences of 0, as in `FrameMaps.differences`.
 _NO_GRADIENT = 255 * 511 + 255
 
 
@@ -124,6 +124,27 @@ class FrameMaps:
             return values
         return cv2.copyMakeBorder(values, *self.padding, cv2.BORDER_CONSTANT, value=0)
 
+    @property
+    def differences(self) -> NDArray[np.int32]:
+        """(h, w) differences of each pixel's neighbors, over the padded region, as one number.
+
+        The number is (down + 255) * 511 + right + 255, the row of a table over all pairs of
+        differences of 8-bit values. Outside the image both are 0.
+        """
+
+        def compute() -> NDArray[np.int32]:
+            # Differences of the two neighbors: the gradient of the smallest possible window.
+            right = cv2.Sobel(self.gray, cv2.CV_16S, 1, 0, ksize=1)
+            down = cv2.Sobel(self.gray, cv2.CV_16S, 0, 1, ksize=1)
+            numbers = cv2.addWeighted(down, 511.0, right, 1.0, _NO_GRADIENT, dtype=cv2.CV_32S)
+            if not any(self.padding):
+                return numbers
+            return cv2.copyMakeBorder(
+                numbers, *self.padding, cv2.BORDER_CONSTANT, value=_NO_GRADIENT
+            )
+
+        return self.shared("differences", compute)
+
     def gradient_integral(self, directions: int) -> NDArray[np.int32]:
         """Integral image of the gradient magnitude in each direction.
 
@@ -136,15 +157,7 @@ class FrameMaps:
         """
 
         def compute() -> NDArray[np.int32]:
-            # Differences of the two neighbors: the gradient of the smallest possible window.
-            right = cv2.Sobel(self.gray, cv2.CV_16S, 1, 0, ksize=1)
-            down = cv2.Sobel(self.gray, cv2.CV_16S, 0, 1, ksize=1)
-            rows = cv2.addWeighted(down, 511.0, right, 1.0, _NO_GRADIENT, dtype=cv2.CV_32S)
-            if any(self.padding):
-                rows = cv2.copyMakeBorder(
-                    rows, *self.padding, cv2.BORDER_CONSTANT, value=_NO_GRADIENT
-                )
-            channels = _gradient_table(directions).take(rows, axis=0)
+            channels = _gradient_table(directions).take(self.differences, axis=0)
             return cv2.integral(channels, sdepth=cv2.CV_32S)
 
         return self.shared(("gradient integral", directions), compute)
@@ -178,8 +191,8 @@ def _color_table(levels: int) -> NDArray[np.uint16]:
 def _gradient_table(directions: int) -> NDArray[np.uint8]:
     """(511 * 511, directions) magnitude of any two 8-bit differences, in their direction's column.
 
-    The row is (down + 255) * 511 + right + 255. Reading the answer is faster than working it out,
-    and exact on the borders between two directions, where many gradients of whole numbers lie.
+    Rows are numbered as in `FrameMaps.differences`. Reading the answer is faster than working it
+    out, and exact on the borders between two directions, where many gradients of whole numbers lie.
     """
     differences = np.arange(-255, 256)
     angle = np.arctan2(differences[:, None], differences[None]) % (2 * np.pi)

@@ -19,9 +19,11 @@ from pf_tracker_ros.filter.proposals import (
 )
 from pf_tracker_ros.filter.resampling import (
     RESAMPLERS,
+    BestKeepingResampler,
     EffectiveSampleSizeResampler,
     Resampler,
     ResamplingParameters,
+    build_resampler,
 )
 
 __all__ = [
@@ -29,6 +31,7 @@ __all__ = [
     "MOTION_MODELS",
     "RESAMPLERS",
     "AffineMotion",
+    "BestKeepingResampler",
     "Box",
     "EffectiveSampleSizeResampler",
     "Gaussian",
@@ -41,6 +44,7 @@ __all__ = [
     "Resampler",
     "ResamplingParameters",
     "Transition",
+    "build_resampler",
     "propose_from_prediction",
     "propose_from_transition",
 ]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.filter.gaussian import Gaussian
+from pf_tracker_ros.filter.limits import SMALLEST_SIDE
 from pf_tracker_ros.filter.proposals import (
     Proposed,
     Transition,
@@ -54,7 +55,6 @@ class AffineMotion:
     """
 
     columns: tuple[str, ...] = ("x", "y", "log_scale")
-    smallest_side = 6.0
 
     def __init__(self, box: Box, parameters: MotionParameters) -> None:
         x, y, width, height = box
@@ -83,8 +83,8 @@ class AffineMotion:
     def constrained(
         self, states: NDArray[np.float64], image_size: tuple[int, int]
     ) -> NDArray[np.float64]:
-        """See `MotionModel.constrained`; sides stay between `smallest_side` and the image's."""
-        smallest = min(1.0, float((self.smallest_side / self._size).max()))
+        """See `MotionModel.constrained`; sides stay between `SMALLEST_SIDE` and the image's."""
+        smallest = min(1.0, float((SMALLEST_SIDE / self._size).max()))
         largest = max(1.0, float((image_size / self._size).min()))
         lower = [0.0, 0.0, np.log(smallest)]
         return np.clip(states, lower, [*image_size, np.log(largest)])

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.filter.affine_motion import AffineMotion, KalmanForesight
+from pf_tracker_ros.filter.autoregressive import SecondOrderAutoregressive
+from pf_tracker_ros.filter.limits import limited_centers, limited_sizes
 from pf_tracker_ros.parameters import declared
 
 Box = tuple[float, float, float, float]
@@ -92,8 +94,7 @@ class ConstantVelocity:
     ) -> NDArray[np.float64]:
         """See `MotionModel.constrained`."""
         constrained = states.copy()
-        center = constrained[:, :2]
-        np.minimum(np.maximum(center, 0.0, out=center), image_size, out=center)
+        constrained[:, :2] = limited_centers(states[:, :2], image_size)
         return constrained
 
     def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -121,9 +122,6 @@ class ConstantVelocityAndSize(ConstantVelocity):
 
     columns: tuple[str, ...] = (*ConstantVelocity.columns, "width", "height")
 
-    # Smaller boxes hold too few pixels to tell a target from its surroundings.
-    smallest_side = 6.0
-
     def prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
         """See `MotionModel.prior`."""
         sizes = np.broadcast_to(self._size, (count, 2))
@@ -144,11 +142,9 @@ class ConstantVelocityAndSize(ConstantVelocity):
     def constrained(
         self, states: NDArray[np.float64], image_size: tuple[int, int]
     ) -> NDArray[np.float64]:
-        """See `MotionModel.constrained`; sides stay between `smallest_side` and the image's."""
+        """See `MotionModel.constrained`; sides as `limited_sizes` allows."""
         constrained = super().constrained(states, image_size)
-        smallest = np.minimum(self.smallest_side, self._size)
-        largest = np.maximum(image_size, smallest)
-        np.clip(states[:, 4:6], smallest, largest, out=constrained[:, 4:6])
+        constrained[:, 4:6] = limited_sizes(states[:, 4:6], self._size, image_size)
         return constrained
 
     def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -164,6 +160,7 @@ MOTION_MODELS: Mapping[str, Callable[[Box, MotionParameters], MotionModel]] = Ma
         "constant_velocity": ConstantVelocity,
         "constant_velocity_and_size": ConstantVelocityAndSize,
         "affine": AffineMotion,
+        "second_order_autoregressive": SecondOrderAutoregressive,
     }
 )
 
@@ -177,7 +174,8 @@ class MotionParameters:
     model: str = declared(
         "constant_velocity",
         "Motion model: constant_velocity keeps the box size of the first frame, "
-        "constant_velocity_and_size lets it change, affine walks in place and scale.",
+        "constant_velocity_and_size lets it change, affine walks in place and scale, "
+        "second_order_autoregressive draws position and size from those of the last two steps.",
         choices=tuple(MOTION_MODELS),
         read_only=True,
     )
@@ -229,4 +227,25 @@ class MotionParameters:
         unit="box sizes per second",
         minimum=0.0,
         maximum=100.0,
+    )
+    first_coefficient: float = declared(
+        1.5,
+        "Weight of the last offset from the first box in second-order autoregressive motion (A1).",
+        minimum=-3.0,
+        maximum=3.0,
+    )
+    second_coefficient: float = declared(
+        -0.5,
+        "Weight of the last offset but one in second-order autoregressive motion (A2).",
+        minimum=-3.0,
+        maximum=3.0,
+    )
+    model_step: float = declared(
+        0.04,
+        "Time that one step of second-order autoregressive motion stands for; "
+        "other times between frames take a power of it.",
+        unit="s",
+        minimum=0.0001,
+        maximum=60.0,
+        read_only=True,
     )

@@ -113,6 +113,32 @@ RESAMPLERS: Mapping[str, type[Resampler]] = MappingProxyType(
 
 
 @dataclass(frozen=True)
+class BestKeepingResampler:
+    """Draws by another scheme, and keeps the particle of the largest weight.
+
+    Chance may pass over the best particle of a few; if it does, the first draw is given to it.
+    That costs the draws their unbiasedness, so it is for few particles and sharp likelihoods.
+
+    Source: Zhang et al. 2015, section 3.3, step 3.
+
+    Attributes:
+        resampler: The scheme that draws.
+    """
+
+    resampler: Resampler
+
+    def indices(
+        self, weights: NDArray[np.float64], count: int, generator: np.random.Generator
+    ) -> NDArray[np.intp]:
+        """See `Resampler.indices`."""
+        indices = self.resampler.indices(weights, count, generator)
+        best = int(np.argmax(weights))
+        if best not in indices:
+            indices[0] = best
+        return indices
+
+
+@dataclass(frozen=True)
 class ResamplingParameters:
     """When and how the particles are resampled."""
 
@@ -127,6 +153,10 @@ class ResamplingParameters:
         "1 resamples every frame, 0 never.",
         minimum=0.0,
         maximum=1.0,
+    )
+    keep_best: bool = declared(
+        False,
+        "Let the particle of the largest weight always go on; for few particles.",
     )
 
 
@@ -161,3 +191,11 @@ class EffectiveSampleSizeResampler:
         if enough and self.threshold < 1.0 and count == len(particles):
             return particles
         return particles.resampled(self.resampler.indices(particles.weights, count, generator))
+
+
+def build_resampler(parameters: ResamplingParameters) -> EffectiveSampleSizeResampler:
+    """The resampler that the parameters describe."""
+    scheme: Resampler = RESAMPLERS[parameters.scheme]()
+    if parameters.keep_best:
+        scheme = BestKeepingResampler(scheme)
+    return EffectiveSampleSizeResampler(scheme, parameters.threshold)

@@ -10,6 +10,7 @@ from pf_tracker_ros.cues import (
     ForegroundProbabilityParameters,
     GradientOrientationParameters,
     MovingForegroundParameters,
+    OrientedGradientsParameters,
     TemplateParameters,
 )
 from pf_tracker_ros.filter import MotionParameters, ProposalParameters, ResamplingParameters
@@ -51,5 +52,6 @@ class TrackerParameters:
     foreground_probability: ForegroundProbabilityParameters = group(ForegroundProbabilityParameters)
     moving_foreground: MovingForegroundParameters = group(MovingForegroundParameters)
     background: BackgroundParameters = group(BackgroundParameters)
+    oriented_gradients: OrientedGradientsParameters = group(OrientedGradientsParameters)
     template: TemplateParameters = group(TemplateParameters)
     track: TrackParameters = group(TrackParameters)

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
 from pf_tracker_ros.parameters import ParameterError, build, flatten
 from pf_tracker_ros.tracking.parameters import TrackerParameters
+
+_OUTLINE_SHARPNESS = 300.0
+# Zhang et al. 2015 renew the template above a similarity 1 - D of 0.65. The likelihood is
+# exp(-lambda D^2 / 2), so the same boxes are those above this likelihood.
+_OUTLINE_UPDATE_ABOVE = math.exp(-_OUTLINE_SHARPNESS * (1.0 - 0.65) ** 2 / 2.0)
 
 PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
@@ -44,6 +50,24 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "color_histogram.power": 0.45,
                 "gradient_orientation.power": 0.25,
                 "moving_foreground.power": 0.3,
+            }
+        ),
+        "zhang2015": MappingProxyType(
+            {
+                "particles": 100,
+                "motion.model": "second_order_autoregressive",
+                "motion.position_noise": 0.5,
+                "resampling.scheme": "multinomial",
+                "resampling.keep_best": True,
+                "working_size": 120,
+                "color_histogram.power": 0.0,
+                "gradient_orientation.power": 0.0,
+                "oriented_gradients.power": 1.0,
+                "oriented_gradients.sharpness": _OUTLINE_SHARPNESS,
+                "template.update_above": _OUTLINE_UPDATE_ABOVE,
+                "template.keep": 0.995,
+                "track.occluded_below": 0.55,
+                "track.recovered_above": 0.55,
             }
         ),
     }

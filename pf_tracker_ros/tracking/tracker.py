@@ -18,17 +18,17 @@ from pf_tracker_ros.cues import (
     FrameMaps,
     GradientOrientation,
     MovingForeground,
+    OrientedGradients,
 )
 from pf_tracker_ros.cues.fusion import Templates
 from pf_tracker_ros.filter import (
     MODELS_WITH_FORESIGHT,
     MOTION_MODELS,
-    RESAMPLERS,
     Box,
-    EffectiveSampleSizeResampler,
     KalmanForesight,
     MotionModel,
     ParticleSet,
+    build_resampler,
 )
 from pf_tracker_ros.parameters import ParameterError, build, declarations, flatten
 from pf_tracker_ros.tracking.estimate import Estimate
@@ -89,7 +89,7 @@ class Tracker:
         """A tracker with the parameters of a preset.
 
         Args:
-            preset: `default`, `li2007` or `zhang_bo`.
+            preset: A key of `PRESETS`.
             seed: As in the constructor.
             parameters: Full parameter name to value, over the preset's.
 
@@ -282,7 +282,7 @@ class Tracker:
 
     def _configure(self, parameters: TrackerParameters) -> None:
         color, gradient = parameters.color_histogram, parameters.gradient_orientation
-        foreground = parameters.foreground_probability
+        foreground, outline = parameters.foreground_probability, parameters.oriented_gradients
         moving = parameters.moving_foreground
         share, model = parameters.proposal.kalman_share, parameters.motion.model
         if share > 0.0 and model not in MODELS_WITH_FORESIGHT:
@@ -297,11 +297,10 @@ class Tracker:
                 "gradient_orientation": (GradientOrientation(gradient), gradient.power),
                 "foreground_probability": (ForegroundProbability(foreground), foreground.power),
                 "moving_foreground": (MovingForeground(moving), moving.power),
+                "oriented_gradients": (OrientedGradients(outline), outline.power),
             }
         )
-        self._resampler = EffectiveSampleSizeResampler(
-            RESAMPLERS[parameters.resampling.scheme](), parameters.resampling.threshold
-        )
+        self._resampler = build_resampler(parameters.resampling)
         self._parameters = parameters
         if self._target:
             motion = _motion_model(self._target.first_box, parameters)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.filter import MOTION_MODELS, MotionParameters
+from pf_tracker_ros.filter.limits import SMALLEST_SIDE
 from pf_tracker_ros.filter.motion import ConstantVelocity, ConstantVelocityAndSize
 
 BOX = (100.0, 50.0, 40.0, 10.0)
@@ -99,7 +100,7 @@ def test_sizes_neither_collapse_nor_outgrow_the_image():
     motion = ConstantVelocityAndSize(BOX, MotionParameters())
     states = np.array([[80.0, 45.0, 0.0, 0.0, 1e-9, 1e9]])
     constrained = motion.constrained(states, (160, 90))
-    np.testing.assert_allclose(constrained[0, 4:], [ConstantVelocityAndSize.smallest_side, 90.0])
+    np.testing.assert_allclose(constrained[0, 4:], [SMALLEST_SIDE, 90.0])
 
 
 def test_a_target_smaller_than_the_smallest_side_keeps_its_size():

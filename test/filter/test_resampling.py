@@ -6,7 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from pf_tracker_ros.filter import RESAMPLERS, EffectiveSampleSizeResampler, ParticleSet
+from pf_tracker_ros.filter import (
+    RESAMPLERS,
+    BestKeepingResampler,
+    EffectiveSampleSizeResampler,
+    ParticleSet,
+    ResamplingParameters,
+    build_resampler,
+)
 
 raw_weights = arrays(float, st.integers(1, 30), elements=st.floats(0, 1)).filter(
     lambda weights: weights.sum() > 1e-3
@@ -115,3 +122,44 @@ def test_another_number_of_particles_resamples_to_it():
     more = resampler.resample(particles, 400, np.random.default_rng(0))
     assert len(more) == 400
     assert (more.states == 2.0).mean() == pytest.approx(0.75)
+
+
+@every_scheme
+@given(weights=raw_weights, count=st.integers(1, 60), seed=st.integers(0, 1000))
+def test_kept_the_particle_of_the_largest_weight_always_goes_on(scheme, weights, count, seed):
+    weights = weights / weights.sum()
+    indices = BestKeepingResampler(RESAMPLERS[scheme]()).indices(
+        weights, count, np.random.default_rng(seed)
+    )
+    assert indices.shape == (count,)
+    assert np.argmax(weights) in indices
+    assert (weights[indices] > 0.0).all()
+
+
+def test_keeping_the_best_changes_one_draw_at_most():
+    weights = np.array([0.3, 0.3, 0.4])
+    passed_over = 0
+    for seed in range(50):
+        drawn = RESAMPLERS["multinomial"]().indices(weights, 3, np.random.default_rng(seed))
+        kept = BestKeepingResampler(RESAMPLERS["multinomial"]()).indices(
+            weights, 3, np.random.default_rng(seed)
+        )
+        assert (drawn != kept).sum() == (2 not in drawn)
+        passed_over += 2 not in drawn
+    # 0.6^3 of 50 is 11.
+    assert 3 < passed_over < 20
+
+
+def test_the_parameters_name_scheme_threshold_and_the_best():
+    states = np.arange(100.0)[:, None]
+    particles = ParticleSet(states, np.where(states[:, 0] == 42.0, 0.1, 0.0))
+    kept = build_resampler(ResamplingParameters("multinomial", threshold=1.0, keep_best=True))
+    drawn = build_resampler(ResamplingParameters("multinomial", threshold=1.0))
+    survived = [
+        [42.0 in r.resample(particles, 100, np.random.default_rng(s)).states for s in range(40)]
+        for r in (kept, drawn)
+    ]
+    assert all(survived[0])
+    assert not all(survived[1])
+    rare = build_resampler(ResamplingParameters("multinomial", threshold=0.5, keep_best=True))
+    assert rare.resample(particles, 100, np.random.default_rng(0)) is particles

@@ -1,0 +1,27 @@
+"""What keeps a state sane: centers inside the image, sizes that can be looked at."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+# Smaller boxes hold too few pixels to tell a target from its surroundings.
+SMALLEST_SIDE = 6.0
+
+
+def limited_centers(
+    centers: NDArray[np.float64], image_size: tuple[int, int]
+) -> NDArray[np.float64]:
+    """(N, 2) centers moved into an image of (width, height)."""
+    return np.minimum(np.maximum(centers, 0.0), image_size)
+
+
+def limited_sizes(
+    sizes: NDArray[np.float64], first_size: ArrayLike, image_size: tuple[int, int]
+) -> NDArray[np.float64]:
+    """(N, 2) sizes brought between `SMALLEST_SIDE` and the image's.
+
+    A target whose first (width, height) is smaller may stay so.
+    """
+    smallest = np.minimum(SMALLEST_SIDE, first_size)
+    return np.clip(sizes, smallest, np.maximum(image_size, smallest))

@@ -1,0 +1,238 @@
+"""Histograms of oriented gradients against a pixel-by-pixel implementation."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros.cues import FrameMaps, OrientedGradients, OrientedGradientsParameters
+
+CELLS_X, CELLS_Y, BINS = 3, 5, 16
+PARAMETERS = OrientedGradientsParameters(cells_x=CELLS_X, cells_y=CELLS_Y, bins=BINS)
+
+
+@pytest.fixture
+def image():
+    noise = np.random.default_rng(0).integers(0, 256, (30, 40), dtype=np.uint8)
+    return cv2.resize(noise, (160, 120), interpolation=cv2.INTER_CUBIC)
+
+
+def bin_shares(angle, bins):
+    """Degrees to the share of each bin: the three nearest, by the quadratic B-spline."""
+    shares = np.zeros(bins)
+    for number in range(bins):
+        apart = abs((angle - number * 180 / bins + 90) % 180 - 90) * bins / 180
+        if apart <= 0.5:
+            shares[number] = 0.75 - apart**2
+        elif apart < 1.5:
+            shares[number] = 0.5 * (1.5 - apart) ** 2
+    return shares
+
+
+def pixelwise_descriptor(gray, box, cells_x=CELLS_X, cells_y=CELLS_Y, bins=BINS):
+    """Each pixel on its own counts for each cell by the area that they share; then the blocks."""
+    x0, y0, width, height = box
+    padded = cv2.copyMakeBorder(gray.astype(float), 1, 1, 1, 1, cv2.BORDER_REFLECT_101)
+    cells = np.zeros((cells_y, cells_x, bins))
+    for y in range(int(y0), int(np.ceil(y0 + height))):
+        for x in range(int(x0), int(np.ceil(x0 + width))):
+            right = padded[y + 1, x + 2] - padded[y + 1, x]
+            down = padded[y + 2, x + 1] - padded[y, x + 1]
+            magnitude = min(np.hypot(right, down), 127.5)
+            votes = magnitude * bin_shares(np.degrees(np.arctan2(down, right)) % 180, bins)
+            for i in range(cells_y):
+                top, bottom = y0 + i * height / cells_y, y0 + (i + 1) * height / cells_y
+                for j in range(cells_x):
+                    left, end = x0 + j * width / cells_x, x0 + (j + 1) * width / cells_x
+                    area = max(min(end, x + 1) - max(left, x), 0.0)
+                    area *= max(min(bottom, y + 1) - max(top, y), 0.0)
+                    cells[i, j] += area * votes
+    blocks = []
+    for i in range(cells_y - 1):
+        for j in range(cells_x - 1):
+            block = np.array([cells[i, j], cells[i, j + 1], cells[i + 1, j], cells[i + 1, j + 1]])
+            blocks.append(block / np.linalg.norm(block))
+    descriptor = np.array(blocks).reshape(cells_y - 1, cells_x - 1, 4, bins)
+    return descriptor.transpose(2, 0, 1, 3) / descriptor.sum()
+
+
+def ramp(angle, size=64):
+    """An image whose brightness rises by about 2 levels a pixel towards `angle` degrees."""
+    rows, columns = np.indices((size, size)) - size / 2
+    rise = columns * np.cos(np.radians(angle)) + rows * np.sin(np.radians(angle))
+    return np.clip(np.rint(128 + 2 * rise), 0, 255).astype(np.uint8)
+
+
+def test_seven_by_fifteen_blocks_of_the_paper():
+    """64 x 128 px in cells of 8 px: 7 x 15 blocks of 4 x 32 numbers are 13,440, not 4,480."""
+    image = np.random.default_rng(0).integers(0, 256, (130, 70), dtype=np.uint8)
+    cue = OrientedGradients(OrientedGradientsParameters(cells_x=8, cells_y=16, bins=32))
+    box = np.array([3.0, 1.0, 64.0, 128.0])
+    descriptor = cue.learn(FrameMaps(image, box[None]), box)
+    assert descriptor.shape == (4, 15, 7, 32)
+    assert descriptor.size == 13_440
+
+
+@pytest.mark.parametrize(
+    "box", [(20, 30, 30, 50), (100, 10, 24, 48), (60.3, 55.7, 31.9, 44.1), (8.5, 8.25, 7.5, 9.0)]
+)
+def test_equals_the_pixelwise_descriptor(image, box):
+    """But for magnitudes and their shares counted in halves of a gray level."""
+    box = np.array(box, dtype=float)
+    descriptor = OrientedGradients(PARAMETERS).learn(FrameMaps(image, box[None]), box)
+    expected = pixelwise_descriptor(image, box)
+    assert np.abs(descriptor - expected).sum() < 0.01
+
+
+@pytest.mark.parametrize("bins", [9, 16, 32])
+def test_a_gradient_is_shared_among_its_three_nearest_directions(bins):
+    """At the center of a bin 1/8, 3/4, 1/8."""
+    cue = OrientedGradients(OrientedGradientsParameters(cells_x=2, cells_y=2, bins=bins))
+    box = np.array([12.0, 12.0, 40.0, 40.0])
+    steep = np.tile(np.arange(0, 256, 4, dtype=np.uint8), (64, 1))
+    shares = cue.learn(FrameMaps(steep, box[None]), box).sum(axis=(0, 1, 2))
+    np.testing.assert_allclose(shares[[-1, 0, 1]], [1 / 8, 3 / 4, 1 / 8], atol=1e-6)
+    np.testing.assert_allclose(np.delete(shares, [-1, 0, 1 % bins]), 0.0)
+
+
+def test_midway_between_two_directions_each_takes_half_and_the_third_nothing():
+    """45 degrees, a slope of 1 in 1, is midway between the second and third of six bins."""
+    cue = OrientedGradients(OrientedGradientsParameters(cells_x=2, cells_y=2, bins=6))
+    box = np.array([12.0, 12.0, 40.0, 40.0])
+    slope = (2 * np.indices((64, 64)).sum(axis=0)).astype(np.uint8)
+    shares = cue.learn(FrameMaps(slope, box[None]), box).sum(axis=(0, 1, 2))
+    np.testing.assert_allclose(shares, [0, 0.5, 0.5, 0, 0, 0], atol=0.05)
+
+
+@pytest.mark.parametrize("angle", [0, 30, 77, 90, 135, 179])
+def test_the_nearest_direction_takes_the_most_and_opposite_ones_are_one(angle):
+    cue = OrientedGradients(OrientedGradientsParameters(cells_x=2, cells_y=2, bins=BINS))
+    box = np.array([12.0, 12.0, 40.0, 40.0])
+    for turned in (angle, angle + 180):
+        image = ramp(turned)
+        shares = cue.learn(FrameMaps(image, box[None]), box).sum(axis=(0, 1, 2))
+        assert np.argmax(shares) == round(angle * BINS / 180) % BINS
+
+
+def test_every_block_has_the_same_length_and_they_overlap_by_half(image):
+    box = np.array([20.0, 30.0, 30.0, 50.0])
+    descriptor = OrientedGradients(PARAMETERS).learn(FrameMaps(image, box[None]), box)
+    assert descriptor.sum() == pytest.approx(1.0)
+    lengths = np.linalg.norm(descriptor, axis=(0, 3))
+    np.testing.assert_allclose(lengths, lengths[0, 0], rtol=1e-5)
+    # The right cells of a block are the left ones of the next, but for the block's length.
+    right, left = descriptor[1, :, 0], descriptor[0, :, 1]
+    for one, other in zip(right, left, strict=True):
+        np.testing.assert_allclose(one / one.sum(), other / other.sum(), atol=1e-6)
+
+
+def test_a_flip_of_polarity_changes_nothing(image):
+    box = np.array([20.0, 30.0, 30.0, 50.0])
+    cue = OrientedGradients(PARAMETERS)
+    hot, cold = (cue.learn(FrameMaps(i, box[None]), box) for i in (image, 255 - image))
+    np.testing.assert_allclose(hot, cold, atol=2e-4)
+
+
+def test_distance_and_likelihood_by_hand():
+    """Two boxes that share no direction, and a template that is half of each."""
+    boxes = np.array([[4.0, 4.0, 32.0, 32.0], [44.0, 4.0, 32.0, 32.0]])
+    across = np.full((40, 80), 100, np.uint8)
+    across[:, :40] += np.arange(40, dtype=np.uint8)
+    across[:, 40:] += np.arange(40, dtype=np.uint8)[:, None]
+    maps = FrameMaps(across, boxes)
+    cue = OrientedGradients(OrientedGradientsParameters(cells_x=2, cells_y=2, sharpness=3.0))
+    template = cue.learn(maps, boxes[0])
+    np.testing.assert_allclose(cue.squared_distance(maps, boxes, template), [0.0, 1.0], atol=1e-6)
+    # exp(-3 * 1 / 2)
+    log_likelihood = cue.log_likelihood(maps, boxes, template)
+    np.testing.assert_allclose(log_likelihood, [0.0, -1.5], atol=1e-5)
+
+    mixed = 0.5 * template + 0.5 * cue.learn(maps, boxes[1])
+    # Equation (8): rho = sqrt(1 / 2), D^2 = 1 - sqrt(1 / 2), for either of the two boxes.
+    expected = 1 - np.sqrt(0.5)
+    np.testing.assert_allclose(cue.squared_distance(maps, boxes, mixed), expected, atol=1e-6)
+    match = cue.match(template, mixed)
+    assert match == pytest.approx((-1.5 * expected, 1 - np.sqrt(expected)))
+
+
+def test_as_printed_without_the_root_a_perfect_match_would_be_far_away(image):
+    """Equation (8) in print lacks the root: D would be near 1 even of a box from itself."""
+    box = np.array([20.0, 30.0, 30.0, 50.0])
+    cue = OrientedGradients(PARAMETERS)
+    maps = FrameMaps(image, box[None])
+    descriptor = cue.learn(maps, box)
+    assert np.sqrt(1 - (descriptor * descriptor).sum()) > 0.99
+    assert cue.squared_distance(maps, box[None], descriptor) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_distances_of_boxes_of_any_size_are_those_of_their_descriptors(image):
+    cue = OrientedGradients(PARAMETERS)
+    generator = np.random.default_rng(1)
+    boxes = np.column_stack([generator.uniform(0, 80, (30, 2)), generator.uniform(6, 40, (30, 2))])
+    maps = FrameMaps(image, boxes)
+    template = cue.learn(maps, boxes[0])
+    descriptors = [cue.learn(maps, box) for box in boxes]
+    expected = [1 - np.sqrt(descriptor * template).sum() for descriptor in descriptors]
+    distances = cue.squared_distance(maps, boxes, template)
+    np.testing.assert_allclose(distances, expected, atol=1e-5)
+    matches = [cue.match(descriptor, template) for descriptor in descriptors]
+    np.testing.assert_allclose(
+        [match.log_likelihood for match in matches],
+        cue.log_likelihood(maps, boxes, template),
+        atol=1e-3,
+    )
+
+
+def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image):
+    cue = OrientedGradients(PARAMETERS)
+    box = np.array([[70.3, 40.2, 30.0, 20.0]])
+    others = np.vstack([box, [[0.0, 0.0, 33.0, 21.0], [120.0, 90.0, 40.0, 30.0]]])
+    template = cue.learn(FrameMaps(image, box), np.array([69.0, 40.0, 30.0, 20.0]))
+    alone = cue.log_likelihood(FrameMaps(image, box), box, template)
+    among = cue.log_likelihood(FrameMaps(image, others), others, template)
+    assert alone[0] == pytest.approx(among[0], rel=1e-5)
+
+
+def test_a_part_of_a_pixel_counts(image):
+    """Cells of a small target are a few pixels large; whole ones would hide most of a move."""
+    cue = OrientedGradients(PARAMETERS)
+    box = np.array([60.0, 40.0, 9.0, 15.0])
+    boxes = np.array([box + (shift, 0, 0, 0) for shift in (0.0, 0.1, 0.2, 0.3, 0.4)])
+    maps = FrameMaps(image, boxes)
+    distances = cue.squared_distance(maps, boxes, cue.learn(maps, box))
+    assert (np.diff(distances) > 0).all()
+
+
+def test_a_box_without_any_gradient_matches_only_its_like(image):
+    flat = image.copy()
+    flat[:, 80:] = 77
+    boxes = np.array(
+        [[100.0, 10.0, 30.0, 50.0], [110.0, 20.0, 20.0, 40.0], [20.0, 10.0, 30.0, 50.0]]
+    )
+    cue = OrientedGradients(PARAMETERS)
+    maps = FrameMaps(flat, boxes)
+    template = cue.learn(maps, boxes[0])
+    np.testing.assert_array_equal(template, 0.0)
+    distances = cue.squared_distance(maps, boxes, template)
+    np.testing.assert_allclose(distances, [0.0, 0.0, 1.0], atol=1e-6)
+    assert cue.match(template, template) == (0.0, 1.0)
+    textured = cue.learn(maps, boxes[2])
+    distances = cue.squared_distance(maps, boxes, textured)
+    np.testing.assert_allclose(distances, [1.0, 1.0, 0.0], atol=1e-6)
+    assert cue.match(template, textured).similarity == pytest.approx(0.0, abs=1e-3)
+
+
+def test_nothing_is_seen_outside_the_image():
+    image = np.random.default_rng(0).integers(0, 256, (40, 40), dtype=np.uint8)
+    box = np.array([-20.0, 0.0, 40.0, 40.0])
+    cue = OrientedGradients(OrientedGradientsParameters(cells_x=4, cells_y=4))
+    descriptor = cue.learn(FrameMaps(image, box[None]), box)
+    np.testing.assert_array_equal(descriptor[:, :, 0], 0.0)
+    np.testing.assert_array_equal(descriptor[[0, 2], :, 1], 0.0)
+    assert (descriptor[:, :, 2].sum(axis=2) > 0).all()
+
+
+def test_blend_by_hand_and_replacement():
+    cue = OrientedGradients(PARAMETERS)
+    old, new = np.array([1.0, 0.0]), np.array([0.0, 1.0])
+    np.testing.assert_allclose(cue.blend(old, new, 0.9), [0.9, 0.1])
+    np.testing.assert_allclose(cue.blend(old, new, 0.0), new)
