@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 Map = TypeVar("Map")
 Value = TypeVar("Value", bound=np.generic)
 
-# Derivatives look one pixel further than the boxes do.
+# Derivatives look one pixel further than the boxes do, smoothed ones two.
 _MARGIN = 2
 # Two differences of 0, as in `FrameMaps.differences`.
 _NO_GRADIENT = 255 * 511 + 255
@@ -124,18 +124,22 @@ class FrameMaps:
             return values
         return cv2.copyMakeBorder(values, *self.padding, cv2.BORDER_CONSTANT, value=0)
 
-    @property
-    def differences(self) -> NDArray[np.int32]:
+    def differences(self, smoothed: bool = False) -> NDArray[np.int32]:
         """(h, w) differences of each pixel's neighbors, over the padded region, as one number.
 
         The number is (down + 255) * 511 + right + 255, the row of a table over all pairs of
         differences of 8-bit values. Outside the image both are 0.
+
+        Args:
+            smoothed: Whether each pixel is first averaged with its eight neighbors, with the
+                binomial weights 1, 2, 1 along each axis.
         """
 
         def compute() -> NDArray[np.int32]:
+            gray = cv2.GaussianBlur(self.gray, (3, 3), 0.0) if smoothed else self.gray
             # Differences of the two neighbors: the gradient of the smallest possible window.
-            right = cv2.Sobel(self.gray, cv2.CV_16S, 1, 0, ksize=1)
-            down = cv2.Sobel(self.gray, cv2.CV_16S, 0, 1, ksize=1)
+            right = cv2.Sobel(gray, cv2.CV_16S, 1, 0, ksize=1)
+            down = cv2.Sobel(gray, cv2.CV_16S, 0, 1, ksize=1)
             numbers = cv2.addWeighted(down, 511.0, right, 1.0, _NO_GRADIENT, dtype=cv2.CV_32S)
             if not any(self.padding):
                 return numbers
@@ -143,7 +147,7 @@ class FrameMaps:
                 numbers, *self.padding, cv2.BORDER_CONSTANT, value=_NO_GRADIENT
             )
 
-        return self.shared("differences", compute)
+        return self.shared(("differences", smoothed), compute)
 
     def gradient_integral(self, directions: int) -> NDArray[np.int32]:
         """Integral image of the gradient magnitude in each direction.
@@ -157,7 +161,7 @@ class FrameMaps:
         """
 
         def compute() -> NDArray[np.int32]:
-            channels = _gradient_table(directions).take(self.differences, axis=0)
+            channels = _gradient_table(directions).take(self.differences(), axis=0)
             return cv2.integral(channels, sdepth=cv2.CV_32S)
 
         return self.shared(("gradient integral", directions), compute)

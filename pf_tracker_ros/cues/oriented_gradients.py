@@ -59,6 +59,11 @@ class OrientedGradientsParameters:
         maximum=64,
         read_only=True,
     )
+    smoothing: bool = declared(
+        False,
+        "Average each pixel with its neighbors before the gradients are taken, for noisy sensors.",
+        read_only=True,
+    )
     sharpness: float = declared(
         300.0,
         "How fast the likelihood falls with half the squared Bhattacharyya distance (lambda).",
@@ -76,11 +81,12 @@ class OrientedGradients:
     blocks across, bins), the cells of a block in reading order.
 
     Args:
-        parameters: Cells, bins and sharpness.
+        parameters: Cells, bins, smoothing and sharpness.
     """
 
     def __init__(self, parameters: OrientedGradientsParameters) -> None:
         self._bins = parameters.bins
+        self._smoothing = parameters.smoothing
         self._sharpness = parameters.sharpness
         self._columns = np.arange(parameters.cells_x + 1)[:, None] / parameters.cells_x
         self._rows = np.arange(parameters.cells_y + 1)[:, None] / parameters.cells_y
@@ -154,10 +160,11 @@ class OrientedGradients:
         """(cells down, cells across, N, bins) sums of gradient magnitude in N boxes."""
 
         def integrate() -> NDArray[np.int32]:
-            channels = _direction_table(self._bins).take(maps.differences, axis=0)
+            differences = maps.differences(self._smoothing)
+            channels = _direction_table(self._bins).take(differences, axis=0)
             return cv2.integral(channels, sdepth=cv2.CV_32S)
 
-        integral = maps.shared(("oriented gradients", self._bins), integrate)
+        integral = maps.shared(("oriented gradients", self._bins, self._smoothing), integrate)
         x, y, width, height = maps.region_boxes(boxes).T
         sums = _interpolated(integral, x + self._columns * width, y + self._rows * height)
         cells = np.diff(np.diff(sums, axis=0), axis=1).astype(np.float32)

@@ -2,9 +2,10 @@
 
 A scene is a `Stage` (a backdrop, actors that move over it, a foreground that hides them) seen by a
 `HandheldCamera`. `street`, `trees` and `walkers` draw what can stand on a stage; a scene such as
-`UmbrellaScene` puts them together and knows the ground truth.
+`UmbrellaScene` or `InfraredScene` puts them together and knows the ground truth.
 """
 
+from pf_tracker_ros.scenes.infrared import InfraredScene, InfraredSettings
 from pf_tracker_ros.scenes.umbrellas import UmbrellaScene, UmbrellaSettings
 
-__all__ = ["UmbrellaScene", "UmbrellaSettings"]
+__all__ = ["InfraredScene", "InfraredSettings", "UmbrellaScene", "UmbrellaSettings"]

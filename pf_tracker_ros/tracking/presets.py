@@ -63,6 +63,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "color_histogram.power": 0.0,
                 "gradient_orientation.power": 0.0,
                 "oriented_gradients.power": 1.0,
+                "oriented_gradients.smoothing": True,
                 "oriented_gradients.sharpness": _OUTLINE_SHARPNESS,
                 "template.update_above": _OUTLINE_UPDATE_ABOVE,
                 "template.keep": 0.995,

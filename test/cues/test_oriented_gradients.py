@@ -1,5 +1,7 @@
 """Histograms of oriented gradients against a pixel-by-pixel implementation."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -182,8 +184,21 @@ def test_the_distances_of_boxes_of_any_size_are_those_of_their_descriptors(image
     )
 
 
-def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image):
-    cue = OrientedGradients(PARAMETERS)
+def test_smoothing_weighs_a_pixel_and_its_neighbors_by_1_2_1(image):
+    box = np.array([20.0, 30.0, 30.0, 50.0])
+    smooth = OrientedGradients(replace(PARAMETERS, smoothing=True))
+    rows = image.astype(float)
+    for axis in (0, 1):
+        rows = (np.roll(rows, 1, axis) + 2 * rows + np.roll(rows, -1, axis)) / 4
+    before = OrientedGradients(PARAMETERS).learn(
+        FrameMaps(np.floor(rows + 0.5).astype(np.uint8), box[None]), box
+    )
+    np.testing.assert_allclose(smooth.learn(FrameMaps(image, box[None]), box), before, atol=1e-4)
+
+
+@pytest.mark.parametrize("smoothing", [False, True])
+def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image, smoothing):
+    cue = OrientedGradients(replace(PARAMETERS, smoothing=smoothing))
     box = np.array([[70.3, 40.2, 30.0, 20.0]])
     others = np.vstack([box, [[0.0, 0.0, 33.0, 21.0], [120.0, 90.0, 40.0, 30.0]]])
     template = cue.learn(FrameMaps(image, box), np.array([69.0, 40.0, 30.0, 20.0]))

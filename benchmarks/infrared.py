@@ -1,0 +1,156 @@
+"""The experiment of Zhang, Hu, Shi 2015: an outline against a color histogram in infrared footage.
+
+`zhang2015` and `li2007` with color alone track the same targets: generated infrared scenes, with
+and without a flip of polarity, and any recorded sequences that are named. The paper's figures: the
+share of frames that overlap the true box by more than 60 % of its area, and the frame from which on
+the target is lost for good (its overlap stays at 0 until the end).
+
+    python benchmarks/infrared.py SEQUENCE_DIR... --seeds 3 --output benchmarks/results/infrared.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+# One thread also for the linear algebra, which reads this when NumPy is imported.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.evaluation import SequenceResult, evaluate_sequence, read_sequences
+from pf_tracker_ros.footage import Footage, Frame
+from pf_tracker_ros.scenes import InfraredScene
+from pf_tracker_ros.scenes.infrared import FRAME_INTERVAL
+
+COLOR_ALONE = {"color_histogram.power": 1.0, "gradient_orientation.power": 0.0}
+TRACKERS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    "zhang2015": ("zhang2015", {}),
+    "li2007, color alone": ("li2007", COLOR_ALONE),
+    # The paper compares at the same number of particles.
+    "li2007, color alone, N = 100": ("li2007", COLOR_ALONE | {"particles": 100}),
+}
+NEEDED_SHARE = 0.6
+"""Of the true box's area, for a frame that counts as tracked."""
+
+
+class SceneFootage:
+    """A generated scene as footage that can be evaluated on."""
+
+    def __init__(self, name: str, scene: InfraredScene) -> None:
+        self.name = name
+        self.frame_count = len(scene)
+        self.nominal_interval = FRAME_INTERVAL
+        self.ground_truth = scene.target_boxes
+        self._scene = scene
+
+    def frames(self) -> Iterator[Frame]:
+        """The frames; each call starts from the first."""
+        for index, image in enumerate(self._scene.frames()):
+            yield Frame(round(index * FRAME_INTERVAL * 1e9), image)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One tracker on one sequence, means over the seeds."""
+
+    sequence: str
+    tracker: str
+    tracked: float
+    lost_runs: int
+    runs: int
+    frame_of_loss: float | None
+    success_auc: float
+    milliseconds: float
+
+
+def covered_shares(
+    boxes: NDArray[np.float64], true_boxes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(..., frames) area common to the box and the true one, over the true one's."""
+    near = np.maximum(boxes[..., :2], true_boxes[..., :2])
+    far = np.minimum(boxes[..., :2] + boxes[..., 2:], true_boxes[..., :2] + true_boxes[..., 2:])
+    return np.maximum(far - near, 0.0).prod(axis=-1) / true_boxes[..., 2:].prod(axis=-1)
+
+
+def frame_of_loss(shares: NDArray[np.float64]) -> int | None:
+    """The frame, counted from 1, from which on nothing of the target is covered; None if held."""
+    seen = np.flatnonzero(shares > 0.0)
+    last = int(seen[-1]) if len(seen) else -1
+    return None if last == len(shares) - 1 else last + 2
+
+
+def row(tracker: str, result: SequenceResult) -> Row:
+    """The figures of one tracker on one sequence."""
+    shares = covered_shares(result.boxes, result.true_boxes)
+    losses = [loss for loss in map(frame_of_loss, shares) if loss is not None]
+    return Row(
+        sequence=result.name,
+        tracker=tracker,
+        tracked=float((shares > NEEDED_SHARE).mean()),
+        lost_runs=len(losses),
+        runs=len(shares),
+        frame_of_loss=float(np.median(losses)) if losses else None,
+        success_auc=result.scores.success_auc,
+        milliseconds=result.scores.cpu_ms_median,
+    )
+
+
+def cells(line: Row) -> list[str]:
+    """A row as texts."""
+    return [
+        line.sequence,
+        line.tracker,
+        f"{line.tracked:.0%}",
+        f"{line.lost_runs} of {line.runs}",
+        "-" if line.frame_of_loss is None else f"{line.frame_of_loss:.0f}",
+        f"{line.success_auc:.3f}",
+        f"{line.milliseconds:.2f}",
+    ]
+
+
+TITLES = ["sequence", "tracker", "overlap > 60 %", "lost", "frame of loss", "AUC", "CPU ms"]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the experiment, print the table and write it."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n", maxsplit=1)[0])
+    parser.add_argument("sequences", nargs="*", metavar="SEQUENCE_DIR", help="recorded sequences")
+    parser.add_argument("--seeds", type=int, default=3, help="of the trackers (default: 3)")
+    parser.add_argument("--scenes", type=int, default=3, help="generated scenes (default: 3)")
+    parser.add_argument("--output", type=Path, metavar="FILE.md", help="write the table here")
+    options = parser.parse_args(arguments)
+    footage: list[Footage] = []
+    for seed in range(options.scenes):
+        footage.append(SceneFootage(f"generated {seed}", InfraredScene(seed, {"flip": 0})))
+        footage.append(SceneFootage(f"generated {seed}, polarity flips", InfraredScene(seed)))
+    footage += read_sequences(options.sequences) if options.sequences else []
+    rows = []
+    for one in footage:
+        for name, (preset, parameters) in TRACKERS.items():
+            make = functools.partial(Tracker.from_preset, preset, parameters=parameters)
+            rows.append(row(name, evaluate_sequence(one, make, range(options.seeds))))
+    table = Table(*TITLES)
+    for line in rows:
+        table.add_row(*cells(line))
+    Console().print(table)
+    if options.output is not None:
+        options.output.parent.mkdir(parents=True, exist_ok=True)
+        lines = [TITLES, ["---"] * len(TITLES), *map(cells, rows)]
+        text = "\n".join("| " + " | ".join(line) + " |" for line in lines)
+        options.output.write_text(text + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
