@@ -3,7 +3,8 @@
 `zhang2015` and `li2007` with color alone track the same targets: generated infrared scenes, with
 and without a flip of polarity, and any recorded sequences that are named. The paper's figures: the
 share of frames that overlap the true box by more than 60 % of its area, and the frame from which on
-the target is lost for good (its overlap stays at 0 until the end).
+the target is lost for good (its overlap stays at 0 until the end). A box that is too large covers
+the target all the same, so the success AUC stands beside them.
 
     python benchmarks/infrared.py SEQUENCE_DIR... --seeds 3 --output benchmarks/results/infrared.md
 """
@@ -153,4 +154,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except ValueError as error:
+        sys.exit(f"infrared.py: error: {error}")
