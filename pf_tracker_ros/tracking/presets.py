@@ -37,21 +37,6 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "template.update_above": 0.2,
             }
         ),
-        "zhang_bo": MappingProxyType(
-            {
-                "particles": 100,
-                "motion.model": "affine",
-                "motion.position_noise": 0.7,
-                "motion.velocity_noise": 0.1,
-                "motion.prior_velocity": 0.2,
-                "motion.size_noise": 0.03,
-                "proposal.kalman_share": 0.3,
-                "resampling.scheme": "multinomial",
-                "color_histogram.power": 0.45,
-                "gradient_orientation.power": 0.25,
-                "moving_foreground.power": 0.3,
-            }
-        ),
         "zhang2015": MappingProxyType(
             {
                 "particles": 100,
@@ -69,6 +54,21 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "template.keep": 0.995,
                 "track.occluded_below": 0.55,
                 "track.recovered_above": 0.55,
+            }
+        ),
+        "zhang_bo": MappingProxyType(
+            {
+                "particles": 100,
+                "motion.model": "affine",
+                "motion.position_noise": 0.7,
+                "motion.velocity_noise": 0.1,
+                "motion.prior_velocity": 0.2,
+                "motion.size_noise": 0.03,
+                "proposal.kalman_share": 0.3,
+                "resampling.scheme": "multinomial",
+                "color_histogram.power": 0.45,
+                "gradient_orientation.power": 0.25,
+                "moving_foreground.power": 0.3,
             }
         ),
     }
