@@ -43,6 +43,9 @@ from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 from pf_tracker_ros.tracking.track_state import Track
 
+# Seconds after which a prediction covers all that can be; numbers would overflow in the end.
+_LONGEST_PREDICTION = 60.0
+
 
 @dataclass(frozen=True)
 class _Target:
@@ -209,7 +212,8 @@ class Tracker:
     def _updated(self, target: _Target, image: NDArray[np.uint8], interval: float) -> _Target:
         """Predict, weigh, estimate, judge, learn, resample: one frame."""
         parameters, motion = self._parameters, target.motion
-        predicted, foresight = self._proposed(target, interval, _size(image))
+        ahead = min(interval, _LONGEST_PREDICTION)
+        predicted, foresight = self._proposed(target, ahead, _size(image))
 
         boxes = motion.boxes(predicted.states)
         foreground = None

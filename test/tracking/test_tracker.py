@@ -230,6 +230,15 @@ def test_time_between_frames_counts():
         assert overlap(estimate.box, box) > 0.5
 
 
+@every_preset
+def test_a_gap_of_days_is_no_error(preset, recwarn):
+    tracker = Tracker.from_preset(preset)
+    run(tracker, walk(5))
+    for gap in (86_400.0 * 30, 0.0, 1e300):
+        assert np.isfinite(tracker.update(BACKGROUND, dt=gap).box).all()
+    assert not recwarn.list
+
+
 def test_no_time_no_spread():
     parameters = {"motion.prior_position": 0.0}
     tracker = Tracker.from_preset("li2007", parameters=parameters)
