@@ -62,18 +62,16 @@ class NodeProcess:
         """None while it runs."""
         return self._process.poll()
 
-    def wait(self) -> None:
-        """Wait until it ends by itself."""
-        self._process.wait()
-
     def check(self) -> None:
-        """Make sure that it runs or has ended well.
+        """Make sure that it runs or has ended well, and has nothing to complain of.
 
         Raises:
-            DemoError: It has failed.
+            DemoError: It has failed, or its log holds an error: a node stays up after one.
         """
         if self.exit_code:
             raise self.failure(f"`{self.name}` ended with exit code {self.exit_code}")
+        if "[ERROR]" in self._log.read_text(errors="replace"):
+            raise self.failure(f"`{self.name}` reported an error")
 
     def failure(self, reason: str) -> DemoError:
         """An error with the end of this process' log."""
