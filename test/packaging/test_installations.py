@@ -80,14 +80,6 @@ def test_replay_plays_a_sequence_to_its_end(installation, ros_domain, moving_squ
     assert "published 20 frames" in outcome.stderr
 
 
-def test_replay_names_a_source_that_does_not_exist(installation, ros_domain, tmp_path):
-    source = tmp_path / "absent.mp4"
-    outcome = installation.call("replay", "--ros-args", "-p", f"source:={source}")
-    assert outcome.returncode == 1
-    assert str(source) in outcome.stderr
-    assert "Traceback" not in outcome.stderr
-
-
 def test_evaluate_explains_itself(installation):
     outcome = installation.call("evaluate", "--help")
     assert outcome.returncode == 0, outcome.stderr
