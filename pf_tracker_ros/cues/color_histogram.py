@@ -11,7 +11,6 @@ from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from pf_tracker_ros.cues.cue import Match
@@ -72,7 +71,7 @@ class ColorTemplate:
             For each page the (levels^3,) labels of its colors, 1, 2, ... and 0 for all others, and
             the (labels,) square roots of their shares.
         """
-        held = np.flatnonzero(self.histogram > 0.0)
+        held = np.flatnonzero(self.histogram)
         pages = []
         for start in range(0, len(held), _COLORS_PER_PAGE):
             page = held[start : start + _COLORS_PER_PAGE]
@@ -151,8 +150,8 @@ class ColorHistogram:
     def blend(self, template: ColorTemplate, seen: ColorTemplate, keep: float) -> ColorTemplate:
         """See `Cue.blend`; source: Li et al. 2007, equation (9)."""
         blended = np.float32(keep) * template.histogram + np.float32(1.0 - keep) * seen.histogram
-        blended[blended < _FADED * seen.smallest_share] = 0.0
-        return ColorTemplate(blended, seen.smallest_share)
+        _, kept = cv2.threshold(blended, _FADED * seen.smallest_share, 0.0, cv2.THRESH_TOZERO)
+        return ColorTemplate(kept.ravel(), seen.smallest_share)
 
 
 def _root_coefficient(
@@ -190,14 +189,21 @@ def _patches(labels: NDArray[np.uint8], region_boxes: NDArray[np.float64]) -> ND
     if (sizes == sizes[0]).all():
         columns, rows = _grid(sizes[0])
         left, top = _corners(region_boxes, columns, rows).T
-        windows = sliding_window_view(labels, (rows, columns))[top, left]
-        return windows.reshape(len(region_boxes), -1)
+        return _windows(labels, rows, columns)[top, left].reshape(len(region_boxes), -1)
     columns, rows = _grid(sizes.mean(axis=0))
     x = region_boxes[:, :1] + (np.arange(columns) + 0.5) / columns * sizes[:, :1]
     y = region_boxes[:, 1:2] + (np.arange(rows) + 0.5) / rows * sizes[:, 1:]
     row_starts = y.astype(np.intp) * labels.shape[1]
     places = row_starts[:, :, None] + x.astype(np.intp)[:, None, :]
     return labels.ravel().take(places).reshape(len(region_boxes), -1)
+
+
+def _windows(labels: NDArray[np.uint8], rows: int, columns: int) -> NDArray[np.uint8]:
+    """View with the window of (rows, columns) whose top-left pixel is (y, x) at [y, x]."""
+    height, width = labels.shape
+    places = (height - rows + 1, width - columns + 1)
+    # `sliding_window_view` would give the same, for more time than reading the windows takes.
+    return np.ndarray((*places, rows, columns), np.uint8, labels, strides=2 * labels.strides)
 
 
 def _grid(size: NDArray[np.float64]) -> tuple[int, int]:

@@ -55,10 +55,14 @@ class FrameMaps:
         foreground: tuple[NDArray[np.uint8], int] | None = None,
     ) -> None:
         height, width = image.shape[:2]
-        starts = (boxes[:, :2] - reach * boxes[:, 2:]).min(axis=0)
-        ends = (boxes[:, :2] + (1.0 + reach) * boxes[:, 2:]).max(axis=0)
-        left, top = (math.floor(start / reduction) - _MARGIN for start in starts)
-        right, bottom = (math.ceil(end / reduction) + _MARGIN for end in ends)
+        x, y, widths, heights = boxes.T
+        (left, right), (top, bottom) = (
+            (
+                math.floor((starts - reach * sides).min() / reduction) - _MARGIN,
+                math.ceil((starts + (1.0 + reach) * sides).max() / reduction) + _MARGIN,
+            )
+            for starts, sides in ((x, widths), (y, heights))
+        )
         inside_left, inside_top = max(left, 0), max(top, 0)
         inside_right = min(right, -(-width // reduction))
         inside_bottom = min(bottom, -(-height // reduction))
@@ -168,8 +172,11 @@ class FrameMaps:
 
 
 def nearest_pixel(edges: NDArray[np.float64]) -> NDArray[np.intp]:
-    """The pixel edges next to edges in region pixels; halves go up, wherever the region begins."""
-    return np.floor(edges + 0.5).astype(np.intp)
+    """The pixel edges next to edges in region pixels, which are above 0; halves go up.
+
+    Rounding halves to even numbers would make the edge depend on where the region begins.
+    """
+    return (edges + 0.5).astype(np.intp)
 
 
 def _reduced(crop: NDArray[np.uint8], reduction: int) -> NDArray[np.uint8]:
