@@ -176,15 +176,21 @@ def test_only_cpu_time_of_update_is_counted():
                 compute(0.015)
                 yield frame
 
+    spent = []
+
     def work():
+        before = time.process_time()
         compute(0.004)
         time.sleep(0.01)
+        spent.append(time.process_time() - before)
 
     result = evaluate_sequence(
         SlowToRead([TARGET] * 8), lambda seed: WorkingTracker(work), seeds=[0, 1]
     )
     assert result.cpu_seconds.shape == (2, 7)
-    assert 4.0 <= result.scores.cpu_ms_median < 8.0
+    # Reading or waiting would each add twice as much as was worked.
+    assert (result.cpu_seconds.ravel() < 2.0 * np.array(spent)).all()
+    assert (result.cpu_seconds.ravel() >= spent).all()
 
 
 def test_threads_of_the_tracker_are_counted():
