@@ -12,7 +12,7 @@ import numpy as np
 from intervals import Interval
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import ScalarFormatter
+from matplotlib.ticker import StrMethodFormatter
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -76,8 +76,9 @@ def write_table(path: Path, outcomes: Sequence[Outcome], seeds: int) -> None:
 
 
 def print_clutter(outcomes: Sequence[ClutterOutcome]) -> None:
-    """Print the error of each tracker at each level."""
+    """Print the error of each tracker at each level, without the intervals."""
     heading, *rows = _clutter_rows(outcomes)
+    rows = [[cell.partition(" [")[0] for cell in row] for row in rows]
     _print(_CLUTTER_TITLE, heading, [rows])
 
 
@@ -121,7 +122,7 @@ def write_clutter_plot(path: Path, outcomes: Sequence[ClutterOutcome]) -> None:
         panel.set_title(name)
         panel.grid(alpha=0.3)
     panels[0].set(yscale="log", xlim=(levels[0] - 0.02, levels[-1] + 0.02), xticks=levels)
-    panels[0].yaxis.set_major_formatter(ScalarFormatter())
+    panels[0].yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     for unused in panels[len(trackers) :]:
         unused.set_axis_off()
     figure.savefig(path, dpi=110)
@@ -207,7 +208,8 @@ def _markdown(rows: Sequence[Sequence[str]]) -> list[str]:
 def _print(title: str, heading: Sequence[str], groups: Sequence[Sequence[Sequence[str]]]) -> None:
     table = Table(title=title, title_justify="left")
     for name in heading:
-        table.add_column(name, justify="left" if name in HEADINGS[:2] else "right")
+        is_name = name in HEADINGS[:2]
+        table.add_column(name, justify="left" if is_name else "right", no_wrap=is_name)
     for group in groups:
         for row in group:
             # As Text: square brackets in a plain string are markup to Rich.

@@ -44,9 +44,9 @@ class FamilyTracker(ABC):
             ValueError: The image or the box is not usable.
         """
         check_image(image)
+        self._box = np.array(check_box(box, (image.shape[1], image.shape[0])))
         self._shape = image.shape
         self._gray_range = gray_range(image)
-        self._box = np.array(check_box(box, (image.shape[1], image.shape[0])))
         self._first_size = self._box[2:].copy()
         self._learn(self._color(image), self._box.copy())
         return self._answer()

@@ -1,9 +1,9 @@
 """Family 7, Bayesian filter: a color particle filter whose particles search as a swarm.
 
 After the prediction, each particle flies towards its own best place and that of all (particle swarm
-optimization), so that few particles find the likelihood's peak; the weights are the likelihoods
-where they end. The color histograms are those of hue and saturation, and of brightness where there
-is no color, of the upper and the lower half.
+optimization), so that few particles find the likelihood's peak. It ends in the best place that it
+has seen, and the likelihood there is its weight. The color histograms are those of hue and
+saturation, and of brightness where there is no color, of the upper and the lower half.
 
 Sources: Perez, Hue, Vermaak, Gangnet 2002, "Color-based probabilistic tracking"; Kennedy, Eberhart
 1995, "Particle swarm optimization".

@@ -29,9 +29,9 @@ from pf_tracker_ros.scenes.walkers import GAIT_VIEWS, Person
 WIDTH, HEIGHT = 640, 480
 FRAME_INTERVAL = 0.04
 """Seconds between frames."""
-MOST_PATCHES = 240
+MOST_PATCHES = 200
 """Number of patches at level 1."""
-MOST_DISTRACTORS = 6
+MOST_DISTRACTORS = 4
 """Number of people dressed like the target at level 1."""
 
 _SIZE = (WIDTH, HEIGHT)
@@ -44,7 +44,7 @@ _PERSON_WIDTH = 0.4
 # Standard deviation of the blur of the street at level 0, px.
 _BLUR = 12.0
 # Contrast of a patch with what it covers: at a level just above 0, and added up to level 1.
-_FAINTEST, _ADDED = 0.35, 0.65
+_FAINTEST, _ADDED = 0.1, 0.9
 # Color of goods and signs where nobody wears it.
 _GRAYS: tuple[Color, ...] = ((150, 152, 155), (110, 112, 115), (185, 188, 190), (75, 78, 80))
 
