@@ -1,8 +1,8 @@
 """Family 5, optical flow: the dense flow around the target is clustered, one cluster is the target.
 
 DIS flow from the last image to this one, clustered by k-means over motion and place. The clusters
-that lie mostly in the box are the target's: their motion carries the box, their pixels' middle and
-spread correct its place and size. Where nothing moves by itself, the box goes with the flow in it.
+that lie mostly in the box are the target's: their motion carries the box, what they span corrects
+its place and size. Where nothing moves by itself, the box goes with the flow in it.
 
 Source of the flow: Kroeger and others 2016, "Fast optical flow using dense inverse search".
 """
@@ -31,6 +31,7 @@ _INSIDE = 0.6
 # Flow in working pixels by which a cluster must differ from the surroundings to be told from them.
 _OWN_MOTION = 0.35
 _CENTER_RATE = 0.15
+_STRAYING = 0.05
 _SIZE_RATE = 0.05
 
 
@@ -62,10 +63,11 @@ class FlowClusters(FamilyTracker):
             motion, shift, growth = np.median(flow[inside], axis=0), np.zeros(2), np.ones(2)
         else:
             motion = np.median(flow[own & inside], axis=0)
-            # An evenly filled box has its middle at 0 and a deviation of 1/sqrt(12) of its side.
-            shift = _CENTER_RATE * places[own].mean(axis=0) * _AROUND * box[2:]
-            spread = places[own].std(axis=0) * np.sqrt(12.0) * _AROUND
-            growth = np.clip(spread, 0.8, 1.25) ** _SIZE_RATE
+            # The middle and the size of what the samples span, but for a few that stray.
+            low, high = np.quantile(places[own], (_STRAYING, 1.0 - _STRAYING), axis=0) * _AROUND
+            shift = _CENTER_RATE * (low + high) / 2 * box[2:]
+            span = (high - low) / (1.0 - 2.0 * _STRAYING)
+            growth = np.clip(span, 0.8, 1.25) ** _SIZE_RATE
         moved = self._velocity + motion * pixel
         limit = box[2:] / 3
         self._velocity = np.clip(0.5 * (self._velocity + moved), -limit, limit)
