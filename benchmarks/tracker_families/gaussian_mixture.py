@@ -55,12 +55,13 @@ class GaussianMixture(FamilyTracker):
         labels = self._model.apply(image, learningRate=_LEARNING_RATE)
         mask = np.where(labels == _FOREGROUND, 255, 0).astype(np.uint8)
         mask = cv2.medianBlur(mask, 3)
+        gap = max(int(0.1 * box[2:].min()), 1) | 1
+        moving = self._moving(image, 2 * gap)
         expected = box_around(self._motion.predict()[:2, 0], box[2:])
         if np.count_nonzero(mask) > _MOST_FOREGROUND * mask.size:
             return expected
-        gap = max(int(0.1 * box[2:].min()), 1) | 1
         closing = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (gap, gap))
-        mask = cv2.morphologyEx(mask & self._moving(image, 2 * gap), cv2.MORPH_CLOSE, closing)
+        mask = cv2.morphologyEx(mask & moving, cv2.MORPH_CLOSE, closing)
         found = _whole_detection(mask, expected)
         if found is None:
             found = _densest_place(mask, expected)
