@@ -38,6 +38,7 @@ from pf_tracker_ros.evaluation import (
 from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
 from pf_tracker_ros.evaluation.runner import Box, Image, OnProgress
 from pf_tracker_ros.footage import Footage, FootageError
+from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.scenes import ClutteredStreet
 from pf_tracker_ros.scenes.clutter import FRAME_INTERVAL
 
@@ -151,7 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             report.write_clutter_csv(options.output / "clutter.csv", cluttered)
             report.write_clutter_table(options.output / "clutter.md", cluttered)
             report.write_clutter_plot(options.output / "clutter.png", cluttered)
-    except (EvaluationError, FootageError, ValueError, OSError) as error:
+    except (EvaluationError, FootageError, ParameterError, OSError) as error:
         parser.error(" ".join(str(error).split()))
     print(f"files in {options.output}")
     return 0
