@@ -15,7 +15,7 @@ import argparse
 import functools
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,10 +27,11 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
+from scene_footage import SceneFootage
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import SequenceResult, evaluate_sequence, read_sequences
-from pf_tracker_ros.footage import Footage, Frame
+from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.scenes import InfraredScene
 from pf_tracker_ros.scenes.infrared import FRAME_INTERVAL
 
@@ -43,22 +44,6 @@ TRACKERS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
 }
 NEEDED_SHARE = 0.6
 """Of the true box's area, for a frame that counts as tracked."""
-
-
-class SceneFootage:
-    """A generated scene as footage that can be evaluated on."""
-
-    def __init__(self, name: str, scene: InfraredScene) -> None:
-        self.name = name
-        self.frame_count = len(scene)
-        self.nominal_interval = FRAME_INTERVAL
-        self.ground_truth = scene.target_boxes
-        self._scene = scene
-
-    def frames(self) -> Iterator[Frame]:
-        """The frames; each call starts from the first."""
-        for index, image in enumerate(self._scene.frames()):
-            yield Frame(round(index * FRAME_INTERVAL * 1e9), image)
 
 
 @dataclass(frozen=True)
@@ -133,8 +118,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     footage: list[Footage] = []
     for seed in range(options.scenes):
-        footage.append(SceneFootage(f"generated {seed}", InfraredScene(seed, {"flip": 0})))
-        footage.append(SceneFootage(f"generated {seed}, polarity flips", InfraredScene(seed)))
+        for name, settings in (
+            (f"generated {seed}", {"flip": 0}),
+            (f"generated {seed}, polarity flips", {}),
+        ):
+            footage.append(SceneFootage(name, InfraredScene(seed, settings), FRAME_INTERVAL))
     footage += read_sequences(options.sequences) if options.sequences else []
     rows = []
     for one in footage:

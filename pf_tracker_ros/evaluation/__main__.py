@@ -7,20 +7,19 @@ import functools
 import importlib
 import json
 import sys
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
 from pf_tracker_ros.evaluation.plots import check_plot_format, save_success_plot
+from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
 from pf_tracker_ros.evaluation.report import print_table, result_document
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceResult
-from pf_tracker_ros.evaluation.runner import OnProgress, evaluate_sequences
+from pf_tracker_ros.evaluation.runner import evaluate_sequences
 from pf_tracker_ros.evaluation.sequences import read_sequences
-from pf_tracker_ros.footage import Footage, FootageError
+from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS
@@ -68,7 +67,7 @@ def _run(options: argparse.Namespace) -> None:
     make_tracker = functools.partial(Tracker.from_preset, options.preset, parameters=parameters)
     make_tracker(0)
     sequences = read_sequences(options.sequences)
-    with _progress_bar(sequences) as on_progress:
+    with progress_bar(frame_count(sequences)) as on_progress:
         results = evaluate_sequences(
             sequences, make_tracker, range(options.seeds), options.jobs, on_progress
         )
@@ -191,50 +190,6 @@ def _check_writable(path: Path) -> None:
         raise EvaluationError(f"{path} is a folder; allowed: a file to write")
     if not path.parent.is_dir():
         raise EvaluationError(f"no folder {path.parent} to write {path.name} into")
-
-
-@contextmanager
-def _progress_bar(sequences: Sequence[Footage]) -> Iterator[OnProgress]:
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
-    # Rich would redraw from a thread of its own, whose CPU time would count as the tracker's.
-    # The bar is for people who wait, and is gone when the table or an error is printed.
-    console = Console(stderr=True)
-    with Progress(
-        *columns,
-        console=console,
-        auto_refresh=False,
-        transient=True,
-        disable=not console.is_terminal,
-    ) as progress:
-        task = progress.add_task("", total=sum(_frame_count(footage) for footage in sequences))
-        drawn = 0.0
-
-        def on_progress(name: str, frames: int) -> None:
-            nonlocal drawn
-            progress.update(task, advance=frames, description=name)
-            if time.monotonic() - drawn > 0.1:
-                progress.refresh()
-                drawn = time.monotonic()
-
-        yield on_progress
-
-
-def _frame_count(footage: Footage) -> int:
-    return 0 if footage.ground_truth is None else len(footage.ground_truth)
 
 
 def _plot(path: Path, preset: str, results: Sequence[SequenceResult]) -> None:

@@ -2,10 +2,18 @@
 
 A scene is a `Stage` (a backdrop, actors that move over it, a foreground that hides them) seen by a
 `HandheldCamera`. `street`, `trees` and `walkers` draw what can stand on a stage; a scene such as
-`UmbrellaScene` or `InfraredScene` puts them together and knows the ground truth.
+`UmbrellaScene`, `InfraredScene` or `ClutteredStreet` puts them together and knows the ground truth.
 """
 
+from pf_tracker_ros.scenes.clutter import ClutteredStreet, ClutterSettings
 from pf_tracker_ros.scenes.infrared import InfraredScene, InfraredSettings
 from pf_tracker_ros.scenes.umbrellas import UmbrellaScene, UmbrellaSettings
 
-__all__ = ["InfraredScene", "InfraredSettings", "UmbrellaScene", "UmbrellaSettings"]
+__all__ = [
+    "ClutterSettings",
+    "ClutteredStreet",
+    "InfraredScene",
+    "InfraredSettings",
+    "UmbrellaScene",
+    "UmbrellaSettings",
+]

@@ -1,0 +1,173 @@
+"""The comparison of Zhang Bo: `zhang_bo` and the seven families of trackers on the same footage.
+
+The first experiment follows the targets of recorded sequences; its tables hold the root mean square
+of the center error, the success AUC and the CPU time of a frame on one thread. The second follows
+pedestrians in generated streets of growing clutter and draws the error over the level of clutter.
+
+    python benchmarks/families.py SEQUENCE_DIR... --output benchmarks/results --seeds 3
+
+It writes families.csv and families.md, clutter.csv, clutter.md and clutter.png.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+# One thread also for the linear algebra, which reads this when NumPy is imported.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import families_report as report
+import numpy as np
+from scene_footage import SceneFootage
+from tracker_families import FAMILIES, FamilyTracker
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.evaluation import (
+    EvaluationError,
+    MakeTracker,
+    SequenceResult,
+    evaluate_sequence,
+    read_sequences,
+)
+from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
+from pf_tracker_ros.evaluation.runner import Box, Image, OnProgress
+from pf_tracker_ros.footage import Footage, FootageError
+from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.scenes import ClutteredStreet
+from pf_tracker_ros.scenes.clutter import FRAME_INTERVAL
+
+PRESET = "zhang_bo"
+
+
+@dataclass(frozen=True)
+class FamilyAnswer:
+    """A family's box as the evaluation wants it; a family never says that the target is lost."""
+
+    box: Box
+    state: str = "tracking"
+
+
+class FamilyAdapter:
+    """A tracker of a family as one that can be evaluated."""
+
+    def __init__(self, family: type[FamilyTracker], seed: int) -> None:
+        self._tracker = family(seed)
+
+    def start(self, image: Image, box: Box) -> None:
+        """Start on the first frame."""
+        self._tracker.start(image, box)
+
+    def update(self, image: Image, _dt: float | None) -> FamilyAnswer:
+        """Track into the next frame."""
+        return FamilyAnswer(self._tracker.update(image))
+
+
+TRACKERS: Mapping[str, MakeTracker] = {
+    **{name: functools.partial(FamilyAdapter, family) for name, family in FAMILIES.items()},
+    PRESET: functools.partial(Tracker.from_preset, PRESET),
+}
+"""What is compared: a name, and what makes the tracker from a seed."""
+
+
+def outcome(tracker: str, result: SequenceResult) -> report.Outcome:
+    """The figures of one tracker on one sequence: each of every seed, then averaged."""
+    squares = np.nanmean(result.center_errors**2, axis=1)
+    return report.Outcome(
+        sequence=result.name,
+        tracker=tracker,
+        center_rmse=float(np.sqrt(squares).mean()),
+        success_auc=result.scores.success_auc,
+        milliseconds=result.scores.cpu_ms_median,
+    )
+
+
+def compare(
+    footage: Footage, seeds: Sequence[int], on_progress: OnProgress
+) -> list[report.Outcome]:
+    """All trackers on one sequence, one after the other."""
+    return [
+        outcome(name, evaluate_sequence(footage, make_tracker, seeds, on_progress))
+        for name, make_tracker in TRACKERS.items()
+    ]
+
+
+def run_sequences(folders: Sequence[Path], seeds: int) -> list[report.Outcome]:
+    """The first experiment: recorded sequences."""
+    sequences = read_sequences(folders)
+    with progress_bar(frame_count(sequences) * len(TRACKERS)) as on_progress:
+        return [one for each in sequences for one in compare(each, range(seeds), on_progress)]
+
+
+def run_clutter(scenes: int, levels: int, frames: int) -> list[report.ClutterOutcome]:
+    """The second experiment: generated streets, each at levels of clutter evenly from 0 to 1.
+
+    A scene's seed is the trackers' seed too.
+    """
+    outcomes = []
+    with progress_bar(scenes * levels * frames * len(TRACKERS)) as on_progress:
+        for scene in range(scenes):
+            for level in np.linspace(0.0, 1.0, levels).tolist():
+                street = ClutteredStreet(scene, {"clutter": level, "frames": frames})
+                name = f"street {scene}, clutter {level:.2f}"
+                footage = SceneFootage(name, street, FRAME_INTERVAL)
+                outcomes += [
+                    report.ClutterOutcome(scene, level, one)
+                    for one in compare(footage, (scene,), on_progress)
+                ]
+    return outcomes
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the experiments, print the tables and write the files."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("sequences", nargs="*", type=Path, metavar="SEQUENCE_DIR")
+    parser.add_argument("--output", type=Path, default=Path("benchmarks/results"), metavar="DIR")
+    parser.add_argument("--seeds", type=_at_least(1), default=1, help="on the sequences [1]")
+    parser.add_argument("--scenes", type=_at_least(0), default=5, help="generated streets [5]")
+    parser.add_argument("--levels", type=_at_least(2), default=5, help="levels of clutter [5]")
+    parser.add_argument("--frames", type=int, default=120, help="of a generated street [120]")
+    options = parser.parse_args(arguments)
+    if not options.sequences and not options.scenes:
+        parser.error("nothing to do; allowed: a SEQUENCE_DIR, or --scenes of at least 1")
+    try:
+        ClutteredStreet(0, {"frames": options.frames})
+        read_sequences(options.sequences)
+        options.output.mkdir(parents=True, exist_ok=True)
+        if options.sequences:
+            outcomes = run_sequences(options.sequences, options.seeds)
+            report.print_table(outcomes)
+            report.write_csv(options.output / "families.csv", outcomes)
+            report.write_table(options.output / "families.md", outcomes, options.seeds)
+        if options.scenes:
+            cluttered = run_clutter(options.scenes, options.levels, options.frames)
+            report.print_clutter(cluttered)
+            report.write_clutter_csv(options.output / "clutter.csv", cluttered)
+            report.write_clutter_table(options.output / "clutter.md", cluttered)
+            report.write_clutter_plot(options.output / "clutter.png", cluttered)
+    except (EvaluationError, FootageError, ParameterError, OSError) as error:
+        parser.error(" ".join(str(error).split()))
+    print(f"files in {options.output}")
+    return 0
+
+
+def _at_least(least: int) -> Callable[[str], int]:
+    def whole(text: str) -> int:
+        if not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(
+                f"'{text}'; allowed: a whole number of at least {least}"
+            )
+        return int(text)
+
+    return whole
+
+
+if __name__ == "__main__":
+    sys.exit(main())

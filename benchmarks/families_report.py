@@ -1,0 +1,219 @@
+"""Tables and the plot of the comparison with the seven families."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import intervals
+import numpy as np
+from intervals import Interval
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import StrMethodFormatter
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One tracker on one sequence.
+
+    Attributes:
+        sequence: Name of the sequence.
+        tracker: Name of the tracker.
+        center_rmse: Root mean square of the center error over the frames, px.
+        success_auc: As `pf_tracker_ros.evaluation` has it.
+        milliseconds: Median CPU time of a frame.
+    """
+
+    sequence: str
+    tracker: str
+    center_rmse: float
+    success_auc: float
+    milliseconds: float
+
+
+@dataclass(frozen=True)
+class ClutterOutcome:
+    """One tracker in one generated street at one level of clutter, 0 to 1."""
+
+    scene: int
+    level: float
+    outcome: Outcome
+
+
+HEADINGS = ("sequence", "tracker", "center RMSE px", "success AUC", "CPU ms")
+_FORMS = (".1f", ".3f", ".2f")
+_CLUTTER_TITLE = "center RMSE over the level of clutter, px"
+_CLUTTER_NOTE = (
+    "Means over {scenes} generated streets; in brackets 95 % confidence intervals (bootstrap)."
+)
+
+
+def print_table(outcomes: Sequence[Outcome]) -> None:
+    """Print the figures of each sequence, and their means, on standard output."""
+    _print("zhang_bo and the seven families", HEADINGS, _groups(outcomes))
+
+
+def write_csv(path: Path, outcomes: Sequence[Outcome]) -> None:
+    """Write one line a sequence and tracker."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["sequence", "tracker", "center_rmse_px", "success_auc", "cpu_ms_median"])
+        writer.writerows([one.sequence, one.tracker, *_figures(one)] for one in outcomes)
+
+
+def write_table(path: Path, outcomes: Sequence[Outcome], seeds: int) -> None:
+    """Write the table as Markdown."""
+    runs = "1 seed" if seeds == 1 else f"mean of {seeds} seeds"
+    rows = [row for group in _groups(outcomes) for row in group]
+    lines = [f"# zhang_bo and the seven families, {runs}", "", *_markdown([HEADINGS, *rows])]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def print_clutter(outcomes: Sequence[ClutterOutcome]) -> None:
+    """Print the error of each tracker at each level, without the intervals."""
+    heading, *rows = _clutter_rows(outcomes)
+    rows = [[cell.partition(" [")[0] for cell in row] for row in rows]
+    _print(_CLUTTER_TITLE, heading, [rows])
+
+
+def write_clutter_csv(path: Path, outcomes: Sequence[ClutterOutcome]) -> None:
+    """Write one line a street, level and tracker."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        figures = ("center_rmse_px", "success_auc", "cpu_ms_median")
+        writer.writerow(["scene", "clutter", "tracker", *figures])
+        for one in outcomes:
+            writer.writerow(
+                [one.scene, f"{one.level:g}", one.outcome.tracker, *_figures(one.outcome)]
+            )
+
+
+def write_clutter_table(path: Path, outcomes: Sequence[ClutterOutcome]) -> None:
+    """Write the errors as a Markdown table."""
+    scenes = len({one.scene for one in outcomes})
+    lines = [f"# {_CLUTTER_TITLE}", "", *_markdown(_clutter_rows(outcomes)), ""]
+    path.write_text("\n".join([*lines, _CLUTTER_NOTE.format(scenes=scenes), ""]), encoding="utf-8")
+
+
+def write_clutter_plot(path: Path, outcomes: Sequence[ClutterOutcome]) -> None:
+    """Draw the error over the level: a panel a tracker, the other trackers in gray behind it."""
+    trackers = _names(one.outcome.tracker for one in outcomes)
+    levels = sorted({one.level for one in outcomes})
+    curves = {name: _curve(outcomes, name) for name in trackers}
+    figure = Figure(figsize=(13.0, 6.6), layout="constrained")
+    panels = figure.subplots(2, -(-len(trackers) // 2), sharex=True, sharey=True).ravel()
+    scenes = len({one.scene for one in outcomes})
+    figure.suptitle(
+        f"Error as the background grows more complex: {scenes} generated streets, "
+        "mean and 95 % confidence band"
+    )
+    figure.supxlabel("level of clutter")
+    figure.supylabel("center RMSE, px")
+    for panel, name in zip(panels, trackers, strict=False):
+        for other in curves.values():
+            panel.plot(levels, [point.value for point in other], color="0.8", linewidth=1.0)
+        _draw_curve(panel, levels, curves[name], "tab:red" if name == trackers[-1] else "tab:blue")
+        panel.set_title(name)
+        panel.grid(alpha=0.3)
+    panels[0].set(yscale="log", xlim=(levels[0] - 0.02, levels[-1] + 0.02), xticks=levels)
+    panels[0].yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    for unused in panels[len(trackers) :]:
+        unused.set_axis_off()
+    figure.savefig(path, dpi=110)
+
+
+def _draw_curve(
+    panel: Axes, levels: Sequence[float], curve: Sequence[Interval], color: str
+) -> None:
+    lows, highs = [point.low for point in curve], [point.high for point in curve]
+    panel.fill_between(levels, lows, highs, color=color, alpha=0.25, linewidth=0.0)
+    panel.plot(levels, [point.value for point in curve], "o-", color=color, linewidth=2.0)
+
+
+def _curve(outcomes: Sequence[ClutterOutcome], tracker: str) -> list[Interval]:
+    """The mean error of a tracker at each level."""
+    return [
+        intervals.mean(
+            [
+                one.outcome.center_rmse
+                for one in outcomes
+                if one.level == level and one.outcome.tracker == tracker
+            ]
+        )
+        for level in sorted({one.level for one in outcomes})
+    ]
+
+
+def _clutter_rows(outcomes: Sequence[ClutterOutcome]) -> list[list[str]]:
+    """Headings, then a row a tracker."""
+    levels = sorted({one.level for one in outcomes})
+    rows = [["tracker", *(f"{level:g}" for level in levels)]]
+    for tracker in _names(one.outcome.tracker for one in outcomes):
+        curve = _curve(outcomes, tracker)
+        cells = [f"{point.value:.1f} [{point.low:.1f}, {point.high:.1f}]" for point in curve]
+        rows.append([tracker, *cells])
+    return rows
+
+
+def _groups(outcomes: Sequence[Outcome]) -> list[list[list[str]]]:
+    """Rows of each sequence and of the means, the best of each figure between asterisks."""
+    trackers = _names(one.tracker for one in outcomes)
+    figures = {
+        (one.sequence, one.tracker): (one.center_rmse, one.success_auc, one.milliseconds)
+        for one in outcomes
+    }
+    sequences = _names(one.sequence for one in outcomes)
+    values = np.array([[figures[name, tracker] for tracker in trackers] for name in sequences])
+    groups = []
+    for name, group in zip([*sequences, "mean"], [*values, values.mean(axis=0)], strict=True):
+        best = (group[:, 0].min(), group[:, 1].max(), group[:, 2].min())
+        groups.append(
+            [
+                [name, tracker, *_cells(row, best)]
+                for tracker, row in zip(trackers, group, strict=True)
+            ]
+        )
+    return groups
+
+
+def _cells(row: Iterable[float], best: Iterable[float]) -> list[str]:
+    texts = [format(value, form) for value, form in zip(row, _FORMS, strict=True)]
+    return [
+        f"**{text}**" if value == top else text
+        for text, value, top in zip(texts, row, best, strict=True)
+    ]
+
+
+def _names(names: Iterable[str]) -> list[str]:
+    """Each name once, in the order of its first appearance."""
+    return list(dict.fromkeys(names))
+
+
+def _figures(one: Outcome) -> list[str]:
+    return [f"{one.center_rmse:.4f}", f"{one.success_auc:.4f}", f"{one.milliseconds:.4f}"]
+
+
+def _markdown(rows: Sequence[Sequence[str]]) -> list[str]:
+    heading, *others = rows
+    alignment = ["---" if name in HEADINGS[:2] else "---:" for name in heading]
+    return ["| " + " | ".join(row) + " |" for row in (heading, alignment, *others)]
+
+
+def _print(title: str, heading: Sequence[str], groups: Sequence[Sequence[Sequence[str]]]) -> None:
+    table = Table(title=title, title_justify="left")
+    for name in heading:
+        is_name = name in HEADINGS[:2]
+        table.add_column(name, justify="left" if is_name else "right", no_wrap=is_name)
+    for group in groups:
+        for row in group:
+            # As Text: square brackets in a plain string are markup to Rich.
+            cells = [(cell.strip("*"), "bold" if cell.startswith("**") else "") for cell in row]
+            table.add_row(*(Text(*cell) for cell in cells))
+        table.add_section()
+    Console().print(table)
