@@ -1,6 +1,10 @@
 """Cues: what a box in the image looks like, compared with a template of the target."""
 
 from pf_tracker_ros.cues.color_histogram import ColorHistogram, ColorHistogramParameters
+from pf_tracker_ros.cues.correlation_response import (
+    CorrelationResponse,
+    CorrelationResponseParameters,
+)
 from pf_tracker_ros.cues.cue import Cue, Match
 from pf_tracker_ros.cues.foreground_probability import (
     ForegroundProbability,
@@ -14,10 +18,13 @@ from pf_tracker_ros.cues.gradient_orientation import (
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.cues.moving_foreground import MovingForeground, MovingForegroundParameters
 from pf_tracker_ros.cues.oriented_gradients import OrientedGradients, OrientedGradientsParameters
+from pf_tracker_ros.cues.size_response import SizeResponse, SizeResponseParameters
 
 __all__ = [
     "ColorHistogram",
     "ColorHistogramParameters",
+    "CorrelationResponse",
+    "CorrelationResponseParameters",
     "Cue",
     "CueFusion",
     "ForegroundProbability",
@@ -30,5 +37,7 @@ __all__ = [
     "MovingForegroundParameters",
     "OrientedGradients",
     "OrientedGradientsParameters",
+    "SizeResponse",
+    "SizeResponseParameters",
     "TemplateParameters",
 ]

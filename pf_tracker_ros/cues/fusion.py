@@ -81,6 +81,9 @@ class CueFusion:
         fused = np.zeros(len(boxes))
         for name, template in self._known(templates):
             cue, power = self._cues[name], self.powers[name]
+            if name == "size_response":
+                weights = np.exp(fused - fused.max())
+                maps.focus = weights @ boxes / weights.sum()
             fused += power * cue.log_likelihood(maps, boxes, template)
         return fused
 

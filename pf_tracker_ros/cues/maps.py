@@ -39,6 +39,7 @@ class FrameMaps:
         reach: How far beyond each side of a box the region covers, in box sides.
 
     Attributes:
+        image: The whole image.
         pixels: The region inside the image, (h, w, 3) or (h, w) uint8, reduced.
         foreground: (mask, reduction) of a background model: (h, w) uint8 over the whole image, 255
             for foreground, and the image pixels to one of its pixels along each axis; None where
@@ -72,6 +73,8 @@ class FrameMaps:
         ]
         if reduction > 1:
             crop = _reduced(crop, reduction)
+        self.image = image
+        self.focus: NDArray[np.float64] | None = None
         self.foreground = foreground
         self.pixels: NDArray[np.uint8] = crop
         self.padding = (

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from pf_tracker_ros.background import BackgroundParameters
 from pf_tracker_ros.cues import (
     ColorHistogramParameters,
+    CorrelationResponseParameters,
     ForegroundProbabilityParameters,
     GradientOrientationParameters,
     MovingForegroundParameters,
     OrientedGradientsParameters,
+    SizeResponseParameters,
     TemplateParameters,
 )
 from pf_tracker_ros.filter import MotionParameters, ProposalParameters, ResamplingParameters
@@ -53,5 +55,7 @@ class TrackerParameters:
     moving_foreground: MovingForegroundParameters = group(MovingForegroundParameters)
     background: BackgroundParameters = group(BackgroundParameters)
     oriented_gradients: OrientedGradientsParameters = group(OrientedGradientsParameters)
+    correlation_response: CorrelationResponseParameters = group(CorrelationResponseParameters)
+    size_response: SizeResponseParameters = group(SizeResponseParameters)
     template: TemplateParameters = group(TemplateParameters)
     track: TrackParameters = group(TrackParameters)

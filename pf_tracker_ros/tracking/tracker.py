@@ -13,12 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from pf_tracker_ros.background import BackgroundModel
 from pf_tracker_ros.cues import (
     ColorHistogram,
+    CorrelationResponse,
     CueFusion,
     ForegroundProbability,
     FrameMaps,
     GradientOrientation,
     MovingForeground,
     OrientedGradients,
+    SizeResponse,
 )
 from pf_tracker_ros.cues.fusion import Templates
 from pf_tracker_ros.filter import (
@@ -227,7 +229,10 @@ class Tracker:
         seen = self._fusion.learn(maps, box[0])
         match = self._fusion.match(seen, target.templates)
         track = target.track.after(match.similarity, interval, parameters.track)
-        if track.state == "tracking":
+        import os
+        if match.similarity < float(os.environ.get("GATE", "0")):
+            templates = target.templates
+        elif track.state == "tracking":
             trusted = math.exp(match.log_likelihood) > parameters.template.update_above
             templates = self._fusion.updated(
                 target.templates, seen, trusted, parameters.template.keep
@@ -287,7 +292,7 @@ class Tracker:
     def _configure(self, parameters: TrackerParameters) -> None:
         color, gradient = parameters.color_histogram, parameters.gradient_orientation
         foreground, outline = parameters.foreground_probability, parameters.oriented_gradients
-        moving = parameters.moving_foreground
+        moving, correlation = parameters.moving_foreground, parameters.correlation_response
         share, model = parameters.proposal.kalman_share, parameters.motion.model
         if share > 0.0 and model not in MODELS_WITH_FORESIGHT:
             allowed = " or ".join(f"'{name}'" for name in MODELS_WITH_FORESIGHT)
@@ -302,6 +307,8 @@ class Tracker:
                 "foreground_probability": (ForegroundProbability(foreground), foreground.power),
                 "moving_foreground": (MovingForeground(moving), moving.power),
                 "oriented_gradients": (OrientedGradients(outline), outline.power),
+                "correlation_response": (CorrelationResponse(correlation), correlation.power),
+                "size_response": (SizeResponse(parameters.size_response), parameters.size_response.power),
             }
         )
         self._resampler = build_resampler(parameters.resampling)

@@ -1,0 +1,138 @@
+"""Correlation filters that are kept inside the target and near their past.
+
+A filter f is trained so that its correlation with the features x of a window around the target is
+a given peak y. Found in the Fourier domain, it would also use the window's surroundings and its
+periodic repetition; a weight on its values outside the target forbids that, and a weight on its
+change from frame to frame lets it adapt without forgetting.
+
+    f = argmin |y - sum_k x_k * f_k|^2 + sum_k |w f_k|^2 + mu |f - f_before|^2
+
+Source: Li, Tian, Zuo, Zhang, Yang 2018, "Learning spatial-temporal regularized correlation filters
+for visual tracking", section 3; Danelljan et al. 2015, "Learning spatially regularized correlation
+filters for visual tracking" (w).
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Spectrum = NDArray[np.complex64]
+
+# Width of the peak y, in target sizes.
+_PEAK_WIDTH = 1.0 / 16.0
+# The weights w inside and outside the target.
+_INSIDE, _OUTSIDE = 1e-3, 1e5
+# The penalty of the alternating direction method: at first, and its growth with every step.
+_FIRST_PENALTY, _PENALTY_GROWTH = 1.0, 10.0
+_STEPS = 2
+GAIN = 0.06
+
+
+def spectrum(features: NDArray[np.float32]) -> Spectrum:
+    """(channels, cells, cells // 2 + 1) Fourier transform of (channels, cells, cells) features.
+
+    A cosine window first takes the features down to 0 at the borders.
+    """
+    weighted = features * _cosine_window(features.shape[-1])
+    energy = float(np.einsum("kyx,kyx->", weighted, weighted))
+    weighted *= GAIN * math.sqrt(weighted.size / max(energy, 1e-9))
+    return np.fft.rfft2(weighted)
+
+
+def train(
+    seen: Spectrum, target_cells: tuple[float, float], before: Spectrum | None, memory: float
+) -> Spectrum:
+    """The filter after one more sample; source: Li et al. 2018, equations (8) to (12).
+
+    Args:
+        seen: Spectrum of the features of a window that is centered on the target.
+        target_cells: (width, height) of the target in cells.
+        before: The last filter, None for the first.
+        memory: Weight mu of the change from the last filter, at least 0.
+
+    Returns:
+        The filter's spectrum.
+    """
+    cells = seen.shape[1]
+    area = np.float32(cells * cells)
+    peak, weight = _peak(cells, target_cells), _squared_weight(cells, target_cells)
+    conjugate = np.conj(seen)
+    energy = (np.square(seen.real) + np.square(seen.imag)).sum(axis=0)
+    past = np.zeros_like(seen) if before is None else before * np.float32(memory)
+    memory = 0.0 if before is None else memory
+    penalty = np.float32(_FIRST_PENALTY)
+    pull = past
+    dual = np.zeros_like(seen)
+    for step in range(_STEPS):
+        total = area * (penalty + np.float32(memory))
+        # (x x^H + total I) f = x y + area * pull, solved for each frequency on its own.
+        projected = area * np.einsum("kyx,kyx->yx", conjugate, pull)
+        error = (peak - (energy * peak + projected) / (energy + total)) / total
+        trained = seen * error + pull * (area / total)
+        if step < _STEPS - 1:
+            inside = np.fft.irfft2(penalty * trained + dual, s=(cells, cells))
+            inside *= area / (weight + area * penalty)
+            inside_spectrum = np.fft.rfft2(inside)
+            dual = dual + penalty * (trained - inside_spectrum)
+            penalty = penalty * np.float32(_PENALTY_GROWTH)
+            pull = penalty * inside_spectrum - dual + past
+    return trained
+
+
+def response(filter_spectrum: Spectrum, seen: Spectrum, samples: int) -> NDArray[np.float32]:
+    """Correlation of a filter with a window at every displacement.
+
+    Args:
+        filter_spectrum: As `train` gives it.
+        seen: Spectrum of the window's features.
+        samples: Along each side of the map; a multiple of the number of cells, which it refines.
+
+    Returns:
+        (samples, samples), about 1 where the window holds the target, that displacement (0, 0) at
+        [samples // 2, samples // 2].
+    """
+    cells = seen.shape[1]
+    product = np.einsum("kyx,kyx->yx", np.conj(filter_spectrum), seen)
+    refined = np.zeros((samples, samples // 2 + 1), dtype=np.complex64)
+    half = cells // 2
+    refined[:half, : half + 1] = product[:half]
+    refined[-half:, : half + 1] = product[-half:]
+    values = np.fft.irfft2(refined, s=(samples, samples)) * np.float32((samples / cells) ** 2)
+    return np.fft.fftshift(values)
+
+
+def response_at_center(filter_spectrum: Spectrum, seen: Spectrum) -> float:
+    """The correlation without any displacement."""
+    cells = seen.shape[1]
+    product = np.einsum("kyx,kyx->yx", np.conj(filter_spectrum), seen).real
+    # Half of the spectrum stands for both, but for its first and its last column.
+    total = 2.0 * product.sum() - product[:, 0].sum() - product[:, -1].sum()
+    return float(total) / cells**2
+
+
+@cache
+def _cosine_window(cells: int) -> NDArray[np.float32]:
+    side = np.hanning(cells + 2)[1:-1]
+    return np.outer(side, side).astype(np.float32)
+
+
+@cache
+def _peak(cells: int, target_cells: tuple[float, float]) -> NDArray[np.float32]:
+    """Spectrum, which is real, of a Gaussian peak at displacement (0, 0)."""
+    place = np.fft.fftfreq(cells) * cells
+    width = _PEAK_WIDTH * np.sqrt(target_cells[0] * target_cells[1])
+    side = np.exp(-0.5 * np.square(place / width))
+    return np.fft.rfft2(np.outer(side, side)).real.astype(np.float32)
+
+
+@cache
+def _squared_weight(cells: int, target_cells: tuple[float, float]) -> NDArray[np.float32]:
+    """(cells, cells) w^2, small inside the target, cells that it covers in part between."""
+    place = np.abs(np.arange(cells) - (cells - 1) / 2)
+    across, down = (np.clip(side / 2 - place + 0.5, 0.0, 1.0) for side in target_cells)
+    inside = np.outer(down, across)
+    return np.square(_INSIDE * inside + _OUTSIDE * (1.0 - inside)).astype(np.float32)

@@ -1,0 +1,180 @@
+"""Size response cue: how large the target is, told by a filter along its size.
+
+Boxes hardly differ in likelihood when they grow by a few percent around the same center. A linear
+filter that is trained to answer most at the target's own size, and less to the same place seen a
+little larger or smaller, tells them apart. It is asked once a frame, at the place where the
+particles are likeliest; each particle reads the answer at its own size.
+
+Source: Danelljan, Haeger, Khan, Felsberg 2017, "Discriminative scale space tracking", section 4;
+here the filter is a ridge regression over the sizes instead of a circular correlation.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.cues.cue import Match
+from pf_tracker_ros.cues.maps import FrameMaps
+from pf_tracker_ros.cues.window_features import CELL_PIXELS, gradient_features
+from pf_tracker_ros.parameters import declared
+
+# Side of the patch that the target is brought to, whatever its shape.
+_PATCH = 8 * CELL_PIXELS
+# Ridge, in the mean energy of a patch.
+_RIDGE = 0.01
+
+
+@dataclass(frozen=True)
+class SizeResponseParameters:
+    """The size response cue."""
+
+    power: float = declared(
+        0.0,
+        "Power of this cue in the fused likelihood; 0 switches it off. "
+        "The powers of all cues are scaled to a sum of 1.",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    sizes: int = declared(
+        17,
+        "Sizes that are compared each frame, an odd number.",
+        minimum=3,
+        maximum=65,
+        read_only=True,
+    )
+    step: float = declared(
+        1.02,
+        "Factor from one of these sizes to the next.",
+        minimum=1.001,
+        maximum=1.5,
+        read_only=True,
+    )
+    peak_width: float = declared(
+        1.0,
+        "Standard deviation of the trained answer.",
+        unit="steps",
+        minimum=0.1,
+        maximum=20.0,
+        read_only=True,
+    )
+    sharpness: float = declared(
+        20.0,
+        "How fast the likelihood falls as the response does.",
+        minimum=0.0,
+        maximum=1000.0,
+    )
+    keep: float = declared(
+        0.975,
+        "Share of the old filter that an update keeps.",
+        minimum=0.0,
+        maximum=1.0,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class SizeTemplate:
+    """A filter along the size.
+
+    Attributes:
+        patches: (sizes, features) of the place that was learned from, at all sizes.
+        weights: (features,) of the filter.
+    """
+
+    patches: NDArray[np.float32]
+    weights: NDArray[np.float32]
+
+
+class SizeResponse:
+    """Response of a linear filter to the target at several sizes.
+
+    Args:
+        parameters: Sizes and sharpness.
+    """
+
+    def __init__(self, parameters: SizeResponseParameters) -> None:
+        offsets = np.arange(parameters.sizes) - (parameters.sizes - 1) / 2
+        self._offsets = offsets
+        self._factors = parameters.step**offsets
+        self._log_step = math.log(parameters.step)
+        self._answer = np.exp(-0.5 * np.square(offsets / parameters.peak_width))
+        window = np.hanning(parameters.sizes + 2)[1:-1]
+        self._window = window[:, None].astype(np.float32)
+        self._sharpness = parameters.sharpness
+        self._keep = parameters.keep
+
+    @property
+    def reach(self) -> float:
+        """See `Cue.reach`."""
+        return 0.0
+
+    @property
+    def steady_keep(self) -> None:
+        """See `Cue.steady_keep`."""
+        return None
+
+    def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> SizeTemplate:
+        """See `Cue.learn`."""
+        patches = self._patches(maps, box)
+        energy = patches @ patches.T
+        ridge = _RIDGE * np.trace(energy) / len(energy) + 1e-9
+        solution = np.linalg.solve(energy + ridge * np.eye(len(energy)), self._answer)
+        return SizeTemplate(patches, solution.astype(np.float32) @ patches)
+
+    def log_likelihood(
+        self, maps: FrameMaps, boxes: NDArray[np.float64], template: SizeTemplate
+    ) -> NDArray[np.float64]:
+        """See `Cue.log_likelihood`."""
+        place = maps.focus if maps.focus is not None else boxes.mean(axis=0)
+        response = self._patches(maps, place) @ template.weights
+        sizes = np.sqrt(boxes[:, 2] * boxes[:, 3])
+        steps = np.log(sizes / math.sqrt(place[2] * place[3])) / self._log_step
+        values = np.interp(steps, self._offsets, response)
+        return -self._sharpness * (1.0 - np.clip(values, 0.0, 1.0))
+
+    def match(self, seen: SizeTemplate, template: SizeTemplate) -> Match | None:
+        """See `Cue.match`."""
+        return None
+
+    def blend(self, template: SizeTemplate, seen: SizeTemplate, keep: float) -> SizeTemplate:
+        """See `Cue.blend`."""
+        old, new = np.float32(self._keep), np.float32(1.0 - self._keep)
+        return SizeTemplate(seen.patches, old * template.weights + new * seen.weights)
+
+    def _patches(self, maps: FrameMaps, box: NDArray[np.float64]) -> NDArray[np.float32]:
+        """(sizes, features) of the place of a (4,) box at all sizes, more towards the middle."""
+        image = maps.image
+        center, side = box[:2] + box[2:] / 2, box[2:]
+        start = np.maximum(np.floor(center - side * self._factors[-1] / 2).astype(int) - 1, 0)
+        end = np.ceil(center + side * self._factors[-1] / 2).astype(int) + 1
+        end = np.maximum(np.minimum(end, (image.shape[1], image.shape[0])), start + 1)
+        crop = image[start[1] : end[1], start[0] : end[0]]
+        if crop.ndim == 3:
+            crop = cv2.cvtColor(crop, cv2.COLOR_BGR2GRAY)
+        reduction = np.maximum((side / _PATCH).astype(int), 1)
+        whole = end - start
+        if (reduction > 1).any():
+            size = np.maximum(whole // reduction, 1)
+            crop = cv2.resize(crop, (int(size[0]), int(size[1])), interpolation=cv2.INTER_AREA)
+        scale = np.array([crop.shape[1], crop.shape[0]]) / whole
+        stack = np.empty((len(self._factors) * _PATCH, _PATCH), dtype=np.uint8)
+        for number, factor in enumerate(self._factors):
+            step = side * factor / _PATCH
+            first = (center - side * factor / 2 + step / 2 - start) * scale - 0.5
+            to_crop = np.array([[step[0] * scale[0], 0, first[0]], [0, step[1] * scale[1], first[1]]])
+            stack[number * _PATCH : (number + 1) * _PATCH] = cv2.warpAffine(
+                crop,
+                to_crop,
+                (_PATCH, _PATCH),
+                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+                borderMode=cv2.BORDER_REPLICATE,
+            )
+        features = gradient_features(stack)
+        channels, _, columns = features.shape
+        by_patch = features.reshape(channels, len(self._factors), -1, columns).transpose(1, 0, 2, 3)
+        return by_patch.reshape(len(self._factors), -1) * self._window

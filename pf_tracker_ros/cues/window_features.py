@@ -1,0 +1,212 @@
+"""What a window of the image looks like, cell by cell: edge directions and colors.
+
+Sources: Felzenszwalb et al. 2010, "Object detection with discriminatively trained part-based
+models", section 6 (the 31 gradient channels); Berlin, Kay 1969, "Basic color terms", and van de
+Weijer et al. 2009, "Learning color names for real-world applications" (the 11 colors that languages
+have a name for, as channels).
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+CELL_PIXELS = 4
+
+_SIGNED = 18
+_UNSIGNED = _SIGNED // 2
+_BLOCKS = 4
+_GRADIENT_CHANNELS = _SIGNED + _UNSIGNED + _BLOCKS
+# Largest value of a channel after division by a block's length.
+_CUT = 0.2
+# Mean square gradient of a block, in gray levels, that counts as much as the sensor's noise.
+_NOISE = 4.0
+# Colors have this weight beside gradients.
+_COLOR_WEIGHT = 0.6
+# Levels of blue, green and red in the table of color names.
+_COLOR_LEVELS = 32
+# How far, in units of CIE Lab, a color's name reaches.
+_NAME_REACH = 22.0
+# A typical color of each name: red, green, blue.
+_NAMED_COLORS = (
+    (0, 0, 0),
+    (0, 0, 255),
+    (139, 69, 19),
+    (128, 128, 128),
+    (0, 160, 0),
+    (255, 140, 0),
+    (255, 150, 190),
+    (130, 0, 150),
+    (220, 0, 0),
+    (255, 255, 255),
+    (255, 230, 0),
+)
+
+
+def square_window(
+    image: NDArray[np.uint8], center: tuple[float, float], side: float, pixels: int
+) -> NDArray[np.uint8]:
+    """A square part of an image, brought to a size.
+
+    Args:
+        image: (H, W, 3) or (H, W) uint8.
+        center: (x, y) of the square's center, pixels; inside the image.
+        side: Of the square, pixels; what is outside the image repeats its border.
+        pixels: Side of the result.
+
+    Returns:
+        (pixels, pixels, 3) or (pixels, pixels) uint8.
+    """
+    height, width = image.shape[:2]
+    left, top = center[0] - side / 2, center[1] - side / 2
+    x0, y0 = max(math.floor(left) - 1, 0), max(math.floor(top) - 1, 0)
+    x1 = max(min(math.ceil(left + side) + 1, width), x0 + 1)
+    y1 = max(min(math.ceil(top + side) + 1, height), y0 + 1)
+    crop = image[y0:y1, x0:x1]
+    reduction = int(side / pixels + 0.25)
+    if reduction > 1:
+        # Pixels that the window has no room for are averaged, not skipped.
+        size = (max((x1 - x0) // reduction, 1), max((y1 - y0) // reduction, 1))
+        crop = cv2.resize(crop, size, interpolation=cv2.INTER_AREA)
+    scale_x, scale_y = crop.shape[1] / (x1 - x0), crop.shape[0] / (y1 - y0)
+    step = side / pixels
+    to_crop = np.array(
+        [
+            [step * scale_x, 0.0, (left + step / 2 - x0) * scale_x - 0.5],
+            [0.0, step * scale_y, (top + step / 2 - y0) * scale_y - 0.5],
+        ]
+    )
+    return cv2.warpAffine(
+        crop,
+        to_crop,
+        (pixels, pixels),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+
+
+def window_features(window: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """What each cell of `CELL_PIXELS` pixels holds.
+
+    Args:
+        window: (P, P, 3) BGR or (P, P) gray, P a multiple of `CELL_PIXELS`.
+
+    Returns:
+        (channels, P / CELL_PIXELS, P / CELL_PIXELS): 18 directions of gradients, 9 without their
+        sign, 4 of texture, then 11 named colors, or brightness alone for a gray window.
+    """
+    cells = window.shape[0] // CELL_PIXELS
+    colored = window.ndim == 3
+    gray = cv2.cvtColor(window, cv2.COLOR_BGR2GRAY) if colored else window
+    channels = _GRADIENT_CHANNELS + (len(_NAMED_COLORS) if colored else 1)
+    features = np.empty((channels, cells, cells), dtype=np.float32)
+    _gradient_channels(gray, features[:_GRADIENT_CHANNELS])
+    if colored:
+        features[_GRADIENT_CHANNELS:] = _name_channels(window, cells)
+    else:
+        brightness = cv2.resize(gray, (cells, cells), interpolation=cv2.INTER_AREA)
+        features[_GRADIENT_CHANNELS] = _COLOR_WEIGHT * (brightness / np.float32(255.0) - 0.5)
+    return features
+
+
+def gradient_features(gray: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """The 31 gradient channels of a (R * CELL_PIXELS, C * CELL_PIXELS) gray image, (31, R, C)."""
+    channels = np.empty(
+        (_GRADIENT_CHANNELS, gray.shape[0] // CELL_PIXELS, gray.shape[1] // CELL_PIXELS),
+        dtype=np.float32,
+    )
+    _gradient_channels(gray, channels)
+    return channels
+
+
+def _gradient_channels(gray: NDArray[np.uint8], channels: NDArray[np.float32]) -> None:
+    """Fill (31, rows, columns) channels."""
+    _, rows, columns = channels.shape
+    histogram = _direction_histogram(gray, rows, columns)
+    unsigned = histogram[:_UNSIGNED] + histogram[_UNSIGNED:]
+    energy = np.einsum("dyx,dyx->yx", unsigned, unsigned)
+    padded = cv2.copyMakeBorder(energy, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    blocks = padded[:-1, :-1] + padded[1:, :-1] + padded[:-1, 1:] + padded[1:, 1:]
+    inverse = 1.0 / np.sqrt(blocks + np.float32(_NOISE))
+    channels[: _SIGNED + _UNSIGNED] = 0.0
+    for number, (down, across) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
+        scale = inverse[down : down + rows, across : across + columns]
+        cut = np.minimum(histogram * scale, _CUT)
+        channels[:_SIGNED] += cut
+        channels[_SIGNED + _UNSIGNED + number] = cut.sum(axis=0) / math.sqrt(_SIGNED)
+        channels[_SIGNED : _SIGNED + _UNSIGNED] += np.minimum(unsigned * scale, _CUT)
+    channels[: _SIGNED + _UNSIGNED] *= 0.5
+
+
+def _direction_histogram(gray: NDArray[np.uint8], rows: int, columns: int) -> NDArray[np.float32]:
+    """(18, rows, columns) mean gradient magnitude, shared between the two nearest directions."""
+    right = cv2.Sobel(gray, cv2.CV_16S, 1, 0, ksize=1)
+    down = cv2.Sobel(gray, cv2.CV_16S, 0, 1, ksize=1)
+    pair = cv2.addWeighted(down, 511.0, right, 1.0, 255 * 511 + 255, dtype=cv2.CV_32S).ravel()
+    first, lower, upper = _direction_tables()
+    bins = _first_bins(rows, columns) + first.take(pair)
+    bins_in_all = rows * columns * (_SIGNED + 1)
+    sums = np.bincount(bins, lower.take(pair), bins_in_all)
+    sums[1:] += np.bincount(bins, upper.take(pair), bins_in_all)[:-1]
+    histogram = sums.reshape(rows, columns, _SIGNED + 1)
+    # The direction after the last is the first.
+    histogram[..., 0] += histogram[..., _SIGNED]
+    means = histogram[..., :_SIGNED].transpose(2, 0, 1) / CELL_PIXELS**2
+    return np.ascontiguousarray(means, dtype=np.float32)
+
+
+@cache
+def _first_bins(rows: int, columns: int) -> NDArray[np.intp]:
+    """(pixels,) number of the first bin of each pixel's cell."""
+    row = np.repeat(np.arange(rows), CELL_PIXELS)
+    column = np.repeat(np.arange(columns), CELL_PIXELS)
+    return ((row[:, None] * columns + column) * (_SIGNED + 1)).ravel()
+
+
+@cache
+def _direction_tables() -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
+    """For any two 8-bit differences the direction below, and the magnitude's two shares."""
+    differences = np.arange(-255, 256)
+    angle = np.arctan2(differences[:, None], differences[None]).ravel() % (2 * np.pi)
+    magnitude = np.hypot(differences[:, None], differences[None]).ravel()
+    place = angle * (_SIGNED / (2 * np.pi))
+    first = np.minimum(np.floor(place), _SIGNED - 1)
+    share = place - first
+    return (
+        first.astype(np.uint8),
+        (magnitude * (1.0 - share)).astype(np.float32),
+        (magnitude * share).astype(np.float32),
+    )
+
+
+def _name_channels(window: NDArray[np.uint8], cells: int) -> NDArray[np.float32]:
+    """(11, cells, cells) how much of each cell has each name."""
+    half = cv2.resize(window, (2 * cells, 2 * cells), interpolation=cv2.INTER_AREA)
+    blue, green, red = cv2.split(half // (256 // _COLOR_LEVELS))
+    number = (blue * np.intp(_COLOR_LEVELS) + green) * _COLOR_LEVELS + red
+    names = _name_table().take(number, axis=0)
+    rows = names[0::2] + names[1::2]
+    return (rows[:, 0::2] + rows[:, 1::2]).transpose(2, 0, 1)
+
+
+@cache
+def _name_table() -> NDArray[np.float32]:
+    """(colors, 11) how well each name fits each color; a quarter of `_COLOR_WEIGHT` in all."""
+    step = 256 // _COLOR_LEVELS
+    level = (np.arange(_COLOR_LEVELS) * step + step / 2) / 255
+    blue, green, red = np.meshgrid(level, level, level, indexing="ij")
+    colors = np.stack([red, green, blue], axis=-1).reshape(-1, 3)
+    named = np.array(_NAMED_COLORS) / 255
+    distance = np.linalg.norm(_lab(colors)[:, None] - _lab(named)[None], axis=2)
+    fit = np.exp(-0.5 * np.square(distance / _NAME_REACH))
+    fit /= fit.sum(axis=1, keepdims=True) + 1e-9
+    return (0.25 * _COLOR_WEIGHT * fit).astype(np.float32)
+
+
+def _lab(colors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 3) CIE Lab of (N, 3) red, green, blue from 0 to 1."""
+    return cv2.cvtColor(colors[None].astype(np.float32), cv2.COLOR_RGB2Lab)[0].astype(np.float64)
