@@ -160,7 +160,9 @@ class Tracker:
         particles = ParticleSet.uniform(motion.prior(self._parameters.particles, generator))
         particles = particles.moved(motion.constrained(particles.states, _size(image)))
         boxes = np.array([first_box])
-        maps = self._maps(to_8_bit(image, span), boxes, boxes[0])
+        first_image = to_8_bit(image, span)
+        background = self._background(first_image, first_box, generator)
+        maps = self._maps(first_image, boxes, boxes[0], _foreground(background, first_image))
         self._generator = generator
         self._target = _Target(
             first_box=first_box,
@@ -168,7 +170,7 @@ class Tracker:
             gray_range=span,
             motion=motion,
             foresight=self._foresight(motion),
-            background=self._background(to_8_bit(image, span), first_box, generator),
+            background=background,
             particles=particles,
             templates=self._fusion.learn(maps, boxes[0]),
             track=Track(),
@@ -216,9 +218,7 @@ class Tracker:
         predicted, foresight = self._proposed(target, ahead, _size(image))
 
         boxes = motion.boxes(predicted.states)
-        foreground = None
-        if target.background:
-            foreground = target.background.update(image), target.background.reduction
+        foreground = _foreground(target.background, image)
         maps = self._maps(image, boxes, np.asarray(target.estimate.box), foreground)
         likelihood = self._fusion.log_likelihood(maps, boxes, target.templates)
         weighted = predicted.reweighted(likelihood)
@@ -269,7 +269,9 @@ class Tracker:
             states = motion.predict(particles.states, interval, self._generator)
             return particles.moved(motion.constrained(states, image_size)), None
         foresight = target.foresight.predicted(interval)
-        share = self._parameters.proposal.kalman_share
+        # Out of sight, nothing corrects the filter, and its prediction is no better than the prior.
+        hidden = target.track.state != "tracking"
+        share = 0.0 if hidden else self._parameters.proposal.kalman_share
         proposed = foresight.proposed(particles.states, interval, share, self._generator)
         moved = particles.moved(motion.constrained(proposed.states, image_size))
         return moved.reweighted(proposed.log_ratio), foresight
@@ -280,8 +282,9 @@ class Tracker:
     def _background(
         self, image: NDArray[np.uint8], box: Box, generator: np.random.Generator
     ) -> BackgroundModel | None:
-        if self._parameters.moving_foreground.power > 0.0:
-            return BackgroundModel(image, self._parameters.background, generator, box)
+        parameters = self._parameters
+        if parameters.moving_foreground.power > 0.0 or parameters.color_histogram.foreground_only:
+            return BackgroundModel(image, parameters.background, generator, box)
         return None
 
     def _configure(self, parameters: TrackerParameters) -> None:
@@ -308,7 +311,10 @@ class Tracker:
         self._parameters = parameters
         if self._target:
             motion = _motion_model(self._target.first_box, parameters)
-            self._target = replace(self._target, motion=motion)
+            foresight = self._foresight(motion)
+            if foresight and self._target.foresight:
+                foresight = replace(foresight, belief=self._target.foresight.belief)
+            self._target = replace(self._target, motion=motion, foresight=foresight)
 
     def _maps(
         self,
@@ -324,6 +330,13 @@ class Tracker:
 
 def _motion_model(first_box: Box, parameters: TrackerParameters) -> MotionModel:
     return MOTION_MODELS[parameters.motion.model](first_box, parameters.motion)
+
+
+def _foreground(
+    background: BackgroundModel | None, image: NDArray[np.uint8]
+) -> tuple[NDArray[np.uint8], int] | None:
+    """`FrameMaps.foreground` of the next frame, which the model learns."""
+    return (background.update(image), background.reduction) if background else None
 
 
 def _size(image: NDArray[np.generic]) -> tuple[int, int]:

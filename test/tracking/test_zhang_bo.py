@@ -44,7 +44,10 @@ def test_the_kalman_share_needs_a_gaussian_motion_model():
 @pytest.mark.parametrize(
     "parameters",
     [
-        {"proposal.kalman_share": 0.0},
+        # Without the Kalman filter's velocity, only a wider random walk keeps up.
+        {"proposal.kalman_share": 0.0, "motion.position_noise": 1.0},
+        {"motion.model": "second_order_autoregressive"},
+        {"color_histogram.foreground_only": False},
         {"moving_foreground.power": 0.0},
         {"background.color": True, "background.moving_camera": True},
     ],
