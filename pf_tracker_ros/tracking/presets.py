@@ -52,8 +52,8 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "oriented_gradients.sharpness": _OUTLINE_SHARPNESS,
                 "template.update_above": _OUTLINE_UPDATE_ABOVE,
                 "template.keep": 0.995,
-                "track.occluded_below": 0.55,
-                "track.recovered_above": 0.55,
+                "track.occluded_below": 0.6,
+                "track.recovered_above": 0.62,
             }
         ),
         "zhang_bo": MappingProxyType(
