@@ -162,7 +162,9 @@ class Tracker:
         boxes = np.array([first_box])
         first_image = to_8_bit(image, span)
         background = self._background(first_image, first_box, generator)
-        maps = self._maps(first_image, boxes, boxes[0], _foreground(background, first_image))
+        maps = self._maps(
+            first_image, boxes, boxes[0], _foreground(background, first_image, first_box)
+        )
         self._generator = generator
         self._target = _Target(
             first_box=first_box,
@@ -174,7 +176,14 @@ class Tracker:
             particles=particles,
             templates=self._fusion.learn(maps, boxes[0]),
             track=Track(),
-            estimate=_estimate(first_box, Track(), 1.0, particles, motion.boxes(particles.states)),
+            estimate=_estimate(
+                first_box,
+                Track(),
+                1.0,
+                particles,
+                motion.boxes(particles.states),
+                background=background,
+            ),
         )
         return self._target.estimate
 
@@ -218,7 +227,7 @@ class Tracker:
         predicted, foresight = self._proposed(target, ahead, _size(image))
 
         boxes = motion.boxes(predicted.states)
-        foreground = _foreground(target.background, image)
+        foreground = _foreground(target.background, image, target.estimate.box)
         maps = self._maps(image, boxes, np.asarray(target.estimate.box), foreground)
         likelihood = self._fusion.log_likelihood(maps, boxes, target.templates)
         weighted = predicted.reweighted(likelihood)
@@ -254,7 +263,14 @@ class Tracker:
             foresight=foresight,
             templates=templates,
             track=track,
-            estimate=_estimate((x, y, width, height), track, match.similarity, weighted, boxes),
+            estimate=_estimate(
+                (x, y, width, height),
+                track,
+                match.similarity,
+                weighted,
+                boxes,
+                background=target.background,
+            ),
         )
 
     def _proposed(
@@ -333,10 +349,13 @@ def _motion_model(first_box: Box, parameters: TrackerParameters) -> MotionModel:
 
 
 def _foreground(
-    background: BackgroundModel | None, image: NDArray[np.uint8]
+    background: BackgroundModel | None, image: NDArray[np.uint8], box: Box
 ) -> tuple[NDArray[np.uint8], int] | None:
-    """`FrameMaps.foreground` of the next frame, which the model learns."""
-    return (background.update(image), background.reduction) if background else None
+    """`FrameMaps.foreground` of the next frame, which the model learns; None if it says nothing."""
+    if background is None:
+        return None
+    mask = background.update(image, box)
+    return None if background.state.name == "off" else (mask, background.reduction)
 
 
 def _size(image: NDArray[np.generic]) -> tuple[int, int]:
@@ -349,6 +368,8 @@ def _estimate(
     confidence: float,
     particles: ParticleSet,
     particle_boxes: NDArray[np.float64],
+    *,
+    background: BackgroundModel | None,
 ) -> Estimate:
     particle_boxes.setflags(write=False)
     return Estimate(
@@ -360,4 +381,5 @@ def _estimate(
         particle_boxes=particle_boxes,
         weights=particles.weights,
         effective_sample_size=particles.effective_sample_size,
+        background=background.state if background else None,
     )
