@@ -21,11 +21,20 @@ from numpy.typing import NDArray
 from pf_tracker_ros.background.camera_motion import CameraMotion
 from pf_tracker_ros.parameters import declared
 
+Box = tuple[float, float, float, float]
 BackgroundStatus = Literal["still", "warped", "restarted"]
+
+# No scene has more foreground than this share: then the camera has moved, or the light changed.
+_LARGEST_FOREGROUND = 0.5
+_UNKNOWN_MOTION = "the camera's motion could not be estimated"
+_ALL_CHANGED = "most of the image has changed, as when the camera moves"
 
 # The model is turned and zoomed, not only shifted, once that would move a corner by so much (px).
 _CORNER_TOLERANCE = 1.5
-_NEIGHBORS = np.array([(x, y) for y in (-1, 0, 1) for x in (-1, 0, 1) if (x, y) != (0, 0)])
+# Steps to the eight neighbors.
+_RIGHT, _DOWN = np.array(
+    [(x, y) for y in (-1, 0, 1) for x in (-1, 0, 1) if (x, y) != (0, 0)], dtype=np.intp
+).T.copy()
 
 
 @dataclass(frozen=True)
@@ -82,8 +91,28 @@ class BackgroundParameters:
     )
 
 
+@dataclass(frozen=True)
+class BackgroundState:
+    """What the foreground of a frame is worth.
+
+    Attributes:
+        name: "learning" while the model has not seen as many frames as it takes a pixel, on
+            average, to renew a sample; "ready" after that; "off" where the foreground says nothing.
+        reason: Why it is off, empty otherwise.
+    """
+
+    name: Literal["learning", "ready", "off"]
+    reason: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.reason}" if self.reason else self.name
+
+
 class BackgroundModel:
     """ViBe, one update a frame.
+
+    Where most of the image stays foreground for `update_every` frames, the model begins anew: only
+    background is ever learned, so it would never recover.
 
     Unlike a cue it has a memory of its own, which every update changes in place.
 
@@ -107,15 +136,16 @@ class BackgroundModel:
         image: NDArray[np.uint8],
         parameters: BackgroundParameters,
         generator: np.random.Generator,
-        hole: tuple[float, float, float, float] | None = None,
+        hole: Box | None = None,
     ) -> None:
         self._parameters = parameters
         self._generator = generator
         planes = self._planes(image)
         self._camera = CameraMotion(_gray(planes)) if parameters.moving_camera else None
         self._alignment = np.eye(3)
-        self._model = self._fresh(self._filled(planes, hole) if hole else planes)
+        self._begin(planes, hole)
         self.status: BackgroundStatus = "still"
+        self.state = BackgroundState("learning")
 
     @property
     def reduction(self) -> int:
@@ -127,11 +157,12 @@ class BackgroundModel:
         """(N, channels, h, w) copy of the model."""
         return self._model.copy()
 
-    def update(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def update(self, image: NDArray[np.uint8], hole: Box | None = None) -> NDArray[np.uint8]:
         """Tell foreground from background, then learn the background.
 
         Args:
             image: As the first, of the same size.
+            hole: As for the first image, should the model begin anew with this one.
 
         Returns:
             (h, w) uint8, 255 for foreground, 0 for background; h and w are those of the image
@@ -140,10 +171,27 @@ class BackgroundModel:
         planes = self._planes(image)
         self.status = self._follow_camera(planes)
         if self.status == "restarted":
+            self._begin(planes, hole)
+            self.state = BackgroundState("off", _UNKNOWN_MOTION)
             return np.zeros(planes.shape[1:], np.uint8)
         foreground = self._foreground(planes)
         self._learn(planes, foreground)
+        self._age += 1
+        if cv2.countNonZero(foreground) <= _LARGEST_FOREGROUND * foreground.size:
+            self._changed_for = 0
+            young = self._age < self._parameters.update_every
+            self.state = BackgroundState("learning" if young else "ready")
+            return foreground
+        self.state = BackgroundState("off", _ALL_CHANGED)
+        self._changed_for += 1
+        if self._changed_for >= self._parameters.update_every:
+            self._begin(planes, hole)
         return foreground
+
+    def _begin(self, planes: NDArray[np.uint8], hole: Box | None) -> None:
+        self._model = self._fresh(self._filled(planes, hole) if hole else planes)
+        self._age = 0
+        self._changed_for = 0
 
     def _planes(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """(channels, h, w) the image as the model sees it."""
@@ -155,7 +203,9 @@ class BackgroundModel:
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         if image.ndim == 2:
             return image[None]
-        return np.stack(cv2.split(image))
+        planes = np.empty((3, *image.shape[:2]), np.uint8)
+        cv2.split(image, list(planes))
+        return planes
 
     def _foreground(self, planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Source: Zhang Bo, equations (2) and (3), the sphere that of the largest difference."""
@@ -180,39 +230,44 @@ class BackgroundModel:
         Source: Zhang Bo, step 3; Barnich, Van Droogenbroeck 2011, section III-C.
         """
         height, width = foreground.shape
-        values = planes.reshape(len(planes), -1)
-        model = self._model.reshape(len(self._model), len(planes), -1)
+        pixels = height * width
+        values = planes.reshape(len(planes), pixels)
+        model = self._model.reshape(-1)
         background = foreground.ravel() == 0
         for propagate in (False, True):
-            givers = self._chosen(height * width)
+            givers = self._chosen(pixels)
             givers = givers[background[givers]]
             takers = givers
             if propagate:
-                step = _NEIGHBORS[self._generator.integers(0, len(_NEIGHBORS), len(givers))]
+                to = self._generator.integers(0, len(_RIGHT), len(givers), dtype=np.uint8)
                 y, x = np.divmod(givers, width)
-                x = np.clip(x + step[:, 0], 0, width - 1)
-                y = np.clip(y + step[:, 1], 0, height - 1)
-                takers = y * width + x
-            replaced = self._generator.integers(0, len(model), len(givers))
-            for channel in range(len(planes)):
-                model[replaced, channel, takers] = values[channel, givers]
+                x = np.clip(x + _RIGHT[to], 0, width - 1)
+                takers = np.clip(y + _DOWN[to], 0, height - 1) * width + x
+            replaced = self._generator.integers(0, len(self._model), len(givers), dtype=np.uint8)
+            # One flat index a sample: far faster than one for each axis.
+            places = takers + replaced * np.intp(values.size)
+            for channel in values:
+                model[places] = channel[givers]
+                places += pixels
 
     def _chosen(self, pixels: int) -> NDArray[np.intp]:
         """Pixels out of a number of them, each with a chance of 1 in `update_every`.
 
-        Gaps between successes are geometric: far fewer random numbers than one a pixel.
+        Gaps between successes are geometric, exponential ones in whole pixels: far fewer random
+        numbers than one a pixel.
         """
-        chance = 1.0 / self._parameters.update_every
-        if chance == 1.0:
+        if self._parameters.update_every == 1:
             return np.arange(pixels)
+        chance = 1.0 / self._parameters.update_every
         expected = pixels * chance
-        gaps = self._generator.geometric(chance, int(expected + 6 * np.sqrt(expected) + 10))
-        places = np.cumsum(gaps) - 1
+        gaps = self._generator.standard_exponential(
+            int(expected + 6 * np.sqrt(expected) + 10), dtype=np.float32
+        )
+        gaps *= -1.0 / math.log1p(-chance)
+        places = np.cumsum(gaps.astype(np.intp) + 1) - 1
         return places[: np.searchsorted(places, pixels)]
 
-    def _filled(
-        self, planes: NDArray[np.uint8], hole: tuple[float, float, float, float]
-    ) -> NDArray[np.uint8]:
+    def _filled(self, planes: NDArray[np.uint8], hole: Box) -> NDArray[np.uint8]:
         """The planes with the hole painted over from its surroundings."""
         x, y, width, height = (side / self._parameters.reduction for side in hole)
         mask = np.zeros(planes.shape[1:], np.uint8)
@@ -253,7 +308,6 @@ class BackgroundModel:
             return "still"
         motion = self._camera.update(_gray(planes))
         if motion is None:
-            self._model = self._fresh(planes)
             self._alignment = np.eye(3)
             return "restarted"
         self._alignment = motion @ self._alignment

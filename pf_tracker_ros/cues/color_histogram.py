@@ -48,6 +48,12 @@ class ColorHistogramParameters:
         minimum=0.0,
         maximum=1000.0,
     )
+    foreground_only: bool = declared(
+        False,
+        "Whether all pixels of the background count as one color more, so that only the moving "
+        "foreground is told by its colors; switches the background model on.",
+        read_only=True,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +61,9 @@ class ColorTemplate:
     """The colors of the target.
 
     Attributes:
-        histogram: (levels^3,) share of each color, numbered as in `FrameMaps.color_bins`. They sum
-            to the share of the box that is inside the image.
+        histogram: (levels^3,) share of each color, numbered as in `FrameMaps.color_bins`, and with
+            `foreground_only` one more, the share of the background. They sum to the share of the
+            box that is inside the image.
         smallest_share: Share of one pixel of the box.
     """
 
@@ -68,8 +75,8 @@ class ColorTemplate:
         """The colors that the histogram holds, up to 255 to a page.
 
         Returns:
-            For each page the (levels^3,) labels of its colors, 1, 2, ... and 0 for all others, and
-            the (labels,) square roots of their shares.
+            For each page the labels of its colors, 1, 2, ... and 0 for all others, as many as the
+            histogram has shares, and the (labels,) square roots of their shares.
         """
         held = np.flatnonzero(self.histogram)
         pages = []
@@ -84,15 +91,19 @@ class ColorTemplate:
 class ColorHistogram:
     """RGB histogram against a template histogram by their Bhattacharyya distance.
 
-    Pixels outside the image match nothing; a gray image counts as R = G = B.
+    Pixels outside the image match nothing; a gray image counts as R = G = B. With
+    `foreground_only`, the background takes part as one color, whatever its pixels look like: so it
+    cannot be taken for the target, and a box must hold as much of it as the target's did.
 
     Args:
-        parameters: Levels and sharpness.
+        parameters: Levels, sharpness and whether to set the background apart.
     """
 
     def __init__(self, parameters: ColorHistogramParameters) -> None:
         self._levels = parameters.levels
         self._sharpness = parameters.sharpness
+        self._foreground_only = parameters.foreground_only
+        self._background_color = self._levels**3
 
     @property
     def reach(self) -> float:
@@ -110,9 +121,11 @@ class ColorHistogram:
         region_box = maps.region_boxes(box[None])
         columns, rows = _grid(region_box[0, 2:])
         x, y = _corners(region_box, columns, rows)[0] - (left, top)
-        bins = maps.color_bins(self._levels)
+        bins = self._bins(maps)
         inside = bins[max(y, 0) : max(y + rows, 0), max(x, 0) : max(x + columns, 0)]
-        counts = np.bincount(inside.ravel(), minlength=self._levels**3).astype(np.float32)
+        counts = np.bincount(
+            inside.ravel(), minlength=self._background_color + self._foreground_only
+        ).astype(np.float32)
         return ColorTemplate(counts / np.float32(rows * columns), 1.0 / (rows * columns))
 
     def log_likelihood(
@@ -122,9 +135,30 @@ class ColorHistogram:
         return -self._sharpness * self.squared_distance(maps, boxes, template)
 
     def match(self, seen: ColorTemplate, template: ColorTemplate) -> Match:
-        """See `Cue.match`; the similarity is the Bhattacharyya coefficient."""
-        coefficient = min(float(np.sqrt(seen.histogram * template.histogram).sum()), 1.0)
-        return Match(-self._sharpness * (1.0 - coefficient), coefficient)
+        """See `Cue.match`; the similarity is the Bhattacharyya coefficient.
+
+        With `foreground_only` it is that of the target's colors alone, as a share of what a perfect
+        match has: a box full of background is not like the target.
+        """
+        roots = np.sqrt(seen.histogram * template.histogram)
+        coefficient = min(float(roots.sum()), 1.0)
+        similarity = coefficient
+        if self._foreground_only:
+            perfect = float(template.histogram[:-1].sum())
+            similarity = min(float(roots[:-1].sum()) / perfect, 1.0) if perfect > 0.0 else 1.0
+        return Match(-self._sharpness * (1.0 - coefficient), similarity)
+
+    def _bins(self, maps: FrameMaps) -> NDArray[np.uint16]:
+        """(h, w) number of each pixel's color; without a foreground mask, none is background."""
+        bins = maps.color_bins(self._levels)
+        foreground = maps.foreground_pixels if self._foreground_only else None
+        if foreground is None:
+            return bins
+        background_color = np.uint16(self._background_color)
+        return maps.shared(
+            ("foreground color bins", self._levels),
+            lambda: np.where(foreground, bins, background_color),
+        )
 
     def squared_distance(
         self, maps: FrameMaps, boxes: NDArray[np.float64], template: ColorTemplate
@@ -141,7 +175,7 @@ class ColorHistogram:
         for number, (labels_of_colors, root) in enumerate(template.pages):
 
             def label_pixels(table: NDArray[np.uint8] = labels_of_colors) -> NDArray[np.uint8]:
-                return maps.padded(table.take(maps.color_bins(self._levels)))
+                return maps.padded(table.take(self._bins(maps)))
 
             labels = maps.shared((template, number), label_pixels)
             coefficient += _root_coefficient(labels, region_boxes, root)

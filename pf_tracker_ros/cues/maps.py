@@ -113,6 +113,27 @@ class FrameMaps:
             return self.pixels
         return self.shared("color", lambda: cv2.cvtColor(self.pixels, cv2.COLOR_GRAY2BGR))
 
+    @property
+    def foreground_pixels(self) -> NDArray[np.bool_] | None:
+        """(h, w) whether each of `pixels` is foreground; None where there is no model.
+
+        The mask has a scale of its own: the pixel of it below the center of each is asked.
+        """
+        if self.foreground is None:
+            return None
+        mask, reduction = self.foreground
+        corner = self._corner[:2] + (self.padding[2], self.padding[0])
+        rows, columns = (
+            np.minimum(
+                ((start + np.arange(count) + 0.5) * self._reduction / reduction).astype(np.intp),
+                last - 1,
+            )
+            for start, count, last in zip(
+                corner[::-1], self.pixels.shape[:2], mask.shape, strict=True
+            )
+        )
+        return mask[np.ix_(rows, columns)] > 0
+
     def color_bins(self, levels: int) -> NDArray[np.uint16]:
         """(h, w) color of each of `pixels`, each of R, G and B in `levels` equal steps.
 

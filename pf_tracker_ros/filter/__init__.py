@@ -1,6 +1,7 @@
 """The particle filter: particles, motion models, proposals and resampling; no images here."""
 
-from pf_tracker_ros.filter.affine_motion import AffineMotion, KalmanForesight
+from pf_tracker_ros.filter.affine_motion import AffineMotion
+from pf_tracker_ros.filter.foresight import KalmanForesight
 from pf_tracker_ros.filter.gaussian import Gaussian
 from pf_tracker_ros.filter.motion import (
     MODELS_WITH_FORESIGHT,

@@ -1,42 +1,36 @@
-"""Affine motion with Gaussian noise, and the Kalman filter that foresees it.
+"""Affine motion with Gaussian noise.
 
-The particles follow the affine model; the Kalman filter keeps a velocity beside the state, which
-the particles have not, so that its prediction runs ahead of them.
+The particles follow the affine model; a Kalman filter can keep a velocity beside the state, which
+the particles have not, and then moves them by it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.filter.foresight import SMALLEST_SPREAD, KalmanForesight, LinearStep
 from pf_tracker_ros.filter.gaussian import Gaussian
-from pf_tracker_ros.filter.limits import SMALLEST_SIDE
-from pf_tracker_ros.filter.proposals import (
-    Proposed,
-    Transition,
-    propose_from_prediction,
-    propose_from_transition,
-)
+from pf_tracker_ros.filter.limits import MOST_STEPS, SMALLEST_SIDE
+from pf_tracker_ros.filter.proposals import Transition, propose_from_transition
 
 if TYPE_CHECKING:
     from pf_tracker_ros.filter.motion import Box, MotionParameters
 
-# Pixels and parts of a scale so small that a Gaussian with them still has a density.
-_SMALLEST_SPREAD = 1e-3
-
 
 @dataclass(frozen=True)
-class _Walk:
-    """x_k = x_{k-1} + u."""
+class _Affine:
+    """x_k = factor x_{k-1} + shift + u."""
 
+    factor: float
+    shift: NDArray[np.float64]
     deviation: NDArray[np.float64]
 
     def mean(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
-        return states.copy()
+        return self.factor * states + self.shift
 
     def spread(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         return self.deviation
@@ -45,16 +39,23 @@ class _Walk:
 class AffineMotion:
     """State (x, y, log_scale): the center in pixels, the logarithm of size over first size.
 
-    x_k = a x_{k-1} + b + u with a = 1 and b = 0, the axes' noise independent.
+    x_k - x_0 = a (x_{k-1} - x_0) + b + u, x_0 the first box and the axes' noise u independent; to
+    count from x_0 and not from the image's corner only changes b. An offset stays with a = 1, the
+    default, fades below and grows above. Where a Kalman filter runs along, b also has what the
+    velocity that it believes in makes of the interval.
+
+    A step of the equation is `model_step` seconds; t steps have a^t and b (1 - a^t) / (1 - a),
+    which makes two half steps one whole one.
 
     Source: Zhang Bo, equation (4).
 
     Args:
         box: (x, y, width, height) of the target in the first frame, pixels.
-        parameters: Noise and prior.
+        parameters: Factor, drift, noise and prior.
     """
 
     columns: tuple[str, ...] = ("x", "y", "log_scale")
+    measured_columns: int = 3
 
     def __init__(self, box: Box, parameters: MotionParameters) -> None:
         x, y, width, height = box
@@ -68,11 +69,38 @@ class AffineMotion:
         spread = self._parameters.prior_position * self._box_size
         return self._first + generator.standard_normal((count, 3)) * [spread, spread, 0.0]
 
-    def transition(self, interval: float) -> Transition:
-        """The transition prior over an interval in seconds."""
+    def transition(self, interval: float, belief: NDArray[np.float64] | None = None) -> Transition:
+        """The transition prior; see `ForeseeableMotion.transition`."""
+        factor, shift = self._step(interval)
+        if belief is not None:
+            shift = shift + interval * belief[3:]
         position = self._parameters.position_noise * self._box_size
         noise = np.array([position, position, self._parameters.size_noise])
-        return _Walk(np.maximum(np.sqrt(interval) * noise, _SMALLEST_SPREAD))
+        return _Affine(factor, shift, np.maximum(np.sqrt(interval) * noise, SMALLEST_SPREAD))
+
+    def linear_step(self, interval: float) -> LinearStep:
+        """Affine motion with a velocity beside it; see `ForeseeableMotion.linear_step`.
+
+        The velocity of the scale is 0: what particles say of the size is too rough to be drawn on.
+        """
+        factor, shift = self._step(interval)
+        matrix = np.eye(6)
+        matrix[:3, :3] *= factor
+        matrix[:3, 3:] = interval * np.eye(3)
+        agility = self._parameters.velocity_noise * self._box_size
+        noise = np.array([0.0, 0.0, self._parameters.size_noise, agility, agility, 0.0])
+        return LinearStep(matrix, np.concatenate([shift, np.zeros(3)]), np.sqrt(interval) * noise)
+
+    def _step(self, interval: float) -> tuple[float, NDArray[np.float64]]:
+        """Factor a and (3,) shift of an interval in seconds, counted from the image's corner."""
+        parameters = self._parameters
+        steps = min(interval / parameters.model_step, MOST_STEPS)
+        factor = parameters.affine_factor**steps
+        one = 1.0 - parameters.affine_factor
+        repeated = (1.0 - factor) / one if abs(one) > 1e-9 else steps
+        drift = np.array([parameters.affine_drift_x, parameters.affine_drift_y, 0.0])
+        shift = repeated * parameters.model_step * self._box_size * drift
+        return factor, shift + (1.0 - factor) * self._first
 
     def predict(
         self, states: NDArray[np.float64], interval: float, generator: np.random.Generator
@@ -97,62 +125,6 @@ class AffineMotion:
     def foresight(self) -> KalmanForesight:
         """The Kalman filter for the first frame: at the first box, at rest."""
         rest = self._parameters.prior_velocity * self._box_size
-        spread = np.array([1.0, 1.0, 0.01, rest, rest, 0.1])
-        agility = self._parameters.velocity_noise * self._box_size
-        noise = np.array([0.0, 0.0, 0.0, agility, agility, self._parameters.size_noise])
-        return KalmanForesight(
-            belief=Gaussian(np.concatenate([self._first, np.zeros(3)]), np.diag(spread**2)),
-            noise=noise,
-            transition=self.transition,
-        )
-
-
-@dataclass(frozen=True)
-class KalmanForesight:
-    """A Kalman filter on (state, velocity) of D columns each; every operation returns another.
-
-    Source: Zhang Bo, section 3.3, with constant velocity as the state transition A.
-
-    Attributes:
-        belief: Over 2 D columns, units per second for the velocities.
-        noise: (2 D,) standard deviations of the process noise over one second.
-        transition: The particles' transition prior over an interval in seconds.
-    """
-
-    belief: Gaussian
-    noise: NDArray[np.float64]
-    transition: Callable[[float], Transition]
-
-    def proposed(
-        self,
-        states: NDArray[np.float64],
-        interval: float,
-        share: float,
-        generator: np.random.Generator,
-    ) -> Proposed:
-        """Particles drawn around this prediction; arguments as of `propose_from_prediction`."""
-        return propose_from_prediction(
-            states, self.transition(interval), self.state, share, generator
-        )
-
-    @property
-    def state(self) -> Gaussian:
-        """The D columns of the state."""
-        return self.belief.marginal(np.arange(len(self.noise)) < len(self.noise) // 2)
-
-    def predicted(self, interval: float) -> KalmanForesight:
-        """The belief `interval` seconds later."""
-        count = len(self.noise) // 2
-        transition = np.eye(2 * count)
-        transition[:count, count:] = interval * np.eye(count)
-        noise = np.diag(interval * self.noise**2 + _SMALLEST_SPREAD**2)
-        return replace(self, belief=self.belief.predicted(transition, noise))
-
-    def corrected(
-        self, mean: NDArray[np.float64], covariance: NDArray[np.float64]
-    ) -> KalmanForesight:
-        """The belief after the particles' (D,) mean, taken as a measurement with their spread."""
-        count = len(mean)
-        observation = np.eye(count, 2 * count)
-        error = covariance + np.diag(np.full(count, _SMALLEST_SPREAD**2))
-        return replace(self, belief=self.belief.corrected(mean, observation, error))
+        spread = np.array([1.0, 1.0, 0.01, rest, rest, 0.0])
+        belief = Gaussian(np.concatenate([self._first, np.zeros(3)]), np.diag(spread**2))
+        return KalmanForesight(belief, self)

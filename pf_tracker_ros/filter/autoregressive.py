@@ -2,18 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.filter.limits import limited_centers, limited_sizes
+from pf_tracker_ros.filter.foresight import SMALLEST_SPREAD, KalmanForesight, LinearStep
+from pf_tracker_ros.filter.gaussian import Gaussian
+from pf_tracker_ros.filter.limits import MOST_STEPS, limited_centers, limited_sizes
+from pf_tracker_ros.filter.proposals import Transition
 
 if TYPE_CHECKING:
     from pf_tracker_ros.filter.motion import Box, MotionParameters
 
-# So many steps at once are an age; more would only overflow where the coefficients diverge.
-_MOST_STEPS = 200.0
+
+@dataclass(frozen=True)
+class _Autoregression:
+    """X_k - X_0 = A1 (X_{k-1} - X_0) + A2 (X_{k-2} - X_0) + v, the axes of v independent."""
+
+    power: NDArray[np.float64]
+    reference: NDArray[np.float64]
+    position_noise: float
+    side_noise: float
+
+    def mean(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        offsets = states.reshape(-1, 2, 4) - self.reference
+        return (self.power @ offsets + self.reference).reshape(-1, 8)
+
+    def spread(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        spread = np.zeros((len(states), 8))
+        spread[:, :2] = self.position_noise * np.sqrt(states[:, 2:4].prod(axis=1, keepdims=True))
+        spread[:, 2:4] = self.side_noise * states[:, 2:4]
+        spread[:, :4] = np.maximum(spread[:, :4], SMALLEST_SPREAD)
+        return spread
 
 
 class SecondOrderAutoregressive:
@@ -39,6 +61,8 @@ class SecondOrderAutoregressive:
         *("earlier_x", "earlier_y", "earlier_width", "earlier_height"),
     )
 
+    measured_columns: int = 4
+
     def __init__(self, box: Box, parameters: MotionParameters) -> None:
         x, y, width, height = box
         self._reference = np.array([x + width / 2, y + height / 2, width, height])
@@ -59,12 +83,8 @@ class SecondOrderAutoregressive:
     ) -> NDArray[np.float64]:
         """See `MotionModel.predict`; source: Zhang et al. 2015, equation (7)."""
         parameters = self._parameters
-        steps = min(interval / parameters.model_step, _MOST_STEPS)
-        transition = transition_power(
-            parameters.first_coefficient, parameters.second_coefficient, steps
-        )
         offsets = states.reshape(-1, 2, 4) - self._reference
-        predicted = transition @ offsets + self._reference
+        predicted = self._power(interval) @ offsets + self._reference
 
         noise = generator.standard_normal((len(states), 4)) * np.sqrt(interval)
         sizes = states[:, 2:4]
@@ -91,9 +111,43 @@ class SecondOrderAutoregressive:
         """See `MotionModel.boxes`."""
         return np.hstack([states[:, :2] - states[:, 2:4] / 2, states[:, 2:4]])
 
-    def foresight(self) -> None:
-        """See `MotionModel.foresight`; the particles carry the box before themselves."""
-        return None
+    def transition(self, interval: float, belief: NDArray[np.float64] | None = None) -> Transition:
+        """See `ForeseeableMotion.transition`; the particles carry the last box themselves.
+
+        Unlike in `predict`, width and height have noise of their own: the axes are independent, as
+        a density beside a Gaussian needs.
+        """
+        root = np.sqrt(interval)
+        side = np.hypot(self._parameters.size_noise, self._parameters.aspect_noise / 2.0)
+        return _Autoregression(
+            self._power(interval),
+            self._reference,
+            root * self._parameters.position_noise,
+            root * side,
+        )
+
+    def linear_step(self, interval: float) -> LinearStep:
+        """See `ForeseeableMotion.linear_step`."""
+        matrix: NDArray[np.float64] = np.zeros((8, 8))
+        matrix.reshape(2, 4, 2, 4)[:, range(4), :, range(4)] = self._power(interval)
+        reference = np.tile(self._reference, 2)
+        spread = self.transition(interval).spread(reference[None])[0]
+        return LinearStep(matrix, reference - matrix @ reference, spread)
+
+    def foresight(self) -> KalmanForesight:
+        """The Kalman filter for the first frame: at the first box, at rest."""
+        width, height = self._reference[2:]
+        rest = self._parameters.prior_velocity * np.sqrt(width * height)
+        earlier = max(rest * self._parameters.model_step, 1.0)
+        spread = np.array([1.0, 1.0, 0.01 * width, 0.01 * height])
+        spread = np.concatenate([spread, [earlier, earlier], spread[2:]])
+        return KalmanForesight(Gaussian(np.tile(self._reference, 2), np.diag(spread**2)), self)
+
+    def _power(self, interval: float) -> NDArray[np.float64]:
+        """(2, 2) the matrix of (7) for an interval in seconds."""
+        parameters = self._parameters
+        steps = min(interval / parameters.model_step, MOST_STEPS)
+        return transition_power(parameters.first_coefficient, parameters.second_coefficient, steps)
 
 
 def transition_power(

@@ -7,6 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 # Smaller boxes hold too few pixels to tell a target from its surroundings.
 SMALLEST_SIDE = 6.0
+# So many steps of a motion model at once are an age; more would overflow where it diverges.
+MOST_STEPS = 200.0
 
 
 def limited_centers(

@@ -15,8 +15,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.filter.affine_motion import AffineMotion, KalmanForesight
+from pf_tracker_ros.filter.affine_motion import AffineMotion
 from pf_tracker_ros.filter.autoregressive import SecondOrderAutoregressive
+from pf_tracker_ros.filter.foresight import KalmanForesight
 from pf_tracker_ros.filter.limits import limited_centers, limited_sizes
 from pf_tracker_ros.parameters import declared
 
@@ -164,7 +165,7 @@ MOTION_MODELS: Mapping[str, Callable[[Box, MotionParameters], MotionModel]] = Ma
     }
 )
 
-MODELS_WITH_FORESIGHT = ("affine",)
+MODELS_WITH_FORESIGHT = ("affine", "second_order_autoregressive")
 
 
 @dataclass(frozen=True)
@@ -174,7 +175,8 @@ class MotionParameters:
     model: str = declared(
         "constant_velocity",
         "Motion model: constant_velocity keeps the box size of the first frame, "
-        "constant_velocity_and_size lets it change, affine walks in place and scale, "
+        "constant_velocity_and_size lets it change, affine takes a factor and a drift of place and "
+        "scale, "
         "second_order_autoregressive draws position and size from those of the last two steps.",
         choices=tuple(MOTION_MODELS),
         read_only=True,
@@ -240,9 +242,30 @@ class MotionParameters:
         minimum=-3.0,
         maximum=3.0,
     )
+    affine_factor: float = declared(
+        1.0,
+        "Factor of the last offset from the first box in affine motion (a): 1 keeps it, less pulls "
+        "position and size back.",
+        minimum=0.0,
+        maximum=1.5,
+    )
+    affine_drift_x: float = declared(
+        0.0,
+        "Steady motion to the right in affine motion (b, over one step).",
+        unit="box sizes per second",
+        minimum=-100.0,
+        maximum=100.0,
+    )
+    affine_drift_y: float = declared(
+        0.0,
+        "Steady motion downwards in affine motion (b, over one step).",
+        unit="box sizes per second",
+        minimum=-100.0,
+        maximum=100.0,
+    )
     model_step: float = declared(
         0.04,
-        "Time that one step of second-order autoregressive motion stands for; "
+        "Time that one step of affine or second-order autoregressive motion stands for; "
         "other times between frames take a power of it.",
         unit="s",
         minimum=0.0001,

@@ -58,7 +58,8 @@ class ProposalParameters:
     kalman_share: float = declared(
         0.0,
         "Share of the particles drawn around a Kalman filter's prediction, the rest from the "
-        "transition prior; 0 switches the Kalman filter off. Needs the affine motion model.",
+        "transition prior; 0 switches the Kalman filter off. Needs the motion model affine or "
+        "second_order_autoregressive.",
         minimum=0.0,
         maximum=LARGEST_SHARE,
         read_only=True,

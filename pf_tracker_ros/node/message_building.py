@@ -122,10 +122,11 @@ def status_message(
     return DiagnosticArray(header=header, status=[status])
 
 
-def estimate_values(estimate: Estimate) -> dict[str, float | int]:
-    """An estimate's numbers under the keys that the status uses; covariance in px^2."""
+def estimate_values(estimate: Estimate) -> dict[str, str | float | int]:
+    """An estimate's values under the keys that the status uses; covariance in px^2."""
     covariance = estimate.covariance
-    return {
+    background = {"background": str(estimate.background)} if estimate.background else {}
+    return background | {
         "confidence": float(estimate.confidence),
         "covariance_xx": float(covariance[0, 0]),
         "covariance_xy": float(covariance[0, 1]),

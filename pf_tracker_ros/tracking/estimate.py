@@ -8,6 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.background import BackgroundState
+
 TrackState = Literal["tracking", "occluded", "lost"]
 
 
@@ -25,6 +27,7 @@ class Estimate:
         particle_boxes: (N, 4) the particles as (x, y, width, height) boxes in pixels.
         weights: (N,) normalized weights of the particles, before resampling.
         effective_sample_size: 1 / sum of squared weights, from 1 to N.
+        background: What the background model is worth in this frame; None where there is none.
     """
 
     box: tuple[float, float, float, float]
@@ -35,3 +38,4 @@ class Estimate:
     particle_boxes: NDArray[np.float64]
     weights: NDArray[np.float64]
     effective_sample_size: float
+    background: BackgroundState | None = None

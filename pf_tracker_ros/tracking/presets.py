@@ -52,23 +52,25 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "oriented_gradients.sharpness": _OUTLINE_SHARPNESS,
                 "template.update_above": _OUTLINE_UPDATE_ABOVE,
                 "template.keep": 0.995,
-                "track.occluded_below": 0.55,
-                "track.recovered_above": 0.55,
+                "track.occluded_below": 0.6,
+                "track.recovered_above": 0.62,
             }
         ),
         "zhang_bo": MappingProxyType(
             {
                 "particles": 100,
                 "motion.model": "affine",
-                "motion.position_noise": 0.7,
-                "motion.velocity_noise": 0.1,
+                "motion.position_noise": 0.4,
+                "motion.velocity_noise": 0.2,
                 "motion.prior_velocity": 0.2,
-                "motion.size_noise": 0.03,
+                "motion.size_noise": 0.15,
                 "proposal.kalman_share": 0.3,
                 "resampling.scheme": "multinomial",
-                "color_histogram.power": 0.45,
+                "color_histogram.power": 0.5,
+                "color_histogram.foreground_only": True,
                 "gradient_orientation.power": 0.25,
-                "moving_foreground.power": 0.3,
+                "moving_foreground.power": 0.25,
+                "background.color": True,
             }
         ),
     }

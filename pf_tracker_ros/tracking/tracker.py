@@ -162,7 +162,11 @@ class Tracker:
         particles = ParticleSet.uniform(motion.prior(self._parameters.particles, generator))
         particles = particles.moved(motion.constrained(particles.states, _size(image)))
         boxes = np.array([first_box])
-        maps = self._maps(to_8_bit(image, span), boxes, boxes[0])
+        first_image = to_8_bit(image, span)
+        background = self._background(first_image, first_box, generator)
+        maps = self._maps(
+            first_image, boxes, boxes[0], _foreground(background, first_image, first_box)
+        )
         self._generator = generator
         self._target = _Target(
             first_box=first_box,
@@ -170,11 +174,18 @@ class Tracker:
             gray_range=span,
             motion=motion,
             foresight=self._foresight(motion),
-            background=self._background(to_8_bit(image, span), first_box, generator),
+            background=background,
             particles=particles,
             templates=self._fusion.learn(maps, boxes[0]),
             track=Track(),
-            estimate=_estimate(first_box, Track(), 1.0, particles, motion.boxes(particles.states)),
+            estimate=_estimate(
+                first_box,
+                Track(),
+                1.0,
+                particles,
+                motion.boxes(particles.states),
+                background=background,
+            ),
         )
         return self._target.estimate
 
@@ -218,9 +229,7 @@ class Tracker:
         predicted, foresight = self._proposed(target, ahead, _size(image))
 
         boxes = motion.boxes(predicted.states)
-        foreground = None
-        if target.background:
-            foreground = target.background.update(image), target.background.reduction
+        foreground = _foreground(target.background, image, target.estimate.box)
         maps = self._maps(image, boxes, np.asarray(target.estimate.box), foreground)
         likelihood = self._fusion.log_likelihood(maps, boxes, target.templates)
         weighted = predicted.reweighted(likelihood)
@@ -259,7 +268,14 @@ class Tracker:
             foresight=foresight,
             templates=templates,
             track=track,
-            estimate=_estimate((x, y, width, height), track, match.similarity, weighted, boxes),
+            estimate=_estimate(
+                (x, y, width, height),
+                track,
+                match.similarity,
+                weighted,
+                boxes,
+                background=target.background,
+            ),
         )
 
     def _proposed(
@@ -274,7 +290,9 @@ class Tracker:
             states = motion.predict(particles.states, interval, self._generator)
             return particles.moved(motion.constrained(states, image_size)), None
         foresight = target.foresight.predicted(interval)
-        share = self._parameters.proposal.kalman_share
+        # Out of sight, nothing corrects the filter, and its prediction is no better than the prior.
+        hidden = target.track.state != "tracking"
+        share = 0.0 if hidden else self._parameters.proposal.kalman_share
         proposed = foresight.proposed(particles.states, interval, share, self._generator)
         moved = particles.moved(motion.constrained(proposed.states, image_size))
         return moved.reweighted(proposed.log_ratio), foresight
@@ -285,8 +303,9 @@ class Tracker:
     def _background(
         self, image: NDArray[np.uint8], box: Box, generator: np.random.Generator
     ) -> BackgroundModel | None:
-        if self._parameters.moving_foreground.power > 0.0:
-            return BackgroundModel(image, self._parameters.background, generator, box)
+        parameters = self._parameters
+        if parameters.moving_foreground.power > 0.0 or parameters.color_histogram.foreground_only:
+            return BackgroundModel(image, parameters.background, generator, box)
         return None
 
     def _configure(self, parameters: TrackerParameters) -> None:
@@ -315,7 +334,10 @@ class Tracker:
         self._parameters = parameters
         if self._target:
             motion = _motion_model(self._target.first_box, parameters)
-            self._target = replace(self._target, motion=motion)
+            foresight = self._foresight(motion)
+            if foresight and self._target.foresight:
+                foresight = replace(foresight, belief=self._target.foresight.belief)
+            self._target = replace(self._target, motion=motion, foresight=foresight)
 
     def _maps(
         self,
@@ -333,6 +355,16 @@ def _motion_model(first_box: Box, parameters: TrackerParameters) -> MotionModel:
     return MOTION_MODELS[parameters.motion.model](first_box, parameters.motion)
 
 
+def _foreground(
+    background: BackgroundModel | None, image: NDArray[np.uint8], box: Box
+) -> tuple[NDArray[np.uint8], int] | None:
+    """`FrameMaps.foreground` of the next frame, which the model learns; None if it says nothing."""
+    if background is None:
+        return None
+    mask = background.update(image, box)
+    return None if background.state.name == "off" else (mask, background.reduction)
+
+
 def _size(image: NDArray[np.generic]) -> tuple[int, int]:
     return image.shape[1], image.shape[0]
 
@@ -343,6 +375,8 @@ def _estimate(
     confidence: float,
     particles: ParticleSet,
     particle_boxes: NDArray[np.float64],
+    *,
+    background: BackgroundModel | None,
 ) -> Estimate:
     particle_boxes.setflags(write=False)
     return Estimate(
@@ -354,4 +388,5 @@ def _estimate(
         particle_boxes=particle_boxes,
         weights=particles.weights,
         effective_sample_size=particles.effective_sample_size,
+        background=background.state if background else None,
     )

@@ -182,6 +182,7 @@ def test_a_cut_restarts_the_model_and_says_so():
     model = model_of(view(textured(5), 0, 0), moving_camera=True)
     assert not model.update(view(textured(6), 0, 0)).any()
     assert model.status == "restarted"
+    assert str(model.state) == "off: the camera's motion could not be estimated"
     assert (model.update(view(textured(6), 0, 0)) > 0).mean() < 0.01
     assert model.status == "still"
 
@@ -202,3 +203,36 @@ def test_what_the_first_frame_s_target_hid_leaves_no_ghost():
     model = BackgroundModel(first, parameters, generator, hole=(25.0, 20.0, 10.0, 20.0))
     assert not model.update(empty).any()
     assert model.update(first)[10:20, 13:17].all()
+
+
+def test_it_learns_for_as_many_frames_as_a_sample_takes_to_be_renewed():
+    image = np.full((20, 20), 90, np.uint8)
+    model = model_of(image, update_every=4)
+    states = [model.state.name]
+    for _ in range(5):
+        model.update(image)
+        states.append(model.state.name)
+    assert states == ["learning"] * 4 + ["ready"] * 2
+
+
+def test_where_most_of_the_image_stays_changed_it_begins_anew_without_the_target():
+    model = model_of(np.full((40, 40), 90, np.uint8), update_every=5)
+    bright = np.full((40, 40), 200, np.uint8)
+    bright[10:20, 10:20] = 120
+    for _ in range(5):
+        assert model.update(bright, hole=(10.0, 10.0, 10.0, 10.0)).mean() > 250
+        assert str(model.state).startswith("off: most of the image has changed")
+    mask = model.update(bright)
+    assert model.state.name == "learning"
+    np.testing.assert_array_equal(mask == 255, bright == 120)
+
+
+def test_half_of_the_image_may_be_foreground():
+    image = np.full((20, 20), 90, np.uint8)
+    model = model_of(image)
+    image[:10] = 200
+    model.update(image)
+    assert model.state.name == "learning"
+    image[10, 0] = 200
+    model.update(image)
+    assert model.state.name == "off"

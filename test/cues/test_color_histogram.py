@@ -180,3 +180,53 @@ def test_blend_by_hand_and_faded_bins_vanish():
         template = cue.blend(template, seen, 0.9)
     assert template.histogram[0] == 0.0
     assert template.histogram[1] == pytest.approx(1.0, abs=1e-2)
+
+
+def two_tone():
+    """Left half red, right half blue, and a mask whose foreground is a square around the border."""
+    image = np.zeros((60, 80, 3), np.uint8)
+    image[:, :40] = (10, 10, 200)
+    image[:, 40:] = (200, 10, 10)
+    mask = np.zeros((60, 80), np.uint8)
+    mask[20:40, 30:50] = 255
+    return image, mask
+
+
+FOREGROUND_ONLY = ColorHistogramParameters(foreground_only=True, levels=4, sharpness=10.0)
+
+
+@pytest.mark.parametrize("reduction", [1, 2])
+def test_the_background_counts_as_one_color(reduction):
+    image, mask = two_tone()
+    boxes = np.array([[30.0, 20.0, 20.0, 40.0], [4.0, 4.0, 20.0, 40.0], [36.0, 20.0, 20.0, 40.0]])
+    foreground = (mask[::reduction, ::reduction].copy(), reduction)
+    maps = FrameMaps(image, boxes, foreground=foreground)
+    cue = ColorHistogram(FOREGROUND_ONLY)
+    template = cue.learn(maps, boxes[0])
+    red, blue, background = 3 * 16, 3, 64
+    shares = {index: share for index, share in enumerate(template.histogram) if share > 0}
+    assert shares == pytest.approx({red: 0.25, blue: 0.25, background: 0.5})
+    # All background: sqrt(.5 x 1). Third: 4 of 20 columns red and 10 blue, over half the height.
+    coefficients = [1.0, 0.5**0.5, (0.25 * 0.1) ** 0.5 + 0.25 + (0.5 * 0.65) ** 0.5]
+    np.testing.assert_allclose(
+        cue.squared_distance(maps, boxes, template), 1.0 - np.array(coefficients), atol=1e-6
+    )
+
+
+def test_a_box_of_background_is_not_like_the_target_however_much_of_it_the_target_s_box_held():
+    image, mask = two_tone()
+    boxes = np.array([[30.0, 20.0, 20.0, 40.0], [4.0, 4.0, 20.0, 40.0]])
+    maps = FrameMaps(image, boxes, foreground=(mask, 1))
+    cue = ColorHistogram(FOREGROUND_ONLY)
+    template, empty = (cue.learn(maps, box) for box in boxes)
+    assert cue.match(template, template) == pytest.approx((0.0, 1.0), abs=1e-6)
+    log_likelihood, similarity = cue.match(empty, template)
+    assert log_likelihood == pytest.approx(-10.0 * (1.0 - 0.5**0.5), abs=1e-5)
+    assert similarity == 0.0
+
+
+def test_without_a_mask_every_pixel_has_its_color():
+    image, _ = two_tone()
+    boxes = np.array([[30.0, 20.0, 20.0, 40.0]])
+    histogram = ColorHistogram(FOREGROUND_ONLY).learn(FrameMaps(image, boxes), boxes[0]).histogram
+    assert (histogram[3 * 16], histogram[3], histogram[64]) == pytest.approx((0.5, 0.5, 0.0))

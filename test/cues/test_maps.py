@@ -63,3 +63,26 @@ def test_the_integral_holds_the_sum_of_all_gradient_magnitude(image):
     down = padded[2:, 1:-1] - padded[:-2, 1:-1]
     total = maps.gradient_integral(8)[-1, -1].sum()
     assert total == np.minimum(np.rint(2 * np.hypot(right, down)), 255).sum()
+
+
+@pytest.mark.parametrize("reduction", [1, 2, 3])
+@pytest.mark.parametrize("mask_reduction", [1, 2, 4])
+def test_the_foreground_of_a_region_is_the_mask_below_each_pixel_s_center(
+    reduction, mask_reduction
+):
+    generator = np.random.default_rng(0)
+    mask_size = -(-47 // mask_reduction), -(-63 // mask_reduction)
+    mask = generator.integers(0, 2, mask_size).astype(np.uint8) * 255
+    image = np.zeros((47, 63, 3), np.uint8)
+    for box in ([-5.0, 20.0, 20.0, 40.0], [20.0, 11.0, 30.0, 16.0]):
+        maps = FrameMaps(image, np.array([box]), reduction, foreground=(mask, mask_reduction))
+        pixels = maps.foreground_pixels
+        assert pixels.shape == maps.pixels.shape[:2]
+        corner = maps.region_boxes(np.zeros((1, 4)))[0, :2]
+        left, top = -corner + (maps.padding[2], maps.padding[0])
+        for row, column in np.ndindex(*pixels.shape):
+            y = int((top + row + 0.5) * reduction // mask_reduction)
+            x = int((left + column + 0.5) * reduction // mask_reduction)
+            below = mask[min(y, mask.shape[0] - 1), min(x, mask.shape[1] - 1)]
+            assert pixels[row, column] == (below == 255)
+    assert FrameMaps(image, np.array([box])).foreground_pixels is None

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.filter import AffineMotion, Gaussian, KalmanForesight, MotionParameters
+from pf_tracker_ros.filter.foresight import LinearStep
 
 BOX = (100.0, 50.0, 40.0, 10.0)
 BOX_SIZE = 20.0
@@ -15,6 +16,58 @@ def test_particles_stay_put_but_for_noise_that_grows_with_the_root_of_time():
     moved = AffineMotion(BOX, parameters).predict(states, 0.25, np.random.default_rng(0))
     np.testing.assert_allclose(moved.mean(axis=0), [120.0, 55.0, 0.0], atol=0.1)
     np.testing.assert_allclose(moved.std(axis=0), [5.0, 5.0, 0.1], rtol=0.02)
+
+
+def still(**parameters):
+    """Affine motion with next to no noise."""
+    parameters = {"position_noise": 0.0, "size_noise": 0.0, "model_step": 0.1} | parameters
+    return AffineMotion(BOX, MotionParameters(**parameters))
+
+
+@pytest.mark.parametrize(
+    ("interval", "x", "y", "log_scale"),
+    [
+        # x_0 = (120, 55, 0), a = 1/2 and b = 0.1 s x 20 px x (10, -5) / s = (20, -10) a step:
+        # offsets (40, 8, 0.4) -> (20, 4, 0.2) + b = (40, -6, 0.2), as a whole step ...
+        (0.1, 160.0, 49.0, 0.2),
+        # ... -> (20, -3, 0.1) + b as two ...
+        (0.2, 160.0, 42.0, 0.1),
+        # ... and all the way to b / (1 - a) after an age.
+        (60.0, 160.0, 35.0, 0.0),
+    ],
+)
+def test_affine_motion_by_hand(interval, x, y, log_scale):
+    motion = still(affine_factor=0.5, affine_drift_x=10.0, affine_drift_y=-5.0)
+    states = np.array([[160.0, 63.0, 0.4]])
+    moved = motion.predict(states, interval, np.random.default_rng(0))
+    np.testing.assert_allclose(moved, [[x, y, log_scale]], atol=0.005)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 1.2])
+def test_two_half_steps_of_affine_motion_are_one(factor):
+    motion = still(affine_factor=factor, affine_drift_x=3.0)
+    states = np.array([[160.0, 63.0, 0.4]])
+    half, whole = motion.transition(0.05), motion.transition(0.1)
+    np.testing.assert_allclose(half.mean(half.mean(states)), whole.mean(states))
+    matrix, control, _ = motion.linear_step(0.1)
+    np.testing.assert_allclose(matrix[:3, :3] @ states[0] + control[:3], whole.mean(states)[0])
+
+
+def test_the_defaults_leave_a_state_where_it_is():
+    states = np.array([[160.0, 63.0, 0.4]])
+    transition = AffineMotion(BOX, MotionParameters()).transition(0.7)
+    np.testing.assert_allclose(transition.mean(states), states)
+
+
+def test_the_velocity_that_the_kalman_filter_believes_in_moves_the_particles():
+    motion = still()
+    belief = Gaussian([120.0, 55.0, 0.0, 30.0, -20.0, 0.0], 1e-6 * np.eye(6))
+    foresight = KalmanForesight(belief, motion).predicted(0.1)
+    np.testing.assert_allclose(foresight.state.mean, [123.0, 53.0, 0.0])
+    states = np.array([[160.0, 63.0, 0.4], [100.0, 50.0, 0.0]])
+    # None are drawn from the prediction, all from the transition prior.
+    proposed = foresight.proposed(states, 0.1, 0.0, np.random.default_rng(0))
+    np.testing.assert_allclose(proposed.states, states + [3.0, -2.0, 0.0], atol=0.01)
 
 
 def test_the_scale_keeps_center_and_aspect():
@@ -31,12 +84,19 @@ def test_centers_and_sizes_stay_in_the_image():
     np.testing.assert_allclose(boxes[:, :2] + boxes[:, 2:] / 2, [[0.0, 90.0], [160.0, 0.0]])
 
 
+class OneColumn:
+    """A position at constant velocity, without noise."""
+
+    columns = ("x",)
+    measured_columns = 1
+
+    def linear_step(self, interval):
+        return LinearStep(np.array([[1.0, interval], [0.0, 1.0]]), np.zeros(2), np.zeros(2))
+
+
 def test_the_kalman_filter_predicts_and_corrects_by_hand():
     # One column and its velocity: 3 px and 2 px/s, half a second on 4 px with variance 1 + 4 / 4.
-    belief = Gaussian([3.0, 2.0], np.diag([1.0, 4.0]))
-    foresight = KalmanForesight(
-        belief, np.zeros(2), AffineMotion(BOX, MotionParameters()).transition
-    )
+    foresight = KalmanForesight(Gaussian([3.0, 2.0], np.diag([1.0, 4.0])), OneColumn())
     ahead = foresight.predicted(0.5)
     np.testing.assert_allclose(ahead.state.mean, [4.0])
     np.testing.assert_allclose(ahead.belief.covariance, [[2.0, 2.0], [2.0, 4.0]], atol=1e-5)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pf_tracker_ros.filter import MotionParameters
+from pf_tracker_ros.filter import Gaussian, KalmanForesight, MotionParameters
 from pf_tracker_ros.filter.autoregressive import SecondOrderAutoregressive, transition_power
 
 BOX = (100.0, 50.0, 40.0, 10.0)
@@ -142,3 +142,34 @@ def test_boxes_at_both_times_stay_sane_even_with_the_printed_coefficients_after_
     boxes = states.reshape(-1, 4)
     assert (boxes >= [0.0, 0.0, 6.0, 6.0]).all()
     assert (boxes <= [160.0, 90.0, 160.0, 90.0]).all()
+
+
+def test_the_kalman_filter_goes_on_by_equation_7():
+    now, earlier = REFERENCE + (10.0, -4.0, 4.0, 1.0), REFERENCE + (6.0, -2.0, 2.0, 0.0)
+    model = SecondOrderAutoregressive(BOX, still(*SHIPPED))
+    belief = Gaussian(np.concatenate([now, earlier]), np.diag([4.0] * 4 + [1.0] * 4))
+    ahead = KalmanForesight(belief, model).predicted(STEP)
+    # 1.5 (10, -4, 4, 1) - 0.5 (6, -2, 2, 0), and the box before is the one that was now.
+    expected = REFERENCE + (12.0, -5.0, 5.0, 1.5)
+    np.testing.assert_allclose(ahead.state.mean, np.concatenate([expected, now]))
+    # Variance 1.5^2 x 4 + 0.5^2 x 1 = 9.25, covariance with the box before 1.5 x 4.
+    covariance = ahead.belief.covariance
+    np.testing.assert_allclose(np.diagonal(covariance), [9.25] * 4 + [4.0] * 4, atol=1e-4)
+    np.testing.assert_allclose(np.diagonal(covariance, 4), 6.0, atol=1e-4)
+    # Measured 4 px further with the same variance: half way for the box, 6 / 9.25 / 2 before.
+    measured = np.concatenate([expected + 4.0, now])
+    corrected = ahead.corrected(measured, np.diag([9.25] * 8)).belief.mean
+    np.testing.assert_allclose(corrected[:4], expected + 2.0, atol=1e-3)
+    np.testing.assert_allclose(corrected[4:], now + 4.0 * 6.0 / 18.5, atol=1e-3)
+
+
+def test_the_transition_beside_the_kalman_filter_is_that_of_the_particles():
+    parameters = MotionParameters(position_noise=0.5, size_noise=0.2, aspect_noise=0.1)
+    model = SecondOrderAutoregressive(BOX, parameters)
+    states = np.tile(np.concatenate([REFERENCE + 5.0, REFERENCE]), (40_000, 1))
+    transition = model.transition(0.25)
+    predicted = model.predict(states, 0.25, np.random.default_rng(0))
+    np.testing.assert_allclose(transition.mean(states[:1])[0], predicted.mean(axis=0), atol=0.2)
+    spread = transition.spread(states[:1])[0]
+    np.testing.assert_allclose(spread[:4], predicted[:, :4].std(axis=0), rtol=0.02)
+    np.testing.assert_array_equal(spread[4:], 0.0)

@@ -1,6 +1,7 @@
 import math
 import struct
 from array import array
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from std_msgs.msg import Header
 
 from pf_tracker_ros import Estimate
+from pf_tracker_ros.background import BackgroundState
 from pf_tracker_ros.node.image_decoding import decode
 from pf_tracker_ros.node.message_building import (
     TargetError,
@@ -134,3 +136,12 @@ def test_numbers_in_a_status_read_back_to_the_same_values(header):
         "particles": 3,
     }
     assert (status.name, status.level, status.message) == ("/pf_tracker", b"\x01", "text")
+
+
+def test_the_status_has_the_background_model_s_state_where_there_is_a_model():
+    estimate = make_estimate([(0, 0, 1, 1)], [1.0])
+    assert "background" not in estimate_values(estimate)
+    ready = replace(estimate, background=BackgroundState("ready"))
+    assert estimate_values(ready)["background"] == "ready"
+    off = replace(estimate, background=BackgroundState("off", "the camera moves"))
+    assert estimate_values(off)["background"] == "off: the camera moves"

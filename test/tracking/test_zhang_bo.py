@@ -44,7 +44,10 @@ def test_the_kalman_share_needs_a_gaussian_motion_model():
 @pytest.mark.parametrize(
     "parameters",
     [
-        {"proposal.kalman_share": 0.0},
+        # Without the Kalman filter's velocity, only a wider random walk keeps up.
+        {"proposal.kalman_share": 0.0, "motion.position_noise": 1.0},
+        {"motion.model": "second_order_autoregressive"},
+        {"color_histogram.foreground_only": False},
         {"moving_foreground.power": 0.0},
         {"background.color": True, "background.moving_camera": True},
     ],
@@ -52,3 +55,28 @@ def test_the_kalman_share_needs_a_gaussian_motion_model():
 def test_each_part_can_be_left_out_or_extended(parameters):
     x, _, width, _ = run(**parameters)[-1].box
     assert x + width / 2 == pytest.approx(20 + 3 * 49 + 10, abs=6)
+
+
+def test_an_estimate_tells_what_the_background_model_is_worth():
+    estimates = run(frames=20)
+    # The first image was the first that the model saw.
+    assert [str(e.background) for e in estimates] == ["learning"] * 14 + ["ready"] * 5
+    tracker = Tracker.from_preset("zhang_bo")
+    assert str(tracker.start(street(0), FIRST).background) == "learning"
+    assert Tracker.from_preset("default").start(street(0), FIRST).background is None
+
+
+def test_a_still_camera_that_is_moved_switches_the_background_model_off_until_it_has_settled():
+    tracker = Tracker.from_preset("zhang_bo")
+    tracker.start(street(0), FIRST)
+    for step in range(1, 20):
+        tracker.update(street(step), 0.04)
+    states = []
+    for step in range(20, 60):
+        image = 255 - street(0)
+        x = 20 + 3 * step
+        image[60:90, x : x + 20] = street(step)[60:90, x : x + 20]
+        states.append(tracker.update(image, 0.04).background.name)
+    assert states == ["off"] * 16 + ["learning"] * 15 + ["ready"] * 9
+    x, _, width, _ = tracker.estimate.box
+    assert x + width / 2 == pytest.approx(20 + 3 * 59 + 10, abs=6)
