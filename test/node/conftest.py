@@ -196,7 +196,7 @@ class Graph:
         self._closing.append(client.close)
         return client
 
-    def tracker(self, client=None, namespace="", **parameters):
+    def tracker(self, client=None, namespace="", cli_args=None, **parameters):
         """Start a tracker in a thread and wait until it and the client know each other.
 
         Parameters are start-up overrides, double underscores standing for dots.
@@ -204,6 +204,7 @@ class Graph:
         node = TrackerNode(
             context=self.context(),
             namespace=namespace,
+            cli_args=cli_args,
             parameter_overrides=[
                 Parameter(name.replace("__", "."), value=value)
                 for name, value in parameters.items()
@@ -232,9 +233,12 @@ class Graph:
             for subscription in client.subscriptions
         )
 
+        images = client.images.topic_name
+        takes_images = any(images == s.topic_name for s in node.subscriptions)
+
         def acquainted():
             return (
-                client.images.get_subscription_count()
+                client.images.get_subscription_count() == takes_images
                 and client.targets.get_subscription_count()
                 and sum(publisher.get_subscription_count() for publisher in outward) == expected
                 # A writer may know its reader before the reader knows it: what it then sends at
