@@ -18,7 +18,11 @@ class Frame:
 
 
 class FrameHistory:
-    """Frames of one size and kind in the order of their stamps, bounded in number and bytes."""
+    """Frames of one size and kind in the order of their stamps, bounded in number and bytes.
+
+    Attributes:
+        dropped_until: Stamp of the last frame that was dropped for the bounds, 0 if none was.
+    """
 
     def __init__(self, frames: int = 0, megabytes: float = 0.0) -> None:
         """Begin empty.
@@ -29,6 +33,7 @@ class FrameHistory:
         """
         self._frames: deque[Frame] = deque()
         self._bytes = 0
+        self.dropped_until = 0
         self.limit(frames, megabytes)
 
     def limit(self, frames: int, megabytes: float) -> None:
@@ -67,9 +72,12 @@ class FrameHistory:
         """Forget all frames."""
         self._frames.clear()
         self._bytes = 0
+        self.dropped_until = 0
 
     def _trim(self) -> None:
         while self._frames and (
             len(self._frames) > self._most_frames or self._bytes > self._most_bytes
         ):
-            self._bytes -= self._frames.popleft().image.nbytes
+            dropped = self._frames.popleft()
+            self._bytes -= dropped.image.nbytes
+            self.dropped_until = dropped.stamp

@@ -136,9 +136,15 @@ def _names(endpoints: Iterable[TopicEndpointInfo], policy: str, own: QoSProfile)
     for endpoint in endpoints:
         value = _value(endpoint.qos_profile, policy)
         if value != _value(own, policy):
-            namespace = endpoint.node_namespace.rstrip("/")
-            descriptions.append(f"{namespace}/{endpoint.node_name} ({value})")
+            descriptions.append(f"{_node_name(endpoint)} ({value})")
     return ", ".join(descriptions) or "a node with another quality of service"
+
+
+def _node_name(endpoint: TopicEndpointInfo) -> str:
+    # An endpoint may be discovered before the name of its node is.
+    if "UNKNOWN" in endpoint.node_name:
+        return "a node"
+    return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
 
 
 def _value(profile: QoSProfile, policy: str) -> str:

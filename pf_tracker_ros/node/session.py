@@ -205,9 +205,9 @@ class Session:
         kept = [past for past in self.history.since(requested.stamp) if past.stamp < frame.stamp]
         frames = [*kept, frame]
         behind = frames[0].stamp - requested.stamp
-        if behind > _SUBSTITUTE_WITHIN:
+        if behind > _SUBSTITUTE_WITHIN or requested.stamp <= self.history.dropped_until:
             raise ValueError(
-                f"it was drawn on a frame of {behind / NANOSECONDS:.3f} s before the oldest one "
+                f"it was drawn on a frame from {behind / NANOSECONDS:.3f} s before the oldest one "
                 f"here; allowed: one of the last {len(kept) + 1} frames (parameters "
                 "'history_frames' and 'history_megabytes'), or stamp 0 for the next frame"
             )

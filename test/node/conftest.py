@@ -21,7 +21,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image, PointCloud2
 
 from pf_tracker_ros.node.tracker_node import TrackerNode
@@ -70,8 +70,23 @@ class Client(Node):
             subscriptions.append((PointCloud2, "particles", self.particles.append))
         if overlay:
             subscriptions.append((Image, "overlay", self.overlays.append))
+        # As latched as the status is: what a latched publisher sends while it gets to know a
+        # subscriber that is not, may be lost.
+        latched = QoSProfile(
+            depth=100,
+            reliability=ReliabilityPolicy.RELIABLE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        )
         for message_type, name, callback in subscriptions:
-            self.create_subscription(message_type, f"pf_tracker/{name}", callback, 100)
+            quality = latched if name == "status" else 100
+            self.create_subscription(message_type, f"pf_tracker/{name}", callback, quality)
+        self.health = []
+        self.create_subscription(
+            DiagnosticArray,
+            "/diagnostics",
+            lambda message: self.health.append(_parsed(message)),
+            10,
+        )
         self.parameters = AsyncParameterClient(self, "pf_tracker")
 
     @staticmethod
