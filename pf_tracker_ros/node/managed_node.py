@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 
@@ -16,6 +18,18 @@ class ManagedNode(LifecycleNode):
     it is logged, and the node stays in the state that it was in. Anything else is an error of the
     program: it is logged with its traceback, and the node is cleaned up.
     """
+
+    def __init__(self, name: str, **options: Any) -> None:
+        """Begin unconfigured.
+
+        Args:
+            name: Of the node.
+            **options: Of `rclpy.node.Node`.
+        """
+        super().__init__(name, **options)
+        # rclpy answers a transition that the state does not have with an exception, that is, not.
+        service = self._service_change_state
+        service.callback = partial(self._change_state, service.callback)
 
     def configure(self) -> None:
         """Take what is needed."""
@@ -57,6 +71,20 @@ class ManagedNode(LifecycleNode):
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: D102
         return self._run(self.clean_up)
+
+    def _change_state(
+        self,
+        change: Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Response],
+        request: ChangeState.Request,
+        response: ChangeState.Response,
+    ) -> ChangeState.Response:
+        try:
+            return change(request, response)
+        except RuntimeError as error:
+            logger = self.get_logger()  # type: ignore[no-untyped-call]
+            logger.error(f"no such transition from the state {self.lifecycle_state}: {error}")
+            response.success = False
+            return response
 
     def _run(self, transition: Callable[[], None], undo: Callable[[], None] = lambda: None) -> Any:
         logger = self.get_logger()  # type: ignore[no-untyped-call]

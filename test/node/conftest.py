@@ -27,6 +27,10 @@ from sensor_msgs.msg import Image, PointCloud2
 from pf_tracker_ros.node.tracker_node import TrackerNode
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+# Read once a process, by the first node.
+os.environ.setdefault(
+    "FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("separate_processes.xml"))
+)
 DEADLINE = 15.0
 FRAME_INTERVAL = 40_000_000
 FIRST_STAMP = 1_700_000_000_000_000_000

@@ -1,5 +1,7 @@
 """The node's health on /diagnostics."""
 
+import itertools
+
 import pytest
 
 QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
@@ -51,7 +53,7 @@ def test_reports_come_once_a_second(graph, client):
     graph.tracker(client, **QUICK)
     client.wait_for(lambda: len(client.health) >= 3, "three reports")
     stamps = [report.stamp for report in client.health]
-    assert [round((b - a) / 1e9) for a, b in zip(stamps, stamps[1:], strict=False)] == [1, 1]
+    assert [round((b - a) / 1e9) for a, b in itertools.pairwise(stamps)] == [1, 1]
 
 
 def test_a_camera_that_falls_silent_is_a_warning(graph, client, images):
