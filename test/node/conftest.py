@@ -65,7 +65,9 @@ class Client(Node):
         self._executor.add_node(self)
         quality = QoSProfile(depth=10, reliability=ReliabilityPolicy[reliability])
         self.images = self.create_publisher(Image, "image", quality)
-        self.targets = self.create_publisher(PolygonStamped, "pf_tracker/target", 10)
+        # With its history full, Fast DDS asks for an acknowledgment with each message, else every
+        # three seconds.
+        self.targets = self.create_publisher(PolygonStamped, "pf_tracker/target", 1)
         subscriptions = [
             (DiagnosticArray, "status", lambda message: self.statuses.append(_parsed(message))),
             (PolygonStamped, "box", self.boxes.append),

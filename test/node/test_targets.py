@@ -42,7 +42,7 @@ def call(client, service_type, name, **request):
 
 
 def click(client, node, x, y):
-    publisher = client.create_publisher(PointStamped, "pf_tracker/click", 10)
+    publisher = client.create_publisher(PointStamped, "pf_tracker/click", 1)
     (heard,) = [s for s in node.subscriptions if s.topic_name == "/pf_tracker/click"]
     client.wait_for(
         lambda: publisher.get_subscription_count() and heard.get_publisher_count(), "click"
