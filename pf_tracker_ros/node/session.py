@@ -28,6 +28,9 @@ NANOSECONDS = 1_000_000_000
 # when a bag starts again.
 LATE_WITHIN = NANOSECONDS
 
+# So many late frames in a row are no stragglers: a recording shorter than that begins again.
+_MOST_LATE = 10
+
 # A target's frame may have been lost on the way; one so much later stands in for it.
 _SUBSTITUTE_WITHIN = NANOSECONDS
 
@@ -110,6 +113,7 @@ class Session:
         self._first_box: Box | None = None
         self._sighting: _Sighting | None = None
         self._last_stamp = 0
+        self._late_in_a_row = 0
 
     @property
     def estimate(self) -> Estimate | None:
@@ -234,9 +238,11 @@ class Session:
             return Outcome("waiting", None, refused_target)
         if known and elapsed == 0:
             return Outcome("duplicate", self.estimate, refused_target)
-        if known and -self.time_policy.late_within <= elapsed < 0:
-            return Outcome("late", self.estimate, refused_target)
         if known and elapsed < 0:
+            self._late_in_a_row += 1
+            stragglers = self._late_in_a_row < _MOST_LATE
+            if elapsed >= -self.time_policy.late_within and stragglers:
+                return Outcome("late", self.estimate, refused_target)
             return self._jump_back(frame, -elapsed / NANOSECONDS, refused_target)
         return self._track(frame, elapsed / NANOSECONDS if known else None, refused_target)
 
@@ -265,4 +271,5 @@ class Session:
 
     def _take(self, frame: Frame) -> None:
         self._last_stamp = frame.stamp
+        self._late_in_a_row = 0
         self.history.add(frame.image, frame.stamp)

@@ -32,6 +32,7 @@ os.environ.setdefault(
     "FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("separate_processes.xml"))
 )
 DEADLINE = 15.0
+PATIENCE = 4.0
 FRAME_INTERVAL = 40_000_000
 FIRST_STAMP = 1_700_000_000_000_000_000
 
@@ -182,11 +183,19 @@ class Client(Node):
         return self.call(self.parameters.set_parameters_atomically, parameters).result
 
     def call(self, request, *arguments):
-        """The response to a request to a parameter service."""
+        """The response to a request, which may arrive more than once, to a parameter service."""
         self.wait_for(self.parameters.services_are_ready, "parameter services")
-        future = request(*arguments)
-        self.wait_for(future.done, "response of a parameter service")
-        return future.result()
+        # A service that is ready may not know its client yet: its response is lost then.
+        asked, futures = time.monotonic(), [request(*arguments)]
+
+        def answered():
+            nonlocal asked
+            if time.monotonic() - asked > PATIENCE:
+                asked = time.monotonic()
+                futures.append(request(*arguments))
+            return [future for future in futures if future.done()]
+
+        return self.wait_for(answered, "response of a parameter service")[0].result()
 
     def close(self):
         self._executor.shutdown()

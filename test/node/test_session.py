@@ -212,6 +212,13 @@ def test_a_restart_on_an_image_that_the_box_does_not_fit_waits(images, box):
     assert "larger than the image" in outcome.refused_target
 
 
+def test_a_recording_shorter_than_the_threshold_that_loops_is_followed(started, images):
+    for index in range(1, 20):
+        started.process(images[index], START + index * 40_000_000)
+    frames = [started.process(images[i], START + i * 40_000_000).frame for i in range(12)]
+    assert frames == ["late"] * 9 + ["tracked"] * 3
+
+
 # Targets on frames that have gone by
 
 
