@@ -61,7 +61,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (SHARE, ["package.xml"]),
-        (f"{SHARE}/config", shared_files("config", "*.yaml", "*.xml")),
+        (f"{SHARE}/config", shared_files("config", "*.yaml", "*.xml", "*.json", "*.rviz")),
         (f"{SHARE}/launch", shared_files("launch", "*.launch.py")),
     ],
     install_requires=["numpy>=1.24", "opencv-python-headless>=4.6,<5"],
