@@ -69,8 +69,8 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            f"tracker = {PACKAGE}.node.tracker_node:main",
-            f"replay = {PACKAGE}.node.replay_node:main",
+            f"tracker = {PACKAGE}.node.commands:tracker",
+            f"replay = {PACKAGE}.node.commands:replay",
             f"evaluate = {PACKAGE}.evaluation.__main__:main",
         ],
     },

@@ -2,7 +2,10 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ import pytest
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.footage import BagWriter
 
+REPOSITORY = Path(__file__).resolve().parents[2]
 DEADLINE = 20.0
 # Ten runs are made by hand.
 RUNS = int(os.environ.get("PF_TRACKER_RUNS", "2"))
@@ -135,6 +139,34 @@ def test_a_signal_at_any_moment_of_a_busy_life_ends_with_code_0(graph, client, i
         assert "Traceback" not in output
         client.statuses.clear()
         client.wait_for(lambda: client.count_publishers("/pf_tracker/status") == 0, "end")
+
+
+def catches_signals(process):
+    """Whether a process has handlers for both signals."""
+    lines = Path(f"/proc/{process.pid}/status").read_text().splitlines()
+    (caught,) = [int(line.split()[1], 16) for line in lines if line.startswith("SigCgt")]
+    return all(caught >> (number - 1) & 1 for number in (signal.SIGINT, signal.SIGTERM))
+
+
+@pytest.mark.parametrize("executable", ["tracker", "replay"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_an_executable_is_still_importing_ends_it_with_code_0(
+    ros_domain, executable, number
+):
+    command = f"import sys; from pf_tracker_ros.node.commands import {executable} as run; "
+    process = subprocess.Popen(
+        [sys.executable, "-c", command + "sys.exit(run())"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=REPOSITORY,
+    )
+    end = time.monotonic() + DEADLINE
+    while not catches_signals(process):
+        assert time.monotonic() < end
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=DEADLINE)
+    assert (process.returncode, "Traceback" in output) == (0, False), output
 
 
 def test_nodes_in_namespaces_and_a_remapped_one_do_not_touch_each_other(graph, images, box):
