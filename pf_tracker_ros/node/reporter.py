@@ -13,6 +13,8 @@ LOG_INTERVAL = 5.0
 # What came over the wire may be quoted in an error, and be of any length.
 _LONGEST_ERROR = 1000
 _SHOWN_ERRORS = 5
+# Most refusals in the log within the interval, whatever they say.
+_LOGGED_ERRORS = 20
 
 
 class Reporter:
@@ -36,12 +38,17 @@ class Reporter:
         self._logger = logger
         self._unshown: deque[str] = deque(maxlen=_SHOWN_ERRORS)
         self._logged: dict[str, float] = {}
+        self._recent: deque[tuple[float, str]] = deque(maxlen=_LOGGED_ERRORS)
 
     def report(self, error: str) -> None:
-        """Tell the user what was refused: in the log, and in the next status."""
+        """Tell the user what was refused: in the next status, and, unless it just has, the log."""
         error = error[:_LONGEST_ERROR]
         self._remember(error)
-        self._logger.error(error)
+        now = time.monotonic()
+        recent = [text for moment, text in self._recent if now - moment < LOG_INTERVAL]
+        if error not in recent and len(recent) < _LOGGED_ERRORS:
+            self._recent.append((now, error))
+            self._logger.error(error)
 
     def report_failure(self, error: Exception) -> None:
         """Tell the user why a frame failed; the log hears of each cause only now and then."""

@@ -16,6 +16,7 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point32, PolygonStamped
+from hypothesis import settings
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -31,6 +32,11 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 os.environ.setdefault(
     "FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("separate_processes.xml"))
 )
+# A long run of the properties is made by hand, with as many cases each as this says.
+CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
+if CASES:
+    settings.register_profile("long", max_examples=CASES, deadline=None)
+    settings.load_profile("long")
 DEADLINE = 15.0
 PATIENCE = 4.0
 FRAME_INTERVAL = 40_000_000

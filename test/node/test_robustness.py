@@ -68,6 +68,20 @@ def test_a_fault_that_repeats_is_logged_once(graph, client, images, box, capfd):
     assert log.count("start again to change") == 1
 
 
+def test_refusals_without_end_do_not_fill_the_log(graph, client, images, capfd):
+    graph.tracker(client, **QUICK)
+    for number in range(60):
+        client.send_target([(number, number)])
+        client.send_target([(1, 1), (1, 1), (1, 1)])
+        reason = client.set_parameters(particles=-number).reason
+        assert reason
+    client.show(images[0], client.at(0))
+    log = capfd.readouterr().err
+    assert log.count("its 3 points span 0 x 0 px") == 1
+    assert log.count("parameter 'particles' is -7;") == 1
+    assert log.count("[ERROR]") <= 20
+
+
 def test_many_targets_and_images_at_once_leave_the_last_target_tracked(
     graph, client, images, moving_square
 ):
