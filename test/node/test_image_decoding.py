@@ -2,7 +2,7 @@ from array import array
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from sensor_msgs.msg import Image
 
@@ -274,6 +274,7 @@ def test_a_malformed_message_is_refused_with_field_value_and_what_is_allowed(nam
 SIDES = st.integers(0, 12) | st.integers(0, 2**32 - 1)
 
 
+@settings(deadline=None)
 @given(
     st.builds(
         Image,
