@@ -46,8 +46,12 @@ def subscribe(
     *,
     profile: QoSProfile,
     report: Report,
+    raw: bool = False,
 ) -> Subscription:
-    """Subscribe with the user's QoS overrides; a publisher that does not match is reported."""
+    """Subscribe with the user's QoS overrides; a publisher that does not match is reported.
+
+    With `raw`, the callback gets the messages as the bytes that they came as.
+    """
     name = node.resolve_topic_name(topic)
     asked = copy(profile)
 
@@ -69,6 +73,7 @@ def subscribe(
             asked,
             event_callbacks=events,
             qos_overriding_options=options,
+            raw=raw,
         )
 
     return _with_overrides(node, create, name, "subscription", report)

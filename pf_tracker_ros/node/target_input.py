@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 from geometry_msgs.msg import PointStamped, PolygonStamped
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
 from pf_tracker_ros.node.message_building import Box, TargetError, box_of_polygon
 from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, subscribe
 from pf_tracker_ros.node.session import NANOSECONDS
+
+# Bytes of a message: thousands of corners, and a frame's name of any sensible length.
+_LARGEST = 65_536
 
 
 def nanoseconds(header: Header) -> int:
@@ -54,18 +59,13 @@ class TargetInput:
         self._request = request
         self._click_size = click_size
         self._report = report
+        # As bytes: a polygon of millions of points would become as many objects of Python.
         self._subscriptions = [
-            subscribe(
-                node,
-                PolygonStamped,
-                "~/target",
-                self._on_target,
-                profile=DEFAULT_QOS,
-                report=report,
-            ),
-            subscribe(
-                node, PointStamped, "~/click", self._on_click, profile=DEFAULT_QOS, report=report
-            ),
+            subscribe(node, kind, topic, receive, profile=DEFAULT_QOS, report=report, raw=True)
+            for kind, topic, receive in (
+                (PolygonStamped, "~/target", self._on_target),
+                (PointStamped, "~/click", self._on_click),
+            )
         ]
 
     def close(self) -> None:
@@ -74,14 +74,27 @@ class TargetInput:
             self._node.destroy_subscription(subscription)
         self._subscriptions = []
 
-    def _on_target(self, message: PolygonStamped) -> None:
-        self._try(lambda: box_of_polygon(message), message.header)
+    def _on_target(self, octets: bytes) -> None:
+        self._try(octets, PolygonStamped, box_of_polygon)
 
-    def _on_click(self, message: PointStamped) -> None:
-        self._try(lambda: box_of_click(message, self._click_size()), message.header)
+    def _on_click(self, octets: bytes) -> None:
+        self._try(octets, PointStamped, lambda click: box_of_click(click, self._click_size()))
 
-    def _try(self, box: Callable[[], Box], header: Header) -> None:
+    def _try(self, octets: bytes, message_type: Any, box_of: Callable[[Any], Box]) -> None:
         try:
-            self._request(box(), nanoseconds(header))
+            message = _deserialized(octets, message_type)
+            self._request(box_of(message), nanoseconds(message.header))
         except TargetError as error:
             self._report(str(error))
+
+
+def _deserialized(octets: bytes, message_type: Any) -> Any:
+    if len(octets) > _LARGEST:
+        raise TargetError(
+            f"target refused: its message has {len(octets)} bytes; allowed: up to {_LARGEST}"
+        )
+    try:
+        return deserialize_message(octets, message_type)
+    except Exception as error:
+        # What rclpy raises for bytes that are no such message is not specified.
+        raise TargetError(f"target refused: its message cannot be read: {error}") from error

@@ -138,8 +138,11 @@ class TrackerNode(ManagedNode):
         return {name: values[name] for name in values if name not in self._binding.given}
 
     def _check(self, values: Values) -> None:
+        tunables, seed = self._tracker_values(values), values["seed"]
         if self._session:
-            self._session.check(self._tracker_values(values), values["seed"])
+            self._session.check(tunables, seed)
+        elif not (self._obstacle or self._binding.refused):
+            Session(tunables, seed)
 
     def _apply(self, changes: Values) -> None:
         self._decoder.largest = self._values["largest_image"]

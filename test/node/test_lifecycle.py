@@ -148,6 +148,17 @@ def test_parameters_set_in_any_state_count_from_the_next_configuration(
     assert status.values["preset"] == "zhang2015"
 
 
+def test_values_that_contradict_each_other_are_refused_before_the_configuration_too(
+    graph, client, manager
+):
+    graph.tracker(autostart=False, **QUICK)
+    result = client.set_parameters(proposal__kalman_share=0.5)
+    assert not result.successful
+    assert "motion model 'constant_velocity'" in result.reason
+    assert client.set_parameters(proposal__kalman_share=0.5, motion__model="affine").successful
+    assert manager.change("CONFIGURE")
+
+
 def test_a_transition_that_the_state_does_not_have_is_refused(graph, client, manager, images):
     node = graph.tracker(autostart=False, **QUICK)
     for name in ("ACTIVATE", "DEACTIVATE", "CLEANUP"):
