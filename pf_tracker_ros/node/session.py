@@ -157,7 +157,8 @@ class Session:
         before, after = self._tracker.parameters, tracker.parameters
         changed = {name for name in after if after[name] != before[name]}
         if self._sighting and self._tracker.started and changed & _FIXED_WHILE_TRACKING:
-            tracker.start(self._sighting.frame.image, self._sighting.box)
+            image = self._sighting.frame.image
+            tracker.start(image, _within(self._sighting.box, image))
         return tracker
 
     def request(self, box: Box, stamp: int = 0) -> None:
@@ -273,3 +274,12 @@ class Session:
         self._last_stamp = frame.stamp
         self._late_in_a_row = 0
         self.history.add(frame.image, frame.stamp)
+
+
+def _within(box: Box, image: NDArray[np.generic]) -> Box:
+    """The box as near to it as a target in this image may be: an estimate may exceed the image."""
+    (x, y, width, height), (rows, columns) = box, image.shape[:2]
+    center_x = min(max(x + width / 2, 0.0), float(columns))
+    center_y = min(max(y + height / 2, 0.0), float(rows))
+    width, height = min(max(width, 1.0), float(columns)), min(max(height, 1.0), float(rows))
+    return center_x - width / 2, center_y - height / 2, width, height

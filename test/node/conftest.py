@@ -269,6 +269,7 @@ class Graph:
             for subscription in client.subscriptions
         )
 
+        health = [publisher for publisher in node.publishers if "diagnostics" in publisher.topic]
         images = client.images.topic_name
         takes_images = any(images == s.topic_name for s in node.subscriptions)
 
@@ -277,6 +278,7 @@ class Graph:
                 client.images.get_subscription_count() == takes_images
                 and client.targets.get_subscription_count()
                 and sum(publisher.get_subscription_count() for publisher in outward) == expected
+                and all(publisher.get_subscription_count() for publisher in health)
                 # A writer may know its reader before the reader knows it: what it then sends at
                 # best effort is lost.
                 and all(s.get_publisher_count() for s in _heard(node, client))

@@ -19,6 +19,7 @@ from pf_tracker_ros.node.image_decoding import ENCODINGS
 from pf_tracker_ros.node.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import preset_parameters
 
 # A long run is made by hand, with as many cases as this says.
 CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
@@ -268,6 +269,20 @@ class Sender:
         return self._client.call(request, parameters)
 
 
+def calm():
+    """Every parameter at its default, or at what is quick."""
+    values = {
+        name: declaration.default
+        for name, declaration in DECLARATIONS.items()
+        if name in NAMES or name == "target_box"
+    }
+    values |= preset_parameters("li2007") | {"preset": "li2007"}
+    values |= {"particles": 20, "track.occluded_below": 0.0}
+    return [
+        (name, list(value) if isinstance(value, tuple) else value) for name, value in values.items()
+    ]
+
+
 def test_after_any_messages_in_any_order_the_next_target_is_tracked(graph, client, images, box):
     graph.tracker(client, **QUICK)
     sender = Sender(client, images)
@@ -279,8 +294,9 @@ def test_after_any_messages_in_any_order_the_next_target_is_tracked(graph, clien
             sender.send(*event)
         sender.send("go on", None, None)
         sender.send("stop", None, None)
-        presets = [("preset", "li2007"), ("particles", 20)]
-        assert sender.set(presets).result.successful
+        assert sender.set(calm()).result.successful
+        # Behind all that waits in the queue.
+        client.show(images[0], client.at(1000))
         client.statuses.clear()
         client.boxes.clear()
         client.point_at(box)
@@ -309,6 +325,7 @@ def test_any_parameter_values_are_taken_or_refused_and_the_target_is_kept(
         client.boxes.clear()
         status = client.show(images[1], 0)
         assert status.values["frame"] in ("tracked", "started")
-        assert sender.set([("particles", 20), ("target_box", [])]).result.successful
+        assert sender.set([*calm(), ("target_box", box)]).result.successful
+        assert client.show(images[0], 0).values["frame"] == "started"
 
     check()

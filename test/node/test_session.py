@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -310,6 +312,16 @@ def test_a_hidden_target_is_learned_from_before_it_was_hidden(session, images, b
     tracker = Tracker.from_preset("default", seed=3)
     tracker.start(images[0], box)
     assert same(after.estimate, tracker.update(images[4], 0.16))
+
+
+@pytest.mark.parametrize(
+    "estimated", [(-30.0, 20.0, 220.0, 50.0), (150.0, 118.0, 40.0, 40.0), (20.0, 20.0, 0.5, 300.0)]
+)
+def test_a_target_that_outgrew_the_image_can_be_learned_again(started, images, estimated):
+    # An estimate is bounded by the motion model, a new target by the image as well.
+    started._sighting = replace(started._sighting, box=estimated)
+    started.configure(preset_parameters("zhang2015"), seed=0)
+    assert started.process(images[0], START + SECOND).frame == "tracked"
 
 
 def test_a_change_that_contradicts_itself_changes_nothing(started, images, box):
