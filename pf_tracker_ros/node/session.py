@@ -34,6 +34,9 @@ _MOST_LATE = 10
 # A target's frame may have been lost on the way; one so much later stands in for it.
 _SUBSTITUTE_WITHIN = NANOSECONDS
 
+# A target is not drawn on a frame that far ahead; a tool has stamped it with the wrong clock.
+_LONGEST_WAIT = 60 * NANOSECONDS
+
 _FIXED_WHILE_TRACKING = frozenset(
     name for name, declaration in declarations(TrackerParameters).items() if declaration.read_only
 )
@@ -167,7 +170,16 @@ class Session:
         Args:
             box: (x, y, width, height), pixels.
             stamp: Of the frame that the box was drawn on; 0 for the next frame.
+
+        Raises:
+            ValueError: The stamp is by another clock than those of the frames.
         """
+        ahead = stamp - self._last_stamp
+        if stamp and self._last_stamp and ahead > _LONGEST_WAIT:
+            raise ValueError(
+                f"its stamp is {ahead / NANOSECONDS:.0f} s after that of the last frame, from "
+                "another clock; allowed: the stamp of a frame, or 0 for the next one"
+            )
         self._requested = _RequestedTarget(box, stamp)
 
     def withdraw(self) -> None:

@@ -194,7 +194,10 @@ class TrackerNode(ManagedNode):
     def _request(self, box: Box, stamp: int) -> None:
         if self._session is None:
             raise TargetError(f"target refused: not tracking, because {self._obstacle}")
-        self._session.request(box, stamp)
+        try:
+            self._session.request(box, stamp)
+        except ValueError as error:
+            raise TargetError(f"target refused: {error}") from error
 
     def _stop(self) -> str:
         had_target = self._session is not None and self._session.estimate is not None

@@ -265,6 +265,12 @@ def test_a_target_from_long_before_the_first_frame_is_refused(session, images, b
     assert "1.000 s before the oldest one here" in outcome.refused_target
 
 
+def test_a_target_stamped_by_another_clock_is_refused(watching, box):
+    with pytest.raises(ValueError, match=r"is 3600 s after that of the last frame"):
+        watching.request(box, START + 9 * 40_000_000 + 3600 * SECOND)
+    assert watching.requested_stamp is None
+
+
 def test_a_target_can_be_set_right_on_a_past_frame_while_another_is_tracked(
     started, images, box, moving_square
 ):

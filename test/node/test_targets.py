@@ -96,6 +96,15 @@ def test_a_target_on_a_frame_that_is_gone_is_refused_with_the_reason(graph, clie
     assert client.show(images[8], client.at(8)).values["frame"] == "started"
 
 
+def test_a_target_stamped_by_another_clock_is_refused(graph, client, images, boxes):
+    graph.tracker(client, **QUICK)
+    client.show(images[0], client.at(0))
+    client.point_at(boxes[1], stamp=client.at(0) + 10**12)
+    status = client.show(images[1], client.at(1))
+    assert (status.level, status.values["frame"]) == ("WARN", "waiting")
+    assert "target refused: its stamp is 1000 s after that of the last frame" in status.message
+
+
 def test_a_click_starts_on_the_square_around_it(graph, client, images, boxes):
     node = graph.tracker(client, click_size=20.0, **QUICK)
     click(client, node, 50, 60)
