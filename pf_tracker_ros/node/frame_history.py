@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ class FrameHistory:
 
         Args:
             frames: Most frames that are kept.
-            megabytes: Most memory of their images, in units of 10^6 bytes.
+            megabytes: Most memory that their images hold, in units of 10^6 bytes.
         """
         self._frames: deque[Frame] = deque()
         self._bytes = 0
@@ -56,7 +57,7 @@ class FrameHistory:
             if not same_kind or stamp <= last.stamp:
                 self.clear()
         self._frames.append(Frame(image, stamp))
-        self._bytes += image.nbytes
+        self._bytes += _held_bytes(image)
         self._trim()
 
     def since(self, stamp: int) -> list[Frame]:
@@ -79,5 +80,13 @@ class FrameHistory:
             len(self._frames) > self._most_frames or self._bytes > self._most_bytes
         ):
             dropped = self._frames.popleft()
-            self._bytes -= dropped.image.nbytes
+            self._bytes -= _held_bytes(dropped.image)
             self.dropped_until = dropped.stamp
+
+
+def _held_bytes(image: NDArray[np.generic]) -> int:
+    """The memory that lives as long as the image: a view holds all of what it is a view of."""
+    owner: Any = image
+    while isinstance(owner, np.ndarray) and owner.base is not None:
+        owner = owner.base
+    return memoryview(owner).nbytes

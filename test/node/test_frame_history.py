@@ -1,6 +1,8 @@
 import numpy as np
+from sensor_msgs.msg import Image
 
 from pf_tracker_ros.node.frame_history import FrameHistory
+from pf_tracker_ros.node.image_decoding import decode
 
 IMAGE = np.zeros((10, 100), np.uint8)
 
@@ -24,6 +26,15 @@ def test_the_newest_frames_are_kept_up_to_their_bytes():
     history.limit(100, 0.0005)
     history.add(IMAGE, 6)
     assert history.stamps == []
+
+
+def test_an_image_counts_with_all_the_data_that_it_holds():
+    history = FrameHistory(frames=100, megabytes=0.0025)
+    for stamp in range(1, 6):
+        # A pixel a row, and the rest of the message is padding.
+        padded = Image(width=1, height=10, step=100, encoding="mono8", data=bytes(1000))
+        history.add(decode(padded), stamp)
+    assert history.stamps == [4, 5]
 
 
 def test_time_that_goes_back_and_images_of_another_kind_begin_a_history():
