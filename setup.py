@@ -61,7 +61,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (SHARE, ["package.xml"]),
-        (f"{SHARE}/config", shared_files("config", "*.yaml", "*.xml")),
+        (f"{SHARE}/config", shared_files("config", "*.yaml", "*.xml", "*.json", "*.rviz")),
         (f"{SHARE}/launch", shared_files("launch", "*.launch.py")),
     ],
     install_requires=["numpy>=1.24", "opencv-python-headless>=4.6,<5"],
@@ -69,8 +69,8 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            f"tracker = {PACKAGE}.node.tracker_node:main",
-            f"replay = {PACKAGE}.node.replay_node:main",
+            f"tracker = {PACKAGE}.node.commands:tracker",
+            f"replay = {PACKAGE}.node.commands:replay",
             f"evaluate = {PACKAGE}.evaluation.__main__:main",
         ],
     },

@@ -67,6 +67,8 @@ def start_replay(context: LaunchContext) -> list[Node | GroupAction]:
             "target_box": "",
             # Lockstep waits for every frame, so none may be dropped on the way.
             "image_reliability": "reliable" if given("lockstep") == "true" else "",
+            "image_transport": given("image_transport"),
+            "autostart": "true",
             "use_sim_time": given("publish_clock"),
             "large_images": given("large_images"),
         }.items(),
@@ -127,6 +129,12 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument("preset", default_value="", description="Preset of the tracker."),
             DeclareLaunchArgument(
                 "params_file", default_value="", description="ROS parameter file of the tracker."
+            ),
+            DeclareLaunchArgument(
+                "image_transport",
+                default_value="",
+                description="compressed for a bag of compressed images; else the tracker takes "
+                "raw ones.",
             ),
             flag("large_images", "Use the Fast DDS profile for large images in both nodes."),
             OpaqueFunction(function=start_replay),

@@ -17,7 +17,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 PACKAGE = "pf_tracker_ros"
 BOOLEAN = ["true", "false"]
-TEXTS = ("preset", "image_reliability")
+TEXTS = ("preset", "image_reliability", "image_transport")
 
 
 def start_tracker(context: LaunchContext) -> list[Node]:
@@ -30,6 +30,8 @@ def start_tracker(context: LaunchContext) -> list[Node]:
     for name in TEXTS:
         if given(name):
             parameters[name] = ParameterValue(given(name), value_type=str)
+    if given("autostart") == "false":
+        parameters["autostart"] = False
     if given("target_box"):
         parameters["target_box"] = box(given("target_box"))
     environment = {}
@@ -91,6 +93,17 @@ def generate_launch_description() -> LaunchDescription:
                 "image_reliability",
                 default_value="",
                 description="best_effort (newest frame wins) or reliable (every frame).",
+            ),
+            DeclareLaunchArgument(
+                "image_transport",
+                default_value="",
+                description="raw, or compressed for JPEG and PNG on <image>/compressed.",
+            ),
+            DeclareLaunchArgument(
+                "autostart",
+                default_value="true",
+                choices=BOOLEAN,
+                description="Start tracking at once; false leaves it to a lifecycle manager.",
             ),
             DeclareLaunchArgument(
                 "use_sim_time",

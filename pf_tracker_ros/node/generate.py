@@ -21,6 +21,7 @@ from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
 _COMMAND = "python -m pf_tracker_ros.node.generate"
 _LINE_LENGTH = 100
+_NODE = declarations(NodeParameters)
 
 
 def generated_files() -> dict[str, str]:
@@ -32,9 +33,7 @@ def generated_files() -> dict[str, str]:
 
 def _preset_file(preset: str) -> str:
     """A ROS parameter file; it names every parameter, nested by its groups."""
-    values = {
-        name: declaration.default for name, declaration in declarations(NodeParameters).items()
-    }
+    values = {name: declaration.default for name, declaration in _NODE.items()}
     values |= {"preset": preset} | preset_parameters(preset)
     lines = [
         f"# Parameters of the tracker node, preset {preset}.",
@@ -43,7 +42,7 @@ def _preset_file(preset: str) -> str:
         "/**:",
         "  ros__parameters:",
     ]
-    known = declarations(NodeParameters) | declarations(TrackerParameters)
+    known = _NODE | declarations(TrackerParameters)
     groups: list[str] = []
     for name, declaration in known.items():
         *path, leaf = name.split(".")
@@ -51,7 +50,8 @@ def _preset_file(preset: str) -> str:
         lines += [f"{_indent(depth)}{path[depth]}:" for depth in range(common, len(path))]
         groups = path
         indent = _indent(len(path))
-        comment = f"{declaration.description} {_allowed(declaration)}."
+        fixed = "fixed while the node runs" if name in _NODE else "a change learns the target again"
+        comment = f"{declaration.description} {_allowed(declaration, fixed)}."
         lines += textwrap.wrap(
             comment,
             _LINE_LENGTH,
@@ -74,12 +74,13 @@ def _parameter_tables() -> str:
         "A wrong value at start-up keeps the node from tracking, not from running: the log and "
         "`~/status` say what is wrong, and it goes on as soon as every such parameter, also one "
         "that is otherwise fixed, has been set rightly.",
-        _table(declarations(NodeParameters)),
+        _table(_NODE),
         "## The tracker",
         "The same names in the node and in the library (`Tracker.from_preset`); one column for "
-        "each preset, of which `default` applies if none is chosen. In the library, what does not "
-        "change at run time is fixed only while there is a target.",
-        _table(declarations(TrackerParameters), presets),
+        "each preset, of which `default` applies if none is chosen. All change at run time in the "
+        "node; those marked *learns again* make it learn the target again where it was last seen, "
+        "and are fixed in the library while there is a target.",
+        _table(declarations(TrackerParameters), presets, read_only="learns again"),
         "## The replay publisher `replay`",
         _table(declarations(ReplayParameters)),
     ]
@@ -87,7 +88,9 @@ def _parameter_tables() -> str:
 
 
 def _table(
-    known: Mapping[str, Declaration], presets: Mapping[str, Mapping[str, Any]] | None = None
+    known: Mapping[str, Declaration],
+    presets: Mapping[str, Mapping[str, Any]] | None = None,
+    read_only: str = "no",
 ) -> str:
     columns = presets or {
         "default": {name: declaration.default for name, declaration in known.items()}
@@ -97,7 +100,7 @@ def _table(
     rows.append(["---"] * len(rows[0]))
     for name, declaration in known.items():
         values = [f"`{_yaml(column[name])}`" for column in columns.values()]
-        at_run_time = "no" if declaration.read_only else "yes"
+        at_run_time = read_only if declaration.read_only else "yes"
         rows.append(
             [
                 f"`{name}`",
@@ -116,10 +119,10 @@ def _row(cells: Iterable[str]) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
-def _allowed(declaration: Declaration) -> str:
+def _allowed(declaration: Declaration, fixed: str) -> str:
     unit = f" [{declaration.unit}]" if declaration.unit else ""
-    fixed = "; fixed while the node runs" if declaration.read_only else ""
-    return f"Allowed: {declaration.type_name}, {declaration.allowed}{unit}{fixed}"
+    note = f"; {fixed}" if declaration.read_only else ""
+    return f"Allowed: {declaration.type_name}, {declaration.allowed}{unit}{note}"
 
 
 def _yaml(value: Any) -> str:

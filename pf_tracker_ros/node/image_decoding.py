@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -16,6 +17,15 @@ Pixels = NDArray[Any]
 
 # OpenCV's remap and warps take no larger images.
 LARGEST_SIDE = 32766
+
+# BT.601 video levels, as OpenCV takes them for the other YUV layouts: from (Y, U, V, 1) to B, G, R.
+_YUV_TO_BGR = np.array(
+    [
+        [1.164, 2.018, 0.0, -276.928],
+        [1.164, -0.391, -0.813, 135.488],
+        [1.164, 0.0, 1.596, -222.912],
+    ]
+)
 
 
 class ImageError(ValueError):
@@ -38,30 +48,84 @@ class Encoding:
         sample_type: NumPy type of one sample, without its byte order.
         channels: Samples per pixel.
         to_image: From the message's pixels, (height, width) or (height, width, channels), in the
-            machine's byte order, to (height, width, 3) uint8 BGR or (height, width) uint8 or
-            uint16.
+            machine's byte order, to (height, width, 3) uint8 BGR or (height, width) uint8, uint16
+            or float32. With `chroma_rows` from whole rows, (rows, step), instead.
+        chroma_rows: Rows of color per row of the image that follow after the image's rows.
+        multiple_of: (width, height) of the smallest tile: the image's sides are multiples of it.
+        smallest_side: Least width and height.
     """
 
     sample_type: str
     channels: int
     to_image: Callable[[Pixels], Pixels]
+    chroma_rows: float = 0.0
+    multiple_of: tuple[int, int] = (1, 1)
+    smallest_side: int = 1
 
 
 def _unchanged(pixels: Pixels) -> Pixels:
     return pixels
 
 
-def _rgb_to_bgr(pixels: Pixels) -> Pixels:
+def _converted(code: int) -> Callable[[Pixels], Pixels]:
     # A view with its channels reversed costs nothing here and ten times as much in every use.
-    return cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+    return partial(cv2.cvtColor, code=code)
 
 
+def _from_nv21(rows: Pixels) -> Pixels:
+    return cv2.cvtColor(rows[:, : rows.shape[1] // 2 * 2], cv2.COLOR_YUV2BGR_NV21)
+
+
+def _from_nv24(rows: Pixels) -> Pixels:
+    height, step = rows.shape[0] // 3, rows.shape[1]
+    colors = rows[height:].reshape(height, step, 2)
+    return cv2.transform(np.dstack([rows[:height], colors]), _YUV_TO_BGR)
+
+
+_GRAY_8 = Encoding("u1", 1, _unchanged)
+_GRAY_16 = Encoding("u2", 1, _unchanged)
+_BGR = Encoding("u1", 3, _unchanged)
+_UYVY = Encoding("u1", 2, _converted(cv2.COLOR_YUV2BGR_UYVY), multiple_of=(2, 1))
+_YUYV = Encoding("u1", 2, _converted(cv2.COLOR_YUV2BGR_YUYV), multiple_of=(2, 1))
+
+
+def _bayer(pattern: str) -> dict[str, Encoding]:
+    """The encodings of one pattern of color filters.
+
+    16 bits become gray: the range in use is not known here, and the tracker finds that of gray.
+    """
+    color = getattr(cv2, f"COLOR_Bayer{pattern}2BGR")
+    gray = getattr(cv2, f"COLOR_Bayer{pattern}2GRAY")
+    name = f"bayer_{pattern.lower()}"
+    return {
+        f"{name}8": Encoding("u1", 1, _converted(color), smallest_side=3),
+        f"{name}16": Encoding("u2", 1, _converted(gray), smallest_side=3),
+    }
+
+
+# Those that cameras send most come first: refusals list them in this order.
 ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
     {
-        "bgr8": Encoding("u1", 3, _unchanged),
-        "mono16": Encoding("u2", 1, _unchanged),
-        "mono8": Encoding("u1", 1, _unchanged),
-        "rgb8": Encoding("u1", 3, _rgb_to_bgr),
+        "bgr8": _BGR,
+        "mono16": _GRAY_16,
+        "mono8": _GRAY_8,
+        "rgb8": Encoding("u1", 3, _converted(cv2.COLOR_RGB2BGR)),
+        "bgra8": Encoding("u1", 4, _converted(cv2.COLOR_BGRA2BGR)),
+        "rgba8": Encoding("u1", 4, _converted(cv2.COLOR_RGBA2BGR)),
+        "8UC1": _GRAY_8,
+        "8UC3": _BGR,
+        "16UC1": _GRAY_16,
+        "32FC1": Encoding("f4", 1, _unchanged),
+        "yuv422": _UYVY,
+        "uyvy": _UYVY,
+        "yuv422_yuy2": _YUYV,
+        "yuyv": _YUYV,
+        "nv21": Encoding("u1", 1, _from_nv21, chroma_rows=0.5, multiple_of=(2, 2)),
+        "nv24": Encoding("u1", 1, _from_nv24, chroma_rows=2.0),
+        **_bayer("BGGR"),
+        **_bayer("GBRG"),
+        **_bayer("GRBG"),
+        **_bayer("RGGB"),
     }
 )
 
@@ -69,14 +133,15 @@ ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
 def decode(message: Image) -> Pixels:
     """The image of a message.
 
-    Nothing is allocated before the message's sizes have been found to agree with its data. Padded
-    rows are honored; data after the last row is ignored.
+    Nothing is allocated before the message's sizes have been found to agree with its data, and
+    then no more than three times as much as that. Padded rows are honored; data after the last row
+    is ignored.
 
     Args:
         message: An image in one of `ENCODINGS`.
 
     Returns:
-        (height, width, 3) uint8 BGR, (height, width) uint8 or (height, width) uint16 in the
+        (height, width, 3) uint8 BGR, (height, width) uint8, uint16 or, from 32FC1, float32 in the
         machine's byte order; read-only where it is a view of the message's data.
 
     Raises:
@@ -92,9 +157,9 @@ def decode(message: Image) -> Pixels:
     order = ">" if message.is_bigendian else "<"
     sample_type = np.dtype(order + encoding.sample_type)
     pixel_size = sample_type.itemsize * encoding.channels
-    _check_layout(message, pixel_size)
+    rows = _checked_rows(message, encoding, pixel_size)
 
-    shape: tuple[int, ...] = (message.height, message.width)
+    shape: tuple[int, ...] = (rows, message.step if encoding.chroma_rows else message.width)
     strides: tuple[int, ...] = (message.step, pixel_size)
     if encoding.channels > 1:
         shape += (encoding.channels,)
@@ -103,14 +168,30 @@ def decode(message: Image) -> Pixels:
     pixels.flags.writeable = False
     if not (sample_type.isnative and pixels.flags.aligned):
         pixels = pixels.astype(sample_type.newbyteorder("="))
-    return encoding.to_image(pixels)
+    return encoding.to_image(pixels)[:, : message.width]
 
 
-def _check_layout(message: Image, pixel_size: int) -> None:
-    for field in ("width", "height"):
-        value = getattr(message, field)
+def check_sides(width: int, height: int) -> None:
+    """Refuse sizes that no image has, or that OpenCV does not take.
+
+    Raises:
+        ImageError: A side is 0 px or above `LARGEST_SIDE`.
+    """
+    for field, value in (("width", width), ("height", height)):
         if not 1 <= value <= LARGEST_SIDE:
             raise ImageError(field, f"its {field} is {value} px; allowed: 1 to {LARGEST_SIDE}")
+
+
+def _checked_rows(message: Image, encoding: Encoding, pixel_size: int) -> int:
+    """The number of rows in the data, those of color included."""
+    check_sides(message.width, message.height)
+    for field, divisor in zip(("width", "height"), encoding.multiple_of, strict=True):
+        value, least = getattr(message, field), encoding.smallest_side
+        if value % divisor or value < least:
+            allowed = f"multiples of {divisor}" if divisor > 1 else f"at least {least}"
+            raise ImageError(
+                field, f"its {field} is {value} px; allowed in {message.encoding}: {allowed}"
+            )
     row = message.width * pixel_size
     if message.step < row:
         raise ImageError(
@@ -118,10 +199,12 @@ def _check_layout(message: Image, pixel_size: int) -> None:
             f"its step is {message.step} bytes; allowed: at least {row}, a row of "
             f"{message.width} px in {message.encoding}",
         )
-    needed = message.height * message.step
+    rows = round(message.height * (1.0 + encoding.chroma_rows))
+    needed = rows * message.step
     if len(message.data) < needed:
         raise ImageError(
             "data",
             f"its data has {len(message.data)} bytes; allowed: at least {needed}, "
-            f"{message.height} rows with a step of {message.step} bytes",
+            f"{rows} rows with a step of {message.step} bytes",
         )
+    return rows

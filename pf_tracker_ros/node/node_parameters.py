@@ -14,9 +14,9 @@ class NodeParameters:
 
     preset: str = declared(
         "default",
-        "Preset that gives the tracker's tunables their defaults.",
+        "Preset that gives the tracker's tunables their values, except those that were set by "
+        "name. A change while a target is tracked learns the target again where it was last seen.",
         choices=tuple(PRESETS),
-        read_only=True,
     )
     seed: int = declared(
         0,
@@ -25,18 +25,80 @@ class NodeParameters:
         minimum=0,
         maximum=2**31 - 1,
     )
+    autostart: bool = declared(
+        True,
+        "Configure and activate the node as it starts; without it the node waits for a lifecycle "
+        "manager.",
+        read_only=True,
+    )
     target_box: tuple[float, ...] = declared(
         (),
         "Box (x, y, width, height) to track from the next frame on; empty waits for a target on "
-        "the topic ~/target.",
+        "the topics ~/target and ~/click.",
         unit="px",
         minimum=-100_000.0,
         maximum=100_000.0,
         lengths=(0, 4),
+    )
+    click_size: float = declared(
+        48.0,
+        "Side of the square around a point on ~/click that is tracked.",
+        unit="px",
+        minimum=1.0,
+        maximum=100_000.0,
+    )
+    image_transport: str = declared(
+        "raw",
+        "How images come: raw on the topic image, or compressed (JPEG, PNG) on image/compressed.",
+        choices=("raw", "compressed"),
     )
     image_reliability: str = declared(
         "best_effort",
         "Reliability asked of the image publisher: best_effort takes the newest frame and may "
         "lose others; reliable takes every frame, but gets none from a best-effort publisher.",
         choices=("best_effort", "reliable"),
+    )
+    largest_image: int = declared(
+        2**24,
+        "Most pixels of a compressed image; one that announces more is refused before memory is "
+        "taken for it.",
+        unit="px",
+        minimum=1,
+        maximum=2**30,
+    )
+    history_frames: int = declared(
+        50,
+        "Frames that are kept, so that a target can be started on the one that it was drawn on; "
+        "0 keeps none.",
+        minimum=0,
+        maximum=10_000,
+    )
+    history_megabytes: float = declared(
+        64.0,
+        "Most memory for these frames.",
+        unit="MB",
+        minimum=0.0,
+        maximum=100_000.0,
+    )
+    time_jump: str = declared(
+        "keep",
+        "What a jump of the stamps back in time does, as when a bag begins again: keep goes on "
+        "with the target, restart starts again on the box that it was first drawn with, wait "
+        "forgets it.",
+        choices=("keep", "restart", "wait"),
+    )
+    time_jump_threshold: float = declared(
+        1.0,
+        "A frame that is older than the last one by no more than this came late and is dropped; "
+        "by more, time has jumped back.",
+        unit="s",
+        minimum=0.0,
+        maximum=3600.0,
+    )
+    stale_after: float = declared(
+        2.0,
+        "Without an image for so long, /diagnostics warns.",
+        unit="s",
+        minimum=0.1,
+        maximum=3600.0,
     )

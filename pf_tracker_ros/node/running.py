@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import threading
 import traceback
@@ -14,6 +13,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
+
+from pf_tracker_ros.node.signals import hold_signals
 
 
 def run(create: Callable[[], Node], arguments: list[str] | None = None) -> None:
@@ -28,12 +29,12 @@ def run(create: Callable[[], Node], arguments: list[str] | None = None) -> None:
     Raises:
         SystemExit: The ROS arguments cannot be parsed.
     """
-    watch_signals = _collect_signals()
+    reader = hold_signals()
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         sys.exit(str(error))
-    watch_signals()
+    _end_on_signal(reader)
     try:
         _spin(create())
     except Exception:
@@ -44,27 +45,14 @@ def run(create: Callable[[], Node], arguments: list[str] | None = None) -> None:
         try_shutdown()
 
 
-def _collect_signals() -> Callable[[], None]:
-    """Keep SIGINT and SIGTERM from interrupting anything.
+def _end_on_signal(reader: int) -> None:
+    """Shut the context down, which ends what spins, once a signal has come."""
 
-    rclpy's own handlers wake the executor before they shut its context down, so now and then it
-    waits again and misses the end; Python's raise an exception wherever the process happens to be.
-
-    Returns:
-        To be called once rclpy is initialized: from then on a signal, also one that has come
-        before, shuts the context down, which ends what spins.
-    """
-    reader, writer = os.pipe()
-    os.set_blocking(writer, False)
-    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: None)
-
-    def shut_down() -> None:
+    def wait() -> None:
         os.read(reader, 1)
         try_shutdown()
 
-    return threading.Thread(target=shut_down, name="signals", daemon=True).start
+    threading.Thread(target=wait, name="signals", daemon=True).start()
 
 
 def _spin(node: Node) -> None:

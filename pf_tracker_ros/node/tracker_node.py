@@ -3,62 +3,39 @@
 from __future__ import annotations
 
 import time
-import traceback
-from collections import deque
+from dataclasses import replace
 from typing import Any
 
 import cv2
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PolygonStamped
-from numpy.typing import NDArray
-from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.subscription import Subscription
-from sensor_msgs.msg import Image, PointCloud2
-from std_msgs.msg import Header
+from diagnostic_msgs.msg import DiagnosticStatus
+from sensor_msgs.msg import CompressedImage, Image
 
-from pf_tracker_ros.node.image_decoding import ImageError, decode
-from pf_tracker_ros.node.message_building import (
-    TargetError,
-    box_message,
-    box_of_polygon,
-    estimate_values,
-    image_message,
-    particles_message,
-    status_message,
-)
+from pf_tracker_ros.node.decoder import ImageDecoder
+from pf_tracker_ros.node.diagnostics import Diagnostics, Health
+from pf_tracker_ros.node.image_input import ImageInput
+from pf_tracker_ros.node.managed_node import ManagedNode
+from pf_tracker_ros.node.message_building import Box, TargetError, estimate_values
 from pf_tracker_ros.node.node_parameters import NodeParameters
-from pf_tracker_ros.node.overlay import draw_overlay
+from pf_tracker_ros.node.outputs import Outputs
 from pf_tracker_ros.node.parameter_binding import ParameterBinding, Values
+from pf_tracker_ros.node.qos import given_overrides
+from pf_tracker_ros.node.reporter import LOG_INTERVAL, Reporter
 from pf_tracker_ros.node.running import run
-from pf_tracker_ros.node.session import NANOSECONDS, Outcome, Session
+from pf_tracker_ros.node.services import Services
+from pf_tracker_ros.node.session import NANOSECONDS, Outcome, Session, TimePolicy
+from pf_tracker_ros.node.status import Status, StatusOutput
+from pf_tracker_ros.node.target_input import TargetInput, nanoseconds
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 
-# The newest frame wins where frames may be lost; else a few may wait.
-_IMAGE_QOS = {
-    "best_effort": QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
-    "reliable": QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE),
-}
-_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-_LEVELS = {
-    "idle": DiagnosticStatus.OK,
-    "tracking": DiagnosticStatus.OK,
-    "occluded": DiagnosticStatus.WARN,
-    "lost": DiagnosticStatus.ERROR,
-}
-_LOG_INTERVAL = 5.0
-# What came over the wire may be quoted in an error, and be of any length.
-_LONGEST_ERROR = 1000
-_SHOWN_ERRORS = 5
 
-
-class TrackerNode(Node):
+class TrackerNode(ManagedNode):
     """Tracks one target through the images of one topic.
 
-    Every image is answered by one status with its header, whatever became of it. A wrong
-    parameter at start-up keeps the node from tracking until it is set rightly; it stays up.
+    Configured, it has a tracker, publishers and services; active, it subscribes. Every image is
+    answered by one status with its header, whatever became of it. A wrong parameter at start-up
+    keeps the node from tracking until it is set rightly; it stays up.
 
     Args:
         **options: Of `rclpy.node.Node`.
@@ -66,37 +43,90 @@ class TrackerNode(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("pf_tracker", **options)
-        self._log = self.get_logger()  # type: ignore[no-untyped-call]
-        self._last_error = ""
-        self._unshown_errors: deque[str] = deque(maxlen=_SHOWN_ERRORS)
-        self._logged: dict[str, float] = {}
+        self._reporter = Reporter(self.get_logger())  # type: ignore[no-untyped-call]
         self._session: Session | None = None
         self._obstacle = ""
-
-        self._tunables = declarations(TrackerParameters)
-        self._binding = ParameterBinding(self, report=self._report)
-        self._binding.declare(declarations(NodeParameters))
-        self._binding.declare(self._tunables, preset_parameters(self._binding.values["preset"]))
-        self._binding.listen(check=self._check, apply=self._apply, imply=self._imply)
-        self._configure()
-
-        self._box_publisher = self.create_publisher(PolygonStamped, "~/box", _QOS)
-        self._particles_publisher = self.create_publisher(PointCloud2, "~/particles", _QOS)
-        self._overlay_publisher = self.create_publisher(Image, "~/overlay", _QOS)
-        self._status_publisher = self.create_publisher(DiagnosticArray, "~/status", _QOS)
-        # The executor serves what waits in this order: a target before the image that came with it.
-        self.create_subscription(PolygonStamped, "~/target", self._on_target, _QOS)
-        self._image_subscription = self._subscribe()
+        self._enabled = True
         self._state = "idle"
-        self._log.info(
-            f"preset {self._binding.values['preset']}, "
-            f"images on {self._image_subscription.topic_name}, "
+        self._outputs: Outputs | None = None
+        self._status: StatusOutput | None = None
+        self._offered: Services | None = None
+        self._targets: TargetInput | None = None
+        self._unused_overrides: set[str] = set()
+
+        # The session can change what the library alone fixes while it tracks.
+        self._tunables = {
+            name: replace(declaration, read_only=False)
+            for name, declaration in declarations(TrackerParameters).items()
+        }
+        self._binding = ParameterBinding(self, report=self._reporter.report)
+        self._binding.declare(declarations(NodeParameters))
+        self._binding.declare(self._tunables, preset_parameters(self._values["preset"]))
+        self._binding.listen(check=self._check, apply=self._apply, imply=self._imply)
+        self._decoder = ImageDecoder(self._values["largest_image"])
+        self._images = ImageInput(self, self._on_image, self._reporter.report)
+        self._diagnostics = Diagnostics(self, self._health, lambda: self._values["stale_after"])
+        self._errors_in_health = 0
+        if self._values["autostart"]:
+            self.start()
+
+    @property
+    def _values(self) -> Values:
+        return self._binding.values
+
+    # Transitions
+
+    def configure(self) -> None:
+        """Take a tracker, the publishers and the services."""
+        self._make_session()
+        if self._obstacle and not self._values["autostart"]:
+            raise ValueError(self._obstacle)
+        report = self._reporter.report
+        self._status = StatusOutput(self, report)
+        self._outputs = Outputs(self, report)
+        self._offered = Services(self, self._stop, self._enable)
+
+    def activate(self) -> None:
+        """Subscribe to targets and images."""
+        # The executor serves what waits in this order: a target before the image it came with.
+        self._targets = TargetInput(
+            self, self._request, lambda: self._values["click_size"], self._reporter.report
+        )
+        self._subscribe()
+        self._diagnostics.restart()
+        self._report_unused_overrides()
+        self.get_logger().info(  # type: ignore[no-untyped-call]
+            f"preset {self._values['preset']}, images on {self._images.topic}, "
             f"targets on {self.get_fully_qualified_name()}/target"
         )
 
-    def _subscribe(self) -> Subscription:
-        quality = _IMAGE_QOS[self._binding.values["image_reliability"]]
-        return self.create_subscription(Image, "image", self._on_image, quality)
+    def deactivate(self) -> None:
+        """Give the subscriptions up; the target is kept."""
+        self._images.close()
+        if self._targets:
+            self._targets.close()
+            self._targets = None
+
+    def clean_up(self) -> None:
+        """Give all that was taken back."""
+        self.deactivate()
+        for taken in (self._offered, self._outputs, self._status):
+            if taken:
+                taken.close()
+        self._offered = self._outputs = self._status = self._session = None
+        self._obstacle = ""
+        self._enabled = True
+
+    def _subscribe(self) -> None:
+        self._images.open(self._values["image_transport"], self._values["image_reliability"])
+
+    def _report_unused_overrides(self) -> None:
+        unused = {name for name in given_overrides(self) if not self.has_parameter(name)}
+        for name in sorted(unused - self._unused_overrides):
+            self._reporter.report(
+                f"'{name}' has no effect: there is no such topic of this node, or no such policy"
+            )
+        self._unused_overrides |= unused
 
     # Parameters
 
@@ -108,24 +138,28 @@ class TrackerNode(Node):
         return {name: values[name] for name in values if name not in self._binding.given}
 
     def _check(self, values: Values) -> None:
+        tunables, seed = self._tracker_values(values), values["seed"]
         if self._session:
-            Session(self._tracker_values(values), values["seed"])
+            self._session.check(tunables, seed)
+        elif not (self._obstacle or self._binding.refused):
+            Session(tunables, seed)
 
     def _apply(self, changes: Values) -> None:
-        if "image_reliability" in changes:
-            self.destroy_subscription(self._image_subscription)
-            self._image_subscription = self._subscribe()
+        self._decoder.largest = self._values["largest_image"]
+        if self._images.topic and changes.keys() & {"image_reliability", "image_transport"}:
+            self._subscribe()
         if self._session is None:
-            self._configure()
+            if self._status:
+                self._make_session()
             return
-        values = self._binding.values
-        self._session.configure(self._tracker_values(values), values["seed"])
+        self._session.configure(self._tracker_values(self._values), self._values["seed"])
+        self._set_up(self._session)
         if "target_box" in changes:
             self._request_target_box(self._session)
 
-    def _configure(self) -> None:
+    def _make_session(self) -> None:
         """Make the session, unless a parameter is in the way."""
-        values = self._binding.values
+        values = self._values
         self._obstacle = "; ".join(self._binding.refused.values())
         if self._obstacle:
             return
@@ -133,12 +167,20 @@ class TrackerNode(Node):
             self._session = Session(self._tracker_values(values), values["seed"])
         except ValueError as error:
             self._obstacle = str(error)
-            self._report(self._obstacle)
+            self._reporter.report(self._obstacle)
             return
+        self._set_up(self._session)
         self._request_target_box(self._session)
 
+    def _set_up(self, session: Session) -> None:
+        values = self._values
+        session.time_policy = TimePolicy(
+            values["time_jump"], round(values["time_jump_threshold"] * NANOSECONDS)
+        )
+        session.history.limit(values["history_frames"], values["history_megabytes"])
+
     def _request_target_box(self, session: Session) -> None:
-        box = self._binding.values["target_box"]
+        box = self._values["target_box"]
         if box:
             session.request(box)
         else:
@@ -147,139 +189,118 @@ class TrackerNode(Node):
     def _tracker_values(self, values: Values) -> dict[str, Any]:
         return {name: values[name] for name in self._tunables}
 
-    # Messages
+    # Targets
 
-    def _on_target(self, message: PolygonStamped) -> None:
+    def _request(self, box: Box, stamp: int) -> None:
+        if self._session is None:
+            raise TargetError(f"target refused: not tracking, because {self._obstacle}")
         try:
-            box = box_of_polygon(message)
-            if self._session is None:
-                raise TargetError(f"target refused: not tracking, because {self._obstacle}")
-        except TargetError as error:
-            self._report(str(error))
-            return
-        self._session.request(box, _nanoseconds(message.header))
+            self._session.request(box, stamp)
+        except ValueError as error:
+            raise TargetError(f"target refused: {error}") from error
 
-    def _on_image(self, message: Image) -> None:
+    def _stop(self) -> str:
+        had_target = self._session is not None and self._session.estimate is not None
+        if self._session:
+            self._session.stop()
+        self._state = "idle"
+        return "stopped; waiting for a target" if had_target else "there was no target"
+
+    def _enable(self, enabled: bool) -> str:
+        self._enabled = enabled
+        return "tracking goes on" if enabled else "paused; images are not looked at"
+
+    # Images
+
+    def _on_image(self, message: Image | CompressedImage) -> None:
         began = time.perf_counter()
         frame = "refused"
         try:
-            image = decode(message)
-            frame = self._process(image, message.header)
+            frame = self._process(message)
         except Exception as error:
             if not self.context.ok():
                 return
-            self._report_failure(error)
-        self._publish_status(message.header, frame, time.perf_counter() - began)
+            self._reporter.report_failure(error)
+        elapsed = time.perf_counter() - began
+        self._diagnostics.count(frame, nanoseconds(message.header), elapsed)
+        if self._status:
+            status = self._current_status(frame)
+            self._status.publish(message.header, status, self._reporter, elapsed)
 
-    def _process(self, image: NDArray[Any], header: Header) -> str:
+    def _process(self, message: Image | CompressedImage) -> str:
+        if not self._enabled:
+            return "paused"
+        image = self._decoder.decode(message)
         outcome = Outcome("waiting", None)
         if self._session:
-            outcome = self._session.process(image, _nanoseconds(header))
+            outcome = self._session.process(image, nanoseconds(message.header))
         if outcome.refused_target:
-            self._report(outcome.refused_target)
+            self._reporter.report(outcome.refused_target)
         self._log_progress(outcome)
-        if outcome.frame not in ("duplicate", "late"):
-            self._publish(image, header, outcome)
+        if self._outputs and outcome.frame not in ("duplicate", "late"):
+            self._outputs.publish(image, message.header, outcome.estimate)
         return outcome.frame
 
     def _log_progress(self, outcome: Outcome) -> None:
+        log = self.get_logger()  # type: ignore[no-untyped-call]
         estimate = outcome.estimate
+        if outcome.jumped_back:
+            self._diagnostics.jumps += 1
+            log.warning(
+                f"time went back by {outcome.jumped_back:.3f} s: {self._values['time_jump']}",
+                throttle_duration_sec=LOG_INTERVAL,
+            )
         if estimate is None:
             return
         if outcome.frame == "started":
             box = ", ".join(f"{value:g}" for value in estimate.box)
-            self._log.info(f"tracking a target from the box ({box}) on")
+            log.info(f"tracking a target from the box ({box}) on")
         elif estimate.state != self._state:
-            self._log.info(
+            log.info(
                 f"{self._state} -> {estimate.state}, confidence {estimate.confidence:.2f}",
-                throttle_duration_sec=_LOG_INTERVAL,
+                throttle_duration_sec=LOG_INTERVAL,
             )
         self._state = estimate.state
 
-    def _publish(self, image: NDArray[Any], header: Header, outcome: Outcome) -> None:
-        estimate = outcome.estimate
-        if estimate and estimate.state != "lost":
-            self._box_publisher.publish(box_message(estimate.box, header))
-        if estimate and self._particles_publisher.get_subscription_count():
-            self._particles_publisher.publish(particles_message(estimate, header))
-        if self._overlay_publisher.get_subscription_count():
-            text = f"{estimate.state} {estimate.confidence:.2f}" if estimate else "no target"
-            overlay = draw_overlay(image, estimate, text)
-            self._overlay_publisher.publish(image_message(overlay, header))
+    # What the node tells of itself
 
-    def _publish_status(self, header: Header, frame: str, elapsed: float) -> None:
-        estimate = self._session.estimate if self._session else None
-        state = estimate.state if estimate else "idle"
-        level = _LEVELS[state]
-        errors = [error for error in self._unshown_errors if error not in self._obstacle]
-        self._unshown_errors.clear()
-        if self._obstacle or frame == "refused":
-            level = DiagnosticStatus.ERROR
-        elif errors:
-            level = max(level, DiagnosticStatus.WARN)
-        if self._obstacle or not errors:
-            errors.insert(0, self._description(state))
-        values: dict[str, str | float | int] = {"state": state, "frame": frame}
-        if estimate:
-            values |= estimate_values(estimate)
-        values["processing_time_ms"] = 1e3 * elapsed
-        values["preset"] = self._binding.values["preset"]
-        values["last_error"] = self._last_error
-        self._status_publisher.publish(
-            status_message(
-                header,
-                self.get_fully_qualified_name(),
-                level,
-                "; ".join(errors),
-                values,
-            )
+    def _current_status(self, frame: str) -> Status:
+        session = self._session
+        return Status(
+            frame=frame,
+            estimate=session.estimate if session else None,
+            requested_stamp=session.requested_stamp if session else None,
+            obstacle=self._obstacle,
+            enabled=self._enabled,
+            preset=self._values["preset"],
         )
 
-    def _description(self, state: str) -> str:
-        if self._obstacle:
-            return f"not tracking: {self._obstacle}"
-        waiting_for = self._session.requested_stamp if self._session else None
-        if waiting_for:
-            seconds, nanoseconds = divmod(waiting_for, NANOSECONDS)
-            return f"{state}; a target waits for an image stamped {seconds}.{nanoseconds:09d} s"
-        return {
-            "idle": "waiting for a target",
-            "tracking": "tracking",
-            "occluded": "the target is hidden; the motion model carries it on",
-            "lost": "the target is lost",
-        }[state]
-
-    # Errors
-
-    def _report(self, error: str) -> None:
-        """Tell the user what was refused: in the log, and in the next status."""
-        error = error[:_LONGEST_ERROR]
-        self._remember(error)
-        self._log.error(error)
-
-    def _report_failure(self, error: Exception) -> None:
-        """Tell the user why a frame failed; the log hears of each kind only now and then."""
-        kind = type(error).__name__
-        text = str(error)[:_LONGEST_ERROR]
-        details = text
-        if isinstance(error, ImageError):
-            kind = f"{kind} {error.field}"
-        elif not isinstance(error, ValueError):
-            text = f"unexpected {kind}: {error}"
-            details = traceback.format_exc()
-        self._remember(text)
-        now = time.monotonic()
-        if now - self._logged.get(kind, -_LOG_INTERVAL) >= _LOG_INTERVAL:
-            self._logged[kind] = now
-            self._log.error(details)
-
-    def _remember(self, error: str) -> None:
-        self._last_error = error
-        self._unshown_errors.append(error)
-
-
-def _nanoseconds(header: Header) -> int:
-    return int(header.stamp.sec) * NANOSECONDS + int(header.stamp.nanosec)
+    def _health(self) -> Health:
+        status = self._current_status("")
+        level, message = status.level, status.description
+        active = bool(self._images.topic)
+        if not active:
+            level, message = DiagnosticStatus.OK, f"{self.lifecycle_state}, not tracking"
+            if self._binding.refused:
+                level = DiagnosticStatus.ERROR
+                message += f": {'; '.join(self._binding.refused.values())}"
+        errors = self._reporter.count - self._errors_in_health
+        self._errors_in_health = self._reporter.count
+        if errors and level == DiagnosticStatus.OK:
+            level, message = DiagnosticStatus.WARN, self._reporter.last_error
+        values: dict[str, str | float | int] = {
+            f"refused_{cause}": count for cause, count in self._reporter.failures.items()
+        }
+        values |= {
+            "lifecycle": self.lifecycle_state,
+            "image_topic": self._images.topic,
+            "preset": status.preset,
+            "state": status.state,
+        }
+        if status.estimate:
+            values |= estimate_values(status.estimate)
+        values["last_error"] = self._reporter.last_error
+        return Health(level, message, active and self._enabled, values)
 
 
 def main(arguments: list[str] | None = None) -> None:

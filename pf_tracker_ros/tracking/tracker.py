@@ -35,6 +35,7 @@ from pf_tracker_ros.filter import (
 from pf_tracker_ros.parameters import ParameterError, build, declarations, flatten
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.image import (
+    adapted_range,
     check_box,
     check_image,
     check_interval,
@@ -219,7 +220,9 @@ class Tracker:
                 f"{target.image_shape}; start again to change the image's size or kind"
             )
         interval = self._parameters.nominal_interval if dt is None else check_interval(dt)
-        self._target = self._updated(target, to_8_bit(image, target.gray_range), interval)
+        span = adapted_range(target.gray_range, image, interval)
+        target = replace(target, gray_range=span)
+        self._target = self._updated(target, to_8_bit(image, span), interval)
         return self._target.estimate
 
     def _updated(self, target: _Target, image: NDArray[np.uint8], interval: float) -> _Target:

@@ -16,18 +16,29 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point32, PolygonStamped
+from hypothesis import settings
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image, PointCloud2
 
 from pf_tracker_ros.node.tracker_node import TrackerNode
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+# Read once a process, by the first node.
+os.environ.setdefault(
+    "FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("separate_processes.xml"))
+)
+# A long run of the properties is made by hand, with as many cases each as this says.
+CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
+if CASES:
+    settings.register_profile("long", max_examples=CASES, deadline=None)
+    settings.load_profile("long")
 DEADLINE = 15.0
+PATIENCE = 4.0
 FRAME_INTERVAL = 40_000_000
 FIRST_STAMP = 1_700_000_000_000_000_000
 
@@ -61,7 +72,9 @@ class Client(Node):
         self._executor.add_node(self)
         quality = QoSProfile(depth=10, reliability=ReliabilityPolicy[reliability])
         self.images = self.create_publisher(Image, "image", quality)
-        self.targets = self.create_publisher(PolygonStamped, "pf_tracker/target", 10)
+        # With its history full, Fast DDS asks for an acknowledgment with each message, else every
+        # three seconds.
+        self.targets = self.create_publisher(PolygonStamped, "pf_tracker/target", 1)
         subscriptions = [
             (DiagnosticArray, "status", lambda message: self.statuses.append(_parsed(message))),
             (PolygonStamped, "box", self.boxes.append),
@@ -70,8 +83,23 @@ class Client(Node):
             subscriptions.append((PointCloud2, "particles", self.particles.append))
         if overlay:
             subscriptions.append((Image, "overlay", self.overlays.append))
+        # As latched as the status is: what a latched publisher sends while it gets to know a
+        # subscriber that is not, may be lost.
+        latched = QoSProfile(
+            depth=100,
+            reliability=ReliabilityPolicy.RELIABLE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        )
         for message_type, name, callback in subscriptions:
-            self.create_subscription(message_type, f"pf_tracker/{name}", callback, 100)
+            quality = latched if name == "status" else 100
+            self.create_subscription(message_type, f"pf_tracker/{name}", callback, quality)
+        self.health = []
+        self.create_subscription(
+            DiagnosticArray,
+            "/diagnostics",
+            lambda message: self.health.append(_parsed(message)),
+            10,
+        )
         self.parameters = AsyncParameterClient(self, "pf_tracker")
 
     @staticmethod
@@ -161,11 +189,19 @@ class Client(Node):
         return self.call(self.parameters.set_parameters_atomically, parameters).result
 
     def call(self, request, *arguments):
-        """The response to a request to a parameter service."""
+        """The response to a request, which may arrive more than once, to a parameter service."""
         self.wait_for(self.parameters.services_are_ready, "parameter services")
-        future = request(*arguments)
-        self.wait_for(future.done, "response of a parameter service")
-        return future.result()
+        # A service that is ready may not know its client yet: its response is lost then.
+        asked, futures = time.monotonic(), [request(*arguments)]
+
+        def answered():
+            nonlocal asked
+            if time.monotonic() - asked > PATIENCE:
+                asked = time.monotonic()
+                futures.append(request(*arguments))
+            return [future for future in futures if future.done()]
+
+        return self.wait_for(answered, "response of a parameter service")[0].result()
 
     def close(self):
         self._executor.shutdown()
@@ -196,7 +232,7 @@ class Graph:
         self._closing.append(client.close)
         return client
 
-    def tracker(self, client=None, namespace="", **parameters):
+    def tracker(self, client=None, namespace="", cli_args=None, **parameters):
         """Start a tracker in a thread and wait until it and the client know each other.
 
         Parameters are start-up overrides, double underscores standing for dots.
@@ -204,6 +240,7 @@ class Graph:
         node = TrackerNode(
             context=self.context(),
             namespace=namespace,
+            cli_args=cli_args,
             parameter_overrides=[
                 Parameter(name.replace("__", "."), value=value)
                 for name, value in parameters.items()
@@ -232,11 +269,16 @@ class Graph:
             for subscription in client.subscriptions
         )
 
+        health = [publisher for publisher in node.publishers if "diagnostics" in publisher.topic]
+        images = client.images.topic_name
+        takes_images = any(images == s.topic_name for s in node.subscriptions)
+
         def acquainted():
             return (
-                client.images.get_subscription_count()
+                client.images.get_subscription_count() == takes_images
                 and client.targets.get_subscription_count()
                 and sum(publisher.get_subscription_count() for publisher in outward) == expected
+                and all(publisher.get_subscription_count() for publisher in health)
                 # A writer may know its reader before the reader knows it: what it then sends at
                 # best effort is lost.
                 and all(s.get_publisher_count() for s in _heard(node, client))

@@ -52,7 +52,8 @@ def test_every_parameter_is_described_and_every_float_has_a_range(graph, client)
         declaration = DECLARATIONS[descriptor.name]
         assert descriptor.description.startswith(declaration.description)
         assert declaration.unit in descriptor.description
-        assert descriptor.read_only == declaration.read_only
+        # What the library fixes while it tracks, the node can change: it learns the target again.
+        assert descriptor.read_only == (descriptor.name == "autostart")
         if descriptor.type == Parameter.Type.DOUBLE.value:
             (limits,) = descriptor.floating_point_range
             assert (limits.from_value, limits.to_value) == (
@@ -74,7 +75,7 @@ REFUSED = {
     "infinite": ("track__lost_after", math.inf, 2.0, "float, 0 to 3600"),
     "of the wrong type": ("particles", "many", 20, "int, 1 to 100000"),
     "no choice": ("resampling__scheme", "fair", "systematic", "'stratified'"),
-    "read-only and wrong": ("motion__model", "straight", "constant_velocity", "'constant_velo"),
+    "no model": ("motion__model", "straight", "constant_velocity", "'constant_velo"),
     "a list too short": ("target_box", [1.0, 2.0], [20.0, 30.0, 24.0, 24.0], "0 or 4 numbers"),
     "no preset of that name": ("preset", "lee2007", "li2007", "'default' or 'li2007'"),
     "a seed below zero": ("seed", -1, 1, "int, 0 to"),
@@ -177,12 +178,11 @@ def test_an_endless_value_is_not_repeated_endlessly(graph, client, images):
     assert len(status.message) < 2000
 
 
-def test_what_is_fixed_while_the_node_runs_is_refused_at_run_time(graph, client, images, box):
+def test_what_is_fixed_while_the_node_runs_is_refused_at_run_time(graph, client):
     graph.tracker(client, **QUICK)
-    for name in ("preset", "motion.model"):
-        result = client.set_parameters(**{name: get(client, name)[0]})
-        assert not result.successful
-        assert name in result.reason
+    result = client.set_parameters(autostart=True)
+    assert not result.successful
+    assert "autostart" in result.reason
 
 
 def test_a_target_box_set_at_run_time_starts_and_an_empty_one_calls_it_off(

@@ -1,0 +1,100 @@
+"""A lifecycle node whose transitions are plain methods, and whose failures are told."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from lifecycle_msgs.srv import ChangeState
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+
+
+class ManagedNode(LifecycleNode):
+    """Runs `configure`, `activate`, `deactivate` and `clean_up` as its transitions.
+
+    rclpy swallows what a transition raises. Here a ValueError says why the transition cannot be:
+    it is logged, and the node stays in the state that it was in. Anything else is an error of the
+    program: it is logged with its traceback, and the node is cleaned up.
+    """
+
+    def __init__(self, name: str, **options: Any) -> None:
+        """Begin unconfigured.
+
+        Args:
+            name: Of the node.
+            **options: Of `rclpy.node.Node`.
+        """
+        super().__init__(name, **options)
+        # rclpy answers a transition that the state does not have with an exception, that is, not.
+        service = self._service_change_state
+        service.callback = partial(self._change_state, service.callback)
+
+    def configure(self) -> None:
+        """Take what is needed."""
+
+    def activate(self) -> None:
+        """Begin to work."""
+
+    def deactivate(self) -> None:
+        """Cease to work."""
+
+    def clean_up(self) -> None:
+        """Give back whatever was taken; called in any state."""
+
+    def start(self) -> None:
+        """Configure and activate the node, as a lifecycle manager would."""
+        configured = self.trigger_configure()  # type: ignore[no-untyped-call]
+        if configured == TransitionCallbackReturn.SUCCESS:
+            self.trigger_activate()  # type: ignore[no-untyped-call]
+
+    @property
+    def lifecycle_state(self) -> str:
+        """`unconfigured`, `inactive`, `active` or `finalized`, or a transition's name."""
+        return str(self._state_machine.current_state[1])
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: D102
+        return self._run(self.configure, undo=self.clean_up)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: D102
+        return self._run(self.activate, undo=self.deactivate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: D102
+        return self._run(self.deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: D102
+        return self._run(self.clean_up)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: D102
+        return self._run(self.clean_up)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: D102
+        return self._run(self.clean_up)
+
+    def _change_state(
+        self,
+        change: Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Response],
+        request: ChangeState.Request,
+        response: ChangeState.Response,
+    ) -> ChangeState.Response:
+        try:
+            return change(request, response)
+        except RuntimeError as error:
+            logger = self.get_logger()  # type: ignore[no-untyped-call]
+            logger.error(f"no such transition from the state {self.lifecycle_state}: {error}")
+            response.success = False
+            return response
+
+    def _run(self, transition: Callable[[], None], undo: Callable[[], None] = lambda: None) -> Any:
+        logger = self.get_logger()  # type: ignore[no-untyped-call]
+        try:
+            transition()
+        except ValueError as error:
+            logger.error(f"cannot {transition.__name__.replace('_', ' ')}: {error}")
+            undo()
+            return TransitionCallbackReturn.FAILURE
+        except Exception:
+            logger.error(f"{transition.__name__} failed: {traceback.format_exc()}")
+            return TransitionCallbackReturn.ERROR
+        return TransitionCallbackReturn.SUCCESS

@@ -1,0 +1,163 @@
+"""Quality of service: what the node asks for, what users override, and what does not match."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from copy import copy
+from typing import Any
+
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSPolicyKind,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_policy_name_from_kind,
+)
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+Report = Callable[[str], None]
+
+# The newest frame wins where frames may be lost; else a few may wait.
+IMAGE_QOS = {
+    "best_effort": QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
+    "reliable": QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE),
+}
+DEFAULT_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+# Whoever comes late hears the last ones too.
+LATCHED_QOS = QoSProfile(
+    depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+
+PREFIX = "qos_overrides."
+
+
+def subscribe(
+    node: Node,
+    message_type: Any,
+    topic: str,
+    callback: Callable[[Any], None],
+    *,
+    profile: QoSProfile,
+    report: Report,
+    raw: bool = False,
+) -> Subscription:
+    """Subscribe with the user's QoS overrides; a publisher that does not match is reported.
+
+    With `raw`, the callback gets the messages as the bytes that they came as.
+    """
+    name = node.resolve_topic_name(topic)
+    asked = copy(profile)
+
+    def on_mismatch(event: Any) -> None:
+        policy = qos_policy_name_from_kind(event.last_policy_kind)
+        others = _names(node.get_publishers_info_by_topic(name), policy, asked)
+        report(
+            f"nothing arrives on {name} from {others}, but {node.get_fully_qualified_name()} asks "
+            f"for {_value(asked, policy)}{_cure(policy)}"
+        )
+
+    events = SubscriptionEventCallbacks(incompatible_qos=on_mismatch)
+
+    def create(options: QoSOverridingOptions | None) -> Subscription:
+        return node.create_subscription(
+            message_type,
+            topic,
+            callback,
+            asked,
+            event_callbacks=events,
+            qos_overriding_options=options,
+            raw=raw,
+        )
+
+    return _with_overrides(node, create, name, "subscription", report)
+
+
+def advertise(
+    node: Node, message_type: Any, topic: str, *, profile: QoSProfile, report: Report
+) -> Publisher:
+    """Publish with the user's QoS overrides; a subscriber that does not match is reported."""
+    name = node.resolve_topic_name(topic)
+    offered = copy(profile)
+
+    def on_mismatch(event: Any) -> None:
+        policy = qos_policy_name_from_kind(event.last_policy_kind)
+        others = _names(node.get_subscriptions_info_by_topic(name), policy, offered)
+        report(
+            f"{name} does not reach {others}, but {node.get_fully_qualified_name()} offers "
+            f"{_value(offered, policy)}; change it there, or here with the parameter "
+            f"{PREFIX}{name}.publisher.{policy.lower()}"
+        )
+
+    events = PublisherEventCallbacks(incompatible_qos=on_mismatch)
+
+    def create(options: QoSOverridingOptions | None) -> Publisher:
+        return node.create_publisher(
+            message_type, topic, offered, event_callbacks=events, qos_overriding_options=options
+        )
+
+    return _with_overrides(node, create, name, "publisher", report)
+
+
+def given_overrides(node: Node) -> set[str]:
+    """Names of the QoS overrides that the user gave at start-up."""
+    # rclpy has no public way to see an override before it is declared.
+    return {name for name in node._parameter_overrides if name.startswith(PREFIX)}
+
+
+def _with_overrides(
+    node: Node, create: Callable[[Any], Any], topic: str, entity: str, report: Report
+) -> Any:
+    """Create an endpoint; overrides that cannot be are reported and left out.
+
+    Only policies that the user overrides become parameters: a declared one would hold the profile
+    of the first endpoint for all later ones.
+    """
+    given = given_overrides(node)
+    policies = [
+        policy
+        for policy in QoSPolicyKind
+        if f"{PREFIX}{topic}.{entity}.{policy.name.lower()}" in given
+    ]
+    if not policies:
+        return create(None)
+    try:
+        return create(QoSOverridingOptions(policies))
+    except Exception as error:
+        # Each wrong kind of value ends in another exception of rclpy, Exception itself included.
+        report(f"the QoS overrides of the {entity} on {topic} are wrong and not used: {error}")
+        return create(None)
+
+
+def _names(endpoints: Iterable[TopicEndpointInfo], policy: str, own: QoSProfile) -> str:
+    """The endpoints whose policy differs, with what it is."""
+    descriptions = []
+    for endpoint in endpoints:
+        value = _value(endpoint.qos_profile, policy)
+        if value != _value(own, policy):
+            descriptions.append(f"{_node_name(endpoint)} ({value})")
+    return ", ".join(descriptions) or "a node with another quality of service"
+
+
+def _node_name(endpoint: TopicEndpointInfo) -> str:
+    # An endpoint may be discovered before the name of its node is.
+    if "UNKNOWN" in endpoint.node_name:
+        return "a node"
+    return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
+
+
+def _value(profile: QoSProfile, policy: str) -> str:
+    value = getattr(profile, policy.lower(), None)
+    return f"{policy} {getattr(value, 'name', value)}"
+
+
+def _cure(policy: str) -> str:
+    if policy == "RELIABILITY":
+        return "; set image_reliability to best_effort, or let the publisher be reliable"
+    return ""

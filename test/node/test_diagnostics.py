@@ -1,0 +1,90 @@
+"""The node's health on /diagnostics."""
+
+import itertools
+
+import pytest
+
+QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
+
+
+@pytest.fixture
+def client(graph):
+    return graph.client()
+
+
+@pytest.fixture
+def images(moving_square):
+    return moving_square.images
+
+
+@pytest.fixture
+def box(moving_square):
+    return [float(value) for value in moving_square.boxes[0]]
+
+
+def health(client, condition):
+    """The first report from now on that a condition holds of."""
+    client.health.clear()
+    return client.wait_for(lambda: [h for h in client.health if condition(h)], "diagnostics")[0]
+
+
+def test_health_tells_rate_age_times_state_and_confidence(graph, client, images, box):
+    graph.tracker(client, target_box=box, **QUICK)
+    now = client.get_clock().now().nanoseconds
+    for index in range(4):
+        client.show(images[index], now + index * 1_000_000)
+    report = health(client, lambda h: h.values["frames"] == "4")
+    assert report.name == "pf_tracker: tracker"
+    assert (report.level, report.message) == ("OK", "tracking")
+    values = report.values
+    assert 0.5 < float(values["input_rate"]) <= 4.0
+    assert 0.0 < float(values["seconds_since_image"]) < 3.0
+    assert -10.0 < float(values["image_age_ms"]) < 5000.0
+    assert 0.0 < float(values["processing_time_ms"]) <= float(values["processing_time_max_ms"])
+    assert values["state"] == "tracking"
+    assert values["lifecycle"] == "active"
+    assert values["image_topic"] == "/image"
+    assert 0.0 <= float(values["confidence"]) <= 1.0
+    assert 1.0 <= float(values["effective_sample_size"]) <= 20.0
+    assert values["last_error"] == ""
+
+
+def test_reports_come_once_a_second(graph, client):
+    graph.tracker(client, **QUICK)
+    client.wait_for(lambda: len(client.health) >= 3, "three reports")
+    stamps = [report.stamp for report in client.health]
+    assert [round((b - a) / 1e9) for a, b in itertools.pairwise(stamps)] == [1, 1]
+
+
+def test_a_camera_that_falls_silent_is_a_warning(graph, client, images):
+    graph.tracker(client, stale_after=0.5, **QUICK)
+    never = health(client, lambda h: h.level == "WARN")
+    assert "no image for" in never.message
+    assert "seconds_since_image" not in never.values
+    client.show(images[0], client.at(0))
+    silent = health(client, lambda h: h.level == "WARN")
+    assert silent.message.endswith("waiting for a target")
+
+
+def test_a_lost_target_is_an_error_and_a_hidden_one_a_warning(graph, client, images, box):
+    hiding = {"track__occluded_below": 1.0, "track__lost_after": 0.06}
+    graph.tracker(client, target_box=box, **QUICK, **hiding)
+    client.show_all(images[:2])
+    assert health(client, lambda h: h.values["frames"] == "2").level == "WARN"
+    client.show(images[2], client.at(2))
+    assert health(client, lambda h: h.values["frames"] == "3").level == "ERROR"
+
+
+def test_what_goes_wrong_is_a_warning_once_and_stays_the_last_error(graph, client, images):
+    graph.tracker(client, **QUICK)
+    client.show(images[0], client.at(0), "no_encoding")
+    warned = client.wait_for(lambda: [h for h in client.health if h.level == "WARN"], "warning")[0]
+    assert "its encoding is 'no_encoding'" in warned.message
+    calm = health(client, lambda h: h.level == "OK")
+    assert calm.values["last_error"] == warned.message
+
+
+def test_a_wrong_parameter_is_an_error(graph, client):
+    graph.tracker(client, **QUICK | {"particles": 0})
+    report = health(client, lambda h: h.level == "ERROR")
+    assert "not tracking: parameter 'particles' is 0" in report.message

@@ -1,0 +1,52 @@
+"""What the documents say of the node is so."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from pf_tracker_ros.node.image_decoding import ENCODINGS
+from pf_tracker_ros.node.node_parameters import NodeParameters
+from pf_tracker_ros.parameters import declarations
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+README = (REPOSITORY / "README.md").read_text()
+NODE = (REPOSITORY / "docs" / "node.md").read_text()
+
+
+def test_the_readme_lists_the_topics_and_services_of_the_node(graph):
+    node = graph.tracker(image_transport="raw")
+    endpoints = {endpoint.topic_name for endpoint in (*node.publishers, *node.subscriptions)}
+    own = {name for name in endpoints if name.startswith("/pf_tracker/")} | {"/diagnostics"}
+    table = README.partition("### Topics")[2].partition("\n\n`replay`")[0]
+    listed = set(re.findall(r"^\| (?:in|out) \| `(\S+)`", table, re.MULTILINE))
+    full = {name.replace("~", "/pf_tracker") for name in listed}
+    assert own <= full
+    assert full - own <= {"image", "image/compressed", "/pf_tracker/detections"}
+    services = set(re.findall(r"^\| service \| `(\S+)`", table, re.MULTILINE))
+    assert services <= {service.srv_name for service in node.services}
+
+
+def test_the_table_of_encodings_is_complete():
+    table = NODE.partition("| encoding |")[2].partition("\n\n")[0]
+    named = set(re.findall(r"`([\w]+)`", table))
+    assert set(ENCODINGS) - named == {"bayer_bggr16", "bayer_gbrg16", "bayer_grbg16"}
+    assert named <= set(ENCODINGS)
+
+
+def test_parameters_that_are_named_exist():
+    known = set(declarations(NodeParameters))
+    for name in ("time_jump", "history_frames", "autostart", "stale_after", "click_size"):
+        assert name in known
+        assert f"`{name}`" in NODE
+
+
+@pytest.mark.parametrize("document", ["README.md", "docs/node.md", "docs/security.md"])
+def test_links_lead_to_files_and_headings(document):
+    path = REPOSITORY / document
+    for target in re.findall(r"\]\(([^)#:]*)(?:#[\w-]+)?\)", path.read_text()):
+        assert not target or (path.parent / target).exists(), target
+    for target, heading in re.findall(r"\]\(([^)#:]*)#([\w-]+)\)", path.read_text()):
+        linked = (path.parent / target) if target else path
+        titles = re.findall(r"^#+ (.+)$", linked.read_text(), re.MULTILINE)
+        assert heading in {title.lower().replace(" ", "-") for title in titles}, heading

@@ -1,0 +1,220 @@
+"""The node under a lifecycle manager."""
+
+import os
+from pathlib import Path
+
+import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+
+QUICK = {
+    "preset": "li2007",
+    "particles": 20,
+    "track__occluded_below": 0.0,
+    "image_reliability": "reliable",
+}
+CYCLE = ("CONFIGURE", "ACTIVATE", "DEACTIVATE", "CLEANUP")
+CYCLES = 200
+
+
+class Manager:
+    """Drives the lifecycle of a node by its services."""
+
+    def __init__(self, client):
+        self._client = client
+        self._change = client.create_client(ChangeState, "pf_tracker/change_state")
+        self._get = client.create_client(GetState, "pf_tracker/get_state")
+
+    def _call(self, service, request):
+        self._client.wait_for(service.service_is_ready, "lifecycle service")
+        future = service.call_async(request)
+        self._client.wait_for(future.done, "answer of a lifecycle service")
+        return future.result()
+
+    def change(self, name):
+        transition = Transition(id=getattr(Transition, f"TRANSITION_{name}"))
+        return self._call(self._change, ChangeState.Request(transition=transition)).success
+
+    @property
+    def state(self):
+        return self._call(self._get, GetState.Request()).current_state.label
+
+
+@pytest.fixture
+def client(graph):
+    return graph.client()
+
+
+@pytest.fixture
+def manager(client):
+    return Manager(client)
+
+
+@pytest.fixture
+def images(moving_square):
+    return moving_square.images
+
+
+@pytest.fixture
+def box(moving_square):
+    return [float(value) for value in moving_square.boxes[0]]
+
+
+def topics(node):
+    own = [endpoint.topic_name for endpoint in (*node.publishers, *node.subscriptions)]
+    return sorted(name for name in own if name.startswith(("/pf_tracker/", "/image")))
+
+
+def services(node):
+    names = [service.srv_name for service in node.services]
+    return sorted(name for name in names if name in ("~/enable", "~/stop"))
+
+
+INACTIVE = ["/pf_tracker/box", "/pf_tracker/overlay", "/pf_tracker/particles", "/pf_tracker/status"]
+ACTIVE = ["/image", *INACTIVE, "/pf_tracker/click", "/pf_tracker/target"]
+
+
+def test_by_default_the_node_activates_itself(graph, client, manager):
+    node = graph.tracker(client, **QUICK)
+    assert manager.state == "active"
+    assert set(topics(node)) >= set(ACTIVE)
+
+
+def test_what_is_taken_in_a_transition_is_released_in_its_counterpart(graph, client, manager):
+    node = graph.tracker(autostart=False, **QUICK)
+    assert manager.state == "unconfigured"
+    seen = [(topics(node), services(node))]
+    for name in CYCLE:
+        assert manager.change(name), name
+        seen.append((topics(node), services(node)))
+    detections = [name for name in seen[1][0] if name.endswith("detections")]
+    unconfigured = ([], [])
+    offered = ["~/enable", "~/stop"]
+    inactive = (sorted(INACTIVE + detections), offered)
+    active = (sorted(ACTIVE + detections), offered)
+    assert seen == [unconfigured, inactive, active, inactive, unconfigured]
+
+
+def test_a_deactivated_node_keeps_its_target_and_a_cleaned_up_one_forgets_it(
+    graph, client, manager, images, box
+):
+    node = graph.tracker(client, **QUICK)
+    client.point_at(box)
+    assert client.show(images[0], client.at(0)).values["frame"] == "started"
+    assert manager.change("DEACTIVATE")
+    client.wait_for(lambda: not client.images.get_subscription_count(), "end of the subscription")
+    assert manager.change("ACTIVATE")
+    graph.introduce(client, node)
+    assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
+    for name in ("DEACTIVATE", "CLEANUP", "CONFIGURE", "ACTIVATE"):
+        assert manager.change(name)
+    graph.introduce(client, node)
+    assert client.show(images[2], client.at(2)).values["frame"] == "waiting"
+
+
+def test_the_target_box_starts_again_after_each_configuration(graph, client, manager, images, box):
+    node = graph.tracker(client, target_box=box, **QUICK)
+    assert client.show(images[0], client.at(0)).values["frame"] == "started"
+    for name in ("DEACTIVATE", "CLEANUP", "CONFIGURE", "ACTIVATE"):
+        assert manager.change(name)
+    graph.introduce(client, node)
+    assert client.show(images[0], client.at(1)).values["frame"] == "started"
+
+
+def test_a_wrong_parameter_fails_the_configuration_until_it_is_set_rightly(graph, client, manager):
+    graph.tracker(autostart=False, **QUICK | {"particles": 0})
+    assert not manager.change("CONFIGURE")
+    assert manager.state == "unconfigured"
+    health = client.wait_for(lambda: [h for h in client.health if h.level == "ERROR"], "error")
+    assert "parameter 'particles' is 0" in health[0].message
+    assert client.set_parameters(particles=10).successful
+    assert manager.change("CONFIGURE")
+    assert manager.state == "inactive"
+
+
+def test_parameters_set_in_any_state_count_from_the_next_configuration(
+    graph, client, manager, images, box
+):
+    node = graph.tracker(autostart=False, **QUICK)
+    assert client.set_parameters(particles=31, preset="zhang2015").successful
+    assert manager.change("CONFIGURE")
+    assert client.set_parameters(target_box=box, image_transport="compressed").successful
+    assert client.set_parameters(image_transport="raw").successful
+    assert "/image" not in topics(node)
+    assert manager.change("ACTIVATE")
+    graph.introduce(client, node)
+    status = client.show(images[0], client.at(0))
+    assert (status.values["frame"], status.values["particles"]) == ("started", "31")
+    assert status.values["preset"] == "zhang2015"
+
+
+def test_values_that_contradict_each_other_are_refused_before_the_configuration_too(
+    graph, client, manager
+):
+    graph.tracker(autostart=False, **QUICK)
+    result = client.set_parameters(proposal__kalman_share=0.5)
+    assert not result.successful
+    assert "motion model 'constant_velocity'" in result.reason
+    assert client.set_parameters(proposal__kalman_share=0.5, motion__model="affine").successful
+    assert manager.change("CONFIGURE")
+
+
+def test_a_transition_that_the_state_does_not_have_is_refused(graph, client, manager, images):
+    node = graph.tracker(autostart=False, **QUICK)
+    for name in ("ACTIVATE", "DEACTIVATE", "CLEANUP"):
+        assert not manager.change(name)
+    assert manager.state == "unconfigured"
+    assert manager.change("CONFIGURE")
+    assert not manager.change("CONFIGURE")
+    assert manager.change("ACTIVATE")
+    graph.introduce(client, node)
+    assert client.show(images[0], client.at(0)).level == "OK"
+
+
+@pytest.mark.parametrize("state", ["UNCONFIGURED", "INACTIVE", "ACTIVE"])
+def test_a_shutdown_releases_everything(graph, client, manager, state):
+    node = graph.tracker(autostart=False, **QUICK)
+    for name in CYCLE[: ["UNCONFIGURED", "INACTIVE", "ACTIVE"].index(state)]:
+        assert manager.change(name)
+    assert manager.change(f"{state}_SHUTDOWN")
+    assert manager.state == "finalized"
+    assert (topics(node), services(node)) == ([], [])
+
+
+def test_an_error_nobody_expected_in_a_transition_leaves_the_node_as_if_new(
+    graph, client, manager, monkeypatch
+):
+    node = graph.tracker(autostart=False, **QUICK)
+    monkeypatch.setattr(node, "_subscribe", lambda: 1 / 0)
+    assert manager.change("CONFIGURE")
+    assert not manager.change("ACTIVATE")
+    assert manager.state == "unconfigured"
+    assert (topics(node), services(node)) == ([], [])
+    monkeypatch.undo()
+    assert manager.change("CONFIGURE")
+    assert manager.change("ACTIVATE")
+
+
+def resident_bytes():
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def test_cycles_do_not_grow(graph, client, manager, images, box):
+    node = graph.tracker(autostart=False, target_box=box, **QUICK)
+
+    def cycle():
+        for name in CYCLE:
+            assert manager.change(name)
+
+    for _ in range(10):
+        cycle()
+    before, counts = resident_bytes(), [len(list(node.waitables)), len(list(node.guards))]
+    for _ in range(CYCLES):
+        cycle()
+    assert [len(list(node.waitables)), len(list(node.guards))] == counts
+    assert resident_bytes() - before < 5_000_000
+    for name in ("CONFIGURE", "ACTIVATE"):
+        assert manager.change(name)
+    graph.introduce(client, node)
+    assert client.show(images[0], client.at(0)).values["frame"] == "started"

@@ -1,0 +1,149 @@
+"""Parameters that change how the target is modeled, while it is tracked."""
+
+import pytest
+from rclpy.parameter import parameter_value_to_python
+
+from pf_tracker_ros.parameters import declarations
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
+
+RELIABLE = {"image_reliability": "reliable"}
+
+
+@pytest.fixture
+def client(graph):
+    return graph.client()
+
+
+@pytest.fixture
+def images(moving_square):
+    return moving_square.images
+
+
+@pytest.fixture
+def boxes(moving_square):
+    return [[float(value) for value in box] for box in moving_square.boxes]
+
+
+def get(client, *names):
+    response = client.call(client.parameters.get_parameters, list(names))
+    return [parameter_value_to_python(value) for value in response.values]
+
+
+def corner(message):
+    return message.polygon.points[0].x, message.polygon.points[0].y
+
+
+def test_every_preset_takes_the_target_over_from_every_other(graph, client, images, boxes):
+    graph.tracker(client, seed=2, **RELIABLE)
+    names = list(declarations(TrackerParameters))
+    for before in PRESETS:
+        for after in PRESETS:
+            assert client.set_parameters(preset=before, target_box=boxes[0]).successful
+            client.show_all(images[:6])
+            assert client.set_parameters(preset=after).successful
+            assert dict(zip(names, get(client, *names), strict=True)) == preset_parameters(after)
+            client.boxes.clear()
+            for index in range(6, 10):
+                status = client.show(images[index], client.at(index))
+                assert status.values["frame"] == "tracked", (before, after)
+                assert status.values["state"] == "tracking", (before, after)
+                assert status.values["preset"] == after
+            found = corner(client.box_at(client.at(9)))
+            assert found == pytest.approx(boxes[9][:2], abs=9), (before, after)
+
+
+def test_a_hidden_target_is_found_again_with_another_preset(graph, client, images, boxes):
+    graph.tracker(client, preset="li2007", target_box=boxes[0], **RELIABLE)
+    client.show_all(images[:3])
+    states = [client.show(images[0] * 0, client.at(i)).values["state"] for i in (3, 4, 5)]
+    assert states == ["occluded"] * 3
+    assert client.set_parameters(preset="default").successful
+    statuses = [client.show(images[i], client.at(i)) for i in (6, 7, 8)]
+    assert statuses[-1].values["state"] == "tracking"
+    assert corner(client.box_at(client.at(8))) == pytest.approx(boxes[8][:2], abs=9)
+
+
+def test_a_preset_keeps_what_the_user_has_set(graph, client, images, boxes):
+    graph.tracker(client, target_box=boxes[0], particles=33, **RELIABLE)
+    client.set_parameters(motion__position_noise=0.9)
+    client.show_all(images[:2])
+    assert client.set_parameters(preset="zhang2015").successful
+    assert get(client, "particles", "motion.position_noise") == [33, 0.9]
+    client.show(images[2], client.at(2))
+    assert client.show(images[3], client.at(3)).values["particles"] == "33"
+
+
+def test_every_tunable_of_the_library_can_change_while_tracking(graph, client, images, boxes):
+    graph.tracker(client, target_box=boxes[0], **RELIABLE)
+    client.show(images[0], client.at(0))
+    known = declarations(TrackerParameters)
+    # A model that foresees, so that any share of foresight is allowed.
+    assert client.set_parameters(motion__model="affine").successful
+    for name, declaration in known.items():
+        (value,) = get(client, name)
+        if declaration.choices:
+            other = next(choice for choice in declaration.choices if choice != value)
+        elif declaration.type is bool:
+            other = not value
+        elif declaration.type is int:
+            other = value + 1 if value < declaration.maximum else value - 1
+        elif declaration.type is float:
+            other = 0.5 * (value + min(declaration.maximum, value + 1.0))
+        else:
+            continue
+        result = client.set_parameters(**{name: other})
+        allowed = result.successful or "allowed" in result.reason
+        assert allowed, (name, result.reason)
+        if result.successful:
+            assert get(client, name) == [other]
+            client.set_parameters(**{name: value})
+    assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
+
+
+def test_values_that_contradict_each_other_are_refused_at_run_time_as_at_start_up(
+    graph, client, images, boxes
+):
+    contradiction = {"proposal__kalman_share": 0.5, "motion__model": "constant_velocity"}
+    reason = "parameter 'proposal.kalman_share' is 0.5 with the motion model 'constant_velocity'"
+    graph.tracker(client, target_box=boxes[0], **RELIABLE)
+    client.show(images[0], client.at(0))
+    before = get(client, "proposal.kalman_share", "motion.model")
+    result = client.set_parameters(**contradiction)
+    assert not result.successful
+    assert reason in result.reason
+    assert get(client, "proposal.kalman_share", "motion.model") == before
+    status = client.show(images[1], client.at(1))
+    assert (status.level, status.values["frame"]) == ("WARN", "tracked")
+    assert reason in status.message
+
+
+def test_contradictory_values_at_start_up_keep_the_node_up_until_they_are_set_rightly(
+    graph, client, images, boxes
+):
+    contradiction = {"proposal__kalman_share": 0.5, "motion__model": "constant_velocity"}
+    graph.tracker(client, target_box=boxes[0], **contradiction, **RELIABLE)
+    status = client.show(images[0], client.at(0))
+    assert (status.level, status.values["state"]) == ("ERROR", "idle")
+    assert "parameter 'proposal.kalman_share' is 0.5 with the motion model" in status.message
+    assert client.set_parameters(motion__model="affine").successful
+    assert client.show(images[0], client.at(1)).values["frame"] == "started"
+
+
+def test_a_set_of_many_parameters_is_all_or_nothing(graph, client, images, boxes):
+    graph.tracker(client, target_box=boxes[0], **RELIABLE)
+    client.show(images[0], client.at(0))
+    names = ["preset", "particles", "motion.model", "time_jump", "click_size"]
+    before = get(client, *names)
+    wrong = {
+        "preset": "zhang2015",
+        "particles": 77,
+        "motion__model": "affine",
+        "time_jump": "wait",
+        "click_size": -1.0,
+    }
+    assert not client.set_parameters(**wrong).successful
+    assert get(client, *names) == before
+    assert client.set_parameters(**wrong | {"click_size": 9.0}).successful
+    assert get(client, *names) == ["zhang2015", 77, "affine", "wait", 9.0]
+    assert client.show(images[1], client.at(1)).values["frame"] == "tracked"

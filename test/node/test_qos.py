@@ -1,0 +1,105 @@
+"""Quality of service of a live node: defaults, overrides, and mismatches that are told."""
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PolygonStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+QUICK = {"particles": 20, "image_reliability": "reliable"}
+
+
+@pytest.fixture
+def images(moving_square):
+    return moving_square.images
+
+
+def last_error(client):
+    return client.health[-1].values["last_error"] if client.health else ""
+
+
+def endpoint(node, topic, kind="subscriptions"):
+    (found,) = getattr(node, f"get_{kind}_info_by_topic")(topic)
+    return found.qos_profile
+
+
+def test_images_come_as_sensor_data_unless_asked_otherwise(graph):
+    sensor_data = endpoint(graph.tracker(), "/image")
+    assert sensor_data.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert sensor_data.durability == DurabilityPolicy.VOLATILE
+
+
+def test_a_status_is_there_for_those_who_come_late(graph, images):
+    client = graph.client()
+    graph.tracker(client, **QUICK)
+    client.show(images[0], client.at(0))
+    late = graph.client()
+    heard = []
+    latched = QoSProfile(
+        depth=1,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+    late.create_subscription(DiagnosticArray, "pf_tracker/status", heard.append, latched)
+    late.wait_for(lambda: heard, "latched status")
+    assert {v.key: v.value for v in heard[0].status[0].values}["state"] == "idle"
+
+
+@pytest.mark.parametrize("transport", ["raw", "compressed"])
+def test_qos_is_overridden_by_parameters(graph, transport):
+    topic = "/image" if transport == "raw" else "/image/compressed"
+    overrides = {
+        f"qos_overrides.{topic}.subscription.reliability": "reliable",
+        f"qos_overrides.{topic}.subscription.depth": 7,
+        "qos_overrides./pf_tracker/box.publisher.durability": "transient_local",
+    }
+    node = graph.tracker(image_transport=transport, **overrides)
+    assert endpoint(node, topic).reliability == ReliabilityPolicy.RELIABLE
+    box = endpoint(node, "/pf_tracker/box", "publishers")
+    assert box.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    assert node.get_parameter(f"qos_overrides.{topic}.subscription.depth").value == 7
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("qos_overrides./image.subscription.reliability", "perhaps", "not used"),
+        ("qos_overrides./image.subscription.depth", "deep", "not used"),
+        ("qos_overrides./imagine.subscription.depth", 3, "has no effect"),
+        ("qos_overrides./image.subscription.dept", 3, "has no effect"),
+    ],
+)
+def test_a_wrong_override_is_reported_and_left_out(graph, images, name, value, reason):
+    client = graph.client()
+    graph.tracker(client, **{name: value, **QUICK})
+    status = client.show(images[0], client.at(0))
+    assert status.level == "WARN"
+    assert reason in status.message
+    assert client.show(images[0], client.at(1)).level == "OK"
+
+
+def test_a_publisher_that_cannot_be_heard_is_named_with_both_sides_and_the_cure(graph, images):
+    camera = graph.client(reliability="BEST_EFFORT")
+    graph.tracker(**QUICK)
+    text = camera.wait_for(lambda: last_error(camera), "report")
+    # The name of the camera's node may be discovered later than its publisher.
+    assert text.replace("a node", "/client") == (
+        "nothing arrives on /image from /client (RELIABILITY BEST_EFFORT), but /pf_tracker asks "
+        "for RELIABILITY RELIABLE; set image_reliability to best_effort, or let the publisher be "
+        "reliable"
+    )
+    assert camera.set_parameters(image_reliability="best_effort").successful
+    camera.wait_for(camera.images.get_subscription_count, "match")
+
+
+def test_a_subscriber_that_cannot_be_reached_is_named(graph, images):
+    client = graph.client()
+    graph.tracker(client, **QUICK)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    client.create_subscription(PolygonStamped, "pf_tracker/box", print, latched)
+    client.wait_for(lambda: last_error(client), "report")
+    status = client.show(images[0], client.at(0))
+    assert status.message == (
+        "/pf_tracker/box does not reach /client (DURABILITY TRANSIENT_LOCAL), but /pf_tracker "
+        "offers DURABILITY VOLATILE; change it there, or here with the parameter "
+        "qos_overrides./pf_tracker/box.publisher.durability"
+    )

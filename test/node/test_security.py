@@ -1,0 +1,75 @@
+"""The permissions that are shipped are those that a live node needs, no more and no fewer."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+# Only with vision_msgs, simulated time or another transport.
+AT_TIMES = {"/pf_tracker/detections", "/clock", "/image/compressed", "/parameter_events"}
+
+
+def allowed(kind, permission):
+    """Full names that the policy allows a node in the root namespace."""
+    root = ElementTree.parse(REPOSITORY / "config" / "sros2_policy.xml").getroot()
+    names = {
+        item.text.strip()
+        for group in root.iter(f"{kind}s")
+        if group.get(permission) == "ALLOW"
+        for item in group.iter(kind)
+    }
+    assert all(name for name in names)
+    return {
+        name.replace("~", "/pf_tracker") if "~" in name else "/" + name.lstrip("/")
+        for name in names
+    }
+
+
+@pytest.mark.parametrize(
+    ("kind", "permission", "query"),
+    [
+        ("topic", "publish", "get_publisher_names_and_types_by_node"),
+        ("topic", "subscribe", "get_subscriber_names_and_types_by_node"),
+        ("service", "reply", "get_service_names_and_types_by_node"),
+    ],
+)
+def test_the_policy_allows_what_the_node_uses(graph, kind, permission, query):
+    client = graph.client()
+    node = graph.tracker(client, image_reliability="reliable")
+    names = allowed(kind, permission)
+
+    def used():
+        if node.get_name() not in node.get_node_names():
+            return set()
+        found = getattr(node, query)(node.get_name(), node.get_namespace())
+        return {name for name, _ in found}
+
+    client.wait_for(lambda: names - AT_TIMES <= used(), "endpoints")
+    assert used() <= names
+
+
+def test_a_node_that_is_to_be_secure_does_not_run_without_security(ros_domain, tmp_path):
+    settings = {
+        "ROS_SECURITY_KEYSTORE": str(tmp_path),
+        "ROS_SECURITY_ENABLE": "true",
+        "ROS_SECURITY_STRATEGY": "Enforce",
+    }
+    process = subprocess.run(
+        [
+            *(sys.executable, "-m", "pf_tracker_ros.node.tracker_node"),
+            *("--ros-args", "--enclave", "/pf_tracker"),
+        ],
+        cwd=REPOSITORY,
+        env=os.environ | settings,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert process.returncode == 1
+    assert "SECURITY ERROR" in process.stderr
+    assert "Traceback" not in process.stderr

@@ -1,0 +1,167 @@
+"""How a target comes to a live node, and goes: stamps, clicks, stop and enable."""
+
+import math
+
+import pytest
+from geometry_msgs.msg import PointStamped
+from rclpy.duration import Duration
+from std_srvs.srv import SetBool, Trigger
+
+from pf_tracker_ros import Tracker
+
+QUICK = {
+    "preset": "li2007",
+    "particles": 20,
+    "track__occluded_below": 0.0,
+    "image_reliability": "reliable",
+}
+
+
+@pytest.fixture
+def client(graph):
+    return graph.client()
+
+
+@pytest.fixture
+def images(moving_square):
+    return moving_square.images
+
+
+@pytest.fixture
+def boxes(moving_square):
+    return [tuple(float(value) for value in box) for box in moving_square.boxes]
+
+
+def call(client, service_type, name, **request):
+    service = client.create_client(service_type, f"pf_tracker/{name}")
+    client.wait_for(service.service_is_ready, name)
+    future = service.call_async(service_type.Request(**request))
+    client.wait_for(future.done, f"response of {name}")
+    client.destroy_client(service)
+    return future.result()
+
+
+def click(client, node, x, y):
+    publisher = client.create_publisher(PointStamped, "pf_tracker/click", 1)
+    (heard,) = [s for s in node.subscriptions if s.topic_name == "/pf_tracker/click"]
+    client.wait_for(
+        lambda: publisher.get_subscription_count() and heard.get_publisher_count(), "click"
+    )
+    message = PointStamped()
+    message.point.x, message.point.y = float(x), float(y)
+    publisher.publish(message)
+    assert publisher.wait_for_all_acked(Duration(seconds=10))
+    client.destroy_publisher(publisher)
+
+
+def corners(message):
+    first, _, opposite, _ = message.polygon.points
+    return first.x, first.y, opposite.x - first.x, opposite.y - first.y
+
+
+def library(images, box):
+    values = {"particles": 20, "track.occluded_below": 0.0}
+    tracker = Tracker.from_preset("li2007", parameters=values)
+    estimate = tracker.start(images[0], box)
+    for image in images[1:]:
+        estimate = tracker.update(image, 0.04)
+    return estimate.box
+
+
+def test_a_target_drawn_on_a_past_frame_is_started_there_and_caught_up(
+    graph, client, images, boxes
+):
+    graph.tracker(client, **QUICK)
+    client.show_all(images[:8])
+    client.point_at(boxes[3], stamp=client.at(3))
+    status = client.show(images[8], client.at(8))
+    assert status.values["frame"] == "started"
+    box = client.box_at(client.at(8))
+    assert corners(box) == pytest.approx(library(images[3:9], boxes[3]), rel=1e-5)
+    assert corners(box) == pytest.approx(boxes[8], abs=5)
+    assert len(client.boxes) == 1
+
+
+def test_a_target_on_a_frame_that_is_gone_is_refused_with_the_reason(graph, client, images, boxes):
+    graph.tracker(client, history_frames=2, **QUICK)
+    client.show_all(images[:6])
+    client.point_at(boxes[1], stamp=client.at(1))
+    status = client.show(images[6], client.at(6))
+    assert (status.level, status.values["state"]) == ("WARN", "idle")
+    assert "0.120 s before the oldest one here" in status.message
+    assert status.values["last_error"] == status.message
+    client.set_parameters(history_frames=5)
+    client.show(images[7], client.at(7))
+    client.point_at(boxes[6], stamp=client.at(6))
+    assert client.show(images[8], client.at(8)).values["frame"] == "started"
+
+
+def test_a_target_stamped_by_another_clock_is_refused(graph, client, images, boxes):
+    graph.tracker(client, **QUICK)
+    client.show(images[0], client.at(0))
+    client.point_at(boxes[1], stamp=client.at(0) + 10**12)
+    status = client.show(images[1], client.at(1))
+    assert (status.level, status.values["frame"]) == ("WARN", "waiting")
+    assert "target refused: its stamp is 1000 s after that of the last frame" in status.message
+
+
+def test_a_click_starts_on_the_square_around_it(graph, client, images, boxes):
+    node = graph.tracker(client, click_size=20.0, **QUICK)
+    click(client, node, 50, 60)
+    assert client.show(images[0], client.at(0)).values["frame"] == "started"
+    assert corners(client.box_at(client.at(0))) == (40, 50, 20, 20)
+    client.set_parameters(click_size=30.0)
+    click(client, node, 50, 60)
+    client.show(images[0], client.at(1))
+    assert corners(client.box_at(client.at(1))) == (35, 45, 30, 30)
+
+
+def test_a_click_that_is_nowhere_is_refused(graph, client, images):
+    node = graph.tracker(client, **QUICK)
+    nowhere = [(math.nan, 5, "not finite"), (1, math.inf, "not finite"), (900, 5, "outside")]
+    for index, (x, y, reason) in enumerate(nowhere):
+        click(client, node, x, y)
+        status = client.show(images[0], client.at(index))
+        assert (status.level, status.values["state"]) == ("WARN", "idle")
+        assert status.message.startswith("target refused: ")
+        assert reason in status.message
+
+
+def test_stop_forgets_the_target_and_another_can_be_given(graph, client, images, boxes):
+    graph.tracker(client, target_box=list(boxes[0]), **QUICK)
+    early = call(client, Trigger, "stop")
+    assert (early.success, early.message) == (True, "there was no target")
+    client.set_parameters(target_box=list(boxes[0]))
+    assert client.show(images[0], client.at(0)).values["state"] == "tracking"
+    assert call(client, Trigger, "stop").message == "stopped; waiting for a target"
+    status = client.show(images[1], client.at(1))
+    assert (status.level, status.values["state"]) == ("OK", "idle")
+    client.point_at(boxes[2])
+    assert client.show(images[2], client.at(2)).values["frame"] == "started"
+    assert len(client.boxes) <= 2
+
+
+def test_paused_frames_are_answered_unseen_and_the_target_is_kept(graph, client, images, boxes):
+    graph.tracker(client, target_box=list(boxes[0]), **QUICK)
+    client.show(images[0], client.at(0))
+    assert call(client, SetBool, "enable", data=False).success
+    # Not even looked at: this one could not be decoded.
+    status = client.show(images[1], client.at(1), "no_encoding")
+    assert (status.level, status.values["frame"]) == ("OK", "paused")
+    assert status.message == "paused; the service ~/enable goes on"
+    assert call(client, SetBool, "enable", data=True).success
+    status = client.show(images[1], client.at(1))
+    assert (status.values["frame"], status.message) == ("tracked", "tracking")
+    assert corners(client.box_at(client.at(1))) == pytest.approx(
+        library(images[:2], boxes[0]), rel=1e-5
+    )
+
+
+def test_services_before_the_first_image_are_answered(graph, client, images, boxes):
+    graph.tracker(client, **QUICK)
+    assert call(client, SetBool, "enable", data=True).success
+    assert call(client, SetBool, "enable", data=False).success
+    assert call(client, Trigger, "stop").success
+    client.point_at(boxes[0])
+    assert call(client, SetBool, "enable", data=True).success
+    assert client.show(images[0], client.at(0)).values["frame"] == "started"

@@ -1,0 +1,128 @@
+"""Stamps that jump, repeat, stop or begin anew, and simulated time, through a live node."""
+
+import pytest
+from rosgraph_msgs.msg import Clock
+
+from pf_tracker_ros import Tracker
+
+QUICK = {
+    "preset": "li2007",
+    "particles": 20,
+    "track__occluded_below": 0.0,
+    "image_reliability": "reliable",
+}
+
+
+@pytest.fixture
+def client(graph):
+    return graph.client()
+
+
+@pytest.fixture
+def images(moving_square):
+    return moving_square.images
+
+
+@pytest.fixture
+def box(moving_square):
+    return [float(value) for value in moving_square.boxes[0]]
+
+
+def position(message):
+    return message.polygon.points[0].x, message.polygon.points[0].y
+
+
+AFTER_A_JUMP = {
+    "keep": ("tracked", "tracking"),
+    "restart": ("started", "tracking"),
+    "wait": ("waiting", "idle"),
+}
+
+
+@pytest.mark.parametrize("policy", AFTER_A_JUMP)
+def test_a_bag_that_begins_again_does_what_the_parameter_says(graph, client, images, box, policy):
+    graph.tracker(client, target_box=box, time_jump=policy, **QUICK)
+    # Away from the box, where a restart would show.
+    client.show_all(images[:10])
+    for index in range(30, 33):
+        client.show(images[9], client.at(index))
+    status = client.show(images[0], client.at(0))
+    assert (status.values["frame"], status.values["state"]) == AFTER_A_JUMP[policy]
+    if policy == "restart":
+        at_start = tuple(box[:2])
+        client.wait_for(
+            lambda: [position(message) for message in client.boxes].count(at_start) == 2, "boxes"
+        )
+    client.wait_for(
+        lambda: [h for h in client.health if h.values["time_jumps"] == "1"], "diagnostics"
+    )
+
+
+def test_the_threshold_of_a_jump_can_change_at_run_time(graph, client, images, box):
+    graph.tracker(client, target_box=box, time_jump="wait", **QUICK)
+    client.show(images[0], client.at(20))
+    assert client.show(images[1], client.at(0)).values["frame"] == "late"
+    assert client.set_parameters(time_jump_threshold=0.1).successful
+    assert client.show(images[1], client.at(0)).values["frame"] == "waiting"
+
+
+def test_dropped_frames_are_counted_by_cause(graph, client, images, box):
+    graph.tracker(client, target_box=box, **QUICK)
+    client.show(images[0], client.at(5))
+    client.show(images[0], client.at(5))
+    client.show(images[0], client.at(4))
+    client.show(images[0], client.at(3))
+    client.show(images[0], client.at(6), "no_encoding")
+
+    def counted():
+        counts = [
+            [h.values[f"dropped_{cause}"] for cause in ("duplicate", "late", "refused")]
+            + [h.values.get("refused_encoding")]
+            for h in client.health
+        ]
+        return ["1", "2", "1", "1"] in counts
+
+    client.wait_for(counted, "counts")
+
+
+def test_the_cloud_widens_over_a_gap_as_the_motion_model_says(graph, client, images, box):
+    graph.tracker(client, target_box=box, **QUICK | {"particles": 500})
+    client.show(images[0], client.at(0))
+    # All black: no measurement pulls the particles together.
+    black = images[0] * 0
+    spreads = []
+    for gap in (1, 10, 100):
+        client.point_at(box)
+        client.show(images[0], client.at(0))
+        status = client.show(black, client.at(gap))
+        spreads.append(float(status.values["covariance_xx"]))
+    assert spreads[0] < spreads[1] < spreads[2]
+    tracker = Tracker.from_preset(
+        "li2007", parameters={"particles": 500, "track.occluded_below": 0.0}
+    )
+    tracker.start(images[0], box)
+    assert spreads[2] == tracker.update(black, 4.0).covariance[0, 0]
+
+
+def test_simulated_time_stamps_the_diagnostics_and_may_jump_back(graph, client, images, box):
+    graph.tracker(client, target_box=box, use_sim_time=True, time_jump="wait", **QUICK)
+    clock = client.create_publisher(Clock, "/clock", 10)
+    client.wait_for(clock.get_subscription_count, "subscription to the clock")
+
+    def tick(seconds):
+        message = Clock()
+        message.clock.sec = seconds
+        clock.publish(message)
+        client.wait_for(
+            lambda: client.health and client.health[-1].stamp == seconds * 10**9, "stamp"
+        )
+
+    tick(100)
+    assert client.show(images[0], 100 * 10**9).values["frame"] == "started"
+    client.health.clear()
+    tick(101)
+    age = [h.values["image_age_ms"] for h in client.health if "image_age_ms" in h.values]
+    assert float(age[-1]) == 0.0
+    assert client.show(images[1], 101 * 10**9).values["frame"] == "tracked"
+    tick(7)
+    assert client.show(images[0], 7 * 10**9).values["frame"] == "waiting"
