@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Match
+from pf_tracker_ros.cues.cue import Cue, Match
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.parameters import declared
 
@@ -88,7 +88,7 @@ class ColorTemplate:
         return tuple(pages)
 
 
-class ColorHistogram:
+class ColorHistogram(Cue):
     """RGB histogram against a template histogram by their Bhattacharyya distance.
 
     Pixels outside the image match nothing; a gray image counts as R = G = B. With
@@ -104,16 +104,6 @@ class ColorHistogram:
         self._sharpness = parameters.sharpness
         self._foreground_only = parameters.foreground_only
         self._background_color = self._levels**3
-
-    @property
-    def reach(self) -> float:
-        """See `Cue.reach`."""
-        return 0.0
-
-    @property
-    def steady_keep(self) -> None:
-        """See `Cue.steady_keep`."""
-        return None
 
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> ColorTemplate:
         """See `Cue.learn`."""

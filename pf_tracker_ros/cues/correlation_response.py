@@ -1,7 +1,7 @@
-"""Correlation response cue: how strongly a trained filter answers at each place and size.
+"""Correlation response cue: how strongly a trained filter answers at each place.
 
-The filter's answer to a window around the prediction is computed once a frame for a few sizes of
-the target; each particle reads it at its center, between the two sizes next to its own.
+The filter's answer to the window around the prediction is computed once a frame, and each particle
+reads it at its center: any number of particles costs nearly the same.
 
 Sources: as in `correlation_filter` and `window_features`.
 """
@@ -9,8 +9,8 @@ Sources: as in `correlation_filter` and `window_features`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -23,13 +23,15 @@ from pf_tracker_ros.cues.correlation_filter import (
     spectrum,
     train,
 )
-from pf_tracker_ros.cues.cue import Match
+from pf_tracker_ros.cues.cue import Cue, Match
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.cues.window_features import CELL_PIXELS, square_window, window_features
 from pf_tracker_ros.parameters import declared
 
 # Places along each side of a cell at which the response is computed.
 _REFINEMENT = 2
+# Responses below this share of the one to the trained window are as good as none.
+_SMALLEST = 1e-9
 
 
 @dataclass(frozen=True)
@@ -45,112 +47,110 @@ class CorrelationResponseParameters:
     )
     window: float = declared(
         4.0,
-        "Side of the square window around the target that the filter is trained in.",
+        "Side of the square window around the target that the filter is trained in; a larger one "
+        "sees faster targets, and more of what is not the target.",
         unit="box sizes",
         minimum=2.0,
         maximum=8.0,
         read_only=True,
     )
     cells: int = declared(
-        32,
-        "Cells of 4 x 4 pixels along each side of the window, which is brought to that resolution; "
-        "an even number.",
+        40,
+        "Cells along each side of the window, each of 4 x 4 pixels once the window is brought to "
+        "that resolution; an odd number counts as the even one above.",
         minimum=16,
         maximum=64,
         read_only=True,
     )
-    sizes: int = declared(
-        3,
-        "Sizes of the target at which the response is computed each frame.",
-        minimum=1,
-        maximum=9,
-    )
-    size_step: float = declared(
-        1.03,
-        "Factor from one of these sizes to the next.",
-        minimum=1.001,
-        maximum=1.5,
-    )
     sharpness: float = declared(
-        60.0,
+        80.0,
         "How fast the likelihood falls as the response does.",
         minimum=0.0,
         maximum=1000.0,
     )
     memory: float = declared(
-        100.0,
-        "Weight of the filter's change from one training to the next (mu); more adapts slower.",
+        300.0,
+        "Weight of the filter's change from one frame to the next (mu); more adapts slower.",
         minimum=0.0,
         maximum=10000.0,
     )
-    learn_above: float = declared(
-        0.2,
-        "The filter is trained on only when its response at the estimate exceeds this.",
-        minimum=0.0,
-        maximum=1.0,
+    training_interval: int = declared(
+        3,
+        "Frames from one training of the filter to the next, each counting for all of them; "
+        "training is the costliest part of the cue.",
+        minimum=1,
+        maximum=100,
     )
 
 
 @dataclass(frozen=True, eq=False)
 class CorrelationTemplate:
-    """A filter, trained when it is first needed.
+    """A trained filter.
 
     Attributes:
-        seen: Spectrum of the features of the last window that was learned from.
+        filter: Its spectrum.
+        reference: Its response to the window that it was trained on last.
         target_cells: (width, height) of the target in cells.
-        before: The filter before, None at first.
-        memory: Weight of the change from the filter before.
+        waiting: Frames that could have been learned from since the last training.
     """
 
-    seen: Spectrum
+    filter: Spectrum
+    reference: float
     target_cells: tuple[float, float]
-    before: Spectrum | None = None
-    memory: float = 0.0
-
-    @cached_property
-    def filter(self) -> Spectrum:
-        """The filter's spectrum, scaled to a response of 1 to the window that it was trained on."""
-        trained = train(self.seen, self.target_cells, self.before, self.memory)
-        return trained
-
-    @cached_property
-    def reference(self) -> float:
-        return max(response_at_center(self.filter, self.seen), 1e-9)
+    waiting: int = 0
 
 
-class CorrelationResponse:
-    """Response of a regularized correlation filter.
+class _View(NamedTuple):
+    """Where to look in the frame at hand."""
+
+    maps: FrameMaps
+    box: NDArray[np.float64]
+
+
+class _Window(NamedTuple):
+    """The window around the prediction.
+
+    Attributes:
+        spectrum: Of its features.
+        center: (2,) in image pixels.
+        side: Image pixels.
+    """
+
+    spectrum: Spectrum
+    center: NDArray[np.float64]
+    side: float
+
+
+class CorrelationResponse(Cue):
+    """Response of a regularized correlation filter, against that to the window it was trained on.
 
     Args:
-        parameters: Window, sizes and sharpness.
+        parameters: Window, training and sharpness.
     """
 
     def __init__(self, parameters: CorrelationResponseParameters) -> None:
         self._window = parameters.window
-        self._cells = parameters.cells
-        self._sizes = parameters.sizes
-        self._step = parameters.size_step
+        self._cells = parameters.cells + parameters.cells % 2
         self._sharpness = parameters.sharpness
-        self._learn_above = parameters.learn_above
-        self._memory = parameters.memory
-
-    @property
-    def reach(self) -> float:
-        """See `Cue.reach`; the cue crops its own window."""
-        return 0.0
-
-    @property
-    def steady_keep(self) -> None:
-        """See `Cue.steady_keep`."""
-        return None
+        self._interval = parameters.training_interval
+        self._memory = parameters.memory / self._interval
 
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> CorrelationTemplate:
         """See `Cue.learn`."""
-        x, y, width, height = box
-        size = math.sqrt(width * height)
-        cells = self._cells / (self._window * size)
-        seen = self._spectrum(maps, (x + width / 2, y + height / 2), size)
-        return CorrelationTemplate(seen, (width * cells, height * cells))
+        window = self._around(maps, box)
+        cells = (
+            float(box[2]) * self._cells / window.side,
+            float(box[3]) * self._cells / window.side,
+        )
+        return self._trained(window.spectrum, cells, None)
+
+    def observe(self, maps: FrameMaps, box: NDArray[np.float64]) -> _View:
+        """See `Cue.observe`; the window around the box is only read where it is trained on."""
+        return _View(maps, box)
+
+    def adopt(self, seen: _View) -> CorrelationTemplate:
+        """See `Cue.adopt`."""
+        return self.learn(seen.maps, seen.box)
 
     def log_likelihood(
         self, maps: FrameMaps, boxes: NDArray[np.float64], template: CorrelationTemplate
@@ -158,49 +158,51 @@ class CorrelationResponse:
         """See `Cue.log_likelihood`."""
         return -self._sharpness * (1.0 - self.response(maps, boxes, template))
 
-    def match(self, seen: CorrelationTemplate, template: CorrelationTemplate) -> Match:
-        """See `Cue.match`; the similarity is the response at the box."""
-        value = min(max(response_at_center(template.filter, seen.seen) / template.reference, 0.0), 1.0)
+    def match(self, seen: _View, template: CorrelationTemplate) -> Match:
+        """See `Cue.match`; the similarity is the response."""
+        value = float(self.response(seen.maps, seen.box[None], template)[0])
         return Match(-self._sharpness * (1.0 - value), value)
 
     def response(
         self, maps: FrameMaps, boxes: NDArray[np.float64], template: CorrelationTemplate
     ) -> NDArray[np.float64]:
-        """(N,) responses, 0 to 1, at the centers and sizes of (N, 4) boxes."""
-        sizes = np.sqrt(boxes[:, 2] * boxes[:, 3])
-        centers = boxes[:, :2] + boxes[:, 2:] / 2
-        middle = (float(centers[:, 0].mean()), float(centers[:, 1].mean()))
-        mean_size = float(np.exp(np.log(sizes).mean()))
+        """(N,) responses, 0 to 1, at the centers of (N, 4) boxes.
+
+        The first boxes of a frame tell where the window of that frame is: around their mean.
+        """
         samples = _REFINEMENT * self._cells
-        levels = np.empty((self._sizes, len(boxes)))
-        for level in range(self._sizes):
-            size = mean_size * self._step ** (level - (self._sizes - 1) / 2)
-            values = response(template.filter, self._spectrum(maps, middle, size), samples)
-            places = (centers - middle) * (samples / (self._window * size)) + samples // 2
-            places = places.astype(np.float32)
-            levels[level] = cv2.remap(
-                values, places[:, :1], places[:, 1:], cv2.INTER_CUBIC, borderValue=0.0
-            )[:, 0] / template.reference
-        if self._sizes == 1:
-            return np.clip(levels[0], 0.0, 1.0)
-        steps = np.log(sizes / mean_size) / math.log(self._step) + (self._sizes - 1) / 2
-        steps = np.clip(steps, 0.0, self._sizes - 1.0)
-        lower = np.minimum(steps.astype(np.intp), self._sizes - 2)
-        share = steps - lower
-        each = np.arange(len(boxes))
-        values = (1.0 - share) * levels[lower, each] + share * levels[lower + 1, each]
-        return np.clip(values, 0.0, 1.0)
-
-    def blend(
-        self, template: CorrelationTemplate, seen: CorrelationTemplate, keep: float
-    ) -> CorrelationTemplate:
-        """See `Cue.blend`: the filter's change has the weight keep / (1 - keep)."""
-        if self.match(seen, template).similarity < self._learn_above:
-            return template
-        return CorrelationTemplate(seen.seen, template.target_cells, template.filter, self._memory)
-
-    def _spectrum(self, maps: FrameMaps, center: tuple[float, float], size: float) -> Spectrum:
-        window = square_window(
-            maps.image, center, self._window * size, CELL_PIXELS * self._cells
+        window = maps.shared(
+            ("correlation window", self._window, self._cells),
+            lambda: self._around(maps, boxes.mean(axis=0)),
         )
-        return spectrum(window_features(window))
+        values = maps.shared(
+            ("correlation response", template),
+            lambda: response(template.filter, window.spectrum, samples),
+        )
+        centers = boxes[:, :2] + boxes[:, 2:] / 2
+        places = (centers - window.center) * (samples / window.side) + samples // 2
+        read = cv2.remap(values, places.astype(np.float32)[None], None, cv2.INTER_CUBIC)
+        return np.clip(read[0] / template.reference, 0.0, 1.0)
+
+    def blend(self, template: CorrelationTemplate, seen: _View, keep: float) -> CorrelationTemplate:
+        """See `Cue.blend`; the filter's own memory takes the place of `keep`."""
+        waiting = template.waiting + 1
+        if waiting < self._interval:
+            return replace(template, waiting=waiting)
+        window = self._around(seen.maps, seen.box)
+        return self._trained(window.spectrum, template.target_cells, template.filter)
+
+    def _around(self, maps: FrameMaps, box: NDArray[np.float64]) -> _Window:
+        center = box[:2] + box[2:] / 2
+        side = self._window * math.sqrt(box[2] * box[3])
+        pixels = square_window(
+            maps.image, (float(center[0]), float(center[1])), side, CELL_PIXELS * self._cells
+        )
+        return _Window(spectrum(window_features(pixels)), center, side)
+
+    def _trained(
+        self, seen: Spectrum, target_cells: tuple[float, float], before: Spectrum | None
+    ) -> CorrelationTemplate:
+        trained = train(seen, target_cells, before, self._memory)
+        reference = max(response_at_center(trained, seen), _SMALLEST)
+        return CorrelationTemplate(trained, reference, target_cells)

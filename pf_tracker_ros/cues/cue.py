@@ -31,7 +31,13 @@ class Cue(Protocol):
 
     @property
     def reach(self) -> float:
-        """How far beyond each side of a box the cue looks, in box sides."""
+        """How far beyond each side of a box the cue reads the maps, in box sides."""
+        return 0.0
+
+    @property
+    def needs_place(self) -> bool:
+        """Whether the cue measures around `FrameMaps.place`, which the other cues find first."""
+        return False
 
     @property
     def steady_keep(self) -> float | None:
@@ -39,9 +45,22 @@ class Cue(Protocol):
 
         None leaves it to the trusted frames and to their common share, `TemplateParameters`.
         """
+        return None
 
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> Any:
         """The template of what is in a (4,) box (x, y, width, height), pixels."""
+
+    def observe(self, maps: FrameMaps, box: NDArray[np.float64]) -> Any:
+        """What is in a (4,) box of the frame at hand, for `match` and `blend`.
+
+        The template that `learn` gives, unless a cue can put off work that not every frame needs;
+        what it gives then is of use in this frame only.
+        """
+        return self.learn(maps, box)
+
+    def adopt(self, seen: Any) -> Any:
+        """The template of what was observed, for a cue that has none yet."""
+        return seen
 
     def log_likelihood(
         self, maps: FrameMaps, boxes: NDArray[np.float64], template: Any
@@ -49,7 +68,7 @@ class Cue(Protocol):
         """(N,) log p(Z | X), at most 0, of (N, 4) boxes of any size; 0 is a perfect match."""
 
     def match(self, seen: Any, template: Any) -> Match | None:
-        """How well the one box that `seen` was learned from fits; None if the cue cannot tell."""
+        """How well the one box that was observed fits; None if the cue cannot tell."""
 
     def blend(self, template: Any, seen: Any, keep: float) -> Any:
         """The template `keep * template + (1 - keep) * seen`."""

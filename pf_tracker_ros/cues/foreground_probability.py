@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Match
+from pf_tracker_ros.cues.cue import Cue, Match
 from pf_tracker_ros.cues.maps import FrameMaps, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
@@ -94,7 +94,7 @@ class ForegroundTemplate:
 Contrast = TypeVar("Contrast", np.float64, NDArray[np.float64])
 
 
-class ForegroundProbability:
+class ForegroundProbability(Cue):
     """Mean foreground probability of the box minus that of the ring around it.
 
     Args:
@@ -138,12 +138,14 @@ class ForegroundProbability:
         return self._log_likelihood(self.contrast(maps, boxes, template), template)
 
     def match(self, seen: ForegroundTemplate, template: ForegroundTemplate) -> Match:
-        """See `Cue.match`; the similarity is the contrast's share of the target's own."""
+        """See `Cue.match`; colors that hardly tell the target from the rest can't deny it either.
+
+        The similarity falls from 1 by the share of the target's own contrast that is missing, times
+        that contrast.
+        """
         contrast = np.float64((seen.inside - seen.ring) @ template.probabilities)
-        share = contrast / template.contrast if template.contrast > 0.0 else 1.0
-        return Match(
-            float(self._log_likelihood(contrast, template)), float(np.clip(share, 0.0, 1.0))
-        )
+        missing = min(max(template.contrast - float(contrast), 0.0), template.contrast)
+        return Match(float(self._log_likelihood(contrast, template)), 1.0 - missing)
 
     def contrast(
         self, maps: FrameMaps, boxes: NDArray[np.float64], template: ForegroundTemplate

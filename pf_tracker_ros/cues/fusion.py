@@ -28,6 +28,17 @@ class TemplateParameters:
         minimum=0.0,
         maximum=1.0,
     )
+    confident_above: float = declared(
+        0.0,
+        "No template is updated unless the confidence is at least this.",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    judge_by_first: bool = declared(
+        False,
+        "Judge the confidence by the templates of the first frame instead of the last, so that "
+        "what was learned by mistake can't vouch for itself.",
+    )
     keep: float = declared(
         0.9,
         "Share of the old template that an update keeps (beta).",
@@ -57,7 +68,9 @@ class CueFusion:
             names = ", ".join(f"'{name}.power'" for name in cues)
             raise ParameterError(f"all cues are off; at least one of {names} must be above 0")
         total = sum(power for _, power in used.values())
-        self._cues = {name: cue for name, (cue, _) in used.items()}
+        # Those that need the place are asked last; sorting keeps the order of the others.
+        in_order = sorted(used.items(), key=lambda item: item[1][0].needs_place)
+        self._cues = {name: cue for name, (cue, _) in in_order}
         self.powers: Mapping[str, float] = {
             name: power / total for name, (_, power) in used.items()
         }
@@ -71,6 +84,10 @@ class CueFusion:
         """Each cue's template of what is in a (4,) box."""
         return {name: cue.learn(maps, box) for name, cue in self._cues.items()}
 
+    def observe(self, maps: FrameMaps, box: NDArray[np.float64]) -> Templates:
+        """What each cue sees in a (4,) box of the frame at hand; see `Cue.observe`."""
+        return {name: cue.observe(maps, box) for name, cue in self._cues.items()}
+
     def log_likelihood(
         self, maps: FrameMaps, boxes: NDArray[np.float64], templates: Templates
     ) -> NDArray[np.float64]:
@@ -81,14 +98,14 @@ class CueFusion:
         fused = np.zeros(len(boxes))
         for name, template in self._known(templates):
             cue, power = self._cues[name], self.powers[name]
-            if name == "size_response":
+            if cue.needs_place:
                 weights = np.exp(fused - fused.max())
-                maps.focus = weights @ boxes / weights.sum()
+                maps.place = weights @ boxes / weights.sum()
             fused += power * cue.log_likelihood(maps, boxes, template)
         return fused
 
     def match(self, seen: Templates, templates: Templates) -> Match:
-        """How well the one box that `seen` was learned from fits, fused by equation (8).
+        """How well the one box that was observed fits, fused by equation (8).
 
         The powers of the cues that can tell are scaled to a sum of 1; without any it fits.
         """
@@ -111,21 +128,32 @@ class CueFusion:
 
         Args:
             templates: Of the frames before.
-            seen: Learned at the estimate.
+            seen: Observed at the estimate.
             trusted: Whether the fused likelihood of the estimate exceeded w_Th.
             keep: Share of the old templates that a trusted frame keeps (beta).
 
         Returns:
             Templates moved towards what was seen; source: Li et al. 2007, (9) and (10).
         """
-        updated = dict(seen)
-        for name, template in self._known(templates):
-            cue = self._cues[name]
-            if cue.steady_keep is not None:
-                updated[name] = cue.blend(template, seen[name], cue.steady_keep)
-            else:
-                updated[name] = cue.blend(template, seen[name], keep) if trusted else template
+        updated = dict(templates)
+        for name, cue in self._cues.items():
+            if name not in templates:
+                updated[name] = cue.adopt(seen[name])
+            elif cue.steady_keep is not None:
+                updated[name] = cue.blend(templates[name], seen[name], cue.steady_keep)
+            elif trusted:
+                updated[name] = cue.blend(templates[name], seen[name], keep)
         return updated
+
+    def judged_by(self, templates: Templates, first: Templates) -> Templates:
+        """The templates of the first frame, but the last ones of cues that follow every frame.
+
+        Those tell the target from its surroundings, which the first frame knows nothing of.
+        """
+        return {
+            name: first[name] if self._cues[name].steady_keep is None and name in first else last
+            for name, last in self._known(templates)
+        }
 
     def _known(self, templates: Templates) -> list[tuple[str, Any]]:
         return [(name, templates[name]) for name in self._cues if name in templates]

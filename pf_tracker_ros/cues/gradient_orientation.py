@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Match
+from pf_tracker_ros.cues.cue import Cue, Match
 from pf_tracker_ros.cues.maps import FrameMaps, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
@@ -61,7 +61,7 @@ class GradientOrientationParameters:
     )
 
 
-class GradientOrientation:
+class GradientOrientation(Cue):
     """Gradient orientation vector against a template vector by their Euclidean distance.
 
     The vector has one number for each cell and direction, the Gaussian-weighted sum of gradient
@@ -79,16 +79,6 @@ class GradientOrientation:
         self._corner_weights = _corner_weights(parameters.cells, parameters.gaussian_width)
         parts = _PARTS * parameters.cells
         self._fractions = np.arange(parts + 1)[:, None] / parts
-
-    @property
-    def reach(self) -> float:
-        """See `Cue.reach`."""
-        return 0.0
-
-    @property
-    def steady_keep(self) -> None:
-        """See `Cue.steady_keep`."""
-        return None
 
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `Cue.learn`."""

@@ -40,6 +40,8 @@ class FrameMaps:
 
     Attributes:
         image: The whole image.
+        place: (4,) box around which a cue measures that can't measure everywhere; the mean of the
+            boxes, until better is known.
         pixels: The region inside the image, (h, w, 3) or (h, w) uint8, reduced.
         foreground: (mask, reduction) of a background model: (h, w) uint8 over the whole image, 255
             for foreground, and the image pixels to one of its pixels along each axis; None where
@@ -74,7 +76,7 @@ class FrameMaps:
         if reduction > 1:
             crop = _reduced(crop, reduction)
         self.image = image
-        self.focus: NDArray[np.float64] | None = None
+        self.place: NDArray[np.float64] = boxes.mean(axis=0)
         self.foreground = foreground
         self.pixels: NDArray[np.uint8] = crop
         self.padding = (

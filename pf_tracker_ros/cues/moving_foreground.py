@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.cues.cue import Cue
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.parameters import declared
 
@@ -46,7 +47,7 @@ class MovingForegroundParameters:
     )
 
 
-class MovingForeground:
+class MovingForeground(Cue):
     """Share of foreground in the box minus that in the ring around it.
 
     Args:
@@ -56,16 +57,6 @@ class MovingForeground:
     def __init__(self, parameters: MovingForegroundParameters) -> None:
         self._ring = parameters.ring
         self._sharpness = parameters.sharpness
-
-    @property
-    def reach(self) -> float:
-        """See `Cue.reach`; the mask covers the whole image."""
-        return 0.0
-
-    @property
-    def steady_keep(self) -> None:
-        """See `Cue.steady_keep`."""
-        return None
 
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> None:
         """See `Cue.learn`; there is nothing to learn."""

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Match
+from pf_tracker_ros.cues.cue import Cue, Match
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.parameters import declared
 
@@ -72,7 +72,7 @@ class OrientedGradientsParameters:
     )
 
 
-class OrientedGradients:
+class OrientedGradients(Cue):
     """HOG descriptor against a template descriptor by their Bhattacharyya distance.
 
     The descriptor has one number for each block, cell of the block and direction bin, and sums to
@@ -90,16 +90,6 @@ class OrientedGradients:
         self._sharpness = parameters.sharpness
         self._columns = np.arange(parameters.cells_x + 1)[:, None] / parameters.cells_x
         self._rows = np.arange(parameters.cells_y + 1)[:, None] / parameters.cells_y
-
-    @property
-    def reach(self) -> float:
-        """See `Cue.reach`."""
-        return 0.0
-
-    @property
-    def steady_keep(self) -> None:
-        """See `Cue.steady_keep`."""
-        return None
 
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `Cue.learn`; source: Zhang et al. 2015, section 2."""

@@ -12,14 +12,14 @@ here the filter is a ridge regression over the sizes instead of a circular corre
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Match
+from pf_tracker_ros.cues.cue import Cue, Match
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.cues.window_features import CELL_PIXELS, gradient_features
 from pf_tracker_ros.parameters import declared
@@ -70,10 +70,16 @@ class SizeResponseParameters:
         maximum=1000.0,
     )
     keep: float = declared(
-        0.975,
-        "Share of the old filter that an update keeps.",
+        0.995,
+        "Share of the old filter that each frame that it learns from keeps.",
         minimum=0.0,
         maximum=1.0,
+    )
+    training_interval: int = declared(
+        3,
+        "Frames from one training of the filter to the next, each counting for all of them.",
+        minimum=1,
+        maximum=100,
     )
 
 
@@ -82,15 +88,22 @@ class SizeTemplate:
     """A filter along the size.
 
     Attributes:
-        patches: (sizes, features) of the place that was learned from, at all sizes.
         weights: (features,) of the filter.
+        waiting: Frames that could have been learned from since the last training.
     """
 
-    patches: NDArray[np.float32]
     weights: NDArray[np.float32]
+    waiting: int = 0
 
 
-class SizeResponse:
+class _View(NamedTuple):
+    """Where to look in the frame at hand."""
+
+    maps: FrameMaps
+    box: NDArray[np.float64]
+
+
+class SizeResponse(Cue):
     """Response of a linear filter to the target at several sizes.
 
     Args:
@@ -106,17 +119,13 @@ class SizeResponse:
         window = np.hanning(parameters.sizes + 2)[1:-1]
         self._window = window[:, None].astype(np.float32)
         self._sharpness = parameters.sharpness
-        self._keep = parameters.keep
+        self._interval = parameters.training_interval
+        self._keep = parameters.keep**self._interval
 
     @property
-    def reach(self) -> float:
-        """See `Cue.reach`."""
-        return 0.0
-
-    @property
-    def steady_keep(self) -> None:
-        """See `Cue.steady_keep`."""
-        return None
+    def needs_place(self) -> bool:
+        """See `Cue.needs_place`."""
+        return True
 
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> SizeTemplate:
         """See `Cue.learn`."""
@@ -124,27 +133,39 @@ class SizeResponse:
         energy = patches @ patches.T
         ridge = _RIDGE * np.trace(energy) / len(energy) + 1e-9
         solution = np.linalg.solve(energy + ridge * np.eye(len(energy)), self._answer)
-        return SizeTemplate(patches, solution.astype(np.float32) @ patches)
+        return SizeTemplate(solution.astype(np.float32) @ patches)
+
+    def observe(self, maps: FrameMaps, box: NDArray[np.float64]) -> _View:
+        """See `Cue.observe`; the box is only read where it is trained on."""
+        return _View(maps, box)
+
+    def adopt(self, seen: _View) -> SizeTemplate:
+        """See `Cue.adopt`."""
+        return self.learn(seen.maps, seen.box)
 
     def log_likelihood(
         self, maps: FrameMaps, boxes: NDArray[np.float64], template: SizeTemplate
     ) -> NDArray[np.float64]:
         """See `Cue.log_likelihood`."""
-        place = maps.focus if maps.focus is not None else boxes.mean(axis=0)
+        place = maps.place
         response = self._patches(maps, place) @ template.weights
         sizes = np.sqrt(boxes[:, 2] * boxes[:, 3])
         steps = np.log(sizes / math.sqrt(place[2] * place[3])) / self._log_step
         values = np.interp(steps, self._offsets, response)
         return -self._sharpness * (1.0 - np.clip(values, 0.0, 1.0))
 
-    def match(self, seen: SizeTemplate, template: SizeTemplate) -> Match | None:
-        """See `Cue.match`."""
+    def match(self, seen: _View, template: SizeTemplate) -> Match | None:
+        """See `Cue.match`; any size of anything may look like the right one."""
         return None
 
-    def blend(self, template: SizeTemplate, seen: SizeTemplate, keep: float) -> SizeTemplate:
-        """See `Cue.blend`."""
-        old, new = np.float32(self._keep), np.float32(1.0 - self._keep)
-        return SizeTemplate(seen.patches, old * template.weights + new * seen.weights)
+    def blend(self, template: SizeTemplate, seen: _View, keep: float) -> SizeTemplate:
+        """See `Cue.blend`; the filter's own share takes the place of `keep`."""
+        waiting = template.waiting + 1
+        if waiting < self._interval:
+            return replace(template, waiting=waiting)
+        share = np.float32(self._keep)
+        learned = self.learn(seen.maps, seen.box)
+        return SizeTemplate(share * template.weights + (1 - share) * learned.weights)
 
     def _patches(self, maps: FrameMaps, box: NDArray[np.float64]) -> NDArray[np.float32]:
         """(sizes, features) of the place of a (4,) box at all sizes, more towards the middle."""
@@ -166,7 +187,9 @@ class SizeResponse:
         for number, factor in enumerate(self._factors):
             step = side * factor / _PATCH
             first = (center - side * factor / 2 + step / 2 - start) * scale - 0.5
-            to_crop = np.array([[step[0] * scale[0], 0, first[0]], [0, step[1] * scale[1], first[1]]])
+            to_crop = np.array(
+                [[step[0] * scale[0], 0, first[0]], [0, step[1] * scale[1], first[1]]]
+            )
             stack[number * _PATCH : (number + 1) * _PATCH] = cv2.warpAffine(
                 crop,
                 to_crop,

@@ -64,6 +64,7 @@ class _Target:
     foresight: KalmanForesight | None
     background: BackgroundModel | None
     particles: ParticleSet
+    first_templates: Templates
     templates: Templates
     track: Track
     estimate: Estimate
@@ -168,6 +169,7 @@ class Tracker:
         maps = self._maps(
             first_image, boxes, boxes[0], _foreground(background, first_image, first_box)
         )
+        templates = self._fusion.learn(maps, boxes[0])
         self._generator = generator
         self._target = _Target(
             first_box=first_box,
@@ -177,7 +179,8 @@ class Tracker:
             foresight=self._foresight(motion),
             background=background,
             particles=particles,
-            templates=self._fusion.learn(maps, boxes[0]),
+            first_templates=templates,
+            templates=templates,
             track=Track(),
             estimate=_estimate(
                 first_box,
@@ -238,17 +241,17 @@ class Tracker:
         weighted = predicted.reweighted(likelihood)
 
         box = motion.boxes(weighted.mean[None])
-        seen = self._fusion.learn(maps, box[0])
-        match = self._fusion.match(seen, target.templates)
+        seen = self._fusion.observe(maps, box[0])
+        judges = target.templates
+        if parameters.template.judge_by_first:
+            judges = self._fusion.judged_by(judges, target.first_templates)
+        match = self._fusion.match(seen, judges)
         track = target.track.after(match.similarity, interval, parameters.track)
-        import os
-        if match.similarity < float(os.environ.get("GATE", "0")):
-            templates = target.templates
-        elif track.state == "tracking":
+        if track.state == "tracking":
             trusted = math.exp(match.log_likelihood) > parameters.template.update_above
-            templates = self._fusion.updated(
-                target.templates, seen, trusted, parameters.template.keep
-            )
+            templates = target.templates
+            if match.similarity >= parameters.template.confident_above:
+                templates = self._fusion.updated(templates, seen, trusted, parameters.template.keep)
             if foresight:
                 foresight = foresight.corrected(weighted.mean, weighted.covariance)
         else:
@@ -330,7 +333,10 @@ class Tracker:
                 "moving_foreground": (MovingForeground(moving), moving.power),
                 "oriented_gradients": (OrientedGradients(outline), outline.power),
                 "correlation_response": (CorrelationResponse(correlation), correlation.power),
-                "size_response": (SizeResponse(parameters.size_response), parameters.size_response.power),
+                "size_response": (
+                    SizeResponse(parameters.size_response),
+                    parameters.size_response.power,
+                ),
             }
         )
         self._resampler = build_resampler(parameters.resampling)
