@@ -3,6 +3,12 @@
 PYTHON ?=
 VENV := .venv
 INSTALLED := $(VENV)/.installed
+BENCH_VENV := .venv-bench
+BENCH_INSTALLED := $(BENCH_VENV)/.installed
+
+# What `make bench` runs on, and further arguments for it.
+SEQUENCES ?=
+BENCH_ARGS ?=
 
 # Nothing that the tests and the demo publish leaves the machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
@@ -13,7 +19,7 @@ ifdef AMENT_PREFIX_PATH
 unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 endif
 
-.PHONY: help setup test lint demo generate lock clean
+.PHONY: help setup test lint demo bench sequences-given generate lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s%s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -21,7 +27,12 @@ help:  ## list the targets
 setup: $(INSTALLED)  ## create .venv with everything pinned, and this package in it
 
 $(INSTALLED): requirements/development.txt requirements/environment.sh setup.py pyproject.toml
-	@requirements/environment.sh $(VENV) $(PYTHON)
+	@requirements/environment.sh $(VENV) requirements/development.txt $(PYTHON)
+	@touch $@
+
+$(BENCH_INSTALLED): requirements/bench.txt requirements/development.txt \
+		requirements/environment.sh setup.py
+	@requirements/environment.sh $(BENCH_VENV) requirements/bench.txt $(PYTHON)
 	@touch $@
 
 test: lint  ## lint, types and all tests (PYTEST_ARGS=... narrows them down)
@@ -36,6 +47,14 @@ lint: $(INSTALLED)  ## lint, format, spelling and types alone
 demo: $(INSTALLED)  ## track two recorded clips through the node; results go to demo/<clip>/
 	$(VENV)/bin/python demo/run.py
 
+bench: sequences-given $(BENCH_INSTALLED)  ## all presets and other trackers on SEQUENCES="..." (in .venv-bench)
+	$(BENCH_VENV)/bin/python benchmarks/peers.py $(SEQUENCES) $(BENCH_ARGS)
+
+sequences-given:
+	@test -n "$(strip $(SEQUENCES))" || { \
+		echo 'error: no sequences; name their folders (groundtruth.txt and img/):' \
+			'make bench SEQUENCES="FOLDER ..."' >&2; exit 1; }
+
 generate: $(INSTALLED)  ## write config/*.yaml and docs/parameters.md from the declared parameters
 	$(VENV)/bin/python -m pf_tracker_ros.node.generate
 
@@ -43,7 +62,7 @@ lock: $(INSTALLED)  ## pin the newest versions that setup.py allows
 	$(VENV)/bin/python requirements/lock.py > $(VENV)/lock.txt
 	mv $(VENV)/lock.txt requirements/development.txt
 
-clean:  ## remove .venv and everything built
-	rm -rf $(VENV) build install log dist *.egg-info demo/*/
+clean:  ## remove .venv, .venv-bench and everything built
+	rm -rf $(VENV) $(BENCH_VENV) build install log dist *.egg-info demo/*/
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -15,7 +15,7 @@ import argparse
 import functools
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +24,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import families_report as report
 import numpy as np
+from arguments import at_least
 from scene_footage import SceneFootage
 from tracker_families import FAMILIES, FamilyTracker
 
@@ -130,9 +131,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("sequences", nargs="*", type=Path, metavar="SEQUENCE_DIR")
     parser.add_argument("--output", type=Path, default=Path("benchmarks/results"), metavar="DIR")
-    parser.add_argument("--seeds", type=_at_least(1), default=1, help="on the sequences [1]")
-    parser.add_argument("--scenes", type=_at_least(0), default=5, help="generated streets [5]")
-    parser.add_argument("--levels", type=_at_least(2), default=5, help="levels of clutter [5]")
+    parser.add_argument("--seeds", type=at_least(1), default=1, help="on the sequences [1]")
+    parser.add_argument("--scenes", type=at_least(0), default=5, help="generated streets [5]")
+    parser.add_argument("--levels", type=at_least(2), default=5, help="levels of clutter [5]")
     parser.add_argument("--frames", type=int, default=120, help="of a generated street [120]")
     options = parser.parse_args(arguments)
     if not options.sequences and not options.scenes:
@@ -156,17 +157,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(" ".join(str(error).split()))
     print(f"files in {options.output}")
     return 0
-
-
-def _at_least(least: int) -> Callable[[str], int]:
-    def whole(text: str) -> int:
-        if not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(
-                f"'{text}'; allowed: a whole number of at least {least}"
-            )
-        return int(text)
-
-    return whole
 
 
 if __name__ == "__main__":

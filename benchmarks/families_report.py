@@ -13,9 +13,7 @@ from intervals import Interval
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
+from tables import Table, bold
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,7 @@ _CLUTTER_NOTE = (
 
 def print_table(outcomes: Sequence[Outcome]) -> None:
     """Print the figures of each sequence, and their means, on standard output."""
-    _print("zhang_bo and the seven families", HEADINGS, _groups(outcomes))
+    _table(outcomes).show()
 
 
 def write_csv(path: Path, outcomes: Sequence[Outcome]) -> None:
@@ -70,8 +68,8 @@ def write_csv(path: Path, outcomes: Sequence[Outcome]) -> None:
 def write_table(path: Path, outcomes: Sequence[Outcome], seeds: int) -> None:
     """Write the table as Markdown."""
     runs = "1 seed" if seeds == 1 else f"mean of {seeds} seeds"
-    rows = [row for group in _groups(outcomes) for row in group]
-    lines = [f"# zhang_bo and the seven families, {runs}", "", *_markdown([HEADINGS, *rows])]
+    table = _table(outcomes)
+    lines = [f"# {table.title}, {runs}", "", *table.markdown()]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -79,7 +77,7 @@ def print_clutter(outcomes: Sequence[ClutterOutcome]) -> None:
     """Print the error of each tracker at each level, without the intervals."""
     heading, *rows = _clutter_rows(outcomes)
     rows = [[cell.partition(" [")[0] for cell in row] for row in rows]
-    _print(_CLUTTER_TITLE, heading, [rows])
+    Table(_CLUTTER_TITLE, heading, [rows]).show()
 
 
 def write_clutter_csv(path: Path, outcomes: Sequence[ClutterOutcome]) -> None:
@@ -97,7 +95,9 @@ def write_clutter_csv(path: Path, outcomes: Sequence[ClutterOutcome]) -> None:
 def write_clutter_table(path: Path, outcomes: Sequence[ClutterOutcome]) -> None:
     """Write the errors as a Markdown table."""
     scenes = len({one.scene for one in outcomes})
-    lines = [f"# {_CLUTTER_TITLE}", "", *_markdown(_clutter_rows(outcomes)), ""]
+    heading, *rows = _clutter_rows(outcomes)
+    table = Table(_CLUTTER_TITLE, heading, [rows])
+    lines = [f"# {table.title}", "", *table.markdown(), ""]
     path.write_text("\n".join([*lines, _CLUTTER_NOTE.format(scenes=scenes), ""]), encoding="utf-8")
 
 
@@ -161,6 +161,10 @@ def _clutter_rows(outcomes: Sequence[ClutterOutcome]) -> list[list[str]]:
     return rows
 
 
+def _table(outcomes: Sequence[Outcome]) -> Table:
+    return Table("zhang_bo and the seven families", HEADINGS, _groups(outcomes), names=2)
+
+
 def _groups(outcomes: Sequence[Outcome]) -> list[list[list[str]]]:
     """Rows of each sequence and of the means, the best of each figure between asterisks."""
     trackers = _names(one.tracker for one in outcomes)
@@ -184,10 +188,7 @@ def _groups(outcomes: Sequence[Outcome]) -> list[list[list[str]]]:
 
 def _cells(row: Iterable[float], best: Iterable[float]) -> list[str]:
     texts = [format(value, form) for value, form in zip(row, _FORMS, strict=True)]
-    return [
-        f"**{text}**" if value == top else text
-        for text, value, top in zip(texts, row, best, strict=True)
-    ]
+    return [bold(text, value == top) for text, value, top in zip(texts, row, best, strict=True)]
 
 
 def _names(names: Iterable[str]) -> list[str]:
@@ -197,23 +198,3 @@ def _names(names: Iterable[str]) -> list[str]:
 
 def _figures(one: Outcome) -> list[str]:
     return [f"{one.center_rmse:.4f}", f"{one.success_auc:.4f}", f"{one.milliseconds:.4f}"]
-
-
-def _markdown(rows: Sequence[Sequence[str]]) -> list[str]:
-    heading, *others = rows
-    alignment = ["---" if name in HEADINGS[:2] else "---:" for name in heading]
-    return ["| " + " | ".join(row) + " |" for row in (heading, alignment, *others)]
-
-
-def _print(title: str, heading: Sequence[str], groups: Sequence[Sequence[Sequence[str]]]) -> None:
-    table = Table(title=title, title_justify="left")
-    for name in heading:
-        is_name = name in HEADINGS[:2]
-        table.add_column(name, justify="left" if is_name else "right", no_wrap=is_name)
-    for group in groups:
-        for row in group:
-            # As Text: square brackets in a plain string are markup to Rich.
-            cells = [(cell.strip("*"), "bold" if cell.startswith("**") else "") for cell in row]
-            table.add_row(*(Text(*cell) for cell in cells))
-        table.add_section()
-    Console().print(table)

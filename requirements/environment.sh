@@ -1,12 +1,14 @@
 #!/bin/sh
-# Creates the virtual environment, or brings it up to date: environment.sh DIRECTORY [PYTHON]
+# Creates the virtual environment, or brings it up to date:
+# environment.sh DIRECTORY REQUIREMENTS [PYTHON]
 #
 # Needs Python 3.11 or 3.12 and pip, nothing else. Without PYTHON it takes the first that fits of
 # python3.12, python3.11 and python3.
 set -eu
 cd "$(dirname "$0")/.."
 directory=$1
-requested=${2:-}
+requirements=$2
+requested=${3:-}
 
 fail() {
     echo "error: $*" >&2
@@ -53,8 +55,8 @@ if ! is_supported "$directory/bin/python" || ! "$directory/bin/python" -m pip --
 then
     create
 fi
-echo "Installing requirements/development.txt into $directory (700 MB, one to three minutes)"
+echo "Installing $requirements into $directory (one to three minutes)"
 "$directory/bin/python" -m pip install --quiet --disable-pip-version-check \
-    --requirement requirements/development.txt
+    --requirement "$requirements"
 "$directory/bin/python" -m pip install --quiet --disable-pip-version-check \
     --no-deps --no-build-isolation --editable .

@@ -15,20 +15,25 @@ import numpy as np
 from tracker_families.family import Array, FamilyTracker, Image, box_around, center_of
 
 _C_LIBRARY = ctypes.CDLL(None)
+# In a box of a few pixels OpenCV looks for features that fit in without end.
+_LEAST_SIDE = 8
 
 
 class MultipleInstanceLearning(FamilyTracker):
-    """OpenCV's tracker, on the part of the box that lies in the image."""
+    """OpenCV's tracker, on the part of the box that lies in the image, of 8 px a side at least."""
 
     def _learn(self, image: Image, box: Array) -> None:
         self._count = 0
         limit = np.array([image.shape[1], image.shape[0]])
         near = np.clip(np.rint(box[:2]), 0, limit - 2).astype(int)
         far = np.clip(np.rint(box[:2] + box[2:]), near + 2, limit).astype(int)
+        size = np.minimum(np.maximum(far - near, _LEAST_SIDE), limit)
+        near = np.clip(near - (size - (far - near)) // 2, 0, limit - size)
+        far = near + size
         self._shift = center_of(box) - (near + far) / 2
         self._reseed()
         self._tracker = cv2.TrackerMIL_create()
-        width, height = far - near
+        width, height = size
         self._tracker.init(image, (int(near[0]), int(near[1]), int(width), int(height)))
 
     def _find(self, image: Image, box: Array) -> Array | None:

@@ -81,7 +81,7 @@ def _run(options: argparse.Namespace) -> None:
         _plot(options.plot, options.preset, results)
 
 
-def parse_parameters(assignments: Sequence[str]) -> dict[str, Any]:
+def parse_parameters(assignments: Sequence[str], option: str = "--parameter") -> dict[str, Any]:
     """Values of parameters from texts `NAME=VALUE`, read by the type that is declared.
 
     A list is written with commas, with or without square brackets. Whether a name exists and a
@@ -89,6 +89,7 @@ def parse_parameters(assignments: Sequence[str]) -> dict[str, Any]:
 
     Args:
         assignments: The texts.
+        option: Where they were given, for the message of an error.
 
     Returns:
         Full parameter name to value; a text that does not fit the type is kept as a string.
@@ -101,9 +102,9 @@ def parse_parameters(assignments: Sequence[str]) -> dict[str, Any]:
     for assignment in assignments:
         name, equals, text = (part.strip() for part in assignment.partition("="))
         if not equals or not name:
-            raise EvaluationError(f"--parameter {assignment!r}; allowed: NAME=VALUE")
+            raise EvaluationError(f"{option} {assignment!r}; allowed: NAME=VALUE")
         if name in values:
-            raise EvaluationError(f"--parameter {name} is given more than once")
+            raise EvaluationError(f"{option} {name} is given more than once")
         values[name] = _parse_value(known[name], text) if name in known else text
     return values
 

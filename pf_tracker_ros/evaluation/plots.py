@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.evaluation.metrics import SUCCESS_THRESHOLDS
 from pf_tracker_ros.evaluation.results import EvaluationError
+
+_MOST_WITH_LEGEND_INSIDE = 4
 
 
 def check_plot_format(path: str | Path) -> None:
@@ -31,15 +33,18 @@ def save_success_plot(
     path: str | Path,
     curves: Mapping[str, NDArray[np.float64]],
     details: Mapping[str, NDArray[np.float64]] | None = None,
+    dashed: Collection[str] = (),
 ) -> None:
     """Draw success curves into an image file.
 
-    The legend gives each curve's area under it, highest first.
+    The legend gives each curve's area under it, highest first; it stands beside the plot where it
+    would hide some of many curves.
 
     Args:
         path: The file; its ending decides on the format (.png, .pdf, .svg, ...).
         curves: Label to (21,) success curve, for example one of each tracker.
         details: Further curves in thin gray behind the others, for example of single sequences.
+        dashed: Labels of `curves` to draw as dashed lines, for example of what one compares with.
 
     Raises:
         EvaluationError: Matplotlib does not know the ending.
@@ -49,7 +54,8 @@ def save_success_plot(
     # A Figure of its own, not pyplot's: no window system, no figures left open.
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6.4, 4.8), layout="constrained")
+    is_crowded = len(curves) > _MOST_WITH_LEGEND_INSIDE
+    figure = Figure(figsize=(9.0 if is_crowded else 6.4, 4.8), layout="constrained")
     axes = figure.add_subplot(
         xlabel="overlap threshold",
         ylabel="share of frames above",
@@ -66,7 +72,11 @@ def save_success_plot(
             SUCCESS_THRESHOLDS,
             curves[label],
             linewidth=2,
+            linestyle="--" if label in dashed else "-",
             label=f"{label} [{areas[label]:.3f}]",
         )
-    axes.legend()
+    if is_crowded:
+        figure.legend(loc="outside right upper")
+    else:
+        axes.legend()
     figure.savefig(path, dpi=150)

@@ -24,7 +24,7 @@ from packaging.requirements import Requirement
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = "pf_tracker_ros"
 NOT_IN_A_CLONE = shutil.ignore_patterns(
-    *(".git", ".venv", "build", "install", "log", "dist", "*.egg-info"),
+    *(".git", ".venv*", "build", "install", "log", "dist", "*.egg-info"),
     *("__pycache__", ".*_cache", ".hypothesis", "results"),
 )
 # What a shell that has sourced nothing does not have.

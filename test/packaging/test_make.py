@@ -1,6 +1,7 @@
 """`make` finds a fitting Python or says what is wrong; continuous integration runs all checks."""
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -22,7 +23,7 @@ def clone(tmp_path):
     (folder / "requirements").mkdir(parents=True)
     for name in ("Makefile", "setup.py", "pyproject.toml"):
         shutil.copy2(REPOSITORY / name, folder)
-    for name in ("development.txt", "environment.sh"):
+    for name in ("bench.txt", "development.txt", "environment.sh"):
         shutil.copy2(REPOSITORY / "requirements" / name, folder / "requirements")
     return folder
 
@@ -91,6 +92,31 @@ def test_a_python_that_can_create_no_environment_is_an_error_that_says_what_to_i
     outcome = make(clone, "setup")
     assert outcome.returncode != 0
     assert "apt install python3-venv" in outcome.stderr
+
+
+@pytest.mark.parametrize("sequences", [[], ["SEQUENCES= "]])
+def test_a_benchmark_without_sequences_is_an_error_that_says_how_to_name_them(clone, sequences):
+    outcome = make(clone, "bench", *sequences)
+    assert outcome.returncode != 0
+    assert 'make bench SEQUENCES="FOLDER ..."' in outcome.stderr
+    assert not (clone / ".venv-bench").exists()
+
+
+def test_the_benchmark_runs_on_all_sequences_in_an_environment_of_its_own(clone):
+    commands = make(clone, "--dry-run", "bench", "SEQUENCES=one two", "BENCH_ARGS=--seeds 1").stdout
+    assert "environment.sh .venv-bench requirements/bench.txt" in commands
+    run = ".venv-bench/bin/python benchmarks/peers.py one two --seeds 1"
+    assert commands.splitlines()[-1] == run
+
+
+def test_the_benchmark_has_the_same_opencv_as_the_tests():
+    """Else its times would not be those of the tracker that is tested."""
+    versions = {}
+    for name in ("bench", "development"):
+        text = (REPOSITORY / "requirements" / f"{name}.txt").read_text()
+        versions |= re.findall(r"^(opencv\S*)==(\S+)$", text, re.MULTILINE)
+    assert versions.keys() == {"opencv-contrib-python-headless", "opencv-python-headless"}
+    assert len(set(versions.values())) == 1
 
 
 def test_pytest_closes_the_checks(clone):

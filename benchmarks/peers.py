@@ -1,0 +1,247 @@
+"""Every preset beside other people's trackers, on sequences with ground truth, in one run.
+
+Success AUC, precision at 20 px and CPU time of a frame, on one thread, as `evaluate` has them, and
+the time's ratio to that of OpenCV's CSRT. For each sequence the trackers run one after the other,
+so what else the machine does falls on all of them alike. Peers that are not installed are left out;
+`make bench` has an environment with all of them.
+
+    make bench SEQUENCES="SEQUENCE_DIR ..." BENCH_ARGS="--seeds 3 --nanotrack BACKBONE HEAD"
+    python benchmarks/peers.py SEQUENCE_DIR... --output benchmarks/results --seeds 3
+
+It writes peers.csv, peers.md and peers.png.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.metadata
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+# One thread also for the linear algebra, which reads this when NumPy is imported.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import arguments as options_of
+import cv2
+import numpy as np
+from outcomes import Outcome, counted, figure, write_csv
+from peer_trackers import PEERS, ChannelSpatialReliability, NanoTrack
+from tables import Table, bold
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.evaluation import (
+    EvaluationError,
+    MakeTracker,
+    evaluate_sequence,
+    read_sequences,
+)
+from pf_tracker_ros.evaluation.plots import save_success_plot
+from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
+from pf_tracker_ros.footage import Footage, FootageError
+from pf_tracker_ros.tracking.presets import PRESETS
+
+YARDSTICK = ChannelSpatialReliability.name
+"""The tracker whose time the others' are compared with."""
+
+HEADINGS = ("tracker", "AUC", "± seeds", "precision 20 px", "CPU ms", f"CPU / {YARDSTICK}")
+NOTE = (
+    "AUC, precision and median CPU time of a frame are means over the sequences; ± is the standard "
+    "deviation of a sequence's AUC over the seeds, mean over the sequences."
+)
+
+
+@dataclass(frozen=True)
+class Contender:
+    """What is compared.
+
+    Attributes:
+        name: As it stands in the tables.
+        make_tracker: Makes it from a seed.
+        is_random: Whether the seed makes a difference; if not, one run is enough.
+    """
+
+    name: str
+    make_tracker: MakeTracker
+    is_random: bool
+
+
+def contenders(nanotrack: tuple[Path, Path] | None) -> tuple[list[Contender], dict[str, str]]:
+    """All trackers that can run here.
+
+    Args:
+        nanotrack: NanoTrack's model files, its backbone and its head, if they are there.
+
+    Returns:
+        The peers and the presets; and of each peer that is left out the name and what to do.
+
+    Raises:
+        EvaluationError: NanoTrack cannot use its files.
+    """
+    found = [
+        Contender(name, functools.partial(Tracker.from_preset, name), is_random=True)
+        for name in PRESETS
+    ]
+    missing = {peer.name: what for peer in (*PEERS, NanoTrack) if (what := peer.missing())}
+    found += [
+        Contender(peer.name, peer, peer.is_random) for peer in PEERS if peer.name not in missing
+    ]
+    if nanotrack is None:
+        missing.setdefault(NanoTrack.name, "name its model files with --nanotrack BACKBONE HEAD")
+    elif NanoTrack.name not in missing:
+        backbone, head = nanotrack
+        make_tracker = functools.partial(NanoTrack, backbone=backbone, head=head)
+        make_tracker(0).check()
+        found.append(Contender(NanoTrack.name, make_tracker, is_random=False))
+    return found, missing
+
+
+def chosen(
+    found: Sequence[Contender], missing: dict[str, str], names: Sequence[str]
+) -> list[Contender]:
+    """Those contenders that were asked for by name; all without names.
+
+    Raises:
+        EvaluationError: A name is unknown, or its tracker cannot run here.
+    """
+    known = {contender.name: contender for contender in found}
+    for name in names:
+        if name in missing:
+            raise EvaluationError(f"{name} cannot run: {missing[name]}")
+        if name not in known:
+            raise EvaluationError(f"no tracker '{name}'; there are: {', '.join(known)}")
+    return [contender for contender in found if not names or contender.name in names]
+
+
+def compare(
+    sequences: Sequence[Footage], trackers: Sequence[Contender], seeds: int
+) -> list[Outcome]:
+    """Run all trackers on all sequences.
+
+    Returns:
+        One outcome a tracker, the highest success AUC first.
+    """
+    results = {contender.name: [] for contender in trackers}
+    with progress_bar(frame_count(sequences) * len(trackers)) as on_progress:
+        for footage in sequences:
+            for one in trackers:
+                runs = range(seeds if one.is_random else 1)
+                try:
+                    result = evaluate_sequence(footage, one.make_tracker, runs, on_progress)
+                except EvaluationError as error:
+                    raise EvaluationError(f"{one.name}: {error}") from error
+                results[one.name].append(result)
+    outcomes = [Outcome(name, of_one) for name, of_one in results.items()]
+    return sorted(outcomes, key=lambda outcome: outcome.scores.success_auc, reverse=True)
+
+
+def ratios(outcomes: Sequence[Outcome]) -> list[float]:
+    """CPU time of each tracker over that of CSRT; NaN where CSRT did not run."""
+    times = {outcome.name: outcome.scores.cpu_ms_median for outcome in outcomes}
+    return [time / times.get(YARDSTICK, np.nan) for time in times.values()]
+
+
+def summary(outcomes: Sequence[Outcome], title: str) -> Table:
+    """The figures of each tracker, our presets in bold."""
+    rows = []
+    for outcome, ratio in zip(outcomes, ratios(outcomes), strict=True):
+        scores = outcome.scores
+        cells = [
+            outcome.name,
+            f"{scores.success_auc:.3f}",
+            figure(outcome.deviation, ".3f"),
+            f"{scores.precision_20px:.3f}",
+            f"{scores.cpu_ms_median:.2f}",
+            figure(ratio, ".2f"),
+        ]
+        rows.append([bold(cell, outcome.name in PRESETS) for cell in cells])
+    return Table(title, HEADINGS, [rows])
+
+
+def by_sequence(outcomes: Sequence[Outcome]) -> Table:
+    """The success AUC of each tracker on each sequence, the best in bold."""
+    aucs = np.array([outcome.success_aucs for outcome in outcomes]).T
+    names = [result.name for result in outcomes[0].results]
+    rows = [
+        [name, *(bold(f"{auc:.3f}", auc == row.max()) for auc in row)]
+        for name, row in zip(names, aucs, strict=True)
+    ]
+    headings = ("sequence", *(outcome.name for outcome in outcomes))
+    return Table("Success AUC on each sequence", headings, [rows])
+
+
+def versions() -> str:
+    """What the figures depend on: the libraries and their versions."""
+    numpy = f"NumPy {np.__version__}"
+    dlib = [
+        f"dlib {importlib.metadata.version(package)}"
+        for package in ("dlib", "dlib-bin")
+        if list(importlib.metadata.Distribution.discover(name=package))
+    ]
+    return ", ".join([f"OpenCV {cv2.__version__}", numpy, *dlib])
+
+
+def write_markdown(
+    path: Path, tables: Sequence[Table], outcomes: Sequence[Outcome], left_out: Sequence[str]
+) -> None:
+    """Write the tables and what they were measured with."""
+    frames = sum(len(result.true_boxes) for result in outcomes[0].results)
+    footage = f"{counted(len(outcomes[0].results), 'sequence', 'sequences')}, {frames} frames"
+    lines = [f"{NOTE} {versions()}; {footage}.", "", *left_out]
+    for table in tables:
+        lines += ["", f"# {table.title}", "", *table.markdown()]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the comparison, print the table and write the files."""
+    parser = options_of.parser(__doc__)
+    parser.add_argument(
+        "--nanotrack",
+        nargs=2,
+        type=Path,
+        metavar=("BACKBONE", "HEAD"),
+        help="NanoTrack's two model files, in ONNX format",
+    )
+    parser.add_argument(
+        "--tracker",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="run this tracker only; may be repeated",
+    )
+    options = parser.parse_args(arguments)
+    try:
+        found, missing = contenders(options.nanotrack)
+        trackers = chosen(found, missing, options.tracker)
+        sequences = read_sequences(options.sequences)
+        options.output.mkdir(parents=True, exist_ok=True)
+        left_out = [] if options.tracker else missing_sentences(missing)
+        for sentence in left_out:
+            print(sentence)
+        outcomes = compare(sequences, trackers, options.seeds)
+        seeds = counted(options.seeds, "seed", "seeds")
+        table = summary(outcomes, f"Presets and peers, {seeds}")
+        table.show()
+        write_csv(options.output / "peers.csv", "tracker", outcomes, YARDSTICK)
+        write_markdown(
+            options.output / "peers.md", [table, by_sequence(outcomes)], outcomes, left_out
+        )
+        curves = {outcome.name: outcome.success_curve for outcome in outcomes}
+        peers = curves.keys() - PRESETS.keys()
+        save_success_plot(options.output / "peers.png", curves, dashed=peers)
+    except (EvaluationError, FootageError, OSError) as error:
+        parser.error(" ".join(str(error).split()))
+    print(f"files in {options.output}")
+    return 0
+
+
+def missing_sentences(missing: dict[str, str]) -> list[str]:
+    """A sentence for each peer that is left out."""
+    return [f"{name} is left out: {what}." for name, what in missing.items()]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,141 @@
+"""The ablation: which variants follow from a preset, its figures by hand, what it writes."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.evaluation import SequenceResult
+
+
+@pytest.fixture
+def ablation(benchmark):
+    return benchmark("ablation")
+
+
+@pytest.mark.parametrize(
+    ("preset", "cues"),
+    [
+        ("li2007", ["color_histogram", "gradient_orientation"]),
+        ("zhang_bo", ["color_histogram", "gradient_orientation", "moving_foreground"]),
+        ("zhang2015", []),
+    ],
+)
+def test_each_cue_in_use_is_off_in_turn_unless_none_would_be_left(ablation, preset, cues):
+    variants = ablation.cue_variants(preset)
+    assert [variant.name for variant in variants] == [f"without {cue}" for cue in cues]
+    assert [variant.parameters for variant in variants] == [{f"{cue}.power": 0.0} for cue in cues]
+
+
+def test_a_cue_is_whatever_has_a_power(ablation, monkeypatch):
+    values = {"smell.power": 0.5, "noise.power": 0.0, "powerful": 1.0, "sound.power": 0.5}
+    monkeypatch.setattr(ablation, "preset_parameters", lambda preset: values)
+    variants = ablation.cue_variants("any")
+    assert [variant.parameters for variant in variants] == [
+        {"smell.power": 0.0},
+        {"sound.power": 0.0},
+    ]
+
+
+def test_further_variants_and_numbers_of_particles_follow_the_cues(ablation):
+    off = ["template.update_above=1", " motion.position_noise=1  resampling.keep_best=true"]
+    variants = ablation.variants("zhang2015", (30, 100, 30), off)
+    # zhang2015 has 100 particles and a single cue.
+    assert [(variant.name, dict(variant.parameters)) for variant in variants] == [
+        ("zhang2015", {}),
+        ("template.update_above=1", {"template.update_above": 1.0}),
+        (
+            "motion.position_noise=1 resampling.keep_best=true",
+            {"motion.position_noise": 1.0, "resampling.keep_best": True},
+        ),
+        ("N = 30", {"particles": 30}),
+    ]
+
+
+def result(name, true_frames):
+    """Of two seeds and 11 frames; each seed is right in so many frames and far off in the rest."""
+    true_boxes = np.tile([0.0, 0.0, 10.0, 10.0], (11, 1))
+    boxes = np.tile(true_boxes, (2, 1, 1))
+    for seed, count in enumerate(true_frames):
+        boxes[seed, count:, 0] = 100.0
+    return SequenceResult(
+        name, (0, 1), true_boxes, boxes, np.zeros((2, 11), bool), np.full((2, 10), 0.002)
+    )
+
+
+def test_figures_by_hand(ablation):
+    """In a frame that is right 20 of 21 thresholds are passed, so AUC = 20/21 * share."""
+    base = ablation.Outcome("base", [result("a", (11, 11)), result("b", (11, 11))])
+    worse = ablation.Outcome("worse", [result("a", (11, 10)), result("b", (7, 8))])
+    (first,), (second,) = ablation.summary([base, worse], "").groups
+    unit = 20 / 21 / 11
+    assert first == ["base", f"{11 * unit:.3f}", "", "0.000", "0.000", "1.000", "2.00"]
+    # Changes of -0.5 and -3.5 frames. Both sequences' seeds differ by one frame, the other way.
+    assert second == [
+        "worse",
+        f"{9 * unit:.3f}",
+        f"**{-2 * unit:+.3f} [{-3.5 * unit:+.3f}, {-0.5 * unit:+.3f}]**",
+        f"{unit / np.sqrt(2):.3f}",
+        "0.000",
+        f"{9 / 11:.3f}",
+        "2.00",
+    ]
+
+
+def test_the_command_writes_tables_that_do_not_hang_on_the_number_of_processes(
+    ablation, moving_square_sequence, tmp_path, capsys
+):
+    rows = []
+    for jobs in ("1", "2"):
+        output = tmp_path / "new" / jobs
+        arguments = [str(moving_square_sequence), "--preset", "li2007", "--seeds", "2"]
+        arguments += ["--particles", "30", "--off", "template.update_above=1", "--jobs", jobs]
+        assert ablation.main([*arguments, "--output", str(output)]) == 0
+        with (output / "ablation.csv").open() as file:
+            rows.append(list(csv.DictReader(file)))
+        table = (output / "ablation.md").read_text()
+        assert ("times are not comparable" in table) == (jobs == "2")
+    names = [
+        "li2007",
+        "without color_histogram",
+        "without gradient_orientation",
+        "template.update_above=1",
+        "N = 30",
+    ]
+    assert [row["variant"] for row in rows[0]] == names
+    assert {(row["sequence"], row["frames"], row["seeds"]) for row in rows[0]} == {
+        ("moving_square", "20", "2")
+    }
+    assert rows[0][0]["cpu_ratio_to_li2007"] == "1.0000"
+    shown = capsys.readouterr().out
+    for name in names:
+        assert f"| {name} |" in table
+        assert name in shown
+    for one, other in zip(*rows, strict=True):
+        for column in ("success_auc", "success_auc_deviation", "precision_20px"):
+            assert one[column] == other[column]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--preset", "nobody"], "no preset 'nobody'; there are: default"),
+        (["--off", "nothing"], "--off 'nothing'; allowed: NAME=VALUE"),
+        (["--off", " "], "--off ' '; allowed: NAME=VALUE"),
+        (["--off", "template.keep=7"], "template.keep=7: parameter 'template.keep' is 7.0"),
+        (["--off", "absent=1"], "absent=1: no parameter 'absent'"),
+        (["--off", "particles=9 particles=8"], "--off particles is given more than once"),
+        (["--off", "particles=9", "--off", "particles=9"], "is given more than once"),
+        (["--preset", "li2007", "--off", "particles=60"], "so it is in preset li2007; allowed:"),
+        (["--particles", "30,x"], "'x'; allowed: a whole number of at least 1"),
+        (["--jobs", "0"], "'0'; allowed: a whole number of at least 1"),
+        ([], "no sequence in"),
+    ],
+)
+def test_wrong_arguments_are_refused_with_what_is_allowed(
+    ablation, arguments, message, capsys, tmp_path
+):
+    with pytest.raises(SystemExit) as ended:
+        ablation.main([str(tmp_path), *arguments, "--output", str(tmp_path / "results")])
+    assert ended.value.code == 2
+    assert message in " ".join(capsys.readouterr().err.split())
