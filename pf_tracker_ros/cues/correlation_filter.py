@@ -29,18 +29,21 @@ _INSIDE, _OUTSIDE = 1e-3, 1e5
 # The penalty of the alternating direction method: at first, and its growth with every step.
 _FIRST_PENALTY, _PENALTY_GROWTH = 1.0, 10.0
 _STEPS = 2
-GAIN = 0.06
+# Root mean square that the features are brought to, which sets the strength of the penalties: weak
+# features make a filter that answers to what the samples have in common.
+_FEATURE_STRENGTH = 0.06
 
 
 def spectrum(features: NDArray[np.float32]) -> Spectrum:
     """(channels, cells, cells // 2 + 1) Fourier transform of (channels, cells, cells) features.
 
-    A cosine window first takes the features down to 0 at the borders.
+    A cosine window first takes the features down to 0 at the borders; all together are then brought
+    to one strength.
     """
     weighted = features * _cosine_window(features.shape[-1])
     energy = float(np.einsum("kyx,kyx->", weighted, weighted))
-    weighted *= GAIN * math.sqrt(weighted.size / max(energy, 1e-9))
-    return np.fft.rfft2(weighted)
+    weighted *= _FEATURE_STRENGTH * math.sqrt(weighted.size / max(energy, 1e-9))
+    return np.fft.rfft2(weighted).astype(np.complex64)
 
 
 def train(

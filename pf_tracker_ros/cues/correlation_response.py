@@ -25,7 +25,8 @@ from pf_tracker_ros.cues.correlation_filter import (
 )
 from pf_tracker_ros.cues.cue import Cue, Match
 from pf_tracker_ros.cues.maps import FrameMaps
-from pf_tracker_ros.cues.window_features import CELL_PIXELS, square_window, window_features
+from pf_tracker_ros.cues.window_features import CELL_PIXELS, window_features
+from pf_tracker_ros.cues.windows import Crop
 from pf_tracker_ros.parameters import declared
 
 # Places along each side of a cell at which the response is computed.
@@ -195,10 +196,9 @@ class CorrelationResponse(Cue):
     def _around(self, maps: FrameMaps, box: NDArray[np.float64]) -> _Window:
         center = box[:2] + box[2:] / 2
         side = self._window * math.sqrt(box[2] * box[3])
-        pixels = square_window(
-            maps.image, (float(center[0]), float(center[1])), side, CELL_PIXELS * self._cells
-        )
-        return _Window(spectrum(window_features(pixels)), center, side)
+        sides, pixels = np.array([side, side]), CELL_PIXELS * self._cells
+        window = Crop(maps.image, center, sides, pixels).window(center, sides, pixels)
+        return _Window(spectrum(window_features(window)), center, side)
 
     def _trained(
         self, seen: Spectrum, target_cells: tuple[float, float], before: Spectrum | None

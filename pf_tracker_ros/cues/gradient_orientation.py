@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.cues.cue import Cue, Match
 from pf_tracker_ros.cues.maps import FrameMaps, nearest_pixel
+from pf_tracker_ros.cues.matrix_product import product
 from pf_tracker_ros.parameters import declared
 
 # The Gaussian weight is constant over each of so many parts of a cell along an axis.
 _PARTS = 2
-# Multiplications in a matrix product up to which OpenBLAS starts no threads.
-_ONE_THREAD = 2**18
 
 
 @dataclass(frozen=True)
@@ -108,10 +107,10 @@ class GradientOrientation(Cue):
         """
         sums = self._cell_sums(maps, boxes)
         reference = template.reshape(-1, self._directions)
-        product = np.einsum("cnd,cd->n", sums, reference.astype(np.float32))
+        projection = np.einsum("cnd,cd->n", sums, reference.astype(np.float32))
         squared_length = np.einsum("cnd,cnd->n", sums, sums)
         textured = squared_length > 0.0
-        cosine = product / np.sqrt(np.where(textured, squared_length, 1.0))
+        cosine = projection / np.sqrt(np.where(textured, squared_length, 1.0))
         return np.maximum(textured - 2.0 * cosine + template @ template, 0.0)
 
     def _cell_sums(self, maps: FrameMaps, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -128,7 +127,7 @@ class GradientOrientation(Cue):
         values = integral.reshape(-1, self._directions).take(corners, axis=0)
         # Whole numbers up to 2^24, more than any region's sum in one direction, stay exact.
         values = values.astype(np.float32).reshape(self._corner_weights.shape[1], -1)
-        sums = _product(self._corner_weights, values)
+        sums = product(self._corner_weights, values)
         return sums.reshape(self._cells**2, len(boxes), self._directions)
 
     def blend(
@@ -136,18 +135,6 @@ class GradientOrientation(Cue):
     ) -> NDArray[np.float64]:
         """See `Cue.blend`; source: Li et al. 2007, equation (10)."""
         return keep * template + (1.0 - keep) * seen
-
-
-def _product(matrix: NDArray[np.float32], columns: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The matrix times the columns, in blocks that OpenBLAS computes on one thread.
-
-    Its other threads would keep a processor busy for longer than this whole frame takes.
-    """
-    block = max(_ONE_THREAD // matrix.size, 1)
-    product = np.empty((len(matrix), columns.shape[1]), dtype=np.float32)
-    for start in range(0, columns.shape[1], block):
-        product[:, start : start + block] = matrix @ columns[:, start : start + block]
-    return product
 
 
 def _corner_weights(cells: int, gaussian_width: float) -> NDArray[np.float32]:

@@ -15,13 +15,14 @@ import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.cues.cue import Cue, Match
 from pf_tracker_ros.cues.maps import FrameMaps
+from pf_tracker_ros.cues.matrix_product import product
 from pf_tracker_ros.cues.window_features import CELL_PIXELS, gradient_features
+from pf_tracker_ros.cues.windows import Crop
 from pf_tracker_ros.parameters import declared
 
 # Side of the patch that the target is brought to, whatever its shape.
@@ -130,7 +131,7 @@ class SizeResponse(Cue):
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> SizeTemplate:
         """See `Cue.learn`."""
         patches = self._patches(maps, box)
-        energy = patches @ patches.T
+        energy = product(patches, patches.T)
         ridge = _RIDGE * np.trace(energy) / len(energy) + 1e-9
         solution = np.linalg.solve(energy + ridge * np.eye(len(energy)), self._answer)
         return SizeTemplate(solution.astype(np.float32) @ patches)
@@ -169,35 +170,10 @@ class SizeResponse(Cue):
 
     def _patches(self, maps: FrameMaps, box: NDArray[np.float64]) -> NDArray[np.float32]:
         """(sizes, features) of the place of a (4,) box at all sizes, more towards the middle."""
-        image = maps.image
-        center, side = box[:2] + box[2:] / 2, box[2:]
-        start = np.maximum(np.floor(center - side * self._factors[-1] / 2).astype(int) - 1, 0)
-        end = np.ceil(center + side * self._factors[-1] / 2).astype(int) + 1
-        end = np.maximum(np.minimum(end, (image.shape[1], image.shape[0])), start + 1)
-        crop = image[start[1] : end[1], start[0] : end[0]]
-        if crop.ndim == 3:
-            crop = cv2.cvtColor(crop, cv2.COLOR_BGR2GRAY)
-        reduction = np.maximum((side / _PATCH).astype(int), 1)
-        whole = end - start
-        if (reduction > 1).any():
-            size = np.maximum(whole // reduction, 1)
-            crop = cv2.resize(crop, (int(size[0]), int(size[1])), interpolation=cv2.INTER_AREA)
-        scale = np.array([crop.shape[1], crop.shape[0]]) / whole
-        stack = np.empty((len(self._factors) * _PATCH, _PATCH), dtype=np.uint8)
-        for number, factor in enumerate(self._factors):
-            step = side * factor / _PATCH
-            first = (center - side * factor / 2 + step / 2 - start) * scale - 0.5
-            to_crop = np.array(
-                [[step[0] * scale[0], 0, first[0]], [0, step[1] * scale[1], first[1]]]
-            )
-            stack[number * _PATCH : (number + 1) * _PATCH] = cv2.warpAffine(
-                crop,
-                to_crop,
-                (_PATCH, _PATCH),
-                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-                borderMode=cv2.BORDER_REPLICATE,
-            )
-        features = gradient_features(stack)
+        center, sides = box[:2] + box[2:] / 2, box[2:]
+        crop = Crop(maps.image, center, sides * self._factors[-1], _PATCH, gray=True)
+        stack = [crop.window(center, sides * factor, _PATCH) for factor in self._factors]
+        features = gradient_features(np.concatenate(stack))
         channels, _, columns = features.shape
         by_patch = features.reshape(channels, len(self._factors), -1, columns).transpose(1, 0, 2, 3)
         return by_patch.reshape(len(self._factors), -1) * self._window

@@ -47,48 +47,6 @@ _NAMED_COLORS = (
 )
 
 
-def square_window(
-    image: NDArray[np.uint8], center: tuple[float, float], side: float, pixels: int
-) -> NDArray[np.uint8]:
-    """A square part of an image, brought to a size.
-
-    Args:
-        image: (H, W, 3) or (H, W) uint8.
-        center: (x, y) of the square's center, pixels; inside the image.
-        side: Of the square, pixels; what is outside the image repeats its border.
-        pixels: Side of the result.
-
-    Returns:
-        (pixels, pixels, 3) or (pixels, pixels) uint8.
-    """
-    height, width = image.shape[:2]
-    left, top = center[0] - side / 2, center[1] - side / 2
-    x0, y0 = max(math.floor(left) - 1, 0), max(math.floor(top) - 1, 0)
-    x1 = max(min(math.ceil(left + side) + 1, width), x0 + 1)
-    y1 = max(min(math.ceil(top + side) + 1, height), y0 + 1)
-    crop = image[y0:y1, x0:x1]
-    reduction = int(side / pixels + 0.25)
-    if reduction > 1:
-        # Pixels that the window has no room for are averaged, not skipped.
-        size = (max((x1 - x0) // reduction, 1), max((y1 - y0) // reduction, 1))
-        crop = cv2.resize(crop, size, interpolation=cv2.INTER_AREA)
-    scale_x, scale_y = crop.shape[1] / (x1 - x0), crop.shape[0] / (y1 - y0)
-    step = side / pixels
-    to_crop = np.array(
-        [
-            [step * scale_x, 0.0, (left + step / 2 - x0) * scale_x - 0.5],
-            [0.0, step * scale_y, (top + step / 2 - y0) * scale_y - 0.5],
-        ]
-    )
-    return cv2.warpAffine(
-        crop,
-        to_crop,
-        (pixels, pixels),
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-
-
 def window_features(window: NDArray[np.uint8]) -> NDArray[np.float32]:
     """What each cell of `CELL_PIXELS` pixels holds.
 
