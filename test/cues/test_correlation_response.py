@@ -76,6 +76,15 @@ def test_a_box_reads_the_response_at_its_center_whatever_its_size(template):
     np.testing.assert_array_equal(CUE.response(maps, larger, template), responses)
 
 
+def test_as_many_boxes_as_there_may_be_particles_are_read(template):
+    few, _ = boxes_around(BOX, 24)
+    maps = maps_of(frame(), few)
+    responses = CUE.response(maps, few, template)
+    many = np.resize(few, (100_000, 4))
+    expected = np.resize(responses, 100_000)
+    np.testing.assert_array_equal(CUE.response(maps, many, template), expected)
+
+
 def test_far_outside_of_the_window_there_is_no_response(template):
     maps = maps_of(frame())
     CUE.response(maps, BOX[None], template)
