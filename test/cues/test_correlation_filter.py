@@ -148,6 +148,21 @@ def test_response_equals_a_loop_over_displacements():
         assert values[8 + down, 8 + right] == pytest.approx((weights * moved).sum(), rel=1e-4)
 
 
+@pytest.mark.parametrize("refinement", [2, 3, 4])
+def test_a_refined_response_passes_through_the_values_at_whole_cells(refinement):
+    """With the highest frequencies too, and the same for both axes."""
+    seen = half_spectrum(noise(0))
+    trained = train(half_spectrum(noise(1)), TARGET, None, 0.0)
+    values = response(trained, seen, CELLS)
+    refined = response(trained, seen, refinement * CELLS)
+    places = slice(refinement * CELLS // 2 % refinement, None, refinement)
+    np.testing.assert_allclose(refined[places, places], values, atol=1e-5 * np.abs(values).max())
+    turned = [np.fft.rfft2(in_space(one).transpose(0, 2, 1)) for one in (trained, seen)]
+    np.testing.assert_allclose(
+        response(*turned, refinement * CELLS), refined.T, atol=1e-5 * np.abs(values).max()
+    )
+
+
 @pytest.mark.parametrize("samples", [CELLS, 2 * CELLS, 4 * CELLS])
 def test_the_middle_of_the_response_is_the_one_without_displacement(samples):
     seen = half_spectrum(noise(0, smooth=0.8))
