@@ -104,6 +104,11 @@ def response(filter_spectrum: Spectrum, seen: Spectrum, samples: int) -> NDArray
     half = cells // 2
     refined[:half, : half + 1] = product[:half]
     refined[-half:, : half + 1] = product[-half:]
+    if samples > cells:
+        # The highest frequency stands for both of its signs, which the refined map tells apart.
+        refined[-half] *= 0.5
+        refined[half] = refined[-half]
+        refined[:, half] *= 0.5
     values = np.fft.irfft2(refined, s=(samples, samples)) * np.float32((samples / cells) ** 2)
     return np.fft.fftshift(values)
 

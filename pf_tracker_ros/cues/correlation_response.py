@@ -31,6 +31,8 @@ from pf_tracker_ros.parameters import declared
 
 # Places along each side of a cell at which the response is computed.
 _REFINEMENT = 2
+# How many boxes are read at once, well within what OpenCV can (2^15 - 2).
+_READ_AT_ONCE = 2**14
 # Responses below this share of the one to the trained window are as good as none.
 _SMALLEST = 1e-9
 
@@ -182,8 +184,13 @@ class CorrelationResponse(Cue):
         )
         centers = boxes[:, :2] + boxes[:, 2:] / 2
         places = (centers - window.center) * (samples / window.side) + samples // 2
-        read = cv2.remap(values, places.astype(np.float32)[None], None, cv2.INTER_CUBIC)
-        return np.clip(read[0] / template.reference, 0.0, 1.0)
+        read = [
+            cv2.remap(values, part[None], None, cv2.INTER_CUBIC)[0]
+            for part in np.split(
+                places.astype(np.float32), range(_READ_AT_ONCE, len(places), _READ_AT_ONCE)
+            )
+        ]
+        return np.clip(np.concatenate(read) / template.reference, 0.0, 1.0)
 
     def blend(self, template: CorrelationTemplate, seen: _View, keep: float) -> CorrelationTemplate:
         """See `Cue.blend`; the filter's own memory takes the place of `keep`."""

@@ -145,7 +145,7 @@ def _name_channels(window: NDArray[np.uint8], cells: int) -> NDArray[np.float32]
     """(11, cells, cells) how much of each cell has each name."""
     half = cv2.resize(window, (2 * cells, 2 * cells), interpolation=cv2.INTER_AREA)
     blue, green, red = cv2.split(half // (256 // _COLOR_LEVELS))
-    number = (blue * np.intp(_COLOR_LEVELS) + green) * _COLOR_LEVELS + red
+    number = (blue.astype(np.intp) * _COLOR_LEVELS + green) * _COLOR_LEVELS + red
     names = _name_table().take(number, axis=0)
     rows = names[0::2] + names[1::2]
     return (rows[:, 0::2] + rows[:, 1::2]).transpose(2, 0, 1)

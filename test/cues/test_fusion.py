@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 
-from pf_tracker_ros.cues import CueFusion, FrameMaps, Match
+from pf_tracker_ros.cues import Cue, CueFusion, FrameMaps, Match
 from pf_tracker_ros.parameters import ParameterError
 
 
-class ScriptedCue:
+class ScriptedCue(Cue):
     """A cue whose likelihood is written down: template times the box's x."""
+
+    reach = 0.0
+    steady_keep = None
 
     def __init__(self, reach=0.0, steady_keep=None):
         self.asked = 0
@@ -27,6 +30,32 @@ class ScriptedCue:
 
     def blend(self, template, seen, keep):
         return keep * template + (1 - keep) * seen
+
+
+class PlacedCue(ScriptedCue):
+    """Notes the place at which it is asked."""
+
+    needs_place = True
+
+    def log_likelihood(self, maps, boxes, template):
+        self.place = maps.place
+        return super().log_likelihood(maps, boxes, template)
+
+
+class LateCue(ScriptedCue):
+    """Puts off its work: what it observes is the box, not a template."""
+
+    def observe(self, maps, box):
+        return ("seen", float(box[0]))
+
+    def adopt(self, seen):
+        return 10.0 * seen[1]
+
+    def match(self, seen, template):
+        return super().match(seen[1], template)
+
+    def blend(self, template, seen, keep):
+        return super().blend(template, seen[1], keep)
 
 
 BOXES = np.array([[1.0, 0.0, 4.0, 4.0], [2.0, 0.0, 4.0, 4.0]])
@@ -82,6 +111,80 @@ def test_a_cue_switched_on_later_says_nothing_until_it_has_learned():
     seen = fusion.learn(MAPS, BOXES[1])
     assert fusion.match(seen, {"a": 2.0}).log_likelihood == -2.0 * 2.0
     assert fusion.updated({"a": 2.0}, seen, trusted=False, keep=0.9) == {"a": 2.0, "b": 2.0}
+
+
+def test_a_cue_observes_what_it_would_learn_unless_it_puts_that_off():
+    fusion = CueFusion({"a": (ScriptedCue(), 0.5), "late": (LateCue(), 0.5)})
+    assert fusion.learn(MAPS, BOXES[1]) == {"a": 2.0, "late": 2.0}
+    assert fusion.observe(MAPS, BOXES[1]) == {"a": 2.0, "late": ("seen", 2.0)}
+
+
+def test_what_was_observed_is_matched_and_blended():
+    fusion = CueFusion({"a": (ScriptedCue(), 0.5), "late": (LateCue(), 0.5)})
+    seen, templates = fusion.observe(MAPS, BOXES[1]), {"a": 1.0, "late": 5.0}
+    match = fusion.match(seen, templates)
+    assert match.log_likelihood == pytest.approx(-0.5 * 2.0 - 0.5 * 10.0)
+    assert match.similarity == pytest.approx((1 / 3) ** 0.5 * (1 / 7) ** 0.5)
+    updated = fusion.updated(templates, seen, trusted=True, keep=0.5)
+    assert updated == {"a": 1.5, "late": 3.5}
+
+
+@pytest.mark.parametrize("trusted", [False, True])
+def test_a_cue_switched_on_later_adopts_what_it_observed(trusted):
+    cues = {"a": (ScriptedCue(), 0.5), "late": (LateCue(), 0.5)}
+    fusion = CueFusion(cues)
+    seen = fusion.observe(MAPS, BOXES[1])
+    updated = fusion.updated({"a": 2.0}, seen, trusted=trusted, keep=0.9)
+    assert updated == {"a": 2.0, "late": 20.0}
+
+
+def test_the_template_of_a_cue_switched_off_is_kept():
+    fusion = CueFusion({"a": (ScriptedCue(), 1.0), "off": (ScriptedCue(), 0.0)})
+    seen = fusion.observe(MAPS, BOXES[1])
+    assert fusion.updated({"a": 1.0, "off": 7.0}, seen, trusted=True, keep=0.5) == {
+        "a": 1.5,
+        "off": 7.0,
+    }
+
+
+def test_the_first_templates_judge_but_for_cues_that_follow_every_frame():
+    fusion = CueFusion(
+        {"a": (ScriptedCue(), 0.4), "steady": (ScriptedCue(steady_keep=0.5), 0.4)}
+        | {"later": (ScriptedCue(), 0.1), "unknown": (ScriptedCue(), 0.1)}
+    )
+    first = {"a": 1.0, "steady": 2.0, "off": 3.0, "unknown": 4.0}
+    last = {"a": 5.0, "steady": 6.0, "off": 7.0, "later": 8.0}
+    assert fusion.judged_by(last, first) == {"a": 1.0, "steady": 6.0, "later": 8.0}
+
+
+def test_a_cue_that_needs_the_place_is_asked_last_at_the_likeliest_one():
+    maps = FrameMaps(np.zeros((10, 10), np.uint8), BOXES)
+    placed, before, after = PlacedCue(), ScriptedCue(), ScriptedCue()
+    fusion = CueFusion({"before": (before, 0.2), "placed": (placed, 0.5), "after": (after, 0.3)})
+    templates = {"before": 1.0, "placed": 4.0, "after": 3.0}
+    fused = fusion.log_likelihood(maps, BOXES, templates)
+    np.testing.assert_allclose(fused, -(0.2 * 1.0 + 0.5 * 4.0 + 0.3 * 3.0) * BOXES[:, 0])
+    # The other two make the second box exp(-1.1) times as likely as the first.
+    second = np.exp(-1.1) / (1 + np.exp(-1.1))
+    np.testing.assert_allclose(placed.place, [1 + second, 0.0, 4.0, 4.0])
+    np.testing.assert_allclose(maps.place, placed.place)
+
+
+def test_the_likeliest_place_is_found_however_unlikely_all_boxes_are():
+    maps = FrameMaps(np.zeros((10, 10), np.uint8), BOXES)
+    placed = PlacedCue()
+    fusion = CueFusion({"placed": (placed, 0.5), "other": (ScriptedCue(), 0.5)})
+    fusion.log_likelihood(maps, BOXES, {"placed": 1.0, "other": 1e5})
+    np.testing.assert_allclose(placed.place, BOXES[0])
+
+
+def test_without_another_cue_the_place_is_the_mean_of_the_boxes():
+    maps = FrameMaps(np.zeros((10, 10), np.uint8), BOXES)
+    np.testing.assert_allclose(maps.place, [1.5, 0.0, 4.0, 4.0])
+    placed = PlacedCue()
+    fusion = CueFusion({"placed": (placed, 0.5), "other": (ScriptedCue(), 0.5)})
+    fusion.log_likelihood(maps, BOXES, {"placed": 1.0})
+    np.testing.assert_allclose(placed.place, [1.5, 0.0, 4.0, 4.0])
 
 
 def test_the_reach_is_that_of_the_cue_that_looks_furthest():

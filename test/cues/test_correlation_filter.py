@@ -1,0 +1,203 @@
+"""Training a correlation filter against dense solutions, and what its response looks like."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros.cues import correlation_filter
+from pf_tracker_ros.cues.correlation_filter import response, response_at_center, spectrum, train
+
+CELLS = 16
+TARGET = (5.0, 3.5)
+
+
+def noise(seed, channels=4, cells=CELLS, smooth=0.0):
+    """Features as strong as `spectrum` makes them; smooth ones lack the highest frequencies."""
+    features = np.random.default_rng(seed).normal(size=(channels, cells, cells))
+    if smooth:
+        frequency = np.fft.fftfreq(cells)
+        falloff = np.exp(-0.5 * (2 * np.pi * smooth * frequency) ** 2) * (abs(frequency) < 0.4)
+        features = np.fft.ifft2(np.fft.fft2(features) * np.outer(falloff, falloff)).real
+    return (0.06 * features / features.std()).astype(np.float32)
+
+
+def half_spectrum(features):
+    return np.fft.rfft2(features).astype(np.complex64)
+
+
+def peak(cells, target):
+    """The answer that is wanted at each displacement around the circle."""
+    values = np.empty((cells, cells))
+    for y, x in np.ndindex(cells, cells):
+        squared = min(y, cells - y) ** 2 + min(x, cells - x) ** 2
+        values[y, x] = np.exp(-0.5 * squared / (target[0] * target[1] / 16**2))
+    return values
+
+
+def squared_weight(cells, target):
+    """1e-3 where a cell is all inside the target, 1e5 outside, in between by its share."""
+
+    def covered(number, side):
+        start, end = number - cells / 2, number + 1 - cells / 2
+        return max(min(end, side / 2) - max(start, -side / 2), 0.0)
+
+    weights = np.empty((cells, cells))
+    for y, x in np.ndindex(cells, cells):
+        inside = covered(x, target[0]) * covered(y, target[1])
+        weights[y, x] = 1e-3 * inside + 1e5 * (1 - inside)
+    return weights**2
+
+
+def dense_solution(samples, answer, pull, total):
+    """(x x^H + total I) f = x y + pull, one frequency after the other."""
+    channels, cells, _ = samples.shape
+    solution = np.empty_like(samples)
+    for y, x in np.ndindex(cells, cells):
+        sample = samples[:, y, x]
+        matrix = np.outer(sample, sample.conj()) + total * np.eye(channels)
+        right = sample * answer[y, x].conj() + pull[:, y, x]
+        solution[:, y, x] = np.linalg.solve(matrix, right)
+    return solution
+
+
+def dense_training(features, target, before, memory, steps=2):
+    """The alternating direction method with whole spectra; (channels, cells, cells) in space."""
+    cells = features.shape[-1]
+    area = cells**2
+    samples = np.fft.fft2(features.astype(float))
+    answer = np.fft.fft2(peak(cells, target))
+    past = memory * np.fft.fft2(before) if before is not None else np.zeros_like(samples)
+    memory = memory if before is not None else 0.0
+    inside, dual = np.zeros_like(samples), np.zeros_like(samples)
+    for step in range(steps):
+        penalty = 10.0**step
+        pull = area * (past + penalty * inside - dual)
+        trained = dense_solution(samples, answer, pull, area * (penalty + memory))
+        in_space = np.fft.ifft2(penalty * trained + dual).real
+        inside = np.fft.fft2(in_space / (squared_weight(cells, target) / area + penalty))
+        dual = dual + penalty * (trained - inside)
+    return np.fft.ifft2(trained).real
+
+
+def in_space(filter_spectrum):
+    cells = filter_spectrum.shape[1]
+    return np.fft.irfft2(filter_spectrum, s=(cells, cells))
+
+
+def test_the_first_step_is_ridge_regression_at_each_frequency(monkeypatch):
+    monkeypatch.setattr(correlation_filter, "_STEPS", 1)
+    features = noise(0)
+    samples = np.fft.fft2(features.astype(float))
+    answer = np.fft.fft2(peak(CELLS, TARGET))
+    expected = dense_solution(samples, answer, np.zeros_like(samples), float(CELLS**2))
+    trained = train(half_spectrum(features), TARGET, None, 7.0)
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(trained, expected[..., : CELLS // 2 + 1], atol=1e-5 * scale)
+
+
+@pytest.mark.parametrize("memory", [0.0, 5.0, 300.0])
+def test_training_equals_the_dense_alternating_direction_method(memory):
+    first, second = noise(0), noise(1)
+    before = train(half_spectrum(first), TARGET, None, memory)
+    expected = dense_training(first, TARGET, None, memory)
+    np.testing.assert_allclose(in_space(before), expected, atol=1e-4 * np.abs(expected).max())
+    after = train(half_spectrum(second), TARGET, before, memory)
+    expected = dense_training(second, TARGET, in_space(before).astype(float), memory)
+    np.testing.assert_allclose(in_space(after), expected, atol=1e-4 * np.abs(expected).max())
+
+
+def test_the_filter_is_kept_inside_the_target(monkeypatch):
+    cells, target = 40, (10.0, 12.0)
+    seen = half_spectrum(noise(0, 8, cells, smooth=1.0))
+    inside = np.zeros((cells, cells), bool)
+    inside[14:26, 15:25] = True
+
+    def outside_share():
+        energy = np.square(in_space(train(seen, target, None, 0.0))).sum(axis=0)
+        return energy[~inside].sum() / energy.sum()
+
+    regularized = outside_share()
+    monkeypatch.setattr(correlation_filter, "_STEPS", 1)
+    assert regularized < 0.1
+    assert outside_share() > 0.5
+
+
+def test_a_long_memory_keeps_the_filter_and_none_forgets_it():
+    first, second = half_spectrum(noise(0)), half_spectrum(noise(1))
+    before = train(first, TARGET, None, 0.0)
+    scale = np.abs(before).max()
+    np.testing.assert_allclose(train(second, TARGET, before, 1e6), before, atol=1e-4 * scale)
+    forgotten = train(second, TARGET, before, 0.0)
+    np.testing.assert_allclose(forgotten, train(second, TARGET, None, 0.0), atol=1e-6 * scale)
+    changes = [
+        np.abs(train(second, TARGET, before, memory) - before).mean()
+        for memory in (0.0, 1.0, 30.0, 1000.0)
+    ]
+    assert changes == sorted(changes, reverse=True)
+
+
+def test_response_equals_a_loop_over_displacements():
+    features = noise(0, channels=2)
+    trained = train(half_spectrum(noise(1, 2)), TARGET, None, 0.0)
+    values = response(trained, half_spectrum(features), CELLS)
+    center = response_at_center(trained, half_spectrum(features))
+    assert values[8, 8] == pytest.approx(center, rel=1e-4)
+    weights = in_space(trained)
+    for down, right in [(0, 0), (3, 0), (0, -5), (-8, 7), (2, 2)]:
+        moved = np.roll(features, (-down, -right), axis=(1, 2))
+        assert values[8 + down, 8 + right] == pytest.approx((weights * moved).sum(), rel=1e-4)
+
+
+@pytest.mark.parametrize("refinement", [2, 3, 4])
+def test_a_refined_response_passes_through_the_values_at_whole_cells(refinement):
+    """With the highest frequencies too, and the same for both axes."""
+    seen = half_spectrum(noise(0))
+    trained = train(half_spectrum(noise(1)), TARGET, None, 0.0)
+    values = response(trained, seen, CELLS)
+    refined = response(trained, seen, refinement * CELLS)
+    places = slice(refinement * CELLS // 2 % refinement, None, refinement)
+    np.testing.assert_allclose(refined[places, places], values, atol=1e-5 * np.abs(values).max())
+    turned = [np.fft.rfft2(in_space(one).transpose(0, 2, 1)) for one in (trained, seen)]
+    np.testing.assert_allclose(
+        response(*turned, refinement * CELLS), refined.T, atol=1e-5 * np.abs(values).max()
+    )
+
+
+@pytest.mark.parametrize("samples", [CELLS, 2 * CELLS, 4 * CELLS])
+def test_the_middle_of_the_response_is_the_one_without_displacement(samples):
+    seen = half_spectrum(noise(0, smooth=0.8))
+    trained = train(seen, TARGET, None, 0.0)
+    values = response(trained, seen, samples)
+    assert values.shape == (samples, samples)
+    center = response_at_center(trained, seen)
+    assert values[samples // 2, samples // 2] == pytest.approx(center, rel=1e-4)
+    assert values.max() == values[samples // 2, samples // 2]
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (3.0, -2.0), (-8.0, 7.5), (0.5, 2.5), (-1.5, 0.0)])
+def test_the_peak_moves_with_the_window_by_cells_and_halves(shift):
+    """The shift theorem moves features that have no highest frequencies by parts of a cell."""
+    features = noise(0, smooth=0.8)
+    trained = train(half_spectrum(features), TARGET, None, 0.0)
+    down, right = np.fft.fftfreq(CELLS)[:, None], np.fft.fftfreq(CELLS)[None]
+    turned = np.exp(-2j * np.pi * (down * shift[1] + right * shift[0]))
+    moved = np.fft.ifft2(np.fft.fft2(features) * turned).real
+    values = response(trained, half_spectrum(moved), 2 * CELLS)
+    row, column = np.unravel_index(values.argmax(), values.shape)
+    assert (column - CELLS, row - CELLS) == (2 * shift[0], 2 * shift[1])
+    assert values.max() == pytest.approx(response_at_center(trained, half_spectrum(features)))
+
+
+def test_spectrum_fades_to_the_borders_and_is_of_one_strength():
+    features = cv2.GaussianBlur(noise(0, 1)[0], (3, 3), 0)[None]
+    one, other = spectrum(features), spectrum(70 * features)
+    np.testing.assert_allclose(other, one, rtol=1e-4, atol=1e-5)
+    values = in_space(one)
+    assert np.sqrt(np.square(values).mean()) == pytest.approx(0.06, rel=1e-4)
+    hann = [np.sin(np.pi * (place + 1) / (CELLS + 1)) ** 2 for place in range(CELLS)]
+    ratio = values[0] / features[0]
+    np.testing.assert_allclose(ratio / ratio[8, 8], np.outer(hann, hann) / hann[8] ** 2, rtol=1e-3)
+
+
+def test_features_of_nothing_have_a_spectrum_of_nothing():
+    assert not spectrum(np.zeros((3, CELLS, CELLS), np.float32)).any()

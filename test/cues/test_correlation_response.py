@@ -1,0 +1,189 @@
+"""The correlation response cue: the target is found where it went."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros.cues import CorrelationResponse, CorrelationResponseParameters, FrameMaps
+
+BOX = np.array([140.0, 100.0, 40.0, 32.0])
+CUE = CorrelationResponse(CorrelationResponseParameters())
+
+
+def texture(seed, height, width, grain=2.5):
+    noise = np.random.default_rng(seed).normal(size=(height, width, 3))
+    smooth = cv2.GaussianBlur(noise, (0, 0), grain)
+    return cv2.normalize(smooth, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+
+
+def frame(x=140, y=100, seed=0):
+    """A textured target of 40 x 32 px at (x, y) before a textured background."""
+    image = texture(seed, 240, 320)
+    image[y : y + 32, x : x + 40] = texture(99, 32, 40)
+    return image
+
+
+def maps_of(image, boxes=BOX):
+    return FrameMaps(image, np.atleast_2d(boxes))
+
+
+def boxes_around(box, reach=24):
+    """(49 * 49, 4) boxes at every whole pixel up to `reach` from a box, and their offsets."""
+    offsets = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2), axis=-1).reshape(-1, 2)
+    return box + np.column_stack([offsets, np.zeros_like(offsets)]), offsets
+
+
+@pytest.fixture(scope="module")
+def template():
+    return CUE.learn(maps_of(frame()), BOX)
+
+
+def test_the_learned_box_answers_with_one(template):
+    maps = maps_of(frame())
+    assert CUE.response(maps, BOX[None], template)[0] == pytest.approx(1.0, abs=1e-4)
+    assert CUE.log_likelihood(maps, BOX[None], template)[0] == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize(("right", "down"), [(0, 0), (12, -8), (-7, 5), (20, 15), (-16, -19)])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_target_that_moved_is_found_at_its_displacement(template, right, down, seed):
+    """Whether the background is the learned one or another; within the response's 2 px."""
+    boxes, offsets = boxes_around(BOX)
+    maps = maps_of(frame(140 + right, 100 + down, seed), boxes)
+    responses = CUE.response(maps, boxes, template)
+    found = offsets[responses.argmax()]
+    assert np.abs(found - (right, down)).max() <= 2
+    far = np.hypot(*(offsets - (right, down)).T) > 12
+    assert responses.max() > 2 * responses[far].max()
+    np.testing.assert_allclose(
+        CUE.log_likelihood(maps, boxes, template), -80.0 * (1.0 - responses), atol=1e-9
+    )
+
+
+def test_a_gray_target_that_moved_is_found_too():
+    gray = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in (frame(), frame(131, 110))]
+    template = CUE.learn(maps_of(gray[0]), BOX)
+    boxes, offsets = boxes_around(BOX)
+    responses = CUE.response(maps_of(gray[1], boxes), boxes, template)
+    assert np.abs(offsets[responses.argmax()] - (-9, 10)).max() <= 2
+
+
+def test_a_box_reads_the_response_at_its_center_whatever_its_size(template):
+    boxes, _ = boxes_around(BOX, 3)
+    maps = maps_of(frame(), boxes)
+    responses = CUE.response(maps, boxes, template)
+    larger = boxes + [-10, -5, 20, 10]
+    np.testing.assert_array_equal(CUE.response(maps, larger, template), responses)
+
+
+def test_as_many_boxes_as_there_may_be_particles_are_read(template):
+    few, _ = boxes_around(BOX, 24)
+    maps = maps_of(frame(), few)
+    responses = CUE.response(maps, few, template)
+    many = np.resize(few, (100_000, 4))
+    expected = np.resize(responses, 100_000)
+    np.testing.assert_array_equal(CUE.response(maps, many, template), expected)
+
+
+def test_far_outside_of_the_window_there_is_no_response(template):
+    maps = maps_of(frame())
+    CUE.response(maps, BOX[None], template)
+    far = BOX + [[90, 0, 0, 0], [0, -90, 0, 0], [1000, 1000, 0, 0]]
+    np.testing.assert_array_equal(CUE.response(maps, far, template), 0.0)
+
+
+def test_a_target_at_the_image_s_corner_is_learned_and_found():
+    image = frame(0, 0)[4:, 6:]
+    box = np.array([-6.0, -4.0, 40.0, 32.0])
+    template = CUE.learn(maps_of(image, box), box)
+    boxes, offsets = boxes_around(box, 8)
+    responses = CUE.response(maps_of(image, boxes), boxes, template)
+    assert np.abs(offsets[responses.argmax()]).max() <= 1
+
+
+def test_match_is_the_response_of_the_one_box(template):
+    boxes, _ = boxes_around(BOX, 4)
+    maps = maps_of(frame(), boxes)
+    log_likelihood = CUE.log_likelihood(maps, boxes, template)
+    responses = CUE.response(maps, boxes, template)
+    for number in (0, 17, 40):
+        match = CUE.match(CUE.observe(maps, boxes[number]), template)
+        assert match.log_likelihood == pytest.approx(log_likelihood[number])
+        assert match.similarity == pytest.approx(responses[number])
+
+
+def test_only_every_third_blend_trains(template):
+    """With the default interval of 3; what the frames between saw makes no difference."""
+    others = []
+    for between in (frame(), frame(seed=5)):
+        view = CUE.observe(maps_of(between), BOX)
+        first = CUE.blend(template, view, 0.9)
+        second = CUE.blend(first, view, 0.9)
+        assert (first.waiting, second.waiting) == (1, 2)
+        for waiting in (first, second):
+            assert waiting.filter is template.filter
+            assert waiting.reference == template.reference
+        trained = CUE.blend(second, CUE.observe(maps_of(frame(seed=1)), BOX), 0.9)
+        assert trained.waiting == 0
+        assert trained.target_cells == template.target_cells
+        others.append(trained)
+    assert np.abs(others[0].filter - template.filter).max() > 0
+    np.testing.assert_array_equal(others[0].filter, others[1].filter)
+    # The response that counts as 1 is the one to the window trained on last.
+    maps = maps_of(frame(seed=1))
+    assert CUE.response(maps, BOX[None], others[0])[0] == pytest.approx(1.0, abs=1e-4)
+
+
+def test_more_memory_adapts_slower(template):
+    changes = []
+    for memory in (0.0, 10.0, 300.0, 10000.0):
+        parameters = CorrelationResponseParameters(memory=memory, training_interval=1)
+        cue = CorrelationResponse(parameters)
+        trained = cue.blend(template, cue.observe(maps_of(frame(seed=1)), BOX), 0.9)
+        changes.append(np.abs(trained.filter - template.filter).mean())
+    assert changes == sorted(changes, reverse=True)
+    assert changes[0] > 10 * changes[-1]
+
+
+def test_adopting_what_was_observed_equals_learning(template):
+    maps = maps_of(frame())
+    adopted = CUE.adopt(CUE.observe(maps, BOX))
+    np.testing.assert_array_equal(adopted.filter, template.filter)
+    assert adopted.reference == template.reference
+    assert adopted.target_cells == template.target_cells
+
+
+def test_an_image_buffer_that_is_overwritten_later_does_no_harm(template):
+    buffer = frame()
+    cue = CorrelationResponse(CorrelationResponseParameters(training_interval=1))
+    learned = cue.learn(maps_of(buffer), BOX)
+    waiting = CUE.blend(learned, CUE.observe(maps_of(buffer), BOX), 0.9)
+    trained = cue.blend(learned, cue.observe(maps_of(buffer), BOX), 0.9)
+    buffer[:] = 0
+    for kept in (learned, waiting, trained):
+        boxes, offsets = boxes_around(BOX, 6)
+        responses = CUE.response(maps_of(frame(), boxes), boxes, kept)
+        assert np.abs(offsets[responses.argmax()]).max() <= 1
+        assert responses.max() == pytest.approx(1.0, abs=1e-2)
+    np.testing.assert_array_equal(learned.filter, CUE.learn(maps_of(frame()), BOX).filter)
+
+
+def test_an_odd_number_of_cells_is_the_even_one_above():
+    boxes, _ = boxes_around(BOX, 3)
+    maps = maps_of(frame(), boxes)
+    by_cells = []
+    for cells in (31, 32):
+        cue = CorrelationResponse(CorrelationResponseParameters(cells=cells))
+        learned = cue.learn(maps_of(frame()), BOX)
+        assert learned.filter.shape == (42, 32, 17)
+        by_cells.append(cue.response(maps, boxes, learned))
+    np.testing.assert_array_equal(*by_cells)
+
+
+def test_templates_do_not_share_a_response(template):
+    """One frame is read with two: the last, and the one that judges it."""
+    maps = maps_of(frame())
+    other = CUE.learn(maps_of(frame(170, 120)), BOX)
+    own = CUE.response(maps, BOX[None], template)
+    assert CUE.response(maps, BOX[None], other)[0] < own[0]
+    assert CUE.response(maps, BOX[None], template)[0] == own[0]
