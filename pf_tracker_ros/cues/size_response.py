@@ -44,7 +44,7 @@ class SizeResponseParameters:
     )
     sizes: int = declared(
         17,
-        "Sizes that are compared each frame, an odd number.",
+        "Sizes that are compared each frame; an even number counts as the odd one above.",
         minimum=3,
         maximum=65,
         read_only=True,
@@ -65,7 +65,7 @@ class SizeResponseParameters:
         read_only=True,
     )
     sharpness: float = declared(
-        20.0,
+        100.0,
         "How fast the likelihood falls as the response does.",
         minimum=0.0,
         maximum=1000.0,
@@ -112,12 +112,13 @@ class SizeResponse(Cue):
     """
 
     def __init__(self, parameters: SizeResponseParameters) -> None:
-        offsets = np.arange(parameters.sizes) - (parameters.sizes - 1) / 2
+        steps = parameters.sizes // 2
+        offsets = np.arange(-steps, steps + 1)
         self._offsets = offsets
         self._factors = parameters.step**offsets
         self._log_step = math.log(parameters.step)
         self._answer = np.exp(-0.5 * np.square(offsets / parameters.peak_width))
-        window = np.hanning(parameters.sizes + 2)[1:-1]
+        window = np.hanning(len(offsets) + 2)[1:-1]
         self._window = window[:, None].astype(np.float32)
         self._sharpness = parameters.sharpness
         self._interval = parameters.training_interval

@@ -126,7 +126,7 @@ def test_a_target_at_the_edge_of_the_image_is_learned_and_answered(template):
     boxes = np.concatenate([box[None] - [0.5, 0.5, -1, -1], box[None]])
     logs = CUE.log_likelihood(maps_of(image, box), boxes, learned)
     assert np.isfinite(logs).all()
-    assert logs[1] == pytest.approx(0.0, abs=3.0)
+    assert logs[1] > -0.15 * PARAMETERS.sharpness
 
 
 def test_color_images_are_read_as_gray(template):

@@ -14,6 +14,8 @@ CUES = (
     "gradient_orientation",
     "foreground_probability",
     "oriented_gradients",
+    "correlation_response",
+    "size_response",
 )
 every_preset = pytest.mark.parametrize("preset", sorted(PRESETS))
 
@@ -380,8 +382,10 @@ def test_cues_are_switched_off_and_on_while_tracking(only):
     frames = walk(24)
     tracker = Tracker.from_preset("default")
     run(tracker, frames[:8])
+    # A size says nothing of a place: that cue alone would follow nothing.
+    beside = {"gradient_orientation.power": 0.5} if only == "size_response" else {}
     for powers, part in [
-        ({f"{cue}.power": float(cue == only) for cue in CUES}, frames[8:16]),
+        ({f"{cue}.power": float(cue == only) for cue in CUES} | beside, frames[8:16]),
         ({f"{cue}.power": 0.3 for cue in CUES}, frames[16:]),
     ]:
         tracker.set_parameters(powers)
