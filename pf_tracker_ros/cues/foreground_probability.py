@@ -138,14 +138,12 @@ class ForegroundProbability(Cue):
         return self._log_likelihood(self.contrast(maps, boxes, template), template)
 
     def match(self, seen: ForegroundTemplate, template: ForegroundTemplate) -> Match:
-        """See `Cue.match`; colors that hardly tell the target from the rest can't deny it either.
-
-        The similarity falls from 1 by the share of the target's own contrast that is missing, times
-        that contrast.
-        """
+        """See `Cue.match`; the similarity is the contrast's share of the target's own."""
         contrast = np.float64((seen.inside - seen.ring) @ template.probabilities)
-        missing = min(max(template.contrast - float(contrast), 0.0), template.contrast)
-        return Match(float(self._log_likelihood(contrast, template)), 1.0 - missing)
+        share = contrast / template.contrast if template.contrast > 0.0 else 1.0
+        return Match(
+            float(self._log_likelihood(contrast, template)), float(np.clip(share, 0.0, 1.0))
+        )
 
     def contrast(
         self, maps: FrameMaps, boxes: NDArray[np.float64], template: ForegroundTemplate

@@ -19,26 +19,13 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         "default": MappingProxyType(
             {
-                "particles": 250,
                 "motion.model": "constant_velocity_and_size",
                 "working_size": 56,
                 "motion.size_noise": 0.15,
-                "motion.jump_rate": 1.0,
-                "color_histogram.power": 0.15,
-                "gradient_orientation.power": 0.2,
-                "gradient_orientation.sharpness": 30.0,
-                "foreground_probability.power": 0.25,
-                "foreground_probability.sharpness": 170.0,
-                "correlation_response.power": 0.3,
-                "correlation_response.training_interval": 2,
-                "size_response.power": 0.1,
-                "size_response.training_interval": 2,
-                "template.update_above": 0.0,
-                "template.confident_above": 0.6,
-                "template.judge_by_first": True,
-                "template.keep": 0.99,
-                "track.occluded_below": 0.35,
-                "track.recovered_above": 0.45,
+                "color_histogram.power": 0.2,
+                "gradient_orientation.power": 0.4,
+                "foreground_probability.power": 0.4,
+                "template.keep": 0.97,
             }
         ),
         "li2007": MappingProxyType(

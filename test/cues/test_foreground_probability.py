@@ -89,8 +89,8 @@ def test_likelihood_and_match_by_hand(image):
     for box, log, contrast in zip(boxes, log_likelihood, contrasts, strict=True):
         match = CUE.match(CUE.learn(maps, box), template)
         assert match.log_likelihood == pytest.approx(log, abs=1e-5)
-        missing = min(max(template.contrast - contrast, 0.0), template.contrast)
-        assert match.similarity == pytest.approx(1.0 - missing, abs=1e-5)
+        share = min(max(contrast / template.contrast, 0.0), 1.0)
+        assert match.similarity == pytest.approx(share, abs=1e-5)
 
 
 def test_a_target_like_its_surroundings_says_nothing():
