@@ -95,6 +95,8 @@ class ManagedNode(LifecycleNode):
             undo()
             return TransitionCallbackReturn.FAILURE
         except Exception:
-            logger.error(f"{transition.__name__} failed: {traceback.format_exc()}")
+            # A signal that takes the context away in the middle of it is no failure to tell of.
+            if self.context.ok():
+                logger.error(f"{transition.__name__} failed: {traceback.format_exc()}")
             return TransitionCallbackReturn.ERROR
         return TransitionCallbackReturn.SUCCESS

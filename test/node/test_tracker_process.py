@@ -1,5 +1,6 @@
 """The node as a process of its own, as `ros2 run` starts it."""
 
+import itertools
 import signal
 
 import pytest
@@ -87,9 +88,16 @@ def test_a_signal_ends_the_process_cleanly_at_any_moment(graph, client, images, 
         else:
             client.meet()
         if moment == "busy":
-            for index in range(10):
-                client.images.publish(client.message(images[index], client.at(index)))
-            client.wait_for(lambda: client.boxes, "box")
+            indices = itertools.count()
+
+            def busy(indices=indices):
+                # The status that was waited for may be a late one of the process before.
+                index = next(indices)
+                image = images[index % len(images)]
+                client.images.publish(client.message(image, client.at(index)))
+                return client.boxes
+
+            client.wait_for(busy, "box")
         process.send_signal(number)
         output, _ = process.communicate(timeout=DEADLINE)
         assert process.returncode == 0, (moment, output)
