@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Cue, Match
+from pf_tracker_ros.cues.cue import Cue, Match, declared_power
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.parameters import declared
 
@@ -28,13 +28,7 @@ _FADED = 0.01
 class ColorHistogramParameters:
     """The color histogram cue."""
 
-    power: float = declared(
-        0.6,
-        "Power of this cue in the fused likelihood (alpha_k); 0 switches it off. "
-        "The powers of all cues are scaled to a sum of 1.",
-        minimum=0.0,
-        maximum=1.0,
-    )
+    power: float = declared_power(0.6, symbol="alpha_k")
     levels: int = declared(
         16,
         "Steps that each of red, green and blue is divided into.",

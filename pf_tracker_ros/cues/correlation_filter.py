@@ -15,7 +15,7 @@ filters for visual tracking" (w).
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,8 @@ _STEPS = 2
 # Root mean square that the features are brought to, which sets the strength of the penalties: weak
 # features make a filter that answers to what the samples have in common.
 _FEATURE_STRENGTH = 0.06
+# Targets whose peak and weight are remembered; each new box has its own.
+_TARGETS = 8
 
 
 def spectrum(features: NDArray[np.float32]) -> Spectrum:
@@ -128,7 +130,7 @@ def _cosine_window(cells: int) -> NDArray[np.float32]:
     return np.outer(side, side).astype(np.float32)
 
 
-@cache
+@lru_cache(maxsize=_TARGETS)
 def _peak(cells: int, target_cells: tuple[float, float]) -> NDArray[np.float32]:
     """Spectrum, which is real, of a Gaussian peak at displacement (0, 0)."""
     place = np.fft.fftfreq(cells) * cells
@@ -137,7 +139,7 @@ def _peak(cells: int, target_cells: tuple[float, float]) -> NDArray[np.float32]:
     return np.fft.rfft2(np.outer(side, side)).real.astype(np.float32)
 
 
-@cache
+@lru_cache(maxsize=_TARGETS)
 def _squared_weight(cells: int, target_cells: tuple[float, float]) -> NDArray[np.float32]:
     """(cells, cells) w^2, small inside the target, cells that it covers in part between."""
     place = np.abs(np.arange(cells) - (cells - 1) / 2)

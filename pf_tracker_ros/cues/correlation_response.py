@@ -23,7 +23,8 @@ from pf_tracker_ros.cues.correlation_filter import (
     spectrum,
     train,
 )
-from pf_tracker_ros.cues.cue import Cue, Match
+from pf_tracker_ros.cues.cue import Match, declared_power
+from pf_tracker_ros.cues.deferred import DeferredCue, View, declared_training_interval
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.cues.window_features import CELL_PIXELS, window_features
 from pf_tracker_ros.cues.windows import Crop
@@ -41,13 +42,7 @@ _SMALLEST = 1e-9
 class CorrelationResponseParameters:
     """The correlation response cue."""
 
-    power: float = declared(
-        0.0,
-        "Power of this cue in the fused likelihood; 0 switches it off. "
-        "The powers of all cues are scaled to a sum of 1.",
-        minimum=0.0,
-        maximum=1.0,
-    )
+    power: float = declared_power(0.0)
     window: float = declared(
         4.0,
         "Side of the square window around the target that the filter is trained in; a larger one "
@@ -77,13 +72,7 @@ class CorrelationResponseParameters:
         minimum=0.0,
         maximum=10000.0,
     )
-    training_interval: int = declared(
-        3,
-        "Frames from one training of the filter to the next, each counting for all of them; "
-        "training is the costliest part of the cue.",
-        minimum=1,
-        maximum=100,
-    )
+    training_interval: int = declared_training_interval()
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,13 +92,6 @@ class CorrelationTemplate:
     waiting: int = 0
 
 
-class _View(NamedTuple):
-    """Where to look in the frame at hand."""
-
-    maps: FrameMaps
-    box: NDArray[np.float64]
-
-
 class _Window(NamedTuple):
     """The window around the prediction.
 
@@ -124,7 +106,7 @@ class _Window(NamedTuple):
     side: float
 
 
-class CorrelationResponse(Cue):
+class CorrelationResponse(DeferredCue):
     """Response of a regularized correlation filter, against that to the window it was trained on.
 
     Args:
@@ -147,21 +129,13 @@ class CorrelationResponse(Cue):
         )
         return self._trained(window.spectrum, cells, None)
 
-    def observe(self, maps: FrameMaps, box: NDArray[np.float64]) -> _View:
-        """See `Cue.observe`; the window around the box is only read where it is trained on."""
-        return _View(maps, box)
-
-    def adopt(self, seen: _View) -> CorrelationTemplate:
-        """See `Cue.adopt`."""
-        return self.learn(seen.maps, seen.box)
-
     def log_likelihood(
         self, maps: FrameMaps, boxes: NDArray[np.float64], template: CorrelationTemplate
     ) -> NDArray[np.float64]:
         """See `Cue.log_likelihood`."""
         return -self._sharpness * (1.0 - self.response(maps, boxes, template))
 
-    def match(self, seen: _View, template: CorrelationTemplate) -> Match:
+    def match(self, seen: View, template: CorrelationTemplate) -> Match:
         """See `Cue.match`; the similarity is the response."""
         value = float(self.response(seen.maps, seen.box[None], template)[0])
         return Match(-self._sharpness * (1.0 - value), value)
@@ -192,7 +166,7 @@ class CorrelationResponse(Cue):
         ]
         return np.clip(np.concatenate(read) / template.reference, 0.0, 1.0)
 
-    def blend(self, template: CorrelationTemplate, seen: _View, keep: float) -> CorrelationTemplate:
+    def blend(self, template: CorrelationTemplate, seen: View, keep: float) -> CorrelationTemplate:
         """See `Cue.blend`; the filter's own memory takes the place of `keep`."""
         waiting = template.waiting + 1
         if waiting < self._interval:

@@ -8,6 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.cues.maps import FrameMaps
+from pf_tracker_ros.parameters import declared
+
+
+def declared_power(default: float, symbol: str = "") -> float:
+    """The parameter that every cue has: its power in the fused likelihood.
+
+    Args:
+        default: 0 to 1.
+        symbol: The paper's symbol for it, empty where it has none.
+    """
+    named = f" ({symbol})" if symbol else ""
+    power: float = declared(
+        default,
+        f"Power of this cue in the fused likelihood{named}; 0 switches it off. "
+        "The powers of all cues are scaled to a sum of 1.",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    return power
 
 
 class Match(NamedTuple):

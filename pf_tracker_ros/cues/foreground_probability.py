@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Cue, Match
+from pf_tracker_ros.cues.cue import Cue, Match, declared_power
 from pf_tracker_ros.cues.maps import FrameMaps, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
@@ -31,13 +31,7 @@ _PRIOR_SHARE = 1e-4
 class ForegroundProbabilityParameters:
     """The foreground probability cue."""
 
-    power: float = declared(
-        0.0,
-        "Power of this cue in the fused likelihood; 0 switches it off. "
-        "The powers of all cues are scaled to a sum of 1.",
-        minimum=0.0,
-        maximum=1.0,
-    )
+    power: float = declared_power(0.0)
     levels: int = declared(
         16,
         "Steps that each of red, green and blue is divided into.",

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Cue, Match
+from pf_tracker_ros.cues.cue import Cue, Match, declared_power
 from pf_tracker_ros.cues.maps import FrameMaps, nearest_pixel
 from pf_tracker_ros.cues.matrix_product import product
 from pf_tracker_ros.parameters import declared
@@ -23,13 +23,7 @@ _PARTS = 2
 class GradientOrientationParameters:
     """The gradient orientation vector cue."""
 
-    power: float = declared(
-        0.4,
-        "Power of this cue in the fused likelihood (1 - alpha); 0 switches it off. "
-        "The powers of all cues are scaled to a sum of 1.",
-        minimum=0.0,
-        maximum=1.0,
-    )
+    power: float = declared_power(0.4, symbol="1 - alpha")
     cells: int = declared(
         4,
         "Cells along each side of the box.",

@@ -40,8 +40,6 @@ class FrameMaps:
 
     Attributes:
         image: The whole image.
-        place: (4,) box around which a cue measures that can't measure everywhere; the mean of the
-            boxes, until better is known.
         pixels: The region inside the image, (h, w, 3) or (h, w) uint8, reduced.
         foreground: (mask, reduction) of a background model: (h, w) uint8 over the whole image, 255
             for foreground, and the image pixels to one of its pixels along each axis; None where
@@ -76,7 +74,8 @@ class FrameMaps:
         if reduction > 1:
             crop = _reduced(crop, reduction)
         self.image = image
-        self.place: NDArray[np.float64] = boxes.mean(axis=0)
+        self._boxes = boxes
+        self._place: NDArray[np.float64] | None = None
         self.foreground = foreground
         self.pixels: NDArray[np.uint8] = crop
         self.padding = (
@@ -88,6 +87,18 @@ class FrameMaps:
         self._corner = np.array([left, top, 0.0, 0.0])
         self._reduction = reduction
         self._shared: dict[object, object] = {}
+
+    @property
+    def place(self) -> NDArray[np.float64]:
+        """(4,) box around which a cue measures that can't measure everywhere.
+
+        The mean of the boxes, until better is known.
+        """
+        return self._boxes.mean(axis=0) if self._place is None else self._place
+
+    @place.setter
+    def place(self, box: NDArray[np.float64]) -> None:
+        self._place = box
 
     def region_boxes(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 4) boxes in image pixels as (x, y, width, height) in region pixels."""

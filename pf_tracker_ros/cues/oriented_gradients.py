@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Cue, Match
+from pf_tracker_ros.cues.cue import Cue, Match, declared_power
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.parameters import declared
 
@@ -31,13 +31,7 @@ _ROUNDING = 1e-3
 class OrientedGradientsParameters:
     """The cue of histograms of oriented gradients (HOG)."""
 
-    power: float = declared(
-        0.0,
-        "Power of this cue in the fused likelihood; 0 switches it off. "
-        "The powers of all cues are scaled to a sum of 1.",
-        minimum=0.0,
-        maximum=1.0,
-    )
+    power: float = declared_power(0.0)
     cells_x: int = declared(
         5,
         "Cells across the box.",

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Cue, Match
+from pf_tracker_ros.cues.cue import Match, declared_power
+from pf_tracker_ros.cues.deferred import DeferredCue, View, declared_training_interval
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.cues.matrix_product import product
 from pf_tracker_ros.cues.window_features import CELL_PIXELS, gradient_features
@@ -35,13 +35,7 @@ _RIDGE = 0.01
 class SizeResponseParameters:
     """The size response cue."""
 
-    power: float = declared(
-        0.0,
-        "Power of this cue in the fused likelihood; 0 switches it off. "
-        "The powers of all cues are scaled to a sum of 1.",
-        minimum=0.0,
-        maximum=1.0,
-    )
+    power: float = declared_power(0.0)
     sizes: int = declared(
         17,
         "Sizes that are compared each frame; an even number counts as the odd one above.",
@@ -76,12 +70,7 @@ class SizeResponseParameters:
         minimum=0.0,
         maximum=1.0,
     )
-    training_interval: int = declared(
-        3,
-        "Frames from one training of the filter to the next, each counting for all of them.",
-        minimum=1,
-        maximum=100,
-    )
+    training_interval: int = declared_training_interval()
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,14 +86,7 @@ class SizeTemplate:
     waiting: int = 0
 
 
-class _View(NamedTuple):
-    """Where to look in the frame at hand."""
-
-    maps: FrameMaps
-    box: NDArray[np.float64]
-
-
-class SizeResponse(Cue):
+class SizeResponse(DeferredCue):
     """Response of a linear filter to the target at several sizes.
 
     Args:
@@ -137,14 +119,6 @@ class SizeResponse(Cue):
         solution = np.linalg.solve(energy + ridge * np.eye(len(energy)), self._answer)
         return SizeTemplate(solution.astype(np.float32) @ patches)
 
-    def observe(self, maps: FrameMaps, box: NDArray[np.float64]) -> _View:
-        """See `Cue.observe`; the box is only read where it is trained on."""
-        return _View(maps, box)
-
-    def adopt(self, seen: _View) -> SizeTemplate:
-        """See `Cue.adopt`."""
-        return self.learn(seen.maps, seen.box)
-
     def log_likelihood(
         self, maps: FrameMaps, boxes: NDArray[np.float64], template: SizeTemplate
     ) -> NDArray[np.float64]:
@@ -156,11 +130,11 @@ class SizeResponse(Cue):
         values = np.interp(steps, self._offsets, response)
         return -self._sharpness * (1.0 - np.clip(values, 0.0, 1.0))
 
-    def match(self, seen: _View, template: SizeTemplate) -> Match | None:
+    def match(self, seen: View, template: SizeTemplate) -> Match | None:
         """See `Cue.match`; any size of anything may look like the right one."""
         return None
 
-    def blend(self, template: SizeTemplate, seen: _View, keep: float) -> SizeTemplate:
+    def blend(self, template: SizeTemplate, seen: View, keep: float) -> SizeTemplate:
         """See `Cue.blend`; the filter's own share takes the place of `keep`."""
         waiting = template.waiting + 1
         if waiting < self._interval:

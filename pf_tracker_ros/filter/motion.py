@@ -88,18 +88,7 @@ class ConstantVelocity:
         predicted[:, :2] += states[:, 2:4] * interval
         predicted[:, 2:4] *= np.exp(-self._parameters.velocity_damping * interval)
         predicted[:, :4] += noise
-        if self._parameters.jump_rate > 0.0:
-            self._jump(predicted, interval, generator)
         return predicted
-
-    def _jump(
-        self, states: NDArray[np.float64], interval: float, generator: np.random.Generator
-    ) -> None:
-        """Let some of the (N, D) states jump, in place: a heavy tail of the transition prior."""
-        probability = -np.expm1(-self._parameters.jump_rate * interval)
-        jumping = np.flatnonzero(generator.random(len(states)) < probability)
-        reach = self._parameters.jump_reach * self._box_sizes(states[jumping])
-        states[jumping, :2] += reach * generator.standard_normal((len(jumping), 2))
 
     def constrained(
         self, states: NDArray[np.float64], image_size: tuple[int, int]
@@ -226,21 +215,6 @@ class MotionParameters:
         unit="per square root of a second",
         minimum=0.0,
         maximum=10.0,
-    )
-    jump_rate: float = declared(
-        0.0,
-        "How often the target may jump, in the constant velocity models: particles that jump find "
-        "targets that move abruptly or come out elsewhere than they went in; 0 is never.",
-        unit="1/s",
-        minimum=0.0,
-        maximum=100.0,
-    )
-    jump_reach: float = declared(
-        1.0,
-        "Standard deviation of such a jump.",
-        unit="box sizes",
-        minimum=0.0,
-        maximum=100.0,
     )
     prior_position: float = declared(
         0.05,

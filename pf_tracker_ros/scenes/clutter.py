@@ -24,7 +24,7 @@ from pf_tracker_ros.scenes.sprites import Color, Sprite
 from pf_tracker_ros.scenes.stage import Actor, Stage
 from pf_tracker_ros.scenes.street import Street
 from pf_tracker_ros.scenes.textures import fractal_noise, smooth_path
-from pf_tracker_ros.scenes.walkers import GAIT_VIEWS, Person
+from pf_tracker_ros.scenes.walkers import GAIT_VIEWS, Person, standing_boxes
 
 WIDTH, HEIGHT = 640, 480
 FRAME_INTERVAL = 0.04
@@ -39,8 +39,6 @@ _HOUSE_LINE = 290
 _CURB = 350
 _LANE = 332.0
 _PERSON_HEIGHT = 96.0
-# Mean width of a walking person over its height.
-_PERSON_WIDTH = 0.4
 # Standard deviation of the blur of the street at level 0, px.
 _BLUR = 12.0
 # Contrast of a patch with what it covers: at a level just above 0, and added up to level 1.
@@ -143,11 +141,7 @@ class ClutteredStreet:
     @cached_property
     def target_boxes(self) -> NDArray[np.float64]:
         """(frames, 4): x, y, width, height of the target, from head to feet, of one size."""
-        size = np.array([_PERSON_WIDTH * _PERSON_HEIGHT, _PERSON_HEIGHT])
-        # A pixel's index is its center; boxes count from the corner of the first pixel.
-        feet = self.target.positions - self.camera.offsets + 0.5
-        corners = feet - (size[0] / 2, _PERSON_HEIGHT - 1.0)
-        return np.hstack([corners, np.broadcast_to(size, corners.shape)])
+        return standing_boxes(self.target.positions - self.camera.offsets, _PERSON_HEIGHT)
 
     @cached_property
     def visibility(self) -> NDArray[np.float64]:

@@ -21,7 +21,7 @@ from pf_tracker_ros.scenes.camera import HandheldCamera
 from pf_tracker_ros.scenes.sprites import Sprite
 from pf_tracker_ros.scenes.stage import Actor, Stage
 from pf_tracker_ros.scenes.textures import fractal_noise, smooth_path
-from pf_tracker_ros.scenes.walkers import GAIT_VIEWS, Person
+from pf_tracker_ros.scenes.walkers import GAIT_VIEWS, Person, standing_boxes
 
 WIDTH, HEIGHT = 640, 480
 FRAME_INTERVAL = 0.04
@@ -31,8 +31,6 @@ _MARGIN = 16
 _STAGE_SIZE = (WIDTH + 2 * _MARGIN, HEIGHT + 2 * _MARGIN)
 _GROUND_LEVEL = 95.0
 _PERSON_HEIGHT = 96.0
-# Mean width of a walking person over its height.
-_PERSON_WIDTH = 0.4
 _HALO_WIDTH = 9.0
 
 
@@ -119,11 +117,7 @@ class InfraredScene:
     @cached_property
     def target_boxes(self) -> NDArray[np.float64]:
         """(frames, 4): x, y, width, height of the target, from head to feet, of one size."""
-        size = np.array([_PERSON_WIDTH * _PERSON_HEIGHT, _PERSON_HEIGHT])
-        # A pixel's index is its center; boxes count from the corner of the first pixel.
-        feet = self.target.positions - self.camera.offsets + 0.5
-        corners = feet - (size[0] / 2, _PERSON_HEIGHT - 1.0)
-        return np.hstack([corners, np.broadcast_to(size, corners.shape)])
+        return standing_boxes(self.target.positions - self.camera.offsets, _PERSON_HEIGHT)
 
     def render(self, index: int) -> NDArray[np.uint8]:
         """Frame `index`, counted from 0: (480, 640) uint8."""

@@ -17,9 +17,27 @@ GAIT_VIEWS = 12
 _ENLARGEMENT = 4
 _PANELS = 8
 
+# Mean width of a walking person over its height.
+_PERSON_WIDTH = 0.4
+
 Pattern = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 """Maps canopy coordinates, the rim a circle of radius 1, to a number: at least 0 the one color,
 below 0 the other, each on about half of the canopy."""
+
+
+def standing_boxes(feet: NDArray[np.float64], height: float) -> NDArray[np.float64]:
+    """Boxes of a person, from head to feet, all of one size.
+
+    Args:
+        feet: (frames, 2) x and y of the pixel between the feet, a pixel's index its center.
+        height: Of the person, pixels.
+
+    Returns:
+        (frames, 4) x, y, width, height, counted from the corner of the first pixel.
+    """
+    width = _PERSON_WIDTH * height
+    corners = feet + 0.5 - (width / 2, height - 1.0)
+    return np.hstack([corners, np.broadcast_to((width, height), corners.shape)])
 
 
 def panels(across: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:

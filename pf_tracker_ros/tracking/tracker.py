@@ -247,9 +247,9 @@ class Tracker:
             judges = self._fusion.judged_by(judges, target.first_templates)
         match = self._fusion.match(seen, judges)
         track = target.track.after(match.similarity, interval, parameters.track)
+        templates = target.templates
         if track.state == "tracking":
             trusted = math.exp(match.log_likelihood) > parameters.template.update_above
-            templates = target.templates
             if match.similarity >= parameters.template.confident_above:
                 templates = self._fusion.updated(templates, seen, trusted, parameters.template.keep)
             if foresight:
@@ -257,7 +257,6 @@ class Tracker:
         else:
             # What is at the box is not the target: its likelihoods would pull the particles to
             # whatever hides it. The motion model alone carries them on.
-            templates = target.templates
             weighted = predicted
             box = motion.boxes(weighted.mean[None])
 

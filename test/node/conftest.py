@@ -340,6 +340,24 @@ def graph(ros_domain):
     graph.close()
 
 
+@pytest.fixture
+def client(graph):
+    """The client that most tests need only one of."""
+    return graph.client()
+
+
+@pytest.fixture
+def images(moving_square):
+    """The frames of the moving square."""
+    return moving_square.images
+
+
+@pytest.fixture
+def box(moving_square):
+    """The moving square's box in the first frame, as a parameter takes it."""
+    return [float(value) for value in moving_square.boxes[0]]
+
+
 @pytest.fixture(scope="session")
 def noise():
     """A function that makes images of textured noise."""

@@ -2,24 +2,7 @@
 
 import itertools
 
-import pytest
-
 QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
-
-
-@pytest.fixture
-def client(graph):
-    return graph.client()
-
-
-@pytest.fixture
-def images(moving_square):
-    return moving_square.images
-
-
-@pytest.fixture
-def box(moving_square):
-    return [float(value) for value in moving_square.boxes[0]]
 
 
 def health(client, condition):

@@ -18,21 +18,6 @@ QUICK = {
 }
 
 
-@pytest.fixture
-def client(graph):
-    return graph.client()
-
-
-@pytest.fixture
-def images(moving_square):
-    return moving_square.images
-
-
-@pytest.fixture
-def box(moving_square):
-    return [float(value) for value in moving_square.boxes[0]]
-
-
 def yuv(image):
     """(H, W) planes Y, U and V by ITU-R BT.601, video levels."""
     blue, green, red = (image[..., channel].astype(float) for channel in range(3))

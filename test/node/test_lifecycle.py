@@ -41,23 +41,8 @@ class Manager:
 
 
 @pytest.fixture
-def client(graph):
-    return graph.client()
-
-
-@pytest.fixture
 def manager(client):
     return Manager(client)
-
-
-@pytest.fixture
-def images(moving_square):
-    return moving_square.images
-
-
-@pytest.fixture
-def box(moving_square):
-    return [float(value) for value in moving_square.boxes[0]]
 
 
 def topics(node):

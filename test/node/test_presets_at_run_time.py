@@ -11,16 +11,6 @@ RELIABLE = {"image_reliability": "reliable"}
 
 
 @pytest.fixture
-def client(graph):
-    return graph.client()
-
-
-@pytest.fixture
-def images(moving_square):
-    return moving_square.images
-
-
-@pytest.fixture
 def boxes(moving_square):
     return [[float(value) for value in box] for box in moving_square.boxes]
 

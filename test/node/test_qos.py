@@ -8,11 +8,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 QUICK = {"particles": 20, "image_reliability": "reliable"}
 
 
-@pytest.fixture
-def images(moving_square):
-    return moving_square.images
-
-
 def last_error(client):
     return client.health[-1].values["last_error"] if client.health else ""
 

@@ -20,21 +20,6 @@ RUNS = int(os.environ.get("PF_TRACKER_RUNS", "2"))
 REPLAY = "pf_tracker_ros.node.replay_node"
 
 
-@pytest.fixture
-def client(graph):
-    return graph.client()
-
-
-@pytest.fixture
-def images(moving_square):
-    return moving_square.images
-
-
-@pytest.fixture
-def box(moving_square):
-    return [float(value) for value in moving_square.boxes[0]]
-
-
 def tracker(graph, box, *more):
     return graph.process(
         *("-p", "preset:=li2007", "-p", "track.occluded_below:=0.0", "-p", "seed:=4"),

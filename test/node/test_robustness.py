@@ -6,7 +6,6 @@ from array import array
 from pathlib import Path
 
 import numpy as np
-import pytest
 from geometry_msgs.msg import Point32, PointStamped, Polygon, PolygonStamped
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -39,21 +38,6 @@ def cases(bounded):
         deadline=None,
         suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
     )
-
-
-@pytest.fixture
-def client(graph):
-    return graph.client()
-
-
-@pytest.fixture
-def images(moving_square):
-    return moving_square.images
-
-
-@pytest.fixture
-def box(moving_square):
-    return [float(value) for value in moving_square.boxes[0]]
 
 
 def test_a_fault_that_repeats_is_logged_once(graph, client, images, box, capfd):

@@ -13,11 +13,6 @@ PARAMETERS = preset_parameters("li2007") | {"particles": 20}
 
 
 @pytest.fixture
-def images(moving_square):
-    return moving_square.images
-
-
-@pytest.fixture
 def box(moving_square):
     return tuple(moving_square.boxes[0])
 

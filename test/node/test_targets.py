@@ -18,16 +18,6 @@ QUICK = {
 
 
 @pytest.fixture
-def client(graph):
-    return graph.client()
-
-
-@pytest.fixture
-def images(moving_square):
-    return moving_square.images
-
-
-@pytest.fixture
 def boxes(moving_square):
     return [tuple(float(value) for value in box) for box in moving_square.boxes]
 

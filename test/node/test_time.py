@@ -13,21 +13,6 @@ QUICK = {
 }
 
 
-@pytest.fixture
-def client(graph):
-    return graph.client()
-
-
-@pytest.fixture
-def images(moving_square):
-    return moving_square.images
-
-
-@pytest.fixture
-def box(moving_square):
-    return [float(value) for value in moving_square.boxes[0]]
-
-
 def position(message):
     return message.polygon.points[0].x, message.polygon.points[0].y
 

@@ -20,16 +20,6 @@ COVARIANCE = (("xx", "xy"), ("xy", "yy"))
 
 
 @pytest.fixture
-def client(graph):
-    return graph.client()
-
-
-@pytest.fixture
-def images(moving_square):
-    return moving_square.images
-
-
-@pytest.fixture
 def box(moving_square):
     return tuple(float(value) for value in moving_square.boxes[0])
 

@@ -16,21 +16,6 @@ QUICK = {"particles": 20, "track__occluded_below": 0.0, "image_reliability": "re
 DECLARATIONS = declarations(NodeParameters) | declarations(TrackerParameters)
 
 
-@pytest.fixture
-def client(graph):
-    return graph.client()
-
-
-@pytest.fixture
-def images(moving_square):
-    return moving_square.images
-
-
-@pytest.fixture
-def box(moving_square):
-    return [float(value) for value in moving_square.boxes[0]]
-
-
 def get(client, *names):
     response = client.call(client.parameters.get_parameters, list(names))
     return [parameter_value_to_python(value) for value in response.values]

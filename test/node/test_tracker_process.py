@@ -13,21 +13,6 @@ from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 DEADLINE = 20.0
 
 
-@pytest.fixture
-def client(graph):
-    return graph.client()
-
-
-@pytest.fixture
-def images(moving_square):
-    return moving_square.images
-
-
-@pytest.fixture
-def box(moving_square):
-    return [float(value) for value in moving_square.boxes[0]]
-
-
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_preset_file_is_read_by_ros_without_a_complaint(graph, client, images, tmp_path, preset):
     path = tmp_path / "preset.yaml"

@@ -219,6 +219,32 @@ def test_templates_freeze_while_hidden():
     assert tracker.update(frames[-1][0], dt=0.001).confidence > 0.5 * before
 
 
+def confidence_after_a_change(**template):
+    """The confidence in a target that has turned, little by little, into another one."""
+    other = texture(9, (SIDE, SIDE), 0, 250)
+    parameters = {"template.update_above": 0.0, "template.keep": 0.5, "track.occluded_below": 0.0}
+    parameters |= {f"template.{name}": value for name, value in template.items()}
+    tracker = Tracker.from_preset("li2007", parameters=parameters)
+    image, box = frame(100, 120)
+    left, top, side, _ = box
+    tracker.start(image, box)
+    for share in np.linspace(0.0, 1.0, 31):
+        changed = cv2.addWeighted(TARGET, 1.0 - share, other, share, 0.0)
+        image[top : top + side, left : left + side] = changed
+        estimate = tracker.update(image)
+    return estimate.confidence
+
+
+def test_what_was_learned_vouches_for_a_change_unless_the_first_frame_judges():
+    assert confidence_after_a_change() > 0.85
+    assert confidence_after_a_change(judge_by_first=True) < 0.7
+
+
+def test_nothing_is_learned_below_the_confidence_that_it_takes():
+    assert confidence_after_a_change(confident_above=1.0) < 0.7
+    assert confidence_after_a_change(confident_above=0.3) == confidence_after_a_change()
+
+
 def test_time_between_frames_counts():
     """At half the frame rate the target moves twice as far a frame, and dt says so."""
     frames = walk(40)[::2]
