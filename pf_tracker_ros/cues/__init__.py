@@ -5,12 +5,12 @@ from pf_tracker_ros.cues.correlation_response import (
     CorrelationResponse,
     CorrelationResponseParameters,
 )
-from pf_tracker_ros.cues.cue import Cue, Match
+from pf_tracker_ros.cues.cue import Cue, Match, SearchableCue
 from pf_tracker_ros.cues.foreground_probability import (
     ForegroundProbability,
     ForegroundProbabilityParameters,
 )
-from pf_tracker_ros.cues.fusion import CueFusion, TemplateParameters
+from pf_tracker_ros.cues.fusion import CueFusion, FusionParameters, TemplateParameters
 from pf_tracker_ros.cues.gradient_orientation import (
     GradientOrientation,
     GradientOrientationParameters,
@@ -18,7 +18,6 @@ from pf_tracker_ros.cues.gradient_orientation import (
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.cues.moving_foreground import MovingForeground, MovingForegroundParameters
 from pf_tracker_ros.cues.oriented_gradients import OrientedGradients, OrientedGradientsParameters
-from pf_tracker_ros.cues.size_response import SizeResponse, SizeResponseParameters
 
 __all__ = [
     "ColorHistogram",
@@ -30,6 +29,7 @@ __all__ = [
     "ForegroundProbability",
     "ForegroundProbabilityParameters",
     "FrameMaps",
+    "FusionParameters",
     "GradientOrientation",
     "GradientOrientationParameters",
     "Match",
@@ -37,7 +37,6 @@ __all__ = [
     "MovingForegroundParameters",
     "OrientedGradients",
     "OrientedGradientsParameters",
-    "SizeResponse",
-    "SizeResponseParameters",
+    "SearchableCue",
     "TemplateParameters",
 ]

@@ -39,10 +39,13 @@ _TARGETS = 8
 def spectrum(features: NDArray[np.float32]) -> Spectrum:
     """(channels, cells, cells // 2 + 1) Fourier transform of (channels, cells, cells) features.
 
-    A cosine window first takes the features down to 0 at the borders; all together are then brought
-    to one strength.
+    Each channel's mean, which is much the same in every window, is taken out: a filter that is
+    trained with it answers to any window. A cosine window takes the features down to 0 at the
+    borders; all together are then brought to one strength.
     """
-    weighted = features * _cosine_window(features.shape[-1])
+    window = _cosine_window(features.shape[-1])
+    means = np.einsum("kyx,yx->k", features, window) / window.sum()
+    weighted = (features - means[:, None, None]) * window
     energy = float(np.einsum("kyx,kyx->", weighted, weighted))
     weighted *= _FEATURE_STRENGTH * math.sqrt(weighted.size / max(energy, 1e-9))
     return np.fft.rfft2(weighted).astype(np.complex64)

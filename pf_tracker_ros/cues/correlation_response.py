@@ -1,7 +1,8 @@
 """Correlation response cue: how strongly a trained filter answers at each place.
 
-The filter's answer to the window around the prediction is computed once a frame, and each particle
-reads it at its center: any number of particles costs nearly the same.
+The filter's answers to the window around the prediction, at a few sizes of it, are computed once a
+frame, and each particle reads them at its center and size: any number of particles costs nearly the
+same.
 
 Sources: as in `correlation_filter` and `window_features`.
 """
@@ -23,8 +24,7 @@ from pf_tracker_ros.cues.correlation_filter import (
     spectrum,
     train,
 )
-from pf_tracker_ros.cues.cue import Match, declared_power
-from pf_tracker_ros.cues.deferred import DeferredCue, View, declared_training_interval
+from pf_tracker_ros.cues.cue import Match, SearchableCue, declared_power
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.cues.window_features import CELL_PIXELS, window_features
 from pf_tracker_ros.cues.windows import Crop
@@ -34,6 +34,10 @@ from pf_tracker_ros.parameters import declared
 _REFINEMENT = 2
 # How many boxes are read at once, well within what OpenCV can (2^15 - 2).
 _READ_AT_ONCE = 2**14
+# Standard deviation of the response map, as a share of its peak, at which the target is as likely
+# there as not; the same for the peak, as a share of the response to what was learned from last; and
+# how fast that changes with both.
+_EVEN_CLUTTER, _EVEN_LEVEL, _EXPONENT = 0.135, 0.4, 6.5
 # Responses below this share of the one to the trained window are as good as none.
 _SMALLEST = 1e-9
 
@@ -60,6 +64,21 @@ class CorrelationResponseParameters:
         maximum=64,
         read_only=True,
     )
+    sizes: int = declared(
+        3,
+        "Sizes of the window that are compared each frame, around that of the prediction; an even "
+        "number counts as the odd one above. 1 says nothing about the target's size.",
+        minimum=1,
+        maximum=9,
+        read_only=True,
+    )
+    size_step: float = declared(
+        1.02,
+        "Factor from one of these sizes to the next.",
+        minimum=1.001,
+        maximum=1.5,
+        read_only=True,
+    )
     sharpness: float = declared(
         80.0,
         "How fast the likelihood falls as the response does.",
@@ -72,7 +91,13 @@ class CorrelationResponseParameters:
         minimum=0.0,
         maximum=10000.0,
     )
-    training_interval: int = declared_training_interval()
+    training_interval: int = declared(
+        3,
+        "Frames from one training of the filter to the next, each counting for all of them; fewer "
+        "trainings cost less.",
+        minimum=1,
+        maximum=100,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +117,18 @@ class CorrelationTemplate:
     waiting: int = 0
 
 
+class View(NamedTuple):
+    """Where to look in the frame at hand: training the filter costs too much for every frame.
+
+    Attributes:
+        maps: Of that frame.
+        box: (4,) x, y, width, height in pixels.
+    """
+
+    maps: FrameMaps
+    box: NDArray[np.float64]
+
+
 class _Window(NamedTuple):
     """The window around the prediction.
 
@@ -106,7 +143,7 @@ class _Window(NamedTuple):
     side: float
 
 
-class CorrelationResponse(DeferredCue):
+class CorrelationResponse(SearchableCue):
     """Response of a regularized correlation filter, against that to the window it was trained on.
 
     Args:
@@ -116,6 +153,8 @@ class CorrelationResponse(DeferredCue):
     def __init__(self, parameters: CorrelationResponseParameters) -> None:
         self._window = parameters.window
         self._cells = parameters.cells + parameters.cells % 2
+        self._steps = np.arange(parameters.sizes // 2 * 2 + 1) - parameters.sizes // 2
+        self._log_step = math.log(parameters.size_step)
         self._sharpness = parameters.sharpness
         self._interval = parameters.training_interval
         self._memory = parameters.memory / self._interval
@@ -129,42 +168,79 @@ class CorrelationResponse(DeferredCue):
         )
         return self._trained(window.spectrum, cells, None)
 
-    def log_likelihood(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], template: CorrelationTemplate
+    def observe(self, maps: FrameMaps, box: NDArray[np.float64]) -> View:
+        """See `Cue.observe`."""
+        return View(maps, box)
+
+    def adopt(self, seen: View) -> CorrelationTemplate:
+        """See `Cue.adopt`."""
+        return self.learn(seen.maps, seen.box)
+
+    def log_likelihood_of(
+        self, strength: NDArray[np.float64], template: CorrelationTemplate
     ) -> NDArray[np.float64]:
-        """See `Cue.log_likelihood`."""
-        return -self._sharpness * (1.0 - self.response(maps, boxes, template))
+        """See `SearchableCue.log_likelihood_of`."""
+        return -self._sharpness * (1.0 - strength)
 
     def match(self, seen: View, template: CorrelationTemplate) -> Match:
-        """See `Cue.match`; the similarity is the response."""
-        value = float(self.response(seen.maps, seen.box[None], template)[0])
-        return Match(-self._sharpness * (1.0 - value), value)
+        """See `Cue.match`.
 
-    def response(
+        The response at the box says little, since there is a best place even where the target is
+        hidden. The similarity is how far the best place stands out from all others, and whether its
+        response is on the level of the last one that was learned from.
+
+        Source: Bolme, Beveridge, Draper, Lui 2010, "Visual object tracking using adaptive
+        correlation filters", section 3.5 (the peak-to-sidelobe ratio).
+        """
+        value = float(self.strength(seen.maps, seen.box[None], template)[0])
+        values, _ = self._responses(seen.maps, template)[len(self._steps) // 2]
+        peak = max(float(values.max()), _SMALLEST)
+        stands_out = _odds(_EVEN_CLUTTER * peak / max(float(values.std()), _SMALLEST))
+        is_there = _odds(peak / template.reference / _EVEN_LEVEL)
+        return Match(-self._sharpness * (1.0 - value), stands_out * is_there)
+
+    def strength(
         self, maps: FrameMaps, boxes: NDArray[np.float64], template: CorrelationTemplate
     ) -> NDArray[np.float64]:
-        """(N,) responses, 0 to 1, at the centers of (N, 4) boxes.
+        """See `SearchableCue.strength`: the responses at the centers of the boxes, 0 to 1.
 
-        The first boxes of a frame tell where the window of that frame is: around their mean.
+        The windows are around `FrameMaps.place`. Between their sizes a box's response is
+        interpolated; beyond them it is that of the next.
         """
-        samples = _REFINEMENT * self._cells
-        window = maps.shared(
-            ("correlation window", self._window, self._cells),
-            lambda: self._around(maps, boxes.mean(axis=0)),
-        )
-        values = maps.shared(
-            ("correlation response", template),
-            lambda: response(template.filter, window.spectrum, samples),
-        )
+        responses = self._responses(maps, template)
+        # A view may answer more than the one that was learned; still no place beats the best.
+        full = max(template.reference, *(float(values.max()) for values, _ in responses))
         centers = boxes[:, :2] + boxes[:, 2:] / 2
-        places = (centers - window.center) * (samples / window.side) + samples // 2
-        read = [
-            cv2.remap(values, part[None], None, cv2.INTER_CUBIC)[0]
-            for part in np.split(
-                places.astype(np.float32), range(_READ_AT_ONCE, len(places), _READ_AT_ONCE)
-            )
-        ]
-        return np.clip(np.concatenate(read) / template.reference, 0.0, 1.0)
+        read = np.stack([_read(values, window, centers) for values, window in responses])
+        if len(responses) > 1:
+            sizes = boxes[:, 2] * boxes[:, 3] / (maps.place[2] * maps.place[3])
+            steps = np.log(sizes) / (2 * self._log_step) - self._steps[0]
+            below = np.clip(steps.astype(np.intp), 0, len(responses) - 2)
+            share = np.clip(steps - below, 0.0, 1.0)
+            each = np.arange(len(boxes))
+            read = (1.0 - share) * read[below, each] + share * read[below + 1, each]
+        else:
+            read = read[0]
+        return np.clip(read / full, 0.0, 1.0)
+
+    def _responses(
+        self, maps: FrameMaps, template: CorrelationTemplate
+    ) -> list[tuple[NDArray[np.float32], _Window]]:
+        """The response map of each size, and where its window is."""
+        windows = maps.shared(
+            ("correlation windows", self._window, self._cells, len(self._steps), self._log_step),
+            lambda: [
+                self._around(maps, maps.place, math.exp(step * self._log_step))
+                for step in self._steps
+            ],
+        )
+        samples = _REFINEMENT * self._cells
+        return maps.shared(
+            ("correlation responses", template),
+            lambda: [
+                (response(template.filter, window.spectrum, samples), window) for window in windows
+            ],
+        )
 
     def blend(self, template: CorrelationTemplate, seen: View, keep: float) -> CorrelationTemplate:
         """See `Cue.blend`; the filter's own memory takes the place of `keep`."""
@@ -174,9 +250,9 @@ class CorrelationResponse(DeferredCue):
         window = self._around(seen.maps, seen.box)
         return self._trained(window.spectrum, template.target_cells, template.filter)
 
-    def _around(self, maps: FrameMaps, box: NDArray[np.float64]) -> _Window:
+    def _around(self, maps: FrameMaps, box: NDArray[np.float64], factor: float = 1.0) -> _Window:
         center = box[:2] + box[2:] / 2
-        side = self._window * math.sqrt(box[2] * box[3])
+        side = self._window * factor * math.sqrt(box[2] * box[3])
         sides, pixels = np.array([side, side]), CELL_PIXELS * self._cells
         window = Crop(maps.image, center, sides, pixels).window(center, sides, pixels)
         return _Window(spectrum(window_features(window)), center, side)
@@ -187,3 +263,20 @@ class CorrelationResponse(DeferredCue):
         trained = train(seen, target_cells, before, self._memory)
         reference = max(response_at_center(trained, seen), _SMALLEST)
         return CorrelationTemplate(trained, reference, target_cells)
+
+
+def _read(
+    values: NDArray[np.float32], window: _Window, centers: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """(N,) values of a response map at (N, 2) centers in image pixels, 0 outside the window."""
+    samples = len(values)
+    places = (centers - window.center) * (samples / window.side) + samples // 2
+    parts = np.split(places.astype(np.float32), range(_READ_AT_ONCE, len(places), _READ_AT_ONCE))
+    return np.concatenate(
+        [cv2.remap(values, part[None], None, cv2.INTER_CUBIC)[0] for part in parts]
+    )
+
+
+def _odds(ratio: float) -> float:
+    """From 0 to 1, a half at a ratio of 1."""
+    return ratio**_EXPONENT / (1.0 + ratio**_EXPONENT)

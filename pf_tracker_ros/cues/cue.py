@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,17 +54,17 @@ class Cue(Protocol):
         return 0.0
 
     @property
-    def needs_place(self) -> bool:
-        """Whether the cue measures around `FrameMaps.place`, which the other cues find first."""
-        return False
-
-    @property
     def steady_keep(self) -> float | None:
         """Share of the template that every tracked frame keeps, whatever its likelihood.
 
         None leaves it to the trusted frames and to their common share, `TemplateParameters`.
         """
         return None
+
+    @property
+    def judges(self) -> bool:
+        """Whether the similarity tells the target from other things, and not only from nothing."""
+        return True
 
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> Any:
         """The template of what is in a (4,) box (x, y, width, height), pixels."""
@@ -91,3 +91,27 @@ class Cue(Protocol):
 
     def blend(self, template: Any, seen: Any, keep: float) -> Any:
         """The template `keep * template + (1 - keep) * seen`."""
+
+
+@runtime_checkable
+class SearchableCue(Cue, Protocol):
+    """A cue that many boxes cost next to nothing, so that it can look for the target.
+
+    It measures one number, from which its log likelihood follows.
+    """
+
+    def strength(
+        self, maps: FrameMaps, boxes: NDArray[np.float64], template: Any
+    ) -> NDArray[np.float64]:
+        """(N,) how much of the target there is at (N, 4) boxes, at most 1."""
+
+    def log_likelihood_of(
+        self, strength: NDArray[np.float64], template: Any
+    ) -> NDArray[np.float64]:
+        """(N,) log p(Z | X), at most 0, of (N,) strengths."""
+
+    def log_likelihood(
+        self, maps: FrameMaps, boxes: NDArray[np.float64], template: Any
+    ) -> NDArray[np.float64]:
+        """See `Cue.log_likelihood`."""
+        return self.log_likelihood_of(self.strength(maps, boxes, template), template)

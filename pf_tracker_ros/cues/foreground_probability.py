@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Cue, Match, declared_power
+from pf_tracker_ros.cues.cue import Match, SearchableCue, declared_power
 from pf_tracker_ros.cues.maps import FrameMaps, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
@@ -47,8 +47,14 @@ class ForegroundProbabilityParameters:
         maximum=3.0,
         read_only=True,
     )
+    own_size: bool = declared(
+        True,
+        "Measure each box as large as it is. Otherwise all are measured in the size that the "
+        "target is expected in, so that their contrast tells its place and leaves its size to "
+        "another cue.",
+    )
     sharpness: float = declared(
-        150.0,
+        50.0,
         "How fast the likelihood falls as the contrast between box and ring does.",
         minimum=0.0,
         maximum=1000.0,
@@ -88,7 +94,7 @@ class ForegroundTemplate:
 Contrast = TypeVar("Contrast", np.float64, NDArray[np.float64])
 
 
-class ForegroundProbability(Cue):
+class ForegroundProbability(SearchableCue):
     """Mean foreground probability of the box minus that of the ring around it.
 
     Args:
@@ -100,6 +106,7 @@ class ForegroundProbability(Cue):
         self._ring = parameters.ring
         self._sharpness = parameters.sharpness
         self._keep = parameters.keep
+        self._own_size = parameters.own_size
 
     @property
     def reach(self) -> float:
@@ -110,6 +117,11 @@ class ForegroundProbability(Cue):
     def steady_keep(self) -> float:
         """See `Cue.steady_keep`: the surroundings change with every step of the target."""
         return self._keep
+
+    @property
+    def judges(self) -> bool:
+        """See `Cue.judges`: whatever has the target's colors has the contrast."""
+        return False
 
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> ForegroundTemplate:
         """See `Cue.learn`."""
@@ -125,11 +137,22 @@ class ForegroundProbability(Cue):
         ring = self._counts(bins[outer_y0:outer_y1, outer_x0:outer_x1]) - inside
         return ForegroundTemplate(_shares(inside), _shares(ring))
 
-    def log_likelihood(
+    def strength(
         self, maps: FrameMaps, boxes: NDArray[np.float64], template: ForegroundTemplate
     ) -> NDArray[np.float64]:
-        """See `Cue.log_likelihood`."""
-        return self._log_likelihood(self.contrast(maps, boxes, template), template)
+        """See `SearchableCue.strength`: the contrast."""
+        if not self._own_size:
+            size = maps.place[2:]
+            boxes = np.hstack(
+                [boxes[:, :2] + (boxes[:, 2:] - size) / 2, np.broadcast_to(size, (len(boxes), 2))]
+            )
+        return self.contrast(maps, boxes, template)
+
+    def log_likelihood_of(
+        self, strength: NDArray[np.float64], template: ForegroundTemplate
+    ) -> NDArray[np.float64]:
+        """See `SearchableCue.log_likelihood_of`."""
+        return self._log_likelihood(strength, template)
 
     def match(self, seen: ForegroundTemplate, template: ForegroundTemplate) -> Match:
         """See `Cue.match`; the similarity is the contrast's share of the target's own."""
@@ -165,7 +188,7 @@ class ForegroundProbability(Cue):
 
     def _log_likelihood(self, contrast: Contrast, template: ForegroundTemplate) -> Contrast:
         missing = np.maximum(template.contrast - contrast, 0.0)
-        return -self._sharpness * template.contrast * missing
+        return -self._sharpness * missing
 
     def _counts(self, bins: NDArray[np.uint16]) -> NDArray[np.intp]:
         return np.bincount(bins.ravel(), minlength=self._levels**3)

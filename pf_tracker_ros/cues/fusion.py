@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -9,12 +10,41 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Cue, Match
+from pf_tracker_ros.cues.cue import Cue, Match, SearchableCue
 from pf_tracker_ros.cues.maps import FrameMaps
 from pf_tracker_ros.parameters import ParameterError, declared
 
 # Name of a cue to its template.
 Templates = Mapping[str, Any]
+# Name of a cue to its power; they sum to 1.
+Powers = Mapping[str, float]
+# Name of a searchable cue to its strength at the likeliest place beside the target, as a share of
+# the one at the target: 0 where nothing around looks like the target, 1 where something does.
+Rivalry = Mapping[str, float]
+
+_LARGEST_RIVALRY = 2.0
+# However little a cue tells at the moment, it keeps this share of its power, and never gets more
+# than this multiple of it.
+_LEAST_POWER, _MOST_POWER = 0.15, 2.0
+
+
+@dataclass(frozen=True)
+class FusionParameters:
+    """How the cues' powers follow what each can tell."""
+
+    adaptation: float = declared(
+        0.0,
+        "How strongly the powers move to the cues that tell the target from what is around it "
+        "(those that can search); 0 keeps the powers as they are.",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    adaptation_rate: float = declared(
+        0.1,
+        "Share of each frame in what is known of how well a cue tells the target.",
+        minimum=0.0,
+        maximum=1.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -34,10 +64,13 @@ class TemplateParameters:
         minimum=0.0,
         maximum=1.0,
     )
-    judge_by_first: bool = declared(
-        False,
-        "Judge the confidence by the templates of the first frame instead of the last, so that "
-        "what was learned by mistake can't vouch for itself.",
+    judge_by_first: float = declared(
+        0.0,
+        "How much the templates of the first frame count in the confidence, beside the last ones: "
+        "what was learned by mistake can vouch for itself, what was seen first may have changed. "
+        "1 judges by the first alone.",
+        minimum=0.0,
+        maximum=1.0,
     )
     keep: float = declared(
         0.9,
@@ -45,6 +78,26 @@ class TemplateParameters:
         minimum=0.0,
         maximum=1.0,
     )
+
+
+def rivalry(at_target: Mapping[str, float], beside: Mapping[str, NDArray[np.float64]]) -> Rivalry:
+    """Each cue's largest strength beside the target over that at the target.
+
+    Args:
+        at_target: Name to strength.
+        beside: Name to (N,) strengths; N may be 0.
+    """
+    return {
+        name: min(max(float(beside[name].max(initial=0.0)), 0.0) / max(own, 1e-3), _LARGEST_RIVALRY)
+        for name, own in at_target.items()
+    }
+
+
+def smoothed_rivalry(before: Rivalry, now: Rivalry, rate: float) -> Rivalry:
+    """The rivalry of this frame mixed into that of the frames before by a rate from 0 to 1."""
+    return {
+        name: rate * value + (1.0 - rate) * before.get(name, value) for name, value in now.items()
+    }
 
 
 class CueFusion:
@@ -68,12 +121,13 @@ class CueFusion:
             names = ", ".join(f"'{name}.power'" for name in cues)
             raise ParameterError(f"all cues are off; at least one of {names} must be above 0")
         total = sum(power for _, power in used.values())
-        # Those that need the place are asked last; sorting keeps the order of the others.
-        in_order = sorted(used.items(), key=lambda item: item[1][0].needs_place)
-        self._cues = {name: cue for name, (cue, _) in in_order}
-        self.powers: Mapping[str, float] = {
-            name: power / total for name, (_, power) in used.items()
-        }
+        self._cues = {name: cue for name, (cue, _) in used.items()}
+        self.powers: Powers = {name: power / total for name, (_, power) in used.items()}
+
+    @property
+    def can_search(self) -> bool:
+        """Whether any of the cues can look for the target."""
+        return any(isinstance(cue, SearchableCue) for cue in self._cues.values())
 
     @property
     def reach(self) -> float:
@@ -89,37 +143,77 @@ class CueFusion:
         return {name: cue.observe(maps, box) for name, cue in self._cues.items()}
 
     def log_likelihood(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], templates: Templates
+        self,
+        maps: FrameMaps,
+        boxes: NDArray[np.float64],
+        templates: Templates,
+        powers: Powers | None = None,
     ) -> NDArray[np.float64]:
         """(N,) log p(Z | X), at most 0, of (N, 4) boxes; source: Li et al. 2007, equation (8).
 
-        A cue that has no template yet, because it was switched on while tracking, says nothing.
+        `powers` take the place of the configured ones where they are given. A cue that has no
+        template yet, because it was switched on while tracking, says nothing.
         """
         fused = np.zeros(len(boxes))
         for name, template in self._known(templates):
-            cue, power = self._cues[name], self.powers[name]
-            if cue.needs_place:
-                weights = np.exp(fused - fused.max())
-                maps.place = weights @ boxes / weights.sum()
-            fused += power * cue.log_likelihood(maps, boxes, template)
+            power = (powers or self.powers)[name]
+            fused += power * self._cues[name].log_likelihood(maps, boxes, template)
         return fused
+
+    def strengths(
+        self, maps: FrameMaps, boxes: NDArray[np.float64], templates: Templates
+    ) -> Mapping[str, NDArray[np.float64]]:
+        """Name of each searchable cue to its (N,) strengths at (N, 4) boxes."""
+        return {
+            name: cue.strength(maps, boxes, template)
+            for name, template in self._known(templates)
+            if isinstance(cue := self._cues[name], SearchableCue)
+        }
+
+    def searched(
+        self, strengths: Mapping[str, NDArray[np.float64]], templates: Templates, powers: Powers
+    ) -> NDArray[np.float64]:
+        """(N,) log likelihoods, as far as the searchable cues know, of their (N,) strengths."""
+        fused = np.zeros(1)
+        for name, strength in strengths.items():
+            cue = self._cues[name]
+            assert isinstance(cue, SearchableCue)
+            fused = fused + powers[name] * cue.log_likelihood_of(strength, templates[name])
+        return fused
+
+    def adapted(self, rivalry: Rivalry, adaptation: float) -> Powers:
+        """The powers moved to the cues with less rivalry than their mean, their sum kept at 1."""
+        if not rivalry or adaptation == 0.0:
+            return self.powers
+        mean = sum(rivalry.values()) / len(rivalry)
+        powers = {
+            name: power
+            * min(
+                max(1.0 + adaptation * (mean - rivalry.get(name, mean)), _LEAST_POWER), _MOST_POWER
+            )
+            for name, power in self.powers.items()
+        }
+        total = sum(powers.values())
+        return {name: power / total for name, power in powers.items()}
 
     def match(self, seen: Templates, templates: Templates) -> Match:
         """How well the one box that was observed fits, fused by equation (8).
 
-        The powers of the cues that can tell are scaled to a sum of 1; without any it fits.
+        The powers of the cues that can tell are scaled to a sum of 1; without any it fits. The
+        similarity is that of the cues that judge, if there are any.
         """
         matches = [
-            (self.powers[name], match)
+            (name, self.powers[name], match)
             for name, template in self._known(templates)
             if (match := self._cues[name].match(seen[name], template))
         ]
-        total = sum(power for power, _ in matches)
-        log_likelihood, similarity = 0.0, 1.0
-        for power, match in matches:
-            log_likelihood += power / total * match.log_likelihood
-            similarity *= match.similarity ** (power / total)
-        return Match(log_likelihood, similarity)
+        total = sum(power for _, power, _ in matches)
+        judges = [entry for entry in matches if self._cues[entry[0]].judges] or matches
+        judging = sum(power for _, power, _ in judges)
+        return Match(
+            sum(power / total * match.log_likelihood for _, power, match in matches),
+            math.prod(match.similarity ** (power / judging) for _, power, match in judges),
+        )
 
     def updated(
         self, templates: Templates, seen: Templates, trusted: bool, keep: float

@@ -37,9 +37,12 @@ class FrameMaps:
         reduction: Whole number of image pixels that one region pixel averages along each axis;
             above 1 for targets so large that full resolution would only cost time.
         reach: How far beyond each side of a box the region covers, in box sides.
+        foreground: See the attribute.
+        place: See the attribute; None for the mean of the boxes.
 
     Attributes:
         image: The whole image.
+        place: (4,) box of the target as it is expected in this frame.
         pixels: The region inside the image, (h, w, 3) or (h, w) uint8, reduced.
         foreground: (mask, reduction) of a background model: (h, w) uint8 over the whole image, 255
             for foreground, and the image pixels to one of its pixels along each axis; None where
@@ -53,7 +56,9 @@ class FrameMaps:
         boxes: NDArray[np.float64],
         reduction: int = 1,
         reach: float = 0.0,
+        *,
         foreground: tuple[NDArray[np.uint8], int] | None = None,
+        place: NDArray[np.float64] | None = None,
     ) -> None:
         height, width = image.shape[:2]
         x, y, widths, heights = boxes.T
@@ -74,8 +79,7 @@ class FrameMaps:
         if reduction > 1:
             crop = _reduced(crop, reduction)
         self.image = image
-        self._boxes = boxes
-        self._place: NDArray[np.float64] | None = None
+        self.place = boxes.mean(axis=0) if place is None else place
         self.foreground = foreground
         self.pixels: NDArray[np.uint8] = crop
         self.padding = (
@@ -87,18 +91,6 @@ class FrameMaps:
         self._corner = np.array([left, top, 0.0, 0.0])
         self._reduction = reduction
         self._shared: dict[object, object] = {}
-
-    @property
-    def place(self) -> NDArray[np.float64]:
-        """(4,) box around which a cue measures that can't measure everywhere.
-
-        The mean of the boxes, until better is known.
-        """
-        return self._boxes.mean(axis=0) if self._place is None else self._place
-
-    @place.setter
-    def place(self, box: NDArray[np.float64]) -> None:
-        self._place = box
 
     def region_boxes(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 4) boxes in image pixels as (x, y, width, height) in region pixels."""

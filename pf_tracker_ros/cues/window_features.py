@@ -1,9 +1,9 @@
 """What a window of the image looks like, cell by cell: edge directions and colors.
 
 Sources: Felzenszwalb et al. 2010, "Object detection with discriminatively trained part-based
-models", section 6 (the 31 gradient channels); Berlin, Kay 1969, "Basic color terms", and van de
-Weijer et al. 2009, "Learning color names for real-world applications" (the 11 colors that languages
-have a name for, as channels).
+models", section 6 (without the channels that tell a gradient's sign, which changes with the
+background); Berlin, Kay 1969, "Basic color terms", and van de Weijer et al. 2009, "Learning color
+names for real-world applications" (the 11 colors that languages have a name for, as channels).
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 CELL_PIXELS = 4
 
-_SIGNED = 18
-_UNSIGNED = _SIGNED // 2
+# Over 180 degrees.
+_DIRECTIONS = 9
 _BLOCKS = 4
-_GRADIENT_CHANNELS = _SIGNED + _UNSIGNED + _BLOCKS
+_GRADIENT_CHANNELS = _DIRECTIONS + _BLOCKS
 # Largest value of a channel after division by a block's length.
 _CUT = 0.2
 # Mean square gradient of a block, in gray levels, that counts as much as the sensor's noise.
@@ -54,8 +54,8 @@ def window_features(window: NDArray[np.uint8]) -> NDArray[np.float32]:
         window: (P, P, 3) BGR or (P, P) gray, P a multiple of `CELL_PIXELS`.
 
     Returns:
-        (channels, P / CELL_PIXELS, P / CELL_PIXELS): 18 directions of gradients, 9 without their
-        sign, 4 of texture, then 11 named colors, or brightness alone for a gray window.
+        (channels, P / CELL_PIXELS, P / CELL_PIXELS): 9 directions of gradients, 4 of texture, then
+        11 named colors, or brightness alone for a gray window.
     """
     cells = window.shape[0] // CELL_PIXELS
     colored = window.ndim == 3
@@ -71,49 +71,37 @@ def window_features(window: NDArray[np.uint8]) -> NDArray[np.float32]:
     return features
 
 
-def gradient_features(gray: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """The 31 gradient channels of a (R * CELL_PIXELS, C * CELL_PIXELS) gray image, (31, R, C)."""
-    channels = np.empty(
-        (_GRADIENT_CHANNELS, gray.shape[0] // CELL_PIXELS, gray.shape[1] // CELL_PIXELS),
-        dtype=np.float32,
-    )
-    _gradient_channels(gray, channels)
-    return channels
-
-
 def _gradient_channels(gray: NDArray[np.uint8], channels: NDArray[np.float32]) -> None:
-    """Fill (31, rows, columns) channels."""
+    """Fill (13, rows, columns) channels."""
     _, rows, columns = channels.shape
     histogram = _direction_histogram(gray, rows, columns)
-    unsigned = histogram[:_UNSIGNED] + histogram[_UNSIGNED:]
-    energy = np.einsum("dyx,dyx->yx", unsigned, unsigned)
+    energy = np.einsum("dyx,dyx->yx", histogram, histogram)
     padded = cv2.copyMakeBorder(energy, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     blocks = padded[:-1, :-1] + padded[1:, :-1] + padded[:-1, 1:] + padded[1:, 1:]
     inverse = 1.0 / np.sqrt(blocks + np.float32(_NOISE))
-    channels[: _SIGNED + _UNSIGNED] = 0.0
+    channels[:_DIRECTIONS] = 0.0
     for number, (down, across) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
         scale = inverse[down : down + rows, across : across + columns]
         cut = np.minimum(histogram * scale, _CUT)
-        channels[:_SIGNED] += cut
-        channels[_SIGNED + _UNSIGNED + number] = cut.sum(axis=0) / math.sqrt(_SIGNED)
-        channels[_SIGNED : _SIGNED + _UNSIGNED] += np.minimum(unsigned * scale, _CUT)
-    channels[: _SIGNED + _UNSIGNED] *= 0.5
+        channels[:_DIRECTIONS] += cut
+        channels[_DIRECTIONS + number] = cut.sum(axis=0) / math.sqrt(2 * _DIRECTIONS)
+    channels[:_DIRECTIONS] *= 0.5
 
 
 def _direction_histogram(gray: NDArray[np.uint8], rows: int, columns: int) -> NDArray[np.float32]:
-    """(18, rows, columns) mean gradient magnitude, shared between the two nearest directions."""
+    """(9, rows, columns) mean gradient magnitude, shared between the two nearest directions."""
     right = cv2.Sobel(gray, cv2.CV_16S, 1, 0, ksize=1)
     down = cv2.Sobel(gray, cv2.CV_16S, 0, 1, ksize=1)
     pair = cv2.addWeighted(down, 511.0, right, 1.0, 255 * 511 + 255, dtype=cv2.CV_32S).ravel()
     first, lower, upper = _direction_tables()
     bins = _first_bins(rows, columns) + first.take(pair)
-    bins_in_all = rows * columns * (_SIGNED + 1)
+    bins_in_all = rows * columns * (_DIRECTIONS + 1)
     sums = np.bincount(bins, lower.take(pair), bins_in_all)
     sums[1:] += np.bincount(bins, upper.take(pair), bins_in_all)[:-1]
-    histogram = sums.reshape(rows, columns, _SIGNED + 1)
+    histogram = sums.reshape(rows, columns, _DIRECTIONS + 1)
     # The direction after the last is the first.
-    histogram[..., 0] += histogram[..., _SIGNED]
-    means = histogram[..., :_SIGNED].transpose(2, 0, 1) / CELL_PIXELS**2
+    histogram[..., 0] += histogram[..., _DIRECTIONS]
+    means = histogram[..., :_DIRECTIONS].transpose(2, 0, 1) / CELL_PIXELS**2
     return np.ascontiguousarray(means, dtype=np.float32)
 
 
@@ -122,17 +110,17 @@ def _first_bins(rows: int, columns: int) -> NDArray[np.intp]:
     """(pixels,) number of the first bin of each pixel's cell."""
     row = np.repeat(np.arange(rows), CELL_PIXELS)
     column = np.repeat(np.arange(columns), CELL_PIXELS)
-    return ((row[:, None] * columns + column) * (_SIGNED + 1)).ravel()
+    return ((row[:, None] * columns + column) * (_DIRECTIONS + 1)).ravel()
 
 
 @cache
 def _direction_tables() -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
     """For any two 8-bit differences the direction below, and the magnitude's two shares."""
     differences = np.arange(-255, 256)
-    angle = np.arctan2(differences[:, None], differences[None]).ravel() % (2 * np.pi)
+    angle = np.arctan2(differences[:, None], differences[None]).ravel() % np.pi
     magnitude = np.hypot(differences[:, None], differences[None]).ravel()
-    place = angle * (_SIGNED / (2 * np.pi))
-    first = np.minimum(np.floor(place), _SIGNED - 1)
+    place = angle * (_DIRECTIONS / np.pi)
+    first = np.minimum(np.floor(place), _DIRECTIONS - 1)
     share = place - first
     return (
         first.astype(np.uint8),

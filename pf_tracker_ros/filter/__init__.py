@@ -4,6 +4,7 @@ from pf_tracker_ros.filter.affine_motion import AffineMotion
 from pf_tracker_ros.filter.foresight import KalmanForesight
 from pf_tracker_ros.filter.gaussian import Gaussian
 from pf_tracker_ros.filter.motion import (
+    MODELS_WITH_CENTER_PRIOR,
     MODELS_WITH_FORESIGHT,
     MOTION_MODELS,
     Box,
@@ -12,10 +13,13 @@ from pf_tracker_ros.filter.motion import (
 )
 from pf_tracker_ros.filter.particles import ParticleSet
 from pf_tracker_ros.filter.proposals import (
+    CenterPrior,
     ProposalParameters,
     Proposed,
+    SearchGrid,
     Transition,
     propose_from_prediction,
+    propose_from_search,
     propose_from_transition,
 )
 from pf_tracker_ros.filter.resampling import (
@@ -28,12 +32,14 @@ from pf_tracker_ros.filter.resampling import (
 )
 
 __all__ = [
+    "MODELS_WITH_CENTER_PRIOR",
     "MODELS_WITH_FORESIGHT",
     "MOTION_MODELS",
     "RESAMPLERS",
     "AffineMotion",
     "BestKeepingResampler",
     "Box",
+    "CenterPrior",
     "EffectiveSampleSizeResampler",
     "Gaussian",
     "KalmanForesight",
@@ -44,8 +50,10 @@ __all__ = [
     "Proposed",
     "Resampler",
     "ResamplingParameters",
+    "SearchGrid",
     "Transition",
     "build_resampler",
     "propose_from_prediction",
+    "propose_from_search",
     "propose_from_transition",
 ]

@@ -122,6 +122,10 @@ class AffineMotion:
         sizes = np.exp(states[:, 2:]) * self._size
         return np.hstack([states[:, :2] - sizes / 2, sizes])
 
+    def center_prior(self, states: NDArray[np.float64], interval: float) -> None:
+        """See `MotionModel.center_prior`; a center follows from more than the last state."""
+        return None
+
     def foresight(self) -> KalmanForesight:
         """The Kalman filter for the first frame: at the first box, at rest."""
         rest = self._parameters.prior_velocity * self._box_size

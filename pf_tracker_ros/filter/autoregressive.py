@@ -134,6 +134,10 @@ class SecondOrderAutoregressive:
         spread = self.transition(interval).spread(reference[None])[0]
         return LinearStep(matrix, reference - matrix @ reference, spread)
 
+    def center_prior(self, states: NDArray[np.float64], interval: float) -> None:
+        """See `MotionModel.center_prior`; a center follows from more than the last state."""
+        return None
+
     def foresight(self) -> KalmanForesight:
         """The Kalman filter for the first frame: at the first box, at rest."""
         width, height = self._reference[2:]

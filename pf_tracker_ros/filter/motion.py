@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.filter.affine_motion import AffineMotion
 from pf_tracker_ros.filter.autoregressive import SecondOrderAutoregressive
-from pf_tracker_ros.filter.foresight import KalmanForesight
+from pf_tracker_ros.filter.foresight import SMALLEST_SPREAD, KalmanForesight
 from pf_tracker_ros.filter.limits import limited_centers, limited_sizes
+from pf_tracker_ros.filter.proposals import CenterPrior
 from pf_tracker_ros.parameters import declared
 
 Box = tuple[float, float, float, float]
@@ -44,6 +45,10 @@ class MotionModel(Protocol):
 
     def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 4) boxes (x, y, width, height) in pixels of (N, D) states."""
+
+    def center_prior(self, states: NDArray[np.float64], interval: float) -> CenterPrior | None:
+        """Where `predict` takes the centers of (N, D) states, if the model can tell."""
+        return None
 
     def foresight(self) -> KalmanForesight | None:
         """A Kalman filter that predicts the state from the first frame on, if the model has one."""
@@ -89,6 +94,12 @@ class ConstantVelocity:
         predicted[:, 2:4] *= np.exp(-self._parameters.velocity_damping * interval)
         predicted[:, :4] += noise
         return predicted
+
+    def center_prior(self, states: NDArray[np.float64], interval: float) -> CenterPrior:
+        """See `MotionModel.center_prior`."""
+        mean = states[:, :2] + states[:, 2:4] * interval
+        spread = self._parameters.position_noise * np.sqrt(interval) * self._box_sizes(states)
+        return CenterPrior(mean, np.maximum(spread, SMALLEST_SPREAD))
 
     def constrained(
         self, states: NDArray[np.float64], image_size: tuple[int, int]
@@ -165,6 +176,7 @@ MOTION_MODELS: Mapping[str, Callable[[Box, MotionParameters], MotionModel]] = Ma
     }
 )
 
+MODELS_WITH_CENTER_PRIOR = ("constant_velocity", "constant_velocity_and_size")
 MODELS_WITH_FORESIGHT = ("affine", "second_order_autoregressive")
 
 

@@ -64,6 +64,34 @@ class ProposalParameters:
         maximum=LARGEST_SHARE,
         read_only=True,
     )
+    search_share: float = declared(
+        0.0,
+        "Share of the particles drawn where the cues that can search find the target likely, the "
+        "rest from the transition prior; 0 switches the search off. Needs the motion model "
+        "constant_velocity or constant_velocity_and_size.",
+        minimum=0.0,
+        maximum=LARGEST_SHARE,
+    )
+    search_window: float = declared(
+        3.6,
+        "Side of the square around the prediction that is searched.",
+        unit="box sizes",
+        minimum=1.0,
+        maximum=8.0,
+    )
+    search_cells: int = declared(
+        48,
+        "Places along each side of that square that are compared.",
+        minimum=8,
+        maximum=200,
+    )
+    jump_probability: float = declared(
+        0.1,
+        "Probability that the target is anywhere in the square that is searched, and not where "
+        "its motion takes it.",
+        minimum=0.0001,
+        maximum=1.0,
+    )
 
 
 def propose_from_transition(
@@ -130,3 +158,109 @@ def propose_from_prediction(
     proposed = mean
     proposed[:, noisy] = drawn
     return Proposed(proposed, log_prior - log_mixture)
+
+
+@dataclass(frozen=True)
+class SearchGrid:
+    """Square cells that the target's center may lie in.
+
+    Attributes:
+        center: (2,) of the middle of the grid, pixels.
+        spacing: Side of a cell, pixels.
+        count: Cells along each side.
+    """
+
+    center: NDArray[np.float64]
+    spacing: float
+    count: int
+
+    @property
+    def centers(self) -> NDArray[np.float64]:
+        """(count^2, 2) centers of the cells, row by row."""
+        offsets = (np.arange(self.count) - (self.count - 1) / 2) * self.spacing
+        return np.stack(np.meshgrid(*(offsets + self.center[:, None])), axis=-1).reshape(-1, 2)
+
+    def cells_of(self, places: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+        """(N,) number of the cell that each of (N, 2) places is in, and whether it is in any."""
+        offsets = (places - self.center) / self.spacing + self.count / 2
+        cells = np.clip(np.floor(offsets).astype(np.intp), 0, self.count - 1)
+        inside: NDArray[np.bool_] = np.all((offsets >= 0.0) & (offsets < self.count), axis=1)
+        return cells[:, 1] * self.count + cells[:, 0], inside
+
+
+class CenterPrior(NamedTuple):
+    """Where a motion model takes the center of each particle: a round Gaussian.
+
+    Attributes:
+        mean: (N, 2), pixels.
+        spread: (N, 1) or (1,) standard deviation along each axis, pixels, above 0.
+    """
+
+    mean: NDArray[np.float64]
+    spread: NDArray[np.float64]
+
+
+class Searched(NamedTuple):
+    """Particles drawn from a search.
+
+    Attributes:
+        centers: (N, 2), row i drawn for particle i.
+        log_prior: (N,) log p(center | particle i of the last frame).
+        log_ratio: (N,) log p - log q, to be added to the log weights.
+    """
+
+    centers: NDArray[np.float64]
+    log_prior: NDArray[np.float64]
+    log_ratio: NDArray[np.float64]
+
+
+def propose_from_search(
+    drawn: NDArray[np.float64],
+    prior: CenterPrior,
+    found: tuple[SearchGrid, NDArray[np.float64]],
+    parameters: ProposalParameters,
+    generator: np.random.Generator,
+) -> Searched:
+    """Move a share of the particles to where a search finds the target likely.
+
+    The center is believed to be N(mean, spread^2) or, with the probability of a jump, anywhere in
+    the grid. A share s of the particles is drawn from the likelihood over the grid, even within a
+    cell: q = s G(x) + (1 - s) N(x; mean, spread^2). As in `propose_from_prediction` the ratio takes
+    the whole mixture.
+
+    Args:
+        drawn: (N, 2) centers drawn from the prior, pixels.
+        prior: Mean and spread.
+        found: Where was searched, and the (M,) log likelihoods of the grid's cells.
+        parameters: Share and probability of a jump.
+        generator: Source of randomness.
+
+    Source: as in this module; Okuma et al. 2004, "A boosted particle filter: multitarget detection
+    and tracking", section 4 (a proposal from detections).
+    """
+    count = len(drawn)
+    grid, log_likelihood = found
+    cells = np.exp(log_likelihood - log_likelihood.max())
+    cells /= cells.sum()
+    searched = generator.random(count) < parameters.search_share
+    chosen = np.searchsorted(np.cumsum(cells), generator.random(count) * (1.0 - 1e-12))
+    within = (generator.random((count, 2)) - 0.5) * grid.spacing
+    chosen = np.minimum(chosen, len(cells) - 1)
+    centers = np.where(searched[:, None], grid.centers[chosen] + within, drawn)
+
+    offsets = (centers - prior.mean) / prior.spread
+    log_motion = -0.5 * np.square(offsets).sum(axis=1) - 2.0 * np.log(prior.spread).ravel()
+    log_motion -= _LOG_TWO_PI
+    cell, inside = grid.cells_of(centers)
+    area = grid.spacing**2
+    with np.errstate(divide="ignore"):
+        log_found = np.log(np.where(inside, cells[cell], 0.0) / area)
+        log_anywhere = np.log(inside / (area * len(cells)))
+    jump = parameters.jump_probability
+    log_prior = np.logaddexp(
+        math.log1p(-jump) + log_motion if jump < 1.0 else np.full(count, -np.inf),
+        math.log(jump) + log_anywhere,
+    )
+    share = parameters.search_share
+    log_mixture = np.logaddexp(math.log(share) + log_found, math.log1p(-share) + log_motion)
+    return Searched(centers, log_prior, log_prior - log_mixture)

@@ -9,10 +9,10 @@ from pf_tracker_ros.cues import (
     ColorHistogramParameters,
     CorrelationResponseParameters,
     ForegroundProbabilityParameters,
+    FusionParameters,
     GradientOrientationParameters,
     MovingForegroundParameters,
     OrientedGradientsParameters,
-    SizeResponseParameters,
     TemplateParameters,
 )
 from pf_tracker_ros.filter import MotionParameters, ProposalParameters, ResamplingParameters
@@ -56,6 +56,6 @@ class TrackerParameters:
     background: BackgroundParameters = group(BackgroundParameters)
     oriented_gradients: OrientedGradientsParameters = group(OrientedGradientsParameters)
     correlation_response: CorrelationResponseParameters = group(CorrelationResponseParameters)
-    size_response: SizeResponseParameters = group(SizeResponseParameters)
+    fusion: FusionParameters = group(FusionParameters)
     template: TemplateParameters = group(TemplateParameters)
     track: TrackParameters = group(TrackParameters)

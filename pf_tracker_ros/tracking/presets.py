@@ -19,13 +19,26 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         "default": MappingProxyType(
             {
+                "particles": 200,
                 "motion.model": "constant_velocity_and_size",
-                "working_size": 56,
-                "motion.size_noise": 0.15,
-                "color_histogram.power": 0.2,
-                "gradient_orientation.power": 0.4,
-                "foreground_probability.power": 0.4,
-                "template.keep": 0.97,
+                "motion.position_noise": 0.6,
+                "motion.size_noise": 0.05,
+                "motion.aspect_noise": 0.0,
+                "proposal.search_share": 0.6,
+                "color_histogram.power": 0.0,
+                "gradient_orientation.power": 0.0,
+                "foreground_probability.power": 0.5,
+                "foreground_probability.sharpness": 400.0,
+                "foreground_probability.own_size": False,
+                "foreground_probability.keep": 0.96,
+                "correlation_response.power": 0.5,
+                "correlation_response.sharpness": 100.0,
+                "fusion.adaptation": 1.5,
+                "template.update_above": 0.0,
+                "template.confident_above": 0.35,
+                "track.occluded_below": 0.25,
+                "track.recovered_above": 0.45,
+                "track.coast": False,
             }
         ),
         "li2007": MappingProxyType(

@@ -31,6 +31,12 @@ class TrackParameters:
         minimum=0.0,
         maximum=3600.0,
     )
+    coast: bool = declared(
+        True,
+        "While the target is occluded, let the motion model alone carry the particles on, and "
+        "while it is lost, search anew from where that began. Otherwise the likeliest place is "
+        "followed all the time, and only the state tells that it may not be the target.",
+    )
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,8 @@ from pf_tracker_ros.cues import (
     GradientOrientation,
     MovingForeground,
     OrientedGradients,
-    SizeResponse,
 )
-from pf_tracker_ros.cues.fusion import Templates
+from pf_tracker_ros.cues.fusion import Rivalry, Templates, smoothed_rivalry
 from pf_tracker_ros.filter import (
     MODELS_WITH_FORESIGHT,
     MOTION_MODELS,
@@ -44,6 +43,7 @@ from pf_tracker_ros.tracking.image import (
 )
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
+from pf_tracker_ros.tracking.search import Search, check_search, covariance_about, mean_around
 from pf_tracker_ros.tracking.track_state import Track
 
 # Seconds after which a prediction covers all that can be; numbers would overflow in the end.
@@ -66,6 +66,7 @@ class _Target:
     particles: ParticleSet
     first_templates: Templates
     templates: Templates
+    rivalry: Rivalry
     track: Track
     estimate: Estimate
 
@@ -166,9 +167,9 @@ class Tracker:
         boxes = np.array([first_box])
         first_image = to_8_bit(image, span)
         background = self._background(first_image, first_box, generator)
-        maps = self._maps(
-            first_image, boxes, boxes[0], _foreground(background, first_image, first_box)
-        )
+        seen = _foreground(background, first_image, first_box)
+        search = self._search(boxes[0], first_image)
+        maps = self._maps(first_image, boxes, boxes[0], seen, search)
         templates = self._fusion.learn(maps, boxes[0])
         self._generator = generator
         self._target = _Target(
@@ -181,6 +182,7 @@ class Tracker:
             particles=particles,
             first_templates=templates,
             templates=templates,
+            rivalry=self._rivalry(search, maps, boxes[0], templates) if search else {},
             track=Track(),
             estimate=_estimate(
                 first_box,
@@ -188,6 +190,7 @@ class Tracker:
                 1.0,
                 particles,
                 motion.boxes(particles.states),
+                covariance=particles.covariance[:2, :2],
                 background=background,
             ),
         )
@@ -234,23 +237,42 @@ class Tracker:
         ahead = min(interval, _LONGEST_PREDICTION)
         predicted, foresight = self._proposed(target, ahead, _size(image))
 
+        powers = self._fusion.adapted(target.rivalry, parameters.fusion.adaptation)
         boxes = motion.boxes(predicted.states)
         foreground = _foreground(target.background, image, target.estimate.box)
-        maps = self._maps(image, boxes, np.asarray(target.estimate.box), foreground)
-        likelihood = self._fusion.log_likelihood(maps, boxes, target.templates)
+        search = self._search(predicted.weights @ boxes, image)
+        maps = self._maps(image, boxes, np.asarray(target.estimate.box), foreground, search)
+        log_prior = None
+        centers = motion.center_prior(target.particles.states, ahead) if search else None
+        if search and centers:
+            strengths = self._fusion.strengths(maps, search.boxes, target.templates)
+            found = self._fusion.searched(strengths, target.templates, powers)
+            predicted, log_prior = search.proposed(
+                predicted, motion, centers, found, self._generator
+            )
+            boxes = motion.boxes(predicted.states)
+        likelihood = self._fusion.log_likelihood(maps, boxes, target.templates, powers)
         weighted = predicted.reweighted(likelihood)
-
-        box = motion.boxes(weighted.mean[None])
+        mean = weighted.mean
+        if log_prior is not None:
+            mean = mean_around(weighted, boxes, int(np.argmax(log_prior + likelihood)))
+        box = motion.boxes(mean[None])
+        rivals = target.rivalry
+        if search:
+            now = self._rivalry(search, maps, box[0], target.templates)
+            rivals = smoothed_rivalry(rivals, now, parameters.fusion.adaptation_rate)
         seen = self._fusion.observe(maps, box[0])
-        judges = target.templates
-        if parameters.template.judge_by_first:
-            judges = self._fusion.judged_by(judges, target.first_templates)
-        match = self._fusion.match(seen, judges)
-        track = target.track.after(match.similarity, interval, parameters.track)
+        match = self._fusion.match(seen, target.templates)
+        confidence = match.similarity
+        if first_share := parameters.template.judge_by_first:
+            first = self._fusion.judged_by(target.templates, target.first_templates)
+            confidence **= 1.0 - first_share
+            confidence *= self._fusion.match(seen, first).similarity ** first_share
+        track = target.track.after(confidence, interval, parameters.track)
         templates = target.templates
-        if track.state == "tracking":
+        if track.state == "tracking" or not parameters.track.coast:
             trusted = math.exp(match.log_likelihood) > parameters.template.update_above
-            if match.similarity >= parameters.template.confident_above:
+            if confidence >= parameters.template.confident_above:
                 templates = self._fusion.updated(templates, seen, trusted, parameters.template.keep)
             if foresight:
                 foresight = foresight.corrected(weighted.mean, weighted.covariance)
@@ -261,24 +283,36 @@ class Tracker:
             box = motion.boxes(weighted.mean[None])
 
         particles = self._resampler.resample(weighted, parameters.particles, self._generator)
-        if track.state == "lost":
+        if track.state == "lost" and parameters.track.coast:
             # Going on from where the target was lost, every frame searches that region anew. Going
             # on from here, the cloud and its cost would grow without end.
             particles, foresight = target.particles, target.foresight
 
+        covariance = weighted.covariance[:2, :2]
+        if search:
+            # Once lost, the target may be anywhere; how long ago that was adds nothing.
+            hidden_for = min(track.hidden_for, parameters.track.lost_after)
+            covariance = search.covariance(
+                covariance_about(weighted, box[0, :2] + box[0, 2:] / 2),
+                confidence,
+                None if track.state == "tracking" else hidden_for,
+                parameters.motion.position_noise,
+            )
         x, y, width, height = (float(value) for value in box[0])
         return replace(
             target,
             particles=particles,
             foresight=foresight,
             templates=templates,
+            rivalry=rivals,
             track=track,
             estimate=_estimate(
                 (x, y, width, height),
                 track,
-                match.similarity,
+                confidence,
                 weighted,
                 boxes,
+                covariance=covariance,
                 background=target.background,
             ),
         )
@@ -302,6 +336,20 @@ class Tracker:
         moved = particles.moved(motion.constrained(proposed.states, image_size))
         return moved.reweighted(proposed.log_ratio), foresight
 
+    def _search(self, place: NDArray[np.float64], image: NDArray[np.uint8]) -> Search | None:
+        proposal = self._parameters.proposal
+        return Search(place, proposal, _size(image)) if proposal.search_share > 0.0 else None
+
+    def _rivalry(
+        self,
+        search: Search,
+        maps: FrameMaps,
+        box: NDArray[np.float64],
+        templates: Templates,
+    ) -> Rivalry:
+        own = self._fusion.strengths(maps, box[None], templates)
+        return search.rivalry(box, own, self._fusion.strengths(maps, search.boxes, templates))
+
     def _foresight(self, motion: MotionModel) -> KalmanForesight | None:
         return motion.foresight() if self._parameters.proposal.kalman_share > 0.0 else None
 
@@ -324,7 +372,7 @@ class Tracker:
                 f"parameter 'proposal.kalman_share' is {share} with the motion model '{model}'; "
                 f"allowed: 0, or the motion model {allowed}"
             )
-        self._fusion = CueFusion(
+        fusion = CueFusion(
             {
                 "color_histogram": (ColorHistogram(color), color.power),
                 "gradient_orientation": (GradientOrientation(gradient), gradient.power),
@@ -332,12 +380,10 @@ class Tracker:
                 "moving_foreground": (MovingForeground(moving), moving.power),
                 "oriented_gradients": (OrientedGradients(outline), outline.power),
                 "correlation_response": (CorrelationResponse(correlation), correlation.power),
-                "size_response": (
-                    SizeResponse(parameters.size_response),
-                    parameters.size_response.power,
-                ),
             }
         )
+        check_search(parameters.proposal, model, fusion)
+        self._fusion = fusion
         self._resampler = build_resampler(parameters.resampling)
         self._parameters = parameters
         if self._target:
@@ -353,10 +399,15 @@ class Tracker:
         boxes: NDArray[np.float64],
         target_box: NDArray[np.float64],
         foreground: tuple[NDArray[np.uint8], int] | None = None,
+        search: Search | None = None,
     ) -> FrameMaps:
         target_size = math.sqrt(target_box[2] * target_box[3])
         reduction = math.ceil(target_size / self._parameters.working_size)
-        return FrameMaps(image, boxes, reduction, self._fusion.reach, foreground)
+        covered = search.covered(boxes) if search else boxes
+        place = search.place if search else None
+        return FrameMaps(
+            image, covered, reduction, self._fusion.reach, foreground=foreground, place=place
+        )
 
 
 def _motion_model(first_box: Box, parameters: TrackerParameters) -> MotionModel:
@@ -384,14 +435,16 @@ def _estimate(
     particles: ParticleSet,
     particle_boxes: NDArray[np.float64],
     *,
+    covariance: NDArray[np.float64],
     background: BackgroundModel | None,
 ) -> Estimate:
     particle_boxes.setflags(write=False)
+    covariance.setflags(write=False)
     return Estimate(
         box=box,
         state=track.state,
         confidence=confidence,
-        covariance=particles.covariance[:2, :2],
+        covariance=covariance,
         particles=particles.states,
         particle_boxes=particle_boxes,
         weights=particles.weights,

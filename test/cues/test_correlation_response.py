@@ -40,7 +40,7 @@ def template():
 
 def test_the_learned_box_answers_with_one(template):
     maps = maps_of(frame())
-    assert CUE.response(maps, BOX[None], template)[0] == pytest.approx(1.0, abs=1e-4)
+    assert CUE.strength(maps, BOX[None], template)[0] == pytest.approx(1.0, abs=1e-4)
     assert CUE.log_likelihood(maps, BOX[None], template)[0] == pytest.approx(0.0, abs=0.01)
 
 
@@ -50,7 +50,7 @@ def test_a_target_that_moved_is_found_at_its_displacement(template, right, down,
     """Whether the background is the learned one or another; within the response's 2 px."""
     boxes, offsets = boxes_around(BOX)
     maps = maps_of(frame(140 + right, 100 + down, seed), boxes)
-    responses = CUE.response(maps, boxes, template)
+    responses = CUE.strength(maps, boxes, template)
     found = offsets[responses.argmax()]
     assert np.abs(found - (right, down)).max() <= 2
     far = np.hypot(*(offsets - (right, down)).T) > 12
@@ -64,32 +64,64 @@ def test_a_gray_target_that_moved_is_found_too():
     gray = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in (frame(), frame(131, 110))]
     template = CUE.learn(maps_of(gray[0]), BOX)
     boxes, offsets = boxes_around(BOX)
-    responses = CUE.response(maps_of(gray[1], boxes), boxes, template)
+    responses = CUE.strength(maps_of(gray[1], boxes), boxes, template)
     assert np.abs(offsets[responses.argmax()] - (-9, 10)).max() <= 2
 
 
-def test_a_box_reads_the_response_at_its_center_whatever_its_size(template):
+def test_with_one_size_a_box_reads_the_response_at_its_center_whatever_its_own():
+    cue = CorrelationResponse(CorrelationResponseParameters(sizes=1))
+    template = cue.learn(maps_of(frame()), BOX)
     boxes, _ = boxes_around(BOX, 3)
     maps = maps_of(frame(), boxes)
-    responses = CUE.response(maps, boxes, template)
+    responses = cue.strength(maps, boxes, template)
     larger = boxes + [-10, -5, 20, 10]
-    np.testing.assert_array_equal(CUE.response(maps, larger, template), responses)
+    np.testing.assert_array_equal(cue.strength(maps, larger, template), responses)
+
+
+def sized(factor):
+    """BOX around the same center, its sides multiplied."""
+    center, sides = BOX[:2] + BOX[2:] / 2, factor * BOX[2:]
+    return np.concatenate([center - sides / 2, sides])
+
+
+@pytest.mark.parametrize(("growth", "best"), [(1.04, 1.04), (1.0, 1.0), (1 / 1.04, 1 / 1.04)])
+def test_a_target_that_grew_or_shrank_answers_most_in_its_new_size(growth, best):
+    cue = CorrelationResponse(CorrelationResponseParameters(size_step=1.04))
+    template = cue.learn(maps_of(frame()), BOX)
+    center = tuple(BOX[:2] + BOX[2:] / 2)
+    zoom = cv2.getRotationMatrix2D(center, 0.0, growth)
+    image = cv2.warpAffine(frame(), zoom, (320, 240), flags=cv2.INTER_LINEAR)
+    boxes = np.array([sized(factor) for factor in (1 / 1.04, 1.0, 1.04)])
+    responses = cue.strength(maps_of(image, BOX), boxes, template)
+    assert responses.argmax() == [1 / 1.04, 1.0, 1.04].index(best)
+
+
+def test_between_the_sizes_a_response_is_interpolated_and_beyond_them_it_stays(template):
+    maps = maps_of(frame())
+    at = {
+        power: CUE.strength(maps, sized(1.02**power)[None], template)[0]
+        for power in (-5, -1, -0.5, 0, 0.25, 1, 5)
+    }
+    assert at[-0.5] == pytest.approx((at[-1] + at[0]) / 2, abs=1e-6)
+    assert at[0.25] == pytest.approx(0.75 * at[0] + 0.25 * at[1], abs=1e-6)
+    assert (at[-5], at[5]) == pytest.approx((at[-1], at[1]))
+    assert min(at[0] - at[-1], at[0] - at[1]) > 0.0
 
 
 def test_as_many_boxes_as_there_may_be_particles_are_read(template):
     few, _ = boxes_around(BOX, 24)
     maps = maps_of(frame(), few)
-    responses = CUE.response(maps, few, template)
+    responses = CUE.strength(maps, few, template)
     many = np.resize(few, (100_000, 4))
     expected = np.resize(responses, 100_000)
-    np.testing.assert_array_equal(CUE.response(maps, many, template), expected)
+    np.testing.assert_array_equal(CUE.strength(maps, many, template), expected)
 
 
 def test_far_outside_of_the_window_there_is_no_response(template):
     maps = maps_of(frame())
-    CUE.response(maps, BOX[None], template)
+    CUE.strength(maps, BOX[None], template)
     far = BOX + [[90, 0, 0, 0], [0, -90, 0, 0], [1000, 1000, 0, 0]]
-    np.testing.assert_array_equal(CUE.response(maps, far, template), 0.0)
+    np.testing.assert_array_equal(CUE.strength(maps, far, template), 0.0)
 
 
 def test_a_target_at_the_image_s_corner_is_learned_and_found():
@@ -97,19 +129,32 @@ def test_a_target_at_the_image_s_corner_is_learned_and_found():
     box = np.array([-6.0, -4.0, 40.0, 32.0])
     template = CUE.learn(maps_of(image, box), box)
     boxes, offsets = boxes_around(box, 8)
-    responses = CUE.response(maps_of(image, boxes), boxes, template)
+    responses = CUE.strength(maps_of(image, boxes), boxes, template)
     assert np.abs(offsets[responses.argmax()]).max() <= 1
 
 
-def test_match_is_the_response_of_the_one_box(template):
+def test_match_has_the_likelihood_of_the_one_box(template):
     boxes, _ = boxes_around(BOX, 4)
     maps = maps_of(frame(), boxes)
     log_likelihood = CUE.log_likelihood(maps, boxes, template)
-    responses = CUE.response(maps, boxes, template)
     for number in (0, 17, 40):
         match = CUE.match(CUE.observe(maps, boxes[number]), template)
         assert match.log_likelihood == pytest.approx(log_likelihood[number])
-        assert match.similarity == pytest.approx(responses[number])
+
+
+def test_similarity_is_that_the_target_stands_out_and_is_on_its_level(template):
+    """High for the target, wherever it is; low without it, and among copies of it."""
+
+    def similarity(image):
+        return CUE.match(CUE.observe(maps_of(image), BOX), template).similarity
+
+    assert similarity(frame()) > 0.95
+    assert similarity(frame(150, 95)) > 0.9
+    assert similarity(texture(0, 240, 320)) < 0.1
+    crowd = frame()
+    for x, y in ((95, 100), (185, 100), (140, 62), (140, 138), (95, 62), (185, 138)):
+        crowd[y : y + 32, x : x + 40] = texture(99, 32, 40)
+    assert 1 - similarity(crowd) > 1.5 * (1 - similarity(frame()))
 
 
 def test_only_every_third_blend_trains(template):
@@ -131,7 +176,7 @@ def test_only_every_third_blend_trains(template):
     np.testing.assert_array_equal(others[0].filter, others[1].filter)
     # The response that counts as 1 is the one to the window trained on last.
     maps = maps_of(frame(seed=1))
-    assert CUE.response(maps, BOX[None], others[0])[0] == pytest.approx(1.0, abs=1e-4)
+    assert CUE.strength(maps, BOX[None], others[0])[0] == pytest.approx(1.0, abs=1e-4)
 
 
 def test_more_memory_adapts_slower(template):
@@ -162,7 +207,7 @@ def test_an_image_buffer_that_is_overwritten_later_does_no_harm(template):
     buffer[:] = 0
     for kept in (learned, waiting, trained):
         boxes, offsets = boxes_around(BOX, 6)
-        responses = CUE.response(maps_of(frame(), boxes), boxes, kept)
+        responses = CUE.strength(maps_of(frame(), boxes), boxes, kept)
         assert np.abs(offsets[responses.argmax()]).max() <= 1
         assert responses.max() == pytest.approx(1.0, abs=1e-2)
     np.testing.assert_array_equal(learned.filter, CUE.learn(maps_of(frame()), BOX).filter)
@@ -175,8 +220,8 @@ def test_an_odd_number_of_cells_is_the_even_one_above():
     for cells in (31, 32):
         cue = CorrelationResponse(CorrelationResponseParameters(cells=cells))
         learned = cue.learn(maps_of(frame()), BOX)
-        assert learned.filter.shape == (42, 32, 17)
-        by_cells.append(cue.response(maps, boxes, learned))
+        assert learned.filter.shape == (24, 32, 17)
+        by_cells.append(cue.strength(maps, boxes, learned))
     np.testing.assert_array_equal(*by_cells)
 
 
@@ -184,6 +229,6 @@ def test_templates_do_not_share_a_response(template):
     """One frame is read with two: the last, and the one that judges it."""
     maps = maps_of(frame())
     other = CUE.learn(maps_of(frame(170, 120)), BOX)
-    own = CUE.response(maps, BOX[None], template)
-    assert CUE.response(maps, BOX[None], other)[0] < own[0]
-    assert CUE.response(maps, BOX[None], template)[0] == own[0]
+    own = CUE.strength(maps, BOX[None], template)
+    assert CUE.strength(maps, BOX[None], other)[0] < own[0]
+    assert CUE.strength(maps, BOX[None], template)[0] == own[0]

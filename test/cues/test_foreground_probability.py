@@ -83,7 +83,7 @@ def test_likelihood_and_match_by_hand(image):
     maps = maps_of(image, *boxes)
     template = CUE.learn(maps, BOX)
     contrasts = CUE.contrast(maps, boxes, template)
-    expected = -10.0 * template.contrast * (template.contrast - contrasts[1])
+    expected = -10.0 * (template.contrast - contrasts[1])
     log_likelihood = CUE.log_likelihood(maps, boxes, template)
     np.testing.assert_allclose(log_likelihood, [0.0, expected], atol=1e-5)
     for box, log, contrast in zip(boxes, log_likelihood, contrasts, strict=True):
@@ -91,6 +91,21 @@ def test_likelihood_and_match_by_hand(image):
         assert match.log_likelihood == pytest.approx(log, abs=1e-5)
         share = min(max(contrast / template.contrast, 0.0), 1.0)
         assert match.similarity == pytest.approx(share, abs=1e-5)
+
+
+def test_boxes_can_all_be_measured_in_the_size_that_is_expected(image):
+    """Then a box of any size scores as the expected one around the same center."""
+    cue = ForegroundProbability(ForegroundProbabilityParameters(own_size=False))
+    by_own_size = ForegroundProbability(ForegroundProbabilityParameters())
+    around = np.array([BOX + [shift, 0, 0, 0] for shift in (-6, 0, 4)])
+    maps = FrameMaps(image, around + [-10, -10, 20, 20], reach=cue.reach, place=BOX)
+    template = cue.learn(maps, BOX)
+    expected = cue.contrast(maps, around, template)
+    for growth in (0, 3, 8):
+        boxes = around + np.array([-growth, -growth, 2 * growth, 2 * growth])
+        np.testing.assert_allclose(cue.strength(maps, boxes, template), expected)
+        own = by_own_size.strength(maps, boxes, template)
+        assert np.allclose(own, expected) == (growth == 0)
 
 
 def test_a_target_like_its_surroundings_says_nothing():

@@ -1,9 +1,14 @@
 """Fusion: a product of powers for any number of cues."""
 
+import itertools
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pf_tracker_ros.cues import Cue, CueFusion, FrameMaps, Match
+from pf_tracker_ros.cues.fusion import rivalry, smoothed_rivalry
 from pf_tracker_ros.parameters import ParameterError
 
 
@@ -32,14 +37,23 @@ class ScriptedCue(Cue):
         return keep * template + (1 - keep) * seen
 
 
-class PlacedCue(ScriptedCue):
-    """Notes the place at which it is asked."""
+class SearchingCue(ScriptedCue):
+    """Its strength is 1 / x."""
 
-    needs_place = True
+    def strength(self, maps, boxes, template):
+        return 1.0 / boxes[:, 0]
+
+    def log_likelihood_of(self, strength, template):
+        return -template * (1.0 - strength)
 
     def log_likelihood(self, maps, boxes, template):
-        self.place = maps.place
-        return super().log_likelihood(maps, boxes, template)
+        return self.log_likelihood_of(self.strength(maps, boxes, template), template)
+
+
+class ContrastCue(ScriptedCue):
+    """Can't judge: similar to whatever stands out."""
+
+    judges = False
 
 
 class LateCue(ScriptedCue):
@@ -157,34 +171,66 @@ def test_the_first_templates_judge_but_for_cues_that_follow_every_frame():
     assert fusion.judged_by(last, first) == {"a": 1.0, "steady": 6.0, "later": 8.0}
 
 
-def test_a_cue_that_needs_the_place_is_asked_last_at_the_likeliest_one():
-    maps = FrameMaps(np.zeros((10, 10), np.uint8), BOXES)
-    placed, before, after = PlacedCue(), ScriptedCue(), ScriptedCue()
-    fusion = CueFusion({"before": (before, 0.2), "placed": (placed, 0.5), "after": (after, 0.3)})
-    templates = {"before": 1.0, "placed": 4.0, "after": 3.0}
-    fused = fusion.log_likelihood(maps, BOXES, templates)
-    np.testing.assert_allclose(fused, -(0.2 * 1.0 + 0.5 * 4.0 + 0.3 * 3.0) * BOXES[:, 0])
-    # The other two make the second box exp(-1.1) times as likely as the first.
-    second = np.exp(-1.1) / (1 + np.exp(-1.1))
-    np.testing.assert_allclose(placed.place, [1 + second, 0.0, 4.0, 4.0])
-    np.testing.assert_allclose(maps.place, placed.place)
+def test_only_cues_that_judge_count_in_the_similarity_if_there_are_any():
+    both = CueFusion({"judge": (ScriptedCue(), 0.5), "other": (ContrastCue(), 0.5)})
+    seen, templates = {"judge": 2.0, "other": 7.0}, {"judge": 2.0, "other": 1.0}
+    match = both.match(seen, templates)
+    assert match.similarity == pytest.approx(1 / 4)
+    assert match.log_likelihood == pytest.approx(-0.5 * 4.0 - 0.5 * 7.0)
+    alone = CueFusion({"other": (ContrastCue(), 0.5)})
+    assert alone.match({"other": 7.0}, {"other": 1.0}).similarity == pytest.approx(1 / 8)
 
 
-def test_the_likeliest_place_is_found_however_unlikely_all_boxes_are():
-    maps = FrameMaps(np.zeros((10, 10), np.uint8), BOXES)
-    placed = PlacedCue()
-    fusion = CueFusion({"placed": (placed, 0.5), "other": (ScriptedCue(), 0.5)})
-    fusion.log_likelihood(maps, BOXES, {"placed": 1.0, "other": 1e5})
-    np.testing.assert_allclose(placed.place, BOXES[0])
+def test_a_search_asks_the_cues_that_can():
+    fusion = CueFusion({"plain": (ScriptedCue(), 0.5), "searching": (SearchingCue(), 0.5)})
+    assert fusion.can_search
+    assert not CueFusion({"plain": (ScriptedCue(), 0.5)}).can_search
+    templates = {"plain": 1.0, "searching": 6.0}
+    strengths = fusion.strengths(MAPS, BOXES, templates)
+    assert list(strengths) == ["searching"]
+    np.testing.assert_allclose(strengths["searching"], [1.0, 0.5])
+    likelihood = fusion.searched(strengths, templates, {"plain": 0.2, "searching": 0.8})
+    np.testing.assert_allclose(likelihood, [0.0, -0.8 * 6.0 * 0.5])
 
 
-def test_without_another_cue_the_place_is_the_mean_of_the_boxes():
-    maps = FrameMaps(np.zeros((10, 10), np.uint8), BOXES)
-    np.testing.assert_allclose(maps.place, [1.5, 0.0, 4.0, 4.0])
-    placed = PlacedCue()
-    fusion = CueFusion({"placed": (placed, 0.5), "other": (ScriptedCue(), 0.5)})
-    fusion.log_likelihood(maps, BOXES, {"placed": 1.0})
-    np.testing.assert_allclose(placed.place, [1.5, 0.0, 4.0, 4.0])
+def test_given_powers_take_the_place_of_the_configured_ones():
+    fusion = CueFusion({"a": (ScriptedCue(), 0.5), "b": (ScriptedCue(), 0.5)})
+    fused = fusion.log_likelihood(MAPS, BOXES, {"a": 1.0, "b": 3.0}, {"a": 0.9, "b": 0.1})
+    np.testing.assert_allclose(fused, -(0.9 * 1.0 + 0.1 * 3.0) * BOXES[:, 0])
+
+
+def test_rivalry_is_the_strongest_place_beside_the_target_over_its_own():
+    beside = {"a": np.array([0.1, 0.4]), "b": np.array([-0.2]), "c": np.array([])}
+    found = rivalry({"a": 0.8, "b": 0.5, "c": 0.5}, beside)
+    assert found == pytest.approx({"a": 0.5, "b": 0.0, "c": 0.0})
+    # Without any strength of its own a cue is at the largest rivalry, not at infinity.
+    assert rivalry({"a": 0.0}, beside) == {"a": 2.0}
+    smooth = smoothed_rivalry({"a": 1.0}, {"a": 0.5, "new": 0.3}, 0.2)
+    assert smooth == pytest.approx({"a": 0.9, "new": 0.3})
+
+
+@given(
+    rivals=st.dictionaries(st.sampled_from("abc"), st.floats(0.0, 2.0), max_size=3),
+    adaptation=st.floats(0.0, 10.0),
+)
+def test_adapted_powers_sum_to_one_and_follow_what_stands_out(rivals, adaptation):
+    fusion = CueFusion({name: (ScriptedCue(), 0.25) for name in "abcd"})
+    powers = fusion.adapted(rivals, adaptation)
+    assert sum(powers.values()) == pytest.approx(1.0)
+    assert min(powers.values()) > 0.0
+    by_rivalry = sorted(rivals, key=rivals.get)
+    for clearer, more_confused in itertools.pairwise(by_rivalry):
+        assert powers[clearer] >= powers[more_confused] - 1e-12
+    if not rivals or adaptation == 0.0:
+        assert powers == fusion.powers
+
+
+def test_adapted_powers_by_hand():
+    fusion = CueFusion({"a": (ScriptedCue(), 0.6), "b": (ScriptedCue(), 0.4)})
+    # The mean rivalry is 0.5: factors 1 + 1.5 * 0.3 and 1 - 1.5 * 0.3.
+    powers = fusion.adapted({"a": 0.2, "b": 0.8}, 1.5)
+    total = 0.6 * 1.45 + 0.4 * 0.55
+    assert powers == pytest.approx({"a": 0.6 * 1.45 / total, "b": 0.4 * 0.55 / total})
 
 
 def test_the_reach_is_that_of_the_cue_that_looks_furthest():

@@ -15,7 +15,6 @@ CUES = (
     "foreground_probability",
     "oriented_gradients",
     "correlation_response",
-    "size_response",
 )
 every_preset = pytest.mark.parametrize("preset", sorted(PRESETS))
 
@@ -137,10 +136,14 @@ def test_the_estimate_is_complete_and_consistent(preset):
     assert 1.0 <= estimate.effective_sample_size <= count
     assert 0.0 <= estimate.confidence <= 1.0
     centers = estimate.particle_boxes[:, :2] + estimate.particle_boxes[:, 2:] / 2
-    np.testing.assert_allclose(center(estimate.box), estimate.weights @ centers)
-    np.testing.assert_allclose(
-        estimate.covariance, np.cov(centers.T, aweights=estimate.weights, ddof=0)
-    )
+    of_particles = np.cov(centers.T, aweights=estimate.weights, ddof=0)
+    if PRESETS[preset].get("proposal.search_share"):
+        # The box is that of the likeliest mode, and the target may be in another.
+        np.testing.assert_allclose(center(estimate.box), estimate.weights @ centers, atol=0.5)
+        assert np.linalg.eigvalsh(estimate.covariance - of_particles).min() > 0.0
+    else:
+        np.testing.assert_allclose(center(estimate.box), estimate.weights @ centers)
+        np.testing.assert_allclose(estimate.covariance, of_particles)
     assert all(isinstance(value, float) for value in estimate.box)
 
 
@@ -237,7 +240,7 @@ def confidence_after_a_change(**template):
 
 def test_what_was_learned_vouches_for_a_change_unless_the_first_frame_judges():
     assert confidence_after_a_change() > 0.85
-    assert confidence_after_a_change(judge_by_first=True) < 0.7
+    assert confidence_after_a_change(judge_by_first=1.0) < 0.7
 
 
 def test_nothing_is_learned_below_the_confidence_that_it_takes():
@@ -408,10 +411,10 @@ def test_cues_are_switched_off_and_on_while_tracking(only):
     frames = walk(24)
     tracker = Tracker.from_preset("default")
     run(tracker, frames[:8])
-    # A size says nothing of a place: that cue alone would follow nothing.
-    beside = {"gradient_orientation.power": 0.5} if only == "size_response" else {}
+    # Only cues that cost next to nothing for a box more can search.
+    alone = {"proposal.search_share": 0.0, "foreground_probability.own_size": True}
     for powers, part in [
-        ({f"{cue}.power": float(cue == only) for cue in CUES} | beside, frames[8:16]),
+        ({f"{cue}.power": float(cue == only) for cue in CUES} | alone, frames[8:16]),
         ({f"{cue}.power": 0.3 for cue in CUES}, frames[16:]),
     ]:
         tracker.set_parameters(powers)

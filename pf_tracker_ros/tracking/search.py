@@ -1,0 +1,192 @@
+"""Looking for the target around the prediction, wherever the motion model would not go.
+
+The cues that many boxes cost next to nothing are asked about a grid of places. A share of the
+particles is then drawn where they find the target likely, and what stands out beside the target
+tells how far each cue is to be believed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.cues import CueFusion
+from pf_tracker_ros.cues.fusion import Rivalry, rivalry
+from pf_tracker_ros.filter import (
+    MODELS_WITH_CENTER_PRIOR,
+    CenterPrior,
+    MotionModel,
+    ParticleSet,
+    ProposalParameters,
+    SearchGrid,
+    propose_from_search,
+)
+from pf_tracker_ros.parameters import ParameterError
+
+# Particles so near to the likeliest, in box sizes, belong to the same mode.
+_MODE_REACH = 0.25
+
+
+class Search:
+    """A grid of boxes around the place where the target is expected.
+
+    Args:
+        place: (4,) box that is expected, pixels.
+        parameters: Extent of the grid and share of the particles.
+        image_size: (width, height); no center is looked for outside.
+
+    Attributes:
+        place: As given.
+        boxes: (M, 4) boxes of the place's size, pixels.
+    """
+
+    def __init__(
+        self,
+        place: NDArray[np.float64],
+        parameters: ProposalParameters,
+        image_size: tuple[int, int],
+    ) -> None:
+        size, cells = place[2:], parameters.search_cells
+        side = parameters.search_window * math.sqrt(size[0] * size[1])
+        self.place = place
+        self._grid = SearchGrid(place[:2] + size / 2, side / cells, cells)
+        self._parameters = parameters
+        self._image_size = image_size
+        centers = np.clip(self._grid.centers, 0.0, image_size)
+        self.boxes = np.hstack([centers - size / 2, np.broadcast_to(size, centers.shape)])
+
+    def covered(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(K, 4) boxes that cover all that can be looked at, given the (N, 4) predicted ones."""
+        size = self.place[2:]
+        # A cue may look at any of the boxes in the size of the place.
+        sides = np.maximum(boxes[:, 2:], size)
+        around = np.hstack([boxes[:, :2] + (boxes[:, 2:] - sides) / 2, sides])
+        largest = sides.max(axis=0)
+        spacing = self._grid.spacing
+        ends = self._grid.centers[[0, -1]] + [[-spacing], [spacing]]
+        ends = np.clip(ends, 0.0, self._image_size)
+        return np.vstack([around, np.hstack([ends - largest / 2, np.tile(largest, (2, 1))])])
+
+    def proposed(
+        self,
+        predicted: ParticleSet,
+        motion: MotionModel,
+        centers: CenterPrior,
+        log_likelihood: NDArray[np.float64],
+        generator: np.random.Generator,
+    ) -> tuple[ParticleSet, NDArray[np.float64]]:
+        """Particles of which a share is where the target is likely.
+
+        Args:
+            predicted: Particles drawn from the transition prior.
+            motion: Drew them.
+            centers: Their centers' distribution, as the motion model tells it.
+            log_likelihood: (M,) of `boxes`.
+            generator: Source of randomness.
+
+        Returns:
+            The particles, their weights corrected for where they were drawn, and the (N,)
+            logarithms of their prior density.
+        """
+        searched = propose_from_search(
+            predicted.states[:, :2],
+            centers,
+            (self._grid, log_likelihood),
+            self._parameters,
+            generator,
+        )
+        states = np.hstack([searched.centers, predicted.states[:, 2:]])
+        particles = predicted.moved(motion.constrained(states, self._image_size))
+        log_prior = predicted.log_weights + searched.log_prior
+        return particles.reweighted(searched.log_ratio), log_prior
+
+    def covariance(
+        self,
+        within_mode: NDArray[np.float64],
+        confidence: float,
+        hidden_for: float | None,
+        walk: float,
+    ) -> NDArray[np.float64]:
+        """(2, 2) covariance of the target's center about the box, px^2.
+
+        With the probability that the confidence gives, the target is in the mode that the particles
+        are in; if not, it may be anywhere in what was searched. While it is hidden, that is all
+        that is known, and it walks on.
+
+        Args:
+            within_mode: (2, 2) covariance of the particles' centers about the box, px^2.
+            confidence: In this frame, 0 to 1.
+            hidden_for: Seconds, None while the target is tracked.
+            walk: Standard deviation of the target's walk within a second, box sizes.
+        """
+        size = math.sqrt(self.place[2] * self.place[3])
+        variance = (self._parameters.search_window * size) ** 2 / 12.0
+        if hidden_for is not None:
+            return (variance + (walk * size) ** 2 * hidden_for) * np.eye(2)
+        return confidence * within_mode + (1.0 - confidence) * variance * np.eye(2)
+
+    def rivalry(
+        self,
+        box: NDArray[np.float64],
+        own: Mapping[str, NDArray[np.float64]],
+        strengths: Mapping[str, NDArray[np.float64]],
+    ) -> Rivalry:
+        """Each searchable cue's rivalry around a (4,) box.
+
+        Args:
+            box: Of the target.
+            own: Name of a cue to its (1,) strength there.
+            strengths: Name of a cue to its (M,) strengths at `boxes`.
+        """
+        centers = self.boxes[:, :2] + self.boxes[:, 2:] / 2
+        apart = np.abs(centers - box[:2] - box[2:] / 2) > box[2:] / 2
+        beside = apart.any(axis=1)
+        return rivalry(
+            {name: float(strength[0]) for name, strength in own.items()},
+            {name: strength[beside] for name, strength in strengths.items()},
+        )
+
+
+def check_search(parameters: ProposalParameters, model: str, fusion: CueFusion) -> None:
+    """Refuse a search that the motion model or the cues can't do.
+
+    Raises:
+        ParameterError: Says which parameter to change.
+    """
+    share = parameters.search_share
+    if share == 0.0:
+        return
+    if model not in MODELS_WITH_CENTER_PRIOR:
+        allowed = " or ".join(f"'{name}'" for name in MODELS_WITH_CENTER_PRIOR)
+        raise ParameterError(
+            f"parameter 'proposal.search_share' is {share} with the motion model '{model}'; "
+            f"allowed: 0, or the motion model {allowed}"
+        )
+    if not fusion.can_search:
+        raise ParameterError(
+            f"parameter 'proposal.search_share' is {share}, but no cue that is on can search; "
+            "allowed: 0, or 'foreground_probability.power' or 'correlation_response.power' above 0"
+        )
+
+
+def covariance_about(particles: ParticleSet, center: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(2, 2) weighted covariance, px^2, of the particles' centers about a (2,) center."""
+    offsets = particles.states[:, :2] - center
+    return (offsets * particles.weights[:, None]).T @ offsets
+
+
+def mean_around(
+    particles: ParticleSet, boxes: NDArray[np.float64], best: int
+) -> NDArray[np.float64]:
+    """(D,) mean of the particles, given also as (N, 4) boxes, of the mode that one of them is in.
+
+    The mean of several modes may be where nothing speaks for the target.
+    """
+    centers = boxes[:, :2] + boxes[:, 2:] / 2
+    reach = _MODE_REACH * math.sqrt(boxes[best, 2] * boxes[best, 3])
+    near = np.square(centers - centers[best]).sum(axis=1) <= reach**2
+    weights = particles.weights * near
+    return weights @ particles.states / weights.sum()
