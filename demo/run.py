@@ -150,7 +150,11 @@ def track(clip: Clip, recorder: Recorder, folder: Path) -> None:
         DemoError: A process failed or does not answer.
     """
     tracker = NodeProcess(
-        "tracker", folder / LOGS / "tracker.log", image_reliability="reliable", seed=0
+        "tracker",
+        folder / LOGS / "tracker.log",
+        image_reliability="reliable",
+        seed=0,
+        **clip.parameters,
     )
     with tracker:
         if not recorder.meet_tracker(_MEETING_TIMEOUT, tracker.check):

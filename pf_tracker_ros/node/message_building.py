@@ -126,14 +126,19 @@ def estimate_values(estimate: Estimate) -> dict[str, str | float | int]:
     """An estimate's values under the keys that the status uses; covariance in px^2."""
     covariance = estimate.covariance
     background = {"background": str(estimate.background)} if estimate.background else {}
-    return background | {
-        "confidence": float(estimate.confidence),
-        "covariance_xx": float(covariance[0, 0]),
-        "covariance_xy": float(covariance[0, 1]),
-        "covariance_yy": float(covariance[1, 1]),
-        "effective_sample_size": float(estimate.effective_sample_size),
-        "particles": len(estimate.weights),
-    }
+    powers = {f"power_{name}": float(power) for name, power in estimate.powers.items()}
+    return (
+        background
+        | powers
+        | {
+            "confidence": float(estimate.confidence),
+            "covariance_xx": float(covariance[0, 0]),
+            "covariance_xy": float(covariance[0, 1]),
+            "covariance_yy": float(covariance[1, 1]),
+            "effective_sample_size": float(estimate.effective_sample_size),
+            "particles": len(estimate.weights),
+        }
+    )
 
 
 def _octets(values: NDArray[np.generic]) -> array.array[int]:

@@ -23,7 +23,7 @@ _LEVELS = {
 _DESCRIPTIONS = {
     "idle": "waiting for a target",
     "tracking": "tracking",
-    "occluded": "the target is hidden; the motion model carries it on",
+    "occluded": "the target is hidden; its place is a guess",
     "lost": "the target is lost",
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,14 +20,16 @@ class Estimate:
 
     Attributes:
         box: (x, y, width, height) in pixels, (x, y) the top-left corner counted from 0.
-        state: "tracking" while the measurements support the box; "occluded" while they do not
-            and the motion model carries it on; "lost" when that has lasted too long.
+        state: "tracking" while the measurements support the box; "occluded" while they do not;
+            "lost" when that has lasted too long.
         confidence: 0 (nothing at the box looks like the target) to 1 (exactly the template).
-        covariance: (2, 2), px^2: covariance of the box's center under the weighted particles.
+        covariance: (2, 2), px^2: covariance of the box's center under the weighted particles; after
+            a search, of where the target is about that center, given the confidence.
         particles: (N, D) particle states, columns as named by the motion model.
         particle_boxes: (N, 4) the particles as (x, y, width, height) boxes in pixels.
         weights: (N,) normalized weights of the particles, before resampling.
         effective_sample_size: 1 / sum of squared weights, from 1 to N.
+        powers: Name of a cue to its power in this frame's likelihood; they sum to 1.
         background: What the background model is worth in this frame; None where there is none.
     """
 
@@ -38,4 +41,5 @@ class Estimate:
     particle_boxes: NDArray[np.float64]
     weights: NDArray[np.float64]
     effective_sample_size: float
+    powers: Mapping[str, float]
     background: BackgroundState | None = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,11 @@ from pf_tracker_ros.cues import (
     ForegroundProbability,
     FrameMaps,
     GradientOrientation,
+    Match,
     MovingForeground,
     OrientedGradients,
 )
-from pf_tracker_ros.cues.fusion import Rivalry, Templates, smoothed_rivalry
+from pf_tracker_ros.cues.fusion import Powers, Rivalry, Templates, smoothed_rivalry
 from pf_tracker_ros.filter import (
     MODELS_WITH_FORESIGHT,
     MOTION_MODELS,
@@ -190,6 +192,7 @@ class Tracker:
                 1.0,
                 particles,
                 motion.boxes(particles.states),
+                powers=self._fusion.powers,
                 covariance=particles.covariance[:2, :2],
                 background=background,
             ),
@@ -262,12 +265,8 @@ class Tracker:
             now = self._rivalry(search, maps, box[0], target.templates)
             rivals = smoothed_rivalry(rivals, now, parameters.fusion.adaptation_rate)
         seen = self._fusion.observe(maps, box[0])
-        match = self._fusion.match(seen, target.templates)
+        match = self._judged(target, seen)
         confidence = match.similarity
-        if first_share := parameters.template.judge_by_first:
-            first = self._fusion.judged_by(target.templates, target.first_templates)
-            confidence **= 1.0 - first_share
-            confidence *= self._fusion.match(seen, first).similarity ** first_share
         track = target.track.after(confidence, interval, parameters.track)
         templates = target.templates
         if track.state == "tracking" or not parameters.track.coast:
@@ -288,16 +287,6 @@ class Tracker:
             # on from here, the cloud and its cost would grow without end.
             particles, foresight = target.particles, target.foresight
 
-        covariance = weighted.covariance[:2, :2]
-        if search:
-            # Once lost, the target may be anywhere; how long ago that was adds nothing.
-            hidden_for = min(track.hidden_for, parameters.track.lost_after)
-            covariance = search.covariance(
-                covariance_about(weighted, box[0, :2] + box[0, 2:] / 2),
-                confidence,
-                None if track.state == "tracking" else hidden_for,
-                parameters.motion.position_noise,
-            )
         x, y, width, height = (float(value) for value in box[0])
         return replace(
             target,
@@ -312,7 +301,8 @@ class Tracker:
                 confidence,
                 weighted,
                 boxes,
-                covariance=covariance,
+                powers=powers,
+                covariance=self._covariance(weighted, box[0], search, track, confidence),
                 background=target.background,
             ),
         )
@@ -335,6 +325,35 @@ class Tracker:
         proposed = foresight.proposed(particles.states, interval, share, self._generator)
         moved = particles.moved(motion.constrained(proposed.states, image_size))
         return moved.reweighted(proposed.log_ratio), foresight
+
+    def _judged(self, target: _Target, seen: Templates) -> Match:
+        """How well what was seen fits the last templates and, for its share, the first ones."""
+        match = self._fusion.match(seen, target.templates)
+        share = self._parameters.template.judge_by_first
+        if share == 0.0:
+            return match
+        first = self._fusion.judged_by(target.templates, target.first_templates)
+        by_first = self._fusion.match(seen, first).similarity
+        return match._replace(similarity=match.similarity ** (1.0 - share) * by_first**share)
+
+    def _covariance(
+        self,
+        particles: ParticleSet,
+        box: NDArray[np.float64],
+        search: Search | None,
+        track: Track,
+        confidence: float,
+    ) -> NDArray[np.float64]:
+        if search is None:
+            return particles.covariance[:2, :2]
+        # Once lost, the target may be anywhere; how long ago that was adds nothing.
+        hidden_for = min(track.hidden_for, self._parameters.track.lost_after)
+        return search.covariance(
+            covariance_about(particles, box[:2] + box[2:] / 2),
+            confidence,
+            None if track.state == "tracking" else hidden_for,
+            self._parameters.motion.position_noise,
+        )
 
     def _search(self, place: NDArray[np.float64], image: NDArray[np.uint8]) -> Search | None:
         proposal = self._parameters.proposal
@@ -435,6 +454,7 @@ def _estimate(
     particles: ParticleSet,
     particle_boxes: NDArray[np.float64],
     *,
+    powers: Powers,
     covariance: NDArray[np.float64],
     background: BackgroundModel | None,
 ) -> Estimate:
@@ -449,5 +469,6 @@ def _estimate(
         particle_boxes=particle_boxes,
         weights=particles.weights,
         effective_sample_size=particles.effective_sample_size,
+        powers=MappingProxyType(dict(powers)),
         background=background.state if background else None,
     )

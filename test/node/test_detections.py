@@ -76,6 +76,7 @@ def estimate():
         particle_boxes=np.zeros((1, 4)),
         weights=np.ones(1),
         effective_sample_size=1.0,
+        powers={"color_histogram": 0.75, "gradient_orientation": 0.25},
     )
 
 

@@ -69,7 +69,7 @@ def test_every_tunable_of_the_library_can_change_while_tracking(graph, client, i
     client.show(images[0], client.at(0))
     known = declarations(TrackerParameters)
     # A model that foresees, so that any share of foresight is allowed.
-    assert client.set_parameters(motion__model="affine").successful
+    assert client.set_parameters(motion__model="affine", proposal__search_share=0.0).successful
     for name, declaration in known.items():
         (value,) = get(client, name)
         if declaration.choices:
@@ -112,7 +112,8 @@ def test_contradictory_values_at_start_up_keep_the_node_up_until_they_are_set_ri
     graph, client, images, boxes
 ):
     contradiction = {"proposal__kalman_share": 0.5, "motion__model": "constant_velocity"}
-    graph.tracker(client, target_box=boxes[0], **contradiction, **RELIABLE)
+    alone = {"proposal__search_share": 0.0}
+    graph.tracker(client, target_box=boxes[0], **alone, **contradiction, **RELIABLE)
     status = client.show(images[0], client.at(0))
     assert (status.level, status.values["state"]) == ("ERROR", "idle")
     assert "parameter 'proposal.kalman_share' is 0.5 with the motion model" in status.message

@@ -135,6 +135,7 @@ def test_the_estimate_is_complete_and_consistent(preset):
     assert estimate.particle_boxes.shape == (count, 4)
     assert 1.0 <= estimate.effective_sample_size <= count
     assert 0.0 <= estimate.confidence <= 1.0
+    assert sum(estimate.powers.values()) == pytest.approx(1.0)
     centers = estimate.particle_boxes[:, :2] + estimate.particle_boxes[:, 2:] / 2
     of_particles = np.cov(centers.T, aweights=estimate.weights, ddof=0)
     if PRESETS[preset].get("proposal.search_share"):
