@@ -1,0 +1,149 @@
+"""Search: the target is found where its motion would not take the particles."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.filter import ParticleSet, ProposalParameters
+from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
+
+PLACE = np.array([100.0, 80.0, 40.0, 40.0])
+
+
+def texture(seed, height, width, low=0, high=255):
+    noise = np.random.default_rng(seed).normal(size=(height, width, 3))
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
+    return cv2.normalize(smooth, None, low, high, cv2.NORM_MINMAX).astype(np.uint8)
+
+
+BACKGROUND = texture(0, 240, 320, 80, 160)
+TARGET = texture(1, 36, 36)
+
+
+def frame(x, y, visible=True):
+    """A target of 36 x 36 px at (x, y)."""
+    image = BACKGROUND.copy()
+    if visible:
+        image[y : y + 36, x : x + 36] = TARGET
+    return image
+
+
+def off_center(box, x, y):
+    return np.hypot(box[0] + box[2] / 2 - x - 18, box[1] + box[3] / 2 - y - 18)
+
+
+def test_a_jump_is_followed_at_once_that_is_lost_without_a_search():
+    """By 45 px, 1.25 box sizes, in one frame; the motion's noise is 0.12 of them."""
+    found = {}
+    for share in (0.0, 0.6):
+        tracker = Tracker.from_preset("default", parameters={"proposal.search_share": share})
+        tracker.start(frame(120, 100), (120, 100, 36, 36))
+        for _ in range(3):
+            tracker.update(frame(120, 100))
+        found[share] = [tracker.update(frame(165, 100)) for _ in range(2)]
+    for estimate in found[0.6]:
+        assert off_center(estimate.box, 165, 100) < 3.0
+    assert found[0.6][1].state == "tracking"
+    assert off_center(found[0.0][0].box, 165, 100) > 15.0
+
+
+def test_nothing_is_learned_of_what_hides_the_target_and_it_is_found_elsewhere():
+    tracker = Tracker.from_preset("default")
+    tracker.start(frame(120, 100), (120, 100, 36, 36))
+    for _ in range(10):
+        seen = tracker.update(frame(120, 100))
+    for _ in range(15):
+        hidden = tracker.update(frame(120, 100, visible=False))
+        assert hidden.state == "occluded"
+        assert hidden.confidence < 0.1
+    sizes = np.sqrt(np.diag(hidden.covariance)) / 36
+    assert (np.sqrt(np.diag(seen.covariance)) / 36 < 0.3).all()
+    assert (sizes > 0.7).all()
+    for _ in range(2):
+        found = tracker.update(frame(140, 110))
+    assert found.state == "tracking"
+    assert off_center(found.box, 140, 110) < 4.0
+
+
+def test_powers_move_to_the_cue_that_is_not_confused():
+    """A second patch of the target's colors, in another pattern, confuses the colors alone."""
+    powers = []
+    for image in (frame(120, 100), frame(120, 100)):
+        if powers:
+            mixed = TARGET.reshape(-1, 3).copy()
+            np.random.default_rng(0).shuffle(mixed)
+            image[100:136, 190:226] = mixed.reshape(36, 36, 3)
+        tracker = Tracker.from_preset("default", parameters={"proposal.search_window": 5.0})
+        tracker.start(image, (120, 100, 36, 36))
+        for _ in range(3):
+            estimate = tracker.update(image)
+        powers.append(estimate.powers["correlation_response"])
+    assert powers[1] > powers[0] + 0.02
+
+
+def test_the_boxes_that_are_searched_are_centered_on_the_place_and_inside_the_image():
+    parameters = ProposalParameters(search_window=3.0, search_cells=31)
+    search = Search(PLACE, parameters, (320, 240))
+    centers = search.boxes[:, :2] + search.boxes[:, 2:] / 2
+    np.testing.assert_allclose(centers.mean(axis=0), [120.0, 100.0])
+    # Centers of 31 cells over 3 box sizes.
+    np.testing.assert_allclose(np.ptp(centers, axis=0), 3.0 * 40.0 * 30 / 31)
+    assert (search.boxes[:, 2:] == PLACE[2:]).all()
+    edge = Search(np.array([-10.0, 200.0, 40.0, 40.0]), parameters, (320, 240))
+    centers = edge.boxes[:, :2] + edge.boxes[:, 2:] / 2
+    assert centers.min() >= 0.0
+    assert centers[:, 1].max() <= 240.0
+
+
+def test_what_is_covered_holds_every_box_that_can_be_looked_at():
+    search = Search(PLACE, ProposalParameters(), (320, 240))
+    boxes = np.array([[10.0, 20.0, 10.0, 90.0], [150.0, 90.0, 60.0, 20.0]])
+    covered = search.covered(boxes)
+    first = covered[:, :2].min(axis=0)
+    last = (covered[:, :2] + covered[:, 2:]).max(axis=0)
+    for looked_at in (boxes, search.boxes):
+        assert (looked_at[:, :2] >= first).all()
+        assert (looked_at[:, :2] + looked_at[:, 2:] <= last).all()
+
+
+def test_covariance_by_hand():
+    search = Search(PLACE, ProposalParameters(search_window=3.0), (320, 240))
+    anywhere = 120.0**2 / 12.0
+    within = np.array([[4.0, 1.0], [1.0, 2.0]])
+    seen = search.covariance(within, 0.75, None, 0.5)
+    np.testing.assert_allclose(seen, 0.75 * within + 0.25 * anywhere * np.eye(2))
+    # A random walk of 0.5 box sizes of 40 px in a second: 20 px, for 3 s.
+    hidden = search.covariance(within, 0.1, 3.0, 0.5)
+    np.testing.assert_allclose(hidden, (anywhere + 3.0 * 400.0) * np.eye(2))
+
+
+def test_the_mean_of_a_mode_leaves_out_the_other():
+    states = np.array([[10.0, 10.0, 1.0], [12.0, 10.0, 3.0], [80.0, 10.0, 9.0]])
+    boxes = np.hstack([states[:, :2] - 20.0, np.full((3, 2), 40.0)])
+    particles = ParticleSet(states, np.log([0.2, 0.3, 0.5]))
+    np.testing.assert_allclose(mean_around(particles, boxes, 0), [11.2, 10.0, 2.2])
+    np.testing.assert_allclose(mean_around(particles, boxes, 2), states[2])
+    about = covariance_about(particles, np.array([12.0, 10.0]))
+    np.testing.assert_allclose(about, [[0.2 * 4.0 + 0.5 * 68.0**2, 0.0], [0.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        (
+            {"motion.model": "affine"},
+            r"'proposal.search_share' is 0.6 with the motion model 'affine'; allowed: 0, or the "
+            r"motion model 'constant_velocity'",
+        ),
+        (
+            {"correlation_response.power": 0.0, "foreground_probability.power": 0.0}
+            | {"color_histogram.power": 1.0},
+            r"no cue that is on can search; allowed: 0, or 'foreground_probability.power' or",
+        ),
+    ],
+)
+def test_a_search_that_cannot_be_is_refused(parameters, message):
+    with pytest.raises(ParameterError, match=message):
+        Tracker.from_preset("default", parameters=parameters)
