@@ -16,6 +16,8 @@ from pf_tracker_ros.parameters import ParameterError, declared
 
 # Name of a cue to its template.
 Templates = Mapping[str, Any]
+# Name of a searchable cue to its (N,) strengths at N boxes.
+Strengths = Mapping[str, NDArray[np.float64]]
 # Name of a cue to its power; they sum to 1.
 Powers = Mapping[str, float]
 # Name of a searchable cue to its strength at the likeliest place beside the target, as a share of
@@ -80,7 +82,7 @@ class TemplateParameters:
     )
 
 
-def rivalry(at_target: Mapping[str, float], beside: Mapping[str, NDArray[np.float64]]) -> Rivalry:
+def rivalry(at_target: Mapping[str, float], beside: Strengths) -> Rivalry:
     """Each cue's largest strength beside the target over that at the target.
 
     Args:
@@ -162,7 +164,7 @@ class CueFusion:
 
     def strengths(
         self, maps: FrameMaps, boxes: NDArray[np.float64], templates: Templates
-    ) -> Mapping[str, NDArray[np.float64]]:
+    ) -> Strengths:
         """Name of each searchable cue to its (N,) strengths at (N, 4) boxes."""
         return {
             name: cue.strength(maps, boxes, template)
@@ -171,7 +173,7 @@ class CueFusion:
         }
 
     def searched(
-        self, strengths: Mapping[str, NDArray[np.float64]], templates: Templates, powers: Powers
+        self, strengths: Strengths, templates: Templates, powers: Powers
     ) -> NDArray[np.float64]:
         """(N,) log likelihoods, as far as the searchable cues know, of their (N,) strengths."""
         fused = np.zeros(1)

@@ -8,13 +8,12 @@ tells how far each cue is to be believed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.cues import CueFusion
-from pf_tracker_ros.cues.fusion import Rivalry, rivalry
+from pf_tracker_ros.cues.fusion import Rivalry, Strengths, rivalry
 from pf_tracker_ros.filter import (
     MODELS_WITH_CENTER_PRIOR,
     CenterPrior,
@@ -131,8 +130,8 @@ class Search:
     def rivalry(
         self,
         box: NDArray[np.float64],
-        own: Mapping[str, NDArray[np.float64]],
-        strengths: Mapping[str, NDArray[np.float64]],
+        own: Strengths,
+        strengths: Strengths,
     ) -> Rivalry:
         """Each searchable cue's rivalry around a (4,) box.
 

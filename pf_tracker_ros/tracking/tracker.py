@@ -12,18 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.background import BackgroundModel
-from pf_tracker_ros.cues import (
-    ColorHistogram,
-    CorrelationResponse,
-    CueFusion,
-    ForegroundProbability,
-    FrameMaps,
-    GradientOrientation,
-    Match,
-    MovingForeground,
-    OrientedGradients,
-)
-from pf_tracker_ros.cues.fusion import Powers, Rivalry, Templates, smoothed_rivalry
+from pf_tracker_ros.cues import FrameMaps, Match
+from pf_tracker_ros.cues.fusion import Powers, Rivalry, Strengths, Templates, smoothed_rivalry
 from pf_tracker_ros.filter import (
     MODELS_WITH_FORESIGHT,
     MOTION_MODELS,
@@ -34,6 +24,7 @@ from pf_tracker_ros.filter import (
     build_resampler,
 )
 from pf_tracker_ros.parameters import ParameterError, build, declarations, flatten
+from pf_tracker_ros.tracking.all_cues import build_fusion
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.image import (
     adapted_range,
@@ -173,6 +164,12 @@ class Tracker:
         search = self._search(boxes[0], first_image)
         maps = self._maps(first_image, boxes, boxes[0], seen, search)
         templates = self._fusion.learn(maps, boxes[0])
+        rivals: Rivalry = {}
+        if search:
+            own, strengths = (
+                self._fusion.strengths(maps, at, templates) for at in (boxes, search.boxes)
+            )
+            rivals = search.rivalry(boxes[0], own, strengths)
         self._generator = generator
         self._target = _Target(
             first_box=first_box,
@@ -184,7 +181,7 @@ class Tracker:
             particles=particles,
             first_templates=templates,
             templates=templates,
-            rivalry=self._rivalry(search, maps, boxes[0], templates) if search else {},
+            rivalry=rivals,
             track=Track(),
             estimate=_estimate(
                 first_box,
@@ -246,6 +243,7 @@ class Tracker:
         search = self._search(predicted.weights @ boxes, image)
         maps = self._maps(image, boxes, np.asarray(target.estimate.box), foreground, search)
         log_prior = None
+        strengths: Strengths = {}
         centers = motion.center_prior(target.particles.states, ahead) if search else None
         if search and centers:
             strengths = self._fusion.strengths(maps, search.boxes, target.templates)
@@ -262,7 +260,8 @@ class Tracker:
         box = motion.boxes(mean[None])
         rivals = target.rivalry
         if search:
-            now = self._rivalry(search, maps, box[0], target.templates)
+            own = self._fusion.strengths(maps, box, target.templates)
+            now = search.rivalry(box[0], own, strengths)
             rivals = smoothed_rivalry(rivals, now, parameters.fusion.adaptation_rate)
         seen = self._fusion.observe(maps, box[0])
         match = self._judged(target, seen)
@@ -359,16 +358,6 @@ class Tracker:
         proposal = self._parameters.proposal
         return Search(place, proposal, _size(image)) if proposal.search_share > 0.0 else None
 
-    def _rivalry(
-        self,
-        search: Search,
-        maps: FrameMaps,
-        box: NDArray[np.float64],
-        templates: Templates,
-    ) -> Rivalry:
-        own = self._fusion.strengths(maps, box[None], templates)
-        return search.rivalry(box, own, self._fusion.strengths(maps, search.boxes, templates))
-
     def _foresight(self, motion: MotionModel) -> KalmanForesight | None:
         return motion.foresight() if self._parameters.proposal.kalman_share > 0.0 else None
 
@@ -381,9 +370,6 @@ class Tracker:
         return None
 
     def _configure(self, parameters: TrackerParameters) -> None:
-        color, gradient = parameters.color_histogram, parameters.gradient_orientation
-        foreground, outline = parameters.foreground_probability, parameters.oriented_gradients
-        moving, correlation = parameters.moving_foreground, parameters.correlation_response
         share, model = parameters.proposal.kalman_share, parameters.motion.model
         if share > 0.0 and model not in MODELS_WITH_FORESIGHT:
             allowed = " or ".join(f"'{name}'" for name in MODELS_WITH_FORESIGHT)
@@ -391,16 +377,7 @@ class Tracker:
                 f"parameter 'proposal.kalman_share' is {share} with the motion model '{model}'; "
                 f"allowed: 0, or the motion model {allowed}"
             )
-        fusion = CueFusion(
-            {
-                "color_histogram": (ColorHistogram(color), color.power),
-                "gradient_orientation": (GradientOrientation(gradient), gradient.power),
-                "foreground_probability": (ForegroundProbability(foreground), foreground.power),
-                "moving_foreground": (MovingForeground(moving), moving.power),
-                "oriented_gradients": (OrientedGradients(outline), outline.power),
-                "correlation_response": (CorrelationResponse(correlation), correlation.power),
-            }
-        )
+        fusion = build_fusion(parameters)
         check_search(parameters.proposal, model, fusion)
         self._fusion = fusion
         self._resampler = build_resampler(parameters.resampling)
