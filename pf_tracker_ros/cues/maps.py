@@ -38,7 +38,8 @@ class FrameMaps:
             above 1 for targets so large that full resolution would only cost time.
         reach: How far beyond each side of a box the region covers, in box sides.
         foreground: See the attribute.
-        place: See the attribute; None for the mean of the boxes.
+        place: See the attribute; None for the mean of the boxes. Where it is given, the region also
+            covers the boxes in its size.
 
     Attributes:
         image: The whole image.
@@ -61,6 +62,10 @@ class FrameMaps:
         place: NDArray[np.float64] | None = None,
     ) -> None:
         height, width = image.shape[:2]
+        self.place = boxes.mean(axis=0) if place is None else place
+        if place is not None:
+            sides = np.maximum(boxes[:, 2:], place[2:])
+            boxes = np.hstack([boxes[:, :2] + (boxes[:, 2:] - sides) / 2, sides])
         x, y, widths, heights = boxes.T
         (left, right), (top, bottom) = (
             (
@@ -79,7 +84,6 @@ class FrameMaps:
         if reduction > 1:
             crop = _reduced(crop, reduction)
         self.image = image
-        self.place = boxes.mean(axis=0) if place is None else place
         self.foreground = foreground
         self.pixels: NDArray[np.uint8] = crop
         self.padding = (

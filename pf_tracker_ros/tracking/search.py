@@ -59,15 +59,11 @@ class Search:
 
     def covered(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(K, 4) boxes that cover all that can be looked at, given the (N, 4) predicted ones."""
-        size = self.place[2:]
-        # A cue may look at any of the boxes in the size of the place.
-        sides = np.maximum(boxes[:, 2:], size)
-        around = np.hstack([boxes[:, :2] + (boxes[:, 2:] - sides) / 2, sides])
-        largest = sides.max(axis=0)
+        largest = np.maximum(boxes[:, 2:].max(axis=0), self.place[2:])
         spacing = self._grid.spacing
         ends = self._grid.centers[[0, -1]] + [[-spacing], [spacing]]
         ends = np.clip(ends, 0.0, self._image_size)
-        return np.vstack([around, np.hstack([ends - largest / 2, np.tile(largest, (2, 1))])])
+        return np.vstack([boxes, np.hstack([ends - largest / 2, np.tile(largest, (2, 1))])])
 
     def proposed(
         self,

@@ -401,6 +401,8 @@ class Tracker:
         reduction = math.ceil(target_size / self._parameters.working_size)
         covered = search.covered(boxes) if search else boxes
         place = search.place if search else None
+        if not search and not self._parameters.foreground_probability.own_size:
+            place = boxes.mean(axis=0)
         return FrameMaps(
             image, covered, reduction, self._fusion.reach, foreground=foreground, place=place
         )

@@ -101,9 +101,12 @@ def test_boxes_can_all_be_measured_in_the_size_that_is_expected(image):
     maps = FrameMaps(image, around + [-10, -10, 20, 20], reach=cue.reach, place=BOX)
     template = cue.learn(maps, BOX)
     expected = cue.contrast(maps, around, template)
-    for growth in (0, 3, 8):
+    for growth in (-6, 0, 3, 8):
         boxes = around + np.array([-growth, -growth, 2 * growth, 2 * growth])
         np.testing.assert_allclose(cue.strength(maps, boxes, template), expected)
+        # The maps cover that size wherever the boxes are, however small they are.
+        narrow = FrameMaps(image, boxes, reach=cue.reach, place=BOX)
+        np.testing.assert_allclose(cue.strength(narrow, boxes, template), expected)
         own = by_own_size.strength(maps, boxes, template)
         assert np.allclose(own, expected) == (growth == 0)
 

@@ -67,6 +67,18 @@ def test_nothing_is_learned_of_what_hides_the_target_and_it_is_found_elsewhere()
     assert off_center(found.box, 140, 110) < 4.0
 
 
+@pytest.mark.parametrize("share", [0.0, 0.6])
+def test_boxes_of_very_different_sizes_are_no_error(share):
+    """All are measured in one size, which reaches further than the small ones."""
+    parameters = {"proposal.search_share": share, "motion.size_noise": 3.0}
+    parameters |= {"motion.position_noise": 5.0}
+    tracker = Tracker.from_preset("default", parameters=parameters)
+    tracker.start(frame(120, 100), (120, 100, 36, 36))
+    for _ in range(10):
+        estimate = tracker.update(frame(120, 100))
+    assert np.isfinite(estimate.box).all()
+
+
 def test_powers_move_to_the_cue_that_is_not_confused():
     """A second patch of the target's colors, in another pattern, confuses the colors alone."""
     powers = []
