@@ -247,6 +247,8 @@ class Tracker:
         centers = motion.center_prior(target.particles.states, ahead) if search else None
         if search and centers:
             strengths = self._fusion.strengths(maps, search.boxes, target.templates)
+        # A cue that was just switched on has no template yet and can't search in this frame.
+        if search and centers and strengths:
             found = self._fusion.searched(strengths, target.templates, powers)
             predicted, log_prior = search.proposed(
                 predicted, motion, centers, found, self._generator

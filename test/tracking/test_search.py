@@ -67,6 +67,21 @@ def test_nothing_is_learned_of_what_hides_the_target_and_it_is_found_elsewhere()
     assert off_center(found.box, 140, 110) < 4.0
 
 
+def test_a_search_can_be_switched_on_while_tracking():
+    """In the first frame after that, the cues that search have no template yet."""
+    parameters = {"color_histogram.power": 1.0, "proposal.search_share": 0.0}
+    parameters |= {"correlation_response.power": 0.0, "foreground_probability.power": 0.0}
+    tracker = Tracker.from_preset("default", parameters=parameters)
+    tracker.start(frame(120, 100), (120, 100, 36, 36))
+    tracker.update(frame(122, 100))
+    powers = {"correlation_response.power": 0.5, "foreground_probability.power": 0.5}
+    tracker.set_parameters({"proposal.search_share": 0.6} | powers)
+    for step in range(3):
+        estimate = tracker.update(frame(124 + 2 * step, 100))
+    assert off_center(estimate.box, 128, 100) < 4.0
+    assert off_center(tracker.update(frame(165, 100)).box, 165, 100) < 4.0
+
+
 @pytest.mark.parametrize("share", [0.0, 0.6])
 def test_boxes_of_very_different_sizes_are_no_error(share):
     """All are measured in one size, which reaches further than the small ones."""
