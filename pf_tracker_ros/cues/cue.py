@@ -54,6 +54,11 @@ class Cue(Protocol):
         return 0.0
 
     @property
+    def looks_in_one_size(self) -> bool:
+        """Whether the cue looks at every box in the size of `FrameMaps.place`."""
+        return False
+
+    @property
     def steady_keep(self) -> float | None:
         """Share of the template that every tracked frame keeps, whatever its likelihood.
 

@@ -114,6 +114,11 @@ class ForegroundProbability(SearchableCue):
         return self._ring
 
     @property
+    def looks_in_one_size(self) -> bool:
+        """See `Cue.looks_in_one_size`."""
+        return not self._own_size
+
+    @property
     def steady_keep(self) -> float:
         """See `Cue.steady_keep`: the surroundings change with every step of the target."""
         return self._keep

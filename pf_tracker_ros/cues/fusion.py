@@ -22,9 +22,9 @@ Strengths = Mapping[str, NDArray[np.float64]]
 Powers = Mapping[str, float]
 # Name of a searchable cue to its strength at the likeliest place beside the target, as a share of
 # the one at the target: 0 where nothing around looks like the target, 1 where something does.
-Rivalry = Mapping[str, float]
+Distraction = Mapping[str, float]
 
-_LARGEST_RIVALRY = 2.0
+_LARGEST_DISTRACTION = 2.0
 # However little a cue tells at the moment, it keeps this share of its power, and never gets more
 # than this multiple of it.
 _LEAST_POWER, _MOST_POWER = 0.15, 2.0
@@ -66,14 +66,6 @@ class TemplateParameters:
         minimum=0.0,
         maximum=1.0,
     )
-    judge_by_first: float = declared(
-        0.0,
-        "How much the templates of the first frame count in the confidence, beside the last ones: "
-        "what was learned by mistake can vouch for itself, what was seen first may have changed. "
-        "1 judges by the first alone.",
-        minimum=0.0,
-        maximum=1.0,
-    )
     keep: float = declared(
         0.9,
         "Share of the old template that an update keeps (beta).",
@@ -82,7 +74,7 @@ class TemplateParameters:
     )
 
 
-def rivalry(at_target: Mapping[str, float], beside: Strengths) -> Rivalry:
+def distraction(at_target: Mapping[str, float], beside: Strengths) -> Distraction:
     """Each cue's largest strength beside the target over that at the target.
 
     Args:
@@ -90,13 +82,15 @@ def rivalry(at_target: Mapping[str, float], beside: Strengths) -> Rivalry:
         beside: Name to (N,) strengths; N may be 0.
     """
     return {
-        name: min(max(float(beside[name].max(initial=0.0)), 0.0) / max(own, 1e-3), _LARGEST_RIVALRY)
+        name: min(
+            max(float(beside[name].max(initial=0.0)), 0.0) / max(own, 1e-3), _LARGEST_DISTRACTION
+        )
         for name, own in at_target.items()
     }
 
 
-def smoothed_rivalry(before: Rivalry, now: Rivalry, rate: float) -> Rivalry:
-    """The rivalry of this frame mixed into that of the frames before by a rate from 0 to 1."""
+def smoothed_distraction(before: Distraction, now: Distraction, rate: float) -> Distraction:
+    """The distraction of this frame mixed into that of the frames before by a rate from 0 to 1."""
     return {
         name: rate * value + (1.0 - rate) * before.get(name, value) for name, value in now.items()
     }
@@ -124,17 +118,25 @@ class CueFusion:
             raise ParameterError(f"all cues are off; at least one of {names} must be above 0")
         total = sum(power for _, power in used.values())
         self._cues = {name: cue for name, (cue, _) in used.items()}
+        self._searchable = {
+            name: cue for name, cue in self._cues.items() if isinstance(cue, SearchableCue)
+        }
         self.powers: Powers = {name: power / total for name, (_, power) in used.items()}
 
     @property
     def can_search(self) -> bool:
         """Whether any of the cues can look for the target."""
-        return any(isinstance(cue, SearchableCue) for cue in self._cues.values())
+        return bool(self._searchable)
 
     @property
     def reach(self) -> float:
         """How far beyond each side of a box the cues look at most, in box sides."""
         return max(cue.reach for cue in self._cues.values())
+
+    @property
+    def looks_in_one_size(self) -> bool:
+        """Whether any of the cues looks at every box in the size of `FrameMaps.place`."""
+        return any(cue.looks_in_one_size for cue in self._cues.values())
 
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> Templates:
         """Each cue's template of what is in a (4,) box."""
@@ -167,31 +169,31 @@ class CueFusion:
     ) -> Strengths:
         """Name of each searchable cue to its (N,) strengths at (N, 4) boxes."""
         return {
-            name: cue.strength(maps, boxes, template)
-            for name, template in self._known(templates)
-            if isinstance(cue := self._cues[name], SearchableCue)
+            name: cue.strength(maps, boxes, templates[name])
+            for name, cue in self._searchable.items()
+            if name in templates
         }
 
     def searched(
         self, strengths: Strengths, templates: Templates, powers: Powers
     ) -> NDArray[np.float64]:
-        """(N,) log likelihoods, as far as the searchable cues know, of their (N,) strengths."""
-        fused = np.zeros(1)
+        """(N,) log likelihoods, as far as the searchable cues know; at least one has strengths."""
+        fused = np.zeros_like(next(iter(strengths.values())))
         for name, strength in strengths.items():
-            cue = self._cues[name]
-            assert isinstance(cue, SearchableCue)
-            fused = fused + powers[name] * cue.log_likelihood_of(strength, templates[name])
+            likelihood = self._searchable[name].log_likelihood_of(strength, templates[name])
+            fused += powers[name] * likelihood
         return fused
 
-    def adapted(self, rivalry: Rivalry, adaptation: float) -> Powers:
-        """The powers moved to the cues with less rivalry than their mean, their sum kept at 1."""
-        if not rivalry or adaptation == 0.0:
+    def adapted(self, distraction: Distraction, adaptation: float) -> Powers:
+        """The powers moved to the cues that are distracted less than the mean; they sum to 1."""
+        if not distraction or adaptation == 0.0:
             return self.powers
-        mean = sum(rivalry.values()) / len(rivalry)
+        mean = sum(distraction.values()) / len(distraction)
         powers = {
             name: power
             * min(
-                max(1.0 + adaptation * (mean - rivalry.get(name, mean)), _LEAST_POWER), _MOST_POWER
+                max(1.0 + adaptation * (mean - distraction.get(name, mean)), _LEAST_POWER),
+                _MOST_POWER,
             )
             for name, power in self.powers.items()
         }
@@ -240,16 +242,6 @@ class CueFusion:
             elif trusted:
                 updated[name] = cue.blend(templates[name], seen[name], keep)
         return updated
-
-    def judged_by(self, templates: Templates, first: Templates) -> Templates:
-        """The templates of the first frame, but the last ones of cues that follow every frame.
-
-        Those tell the target from its surroundings, which the first frame knows nothing of.
-        """
-        return {
-            name: first[name] if self._cues[name].steady_keep is None and name in first else last
-            for name, last in self._known(templates)
-        }
 
     def _known(self, templates: Templates) -> list[tuple[str, Any]]:
         return [(name, templates[name]) for name in self._cues if name in templates]

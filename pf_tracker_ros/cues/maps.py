@@ -38,8 +38,8 @@ class FrameMaps:
             above 1 for targets so large that full resolution would only cost time.
         reach: How far beyond each side of a box the region covers, in box sides.
         foreground: See the attribute.
-        place: See the attribute; None for the mean of the boxes. Where it is given, the region also
-            covers the boxes in its size.
+        place: See the attribute; None for the mean of the boxes. Where it is given, the region
+            covers every box in its size too, for the cues that look at it so.
 
     Attributes:
         image: The whole image.

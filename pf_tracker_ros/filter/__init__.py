@@ -14,6 +14,7 @@ from pf_tracker_ros.filter.motion import (
 from pf_tracker_ros.filter.particles import ParticleSet
 from pf_tracker_ros.filter.proposals import (
     CenterPrior,
+    GridDensity,
     ProposalParameters,
     Proposed,
     SearchGrid,
@@ -42,6 +43,7 @@ __all__ = [
     "CenterPrior",
     "EffectiveSampleSizeResampler",
     "Gaussian",
+    "GridDensity",
     "KalmanForesight",
     "MotionModel",
     "MotionParameters",

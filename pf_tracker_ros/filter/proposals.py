@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -150,8 +151,7 @@ def propose_from_prediction(
     center = prediction.marginal(noisy)
     drawn[ahead] = center.draw(int(ahead.sum()), generator)
 
-    offsets = (drawn - mean[:, noisy]) / spread
-    log_prior = -(0.5 * np.square(offsets) + np.log(spread) + 0.5 * _LOG_TWO_PI).sum(axis=1)
+    log_prior = _log_density(drawn, mean[:, noisy], spread)
     log_mixture = np.logaddexp(
         math.log(share) + center.log_density(drawn), math.log1p(-share) + log_prior
     )
@@ -174,7 +174,7 @@ class SearchGrid:
     spacing: float
     count: int
 
-    @property
+    @cached_property
     def centers(self) -> NDArray[np.float64]:
         """(count^2, 2) centers of the cells, row by row."""
         offsets = (np.arange(self.count) - (self.count - 1) / 2) * self.spacing
@@ -186,6 +186,32 @@ class SearchGrid:
         cells = np.clip(np.floor(offsets).astype(np.intp), 0, self.count - 1)
         inside: NDArray[np.bool_] = np.all((offsets >= 0.0) & (offsets < self.count), axis=1)
         return cells[:, 1] * self.count + cells[:, 0], inside
+
+
+class GridDensity:
+    """A density that is even within each cell of a grid, and 0 outside.
+
+    Args:
+        grid: Its M cells.
+        log_likelihood: (M,) of the cells; any constant may be added to all.
+    """
+
+    def __init__(self, grid: SearchGrid, log_likelihood: NDArray[np.float64]) -> None:
+        shares = np.exp(log_likelihood - log_likelihood.max())
+        self.grid = grid
+        self._shares = shares / shares.sum()
+
+    def draw(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
+        """(count, 2) places, pixels."""
+        cells = np.searchsorted(np.cumsum(self._shares), generator.random(count) * (1.0 - 1e-12))
+        within = (generator.random((count, 2)) - 0.5) * self.grid.spacing
+        return self.grid.centers[np.minimum(cells, len(self._shares) - 1)] + within
+
+    def log_density(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) log density, per px^2, at (N, 2) places."""
+        cells, inside = self.grid.cells_of(places)
+        with np.errstate(divide="ignore"):
+            return np.log(np.where(inside, self._shares[cells], 0.0) / self.grid.spacing**2)
 
 
 class CenterPrior(NamedTuple):
@@ -217,21 +243,21 @@ class Searched(NamedTuple):
 def propose_from_search(
     drawn: NDArray[np.float64],
     prior: CenterPrior,
-    found: tuple[SearchGrid, NDArray[np.float64]],
+    found: GridDensity,
     parameters: ProposalParameters,
     generator: np.random.Generator,
 ) -> Searched:
     """Move a share of the particles to where a search finds the target likely.
 
     The center is believed to be N(mean, spread^2) or, with the probability of a jump, anywhere in
-    the grid. A share s of the particles is drawn from the likelihood over the grid, even within a
-    cell: q = s G(x) + (1 - s) N(x; mean, spread^2). As in `propose_from_prediction` the ratio takes
-    the whole mixture.
+    the grid. A share s of the particles is drawn from the likelihood G over the grid:
+    q = s G(x) + (1 - s) N(x; mean, spread^2). As in `propose_from_prediction` the ratio takes the
+    whole mixture.
 
     Args:
         drawn: (N, 2) centers drawn from the prior, pixels.
         prior: Mean and spread.
-        found: Where was searched, and the (M,) log likelihoods of the grid's cells.
+        found: The likelihood over the grid, as a density.
         parameters: Share and probability of a jump.
         generator: Source of randomness.
 
@@ -239,28 +265,23 @@ def propose_from_search(
     and tracking", section 4 (a proposal from detections).
     """
     count = len(drawn)
-    grid, log_likelihood = found
-    cells = np.exp(log_likelihood - log_likelihood.max())
-    cells /= cells.sum()
-    searched = generator.random(count) < parameters.search_share
-    chosen = np.searchsorted(np.cumsum(cells), generator.random(count) * (1.0 - 1e-12))
-    within = (generator.random((count, 2)) - 0.5) * grid.spacing
-    chosen = np.minimum(chosen, len(cells) - 1)
-    centers = np.where(searched[:, None], grid.centers[chosen] + within, drawn)
+    share, jump = parameters.search_share, parameters.jump_probability
+    searched = generator.random(count) < share
+    centers = np.where(searched[:, None], found.draw(count, generator), drawn)
 
-    offsets = (centers - prior.mean) / prior.spread
-    log_motion = -0.5 * np.square(offsets).sum(axis=1) - 2.0 * np.log(prior.spread).ravel()
-    log_motion -= _LOG_TWO_PI
-    cell, inside = grid.cells_of(centers)
-    area = grid.spacing**2
-    with np.errstate(divide="ignore"):
-        log_found = np.log(np.where(inside, cells[cell], 0.0) / area)
-        log_anywhere = np.log(inside / (area * len(cells)))
-    jump = parameters.jump_probability
-    log_prior = np.logaddexp(
-        math.log1p(-jump) + log_motion if jump < 1.0 else np.full(count, -np.inf),
-        math.log(jump) + log_anywhere,
+    log_motion = _log_density(centers, prior.mean, np.broadcast_to(prior.spread, centers.shape))
+    anywhere = GridDensity(found.grid, np.zeros(found.grid.count**2))
+    log_jump = math.log(jump) + anywhere.log_density(centers)
+    log_prior = np.logaddexp(math.log1p(-jump) + log_motion, log_jump) if jump < 1.0 else log_jump
+    log_mixture = np.logaddexp(
+        math.log(share) + found.log_density(centers), math.log1p(-share) + log_motion
     )
-    share = parameters.search_share
-    log_mixture = np.logaddexp(math.log(share) + log_found, math.log1p(-share) + log_motion)
     return Searched(centers, log_prior, log_prior - log_mixture)
+
+
+def _log_density(
+    values: NDArray[np.float64], mean: NDArray[np.float64], spread: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(N,) log density of a Gaussian with independent axes; (N, D) values, means, deviations."""
+    offsets = (values - mean) / spread
+    return -(0.5 * np.square(offsets) + np.log(spread) + 0.5 * _LOG_TWO_PI).sum(axis=1)

@@ -12,18 +12,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues import CueFusion
-from pf_tracker_ros.cues.fusion import Rivalry, Strengths, rivalry
+from pf_tracker_ros.cues.fusion import Distraction, Strengths, distraction
 from pf_tracker_ros.filter import (
-    MODELS_WITH_CENTER_PRIOR,
     CenterPrior,
+    GridDensity,
     MotionModel,
     ParticleSet,
     ProposalParameters,
     SearchGrid,
     propose_from_search,
 )
-from pf_tracker_ros.parameters import ParameterError
 
 # Particles so near to the likeliest, in box sizes, belong to the same mode.
 _MODE_REACH = 0.25
@@ -89,7 +87,7 @@ class Search:
         searched = propose_from_search(
             predicted.states[:, :2],
             centers,
-            (self._grid, log_likelihood),
+            GridDensity(self._grid, log_likelihood),
             self._parameters,
             generator,
         )
@@ -123,13 +121,13 @@ class Search:
             return (variance + (walk * size) ** 2 * hidden_for) * np.eye(2)
         return confidence * within_mode + (1.0 - confidence) * variance * np.eye(2)
 
-    def rivalry(
+    def distraction(
         self,
         box: NDArray[np.float64],
         own: Strengths,
         strengths: Strengths,
-    ) -> Rivalry:
-        """Each searchable cue's rivalry around a (4,) box.
+    ) -> Distraction:
+        """Each searchable cue's distraction around a (4,) box.
 
         Args:
             box: Of the target.
@@ -139,31 +137,9 @@ class Search:
         centers = self.boxes[:, :2] + self.boxes[:, 2:] / 2
         apart = np.abs(centers - box[:2] - box[2:] / 2) > box[2:] / 2
         beside = apart.any(axis=1)
-        return rivalry(
+        return distraction(
             {name: float(strength[0]) for name, strength in own.items()},
             {name: strength[beside] for name, strength in strengths.items()},
-        )
-
-
-def check_search(parameters: ProposalParameters, model: str, fusion: CueFusion) -> None:
-    """Refuse a search that the motion model or the cues can't do.
-
-    Raises:
-        ParameterError: Says which parameter to change.
-    """
-    share = parameters.search_share
-    if share == 0.0:
-        return
-    if model not in MODELS_WITH_CENTER_PRIOR:
-        allowed = " or ".join(f"'{name}'" for name in MODELS_WITH_CENTER_PRIOR)
-        raise ParameterError(
-            f"parameter 'proposal.search_share' is {share} with the motion model '{model}'; "
-            f"allowed: 0, or the motion model {allowed}"
-        )
-    if not fusion.can_search:
-        raise ParameterError(
-            f"parameter 'proposal.search_share' is {share}, but no cue that is on can search; "
-            "allowed: 0, or 'foreground_probability.power' or 'correlation_response.power' above 0"
         )
 
 

@@ -12,10 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.background import BackgroundModel
-from pf_tracker_ros.cues import FrameMaps, Match
-from pf_tracker_ros.cues.fusion import Powers, Rivalry, Strengths, Templates, smoothed_rivalry
+from pf_tracker_ros.cues import FrameMaps
+from pf_tracker_ros.cues.fusion import (
+    Distraction,
+    Powers,
+    Strengths,
+    Templates,
+    smoothed_distraction,
+)
 from pf_tracker_ros.filter import (
-    MODELS_WITH_FORESIGHT,
     MOTION_MODELS,
     Box,
     KalmanForesight,
@@ -25,6 +30,7 @@ from pf_tracker_ros.filter import (
 )
 from pf_tracker_ros.parameters import ParameterError, build, declarations, flatten
 from pf_tracker_ros.tracking.all_cues import build_fusion
+from pf_tracker_ros.tracking.checks import check_proposal
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.image import (
     adapted_range,
@@ -36,7 +42,7 @@ from pf_tracker_ros.tracking.image import (
 )
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
-from pf_tracker_ros.tracking.search import Search, check_search, covariance_about, mean_around
+from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
 from pf_tracker_ros.tracking.track_state import Track
 
 # Seconds after which a prediction covers all that can be; numbers would overflow in the end.
@@ -57,9 +63,8 @@ class _Target:
     foresight: KalmanForesight | None
     background: BackgroundModel | None
     particles: ParticleSet
-    first_templates: Templates
     templates: Templates
-    rivalry: Rivalry
+    distraction: Distraction
     track: Track
     estimate: Estimate
 
@@ -164,12 +169,12 @@ class Tracker:
         search = self._search(boxes[0], first_image)
         maps = self._maps(first_image, boxes, boxes[0], seen, search)
         templates = self._fusion.learn(maps, boxes[0])
-        rivals: Rivalry = {}
+        distracted: Distraction = {}
         if search:
             own, strengths = (
                 self._fusion.strengths(maps, at, templates) for at in (boxes, search.boxes)
             )
-            rivals = search.rivalry(boxes[0], own, strengths)
+            distracted = search.distraction(boxes[0], own, strengths)
         self._generator = generator
         self._target = _Target(
             first_box=first_box,
@@ -179,9 +184,8 @@ class Tracker:
             foresight=self._foresight(motion),
             background=background,
             particles=particles,
-            first_templates=templates,
             templates=templates,
-            rivalry=rivals,
+            distraction=distracted,
             track=Track(),
             estimate=_estimate(
                 first_box,
@@ -237,7 +241,7 @@ class Tracker:
         ahead = min(interval, _LONGEST_PREDICTION)
         predicted, foresight = self._proposed(target, ahead, _size(image))
 
-        powers = self._fusion.adapted(target.rivalry, parameters.fusion.adaptation)
+        powers = self._fusion.adapted(target.distraction, parameters.fusion.adaptation)
         boxes = motion.boxes(predicted.states)
         foreground = _foreground(target.background, image, target.estimate.box)
         search = self._search(predicted.weights @ boxes, image)
@@ -260,13 +264,13 @@ class Tracker:
         if log_prior is not None:
             mean = mean_around(weighted, boxes, int(np.argmax(log_prior + likelihood)))
         box = motion.boxes(mean[None])
-        rivals = target.rivalry
+        distracted = target.distraction
         if search:
             own = self._fusion.strengths(maps, box, target.templates)
-            now = search.rivalry(box[0], own, strengths)
-            rivals = smoothed_rivalry(rivals, now, parameters.fusion.adaptation_rate)
+            now = search.distraction(box[0], own, strengths)
+            distracted = smoothed_distraction(distracted, now, parameters.fusion.adaptation_rate)
         seen = self._fusion.observe(maps, box[0])
-        match = self._judged(target, seen)
+        match = self._fusion.match(seen, target.templates)
         confidence = match.similarity
         track = target.track.after(confidence, interval, parameters.track)
         templates = target.templates
@@ -294,7 +298,7 @@ class Tracker:
             particles=particles,
             foresight=foresight,
             templates=templates,
-            rivalry=rivals,
+            distraction=distracted,
             track=track,
             estimate=_estimate(
                 (x, y, width, height),
@@ -326,16 +330,6 @@ class Tracker:
         proposed = foresight.proposed(particles.states, interval, share, self._generator)
         moved = particles.moved(motion.constrained(proposed.states, image_size))
         return moved.reweighted(proposed.log_ratio), foresight
-
-    def _judged(self, target: _Target, seen: Templates) -> Match:
-        """How well what was seen fits the last templates and, for its share, the first ones."""
-        match = self._fusion.match(seen, target.templates)
-        share = self._parameters.template.judge_by_first
-        if share == 0.0:
-            return match
-        first = self._fusion.judged_by(target.templates, target.first_templates)
-        by_first = self._fusion.match(seen, first).similarity
-        return match._replace(similarity=match.similarity ** (1.0 - share) * by_first**share)
 
     def _covariance(
         self,
@@ -372,15 +366,8 @@ class Tracker:
         return None
 
     def _configure(self, parameters: TrackerParameters) -> None:
-        share, model = parameters.proposal.kalman_share, parameters.motion.model
-        if share > 0.0 and model not in MODELS_WITH_FORESIGHT:
-            allowed = " or ".join(f"'{name}'" for name in MODELS_WITH_FORESIGHT)
-            raise ParameterError(
-                f"parameter 'proposal.kalman_share' is {share} with the motion model '{model}'; "
-                f"allowed: 0, or the motion model {allowed}"
-            )
         fusion = build_fusion(parameters)
-        check_search(parameters.proposal, model, fusion)
+        check_proposal(parameters, fusion)
         self._fusion = fusion
         self._resampler = build_resampler(parameters.resampling)
         self._parameters = parameters
@@ -401,12 +388,16 @@ class Tracker:
     ) -> FrameMaps:
         target_size = math.sqrt(target_box[2] * target_box[3])
         reduction = math.ceil(target_size / self._parameters.working_size)
-        covered = search.covered(boxes) if search else boxes
         place = search.place if search else None
-        if not search and not self._parameters.foreground_probability.own_size:
+        if place is None and self._fusion.looks_in_one_size:
             place = boxes.mean(axis=0)
         return FrameMaps(
-            image, covered, reduction, self._fusion.reach, foreground=foreground, place=place
+            image,
+            search.covered(boxes) if search else boxes,
+            reduction,
+            self._fusion.reach,
+            foreground=foreground,
+            place=place,
         )
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pf_tracker_ros.cues import Cue, CueFusion, FrameMaps, Match
-from pf_tracker_ros.cues.fusion import rivalry, smoothed_rivalry
+from pf_tracker_ros.cues.fusion import distraction, smoothed_distraction
 from pf_tracker_ros.parameters import ParameterError
 
 
@@ -161,16 +161,6 @@ def test_the_template_of_a_cue_switched_off_is_kept():
     }
 
 
-def test_the_first_templates_judge_but_for_cues_that_follow_every_frame():
-    fusion = CueFusion(
-        {"a": (ScriptedCue(), 0.4), "steady": (ScriptedCue(steady_keep=0.5), 0.4)}
-        | {"later": (ScriptedCue(), 0.1), "unknown": (ScriptedCue(), 0.1)}
-    )
-    first = {"a": 1.0, "steady": 2.0, "off": 3.0, "unknown": 4.0}
-    last = {"a": 5.0, "steady": 6.0, "off": 7.0, "later": 8.0}
-    assert fusion.judged_by(last, first) == {"a": 1.0, "steady": 6.0, "later": 8.0}
-
-
 def test_only_cues_that_judge_count_in_the_similarity_if_there_are_any():
     both = CueFusion({"judge": (ScriptedCue(), 0.5), "other": (ContrastCue(), 0.5)})
     seen, templates = {"judge": 2.0, "other": 7.0}, {"judge": 2.0, "other": 1.0}
@@ -199,35 +189,35 @@ def test_given_powers_take_the_place_of_the_configured_ones():
     np.testing.assert_allclose(fused, -(0.9 * 1.0 + 0.1 * 3.0) * BOXES[:, 0])
 
 
-def test_rivalry_is_the_strongest_place_beside_the_target_over_its_own():
+def test_distraction_is_the_strongest_place_beside_the_target_over_its_own():
     beside = {"a": np.array([0.1, 0.4]), "b": np.array([-0.2]), "c": np.array([])}
-    found = rivalry({"a": 0.8, "b": 0.5, "c": 0.5}, beside)
+    found = distraction({"a": 0.8, "b": 0.5, "c": 0.5}, beside)
     assert found == pytest.approx({"a": 0.5, "b": 0.0, "c": 0.0})
-    # Without any strength of its own a cue is at the largest rivalry, not at infinity.
-    assert rivalry({"a": 0.0}, beside) == {"a": 2.0}
-    smooth = smoothed_rivalry({"a": 1.0}, {"a": 0.5, "new": 0.3}, 0.2)
+    # Without any strength of its own a cue is at the largest distraction, not at infinity.
+    assert distraction({"a": 0.0}, beside) == {"a": 2.0}
+    smooth = smoothed_distraction({"a": 1.0}, {"a": 0.5, "new": 0.3}, 0.2)
     assert smooth == pytest.approx({"a": 0.9, "new": 0.3})
 
 
 @given(
-    rivals=st.dictionaries(st.sampled_from("abc"), st.floats(0.0, 2.0), max_size=3),
+    distracted=st.dictionaries(st.sampled_from("abc"), st.floats(0.0, 2.0), max_size=3),
     adaptation=st.floats(0.0, 10.0),
 )
-def test_adapted_powers_sum_to_one_and_follow_what_stands_out(rivals, adaptation):
+def test_adapted_powers_sum_to_one_and_follow_what_stands_out(distracted, adaptation):
     fusion = CueFusion({name: (ScriptedCue(), 0.25) for name in "abcd"})
-    powers = fusion.adapted(rivals, adaptation)
+    powers = fusion.adapted(distracted, adaptation)
     assert sum(powers.values()) == pytest.approx(1.0)
     assert min(powers.values()) > 0.0
-    by_rivalry = sorted(rivals, key=rivals.get)
-    for clearer, more_confused in itertools.pairwise(by_rivalry):
+    by_distraction = sorted(distracted, key=distracted.get)
+    for clearer, more_confused in itertools.pairwise(by_distraction):
         assert powers[clearer] >= powers[more_confused] - 1e-12
-    if not rivals or adaptation == 0.0:
+    if not distracted or adaptation == 0.0:
         assert powers == fusion.powers
 
 
 def test_adapted_powers_by_hand():
     fusion = CueFusion({"a": (ScriptedCue(), 0.6), "b": (ScriptedCue(), 0.4)})
-    # The mean rivalry is 0.5: factors 1 + 1.5 * 0.3 and 1 - 1.5 * 0.3.
+    # The mean distraction is 0.5: factors 1 + 1.5 * 0.3 and 1 - 1.5 * 0.3.
     powers = fusion.adapted({"a": 0.2, "b": 0.8}, 1.5)
     total = 0.6 * 1.45 + 0.4 * 0.55
     assert powers == pytest.approx({"a": 0.6 * 1.45 / total, "b": 0.4 * 0.55 / total})

@@ -9,6 +9,7 @@ import pytest
 from pf_tracker_ros.filter import (
     CenterPrior,
     Gaussian,
+    GridDensity,
     ParticleSet,
     ProposalParameters,
     SearchGrid,
@@ -180,7 +181,7 @@ def searched(share, jump, log_likelihood, count=40_000, seed=0):
     return (
         drawn,
         grid,
-        propose_from_search(drawn, prior, (grid, log_likelihood), parameters, generator),
+        propose_from_search(drawn, prior, GridDensity(grid, log_likelihood), parameters, generator),
     )
 
 
