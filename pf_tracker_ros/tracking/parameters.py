@@ -17,6 +17,7 @@ from pf_tracker_ros.cues import (
 )
 from pf_tracker_ros.filter import MotionParameters, ProposalParameters, ResamplingParameters
 from pf_tracker_ros.parameters import declared, group
+from pf_tracker_ros.tracking.redetection import RedetectionParameters
 from pf_tracker_ros.tracking.track_state import TrackParameters
 
 
@@ -59,3 +60,4 @@ class TrackerParameters:
     fusion: FusionParameters = group(FusionParameters)
     template: TemplateParameters = group(TemplateParameters)
     track: TrackParameters = group(TrackParameters)
+    redetection: RedetectionParameters = group(RedetectionParameters)
