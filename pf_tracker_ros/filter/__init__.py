@@ -1,5 +1,10 @@
 """The particle filter: particles, motion models, proposals and resampling; no images here."""
 
+from pf_tracker_ros.filter.adaptive_number import (
+    AdaptiveNumberParameters,
+    AdaptiveResampler,
+    particles_needed,
+)
 from pf_tracker_ros.filter.affine_motion import AffineMotion
 from pf_tracker_ros.filter.foresight import KalmanForesight
 from pf_tracker_ros.filter.gaussian import Gaussian
@@ -30,6 +35,7 @@ from pf_tracker_ros.filter.resampling import (
     Resampler,
     ResamplingParameters,
     build_resampler,
+    build_scheme,
 )
 
 __all__ = [
@@ -37,6 +43,8 @@ __all__ = [
     "MODELS_WITH_FORESIGHT",
     "MOTION_MODELS",
     "RESAMPLERS",
+    "AdaptiveNumberParameters",
+    "AdaptiveResampler",
     "AffineMotion",
     "BestKeepingResampler",
     "Box",
@@ -55,6 +63,8 @@ __all__ = [
     "SearchGrid",
     "Transition",
     "build_resampler",
+    "build_scheme",
+    "particles_needed",
     "propose_from_prediction",
     "propose_from_search",
     "propose_from_transition",

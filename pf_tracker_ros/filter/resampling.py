@@ -195,7 +195,10 @@ class EffectiveSampleSizeResampler:
 
 def build_resampler(parameters: ResamplingParameters) -> EffectiveSampleSizeResampler:
     """The resampler that the parameters describe."""
+    return EffectiveSampleSizeResampler(build_scheme(parameters), parameters.threshold)
+
+
+def build_scheme(parameters: ResamplingParameters) -> Resampler:
+    """The scheme alone, which draws whenever it is asked to."""
     scheme: Resampler = RESAMPLERS[parameters.scheme]()
-    if parameters.keep_best:
-        scheme = BestKeepingResampler(scheme)
-    return EffectiveSampleSizeResampler(scheme, parameters.threshold)
+    return BestKeepingResampler(scheme) if parameters.keep_best else scheme

@@ -20,11 +20,13 @@ from pf_tracker_ros.cues.fusion import (
 )
 from pf_tracker_ros.filter import (
     MOTION_MODELS,
+    AdaptiveResampler,
     Box,
     KalmanForesight,
     MotionModel,
     ParticleSet,
     build_resampler,
+    build_scheme,
 )
 from pf_tracker_ros.tracking.all_cues import build_fusion
 from pf_tracker_ros.tracking.checks import check_proposal
@@ -104,6 +106,12 @@ class Follower:
         self._fusion = build_fusion(parameters)
         check_proposal(parameters, self._fusion)
         self._resampler = build_resampler(parameters.resampling)
+        adaptive = parameters.adaptive_number
+        self._adaptive_resampler = (
+            AdaptiveResampler(build_scheme(parameters.resampling), adaptive)
+            if adaptive.error > 0.0
+            else None
+        )
 
     def begun(
         self, image: NDArray[np.uint8], first_box: Box, generator: np.random.Generator
@@ -213,7 +221,7 @@ class Follower:
             weighted = weighed.predicted
             box = motion.boxes(weighted.mean[None])
 
-        particles = self._resampler.resample(weighted, parameters.particles, generator)
+        particles = self._resampled(weighted, boxes, generator)
         if track.state == "lost" and parameters.track.coast:
             # Going on from where the target was lost, every frame searches that region anew. Going
             # on from here, the cloud and its cost would grow without end.
@@ -312,6 +320,14 @@ class Follower:
         own = self._fusion.strengths(maps, box, target.templates)
         now = weighed.search.distraction(box[0], own, weighed.strengths)
         return smoothed_distraction(target.distraction, now, self.parameters.fusion.adaptation_rate)
+
+    def _resampled(
+        self, weighted: ParticleSet, boxes: NDArray[np.float64], generator: np.random.Generator
+    ) -> ParticleSet:
+        count = self.parameters.particles
+        if self._adaptive_resampler:
+            return self._adaptive_resampler.resample(weighted, boxes, count, generator)
+        return self._resampler.resample(weighted, count, generator)
 
     def _redetected(self, target: Target, frame: _Frame) -> _Found | None:
         """The target, if it is in one of the windows of the image whose turn it is.

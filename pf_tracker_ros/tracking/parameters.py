@@ -15,7 +15,12 @@ from pf_tracker_ros.cues import (
     OrientedGradientsParameters,
     TemplateParameters,
 )
-from pf_tracker_ros.filter import MotionParameters, ProposalParameters, ResamplingParameters
+from pf_tracker_ros.filter import (
+    AdaptiveNumberParameters,
+    MotionParameters,
+    ProposalParameters,
+    ResamplingParameters,
+)
 from pf_tracker_ros.parameters import declared, group
 from pf_tracker_ros.tracking.redetection import RedetectionParameters
 from pf_tracker_ros.tracking.track_state import TrackParameters
@@ -50,6 +55,7 @@ class TrackerParameters:
     motion: MotionParameters = group(MotionParameters)
     proposal: ProposalParameters = group(ProposalParameters)
     resampling: ResamplingParameters = group(ResamplingParameters)
+    adaptive_number: AdaptiveNumberParameters = group(AdaptiveNumberParameters)
     color_histogram: ColorHistogramParameters = group(ColorHistogramParameters)
     gradient_orientation: GradientOrientationParameters = group(GradientOrientationParameters)
     foreground_probability: ForegroundProbabilityParameters = group(ForegroundProbabilityParameters)

@@ -39,6 +39,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "track.occluded_below": 0.25,
                 "track.recovered_above": 0.45,
                 "track.coast": False,
+                "redetection.windows": 1,
             }
         ),
         "li2007": MappingProxyType(

@@ -24,7 +24,7 @@ class RedetectionParameters:
         0,
         "Windows of the image, beside the one around the last estimate, that are searched in each "
         "frame while the target is lost; each costs about as much as tracking does. 0 searches "
-        "nowhere else. Needs 'proposal.search_share' above 0.",
+        "nowhere else, as does 'proposal.search_share' 0.",
         minimum=0,
         maximum=100,
     )

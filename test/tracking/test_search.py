@@ -3,10 +3,13 @@
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters
 from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.tracking.redetection import window_centers
 from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
 
 PLACE = np.array([100.0, 80.0, 40.0, 40.0])
@@ -22,11 +25,11 @@ BACKGROUND = texture(0, 240, 320, 80, 160)
 TARGET = texture(1, 36, 36)
 
 
-def frame(x, y, visible=True):
+def frame(x, y, visible=True, background=BACKGROUND, target=TARGET):
     """A target of 36 x 36 px at (x, y)."""
-    image = BACKGROUND.copy()
+    image = background.copy()
     if visible:
-        image[y : y + 36, x : x + 36] = TARGET
+        image[y : y + 36, x : x + 36] = target
     return image
 
 
@@ -65,6 +68,83 @@ def test_nothing_is_learned_of_what_hides_the_target_and_it_is_found_elsewhere()
         found = tracker.update(frame(140, 110))
     assert found.state == "tracking"
     assert off_center(found.box, 140, 110) < 4.0
+
+
+def lost_tracker(background, **parameters):
+    """A tracker that has lost its target, last seen at (60, 60), and the last estimate."""
+    tracker = Tracker.from_preset("default", parameters=parameters)
+    tracker.start(frame(60, 60, background=background), (60, 60, 36, 36))
+    for _ in range(10):
+        tracker.update(frame(60, 60, background=background))
+    for _ in range(60):
+        estimate = tracker.update(background)
+    assert estimate.state == "lost"
+    return tracker, estimate
+
+
+WIDE_BACKGROUND = texture(2, 360, 480, 80, 160)
+# 480 x 360 px in steps of half a window of 3.6 x 36 px.
+WIDE_WINDOWS = 8 * 6
+
+
+def test_a_lost_target_is_found_anywhere_in_the_image():
+    tracker, estimate = lost_tracker(WIDE_BACKGROUND)
+    found = []
+    for number in range(WIDE_WINDOWS + 10):
+        estimate = tracker.update(frame(390 - number, 270, background=WIDE_BACKGROUND))
+        found.append(estimate.state == "tracking")
+        if found[-1]:
+            assert off_center(estimate.box, 390 - number, 270) < 5.0
+            assert estimate.confidence > 0.7
+    # Every window has had its turn; then it is followed.
+    assert any(found[:WIDE_WINDOWS])
+    assert all(found[found.index(True) :])
+    np.testing.assert_allclose(estimate.box[2:], 36.0, rtol=0.1)
+
+
+def test_without_windows_elsewhere_a_lost_target_is_found_only_where_it_was_lost():
+    tracker, _ = lost_tracker(WIDE_BACKGROUND, **{"redetection.windows": 0})
+    for _ in range(WIDE_WINDOWS):
+        estimate = tracker.update(frame(390, 270, background=WIDE_BACKGROUND))
+    assert estimate.state == "lost"
+
+
+@pytest.mark.parametrize("accept_above", [0.5, 0.7])
+def test_something_else_is_not_taken_for_a_lost_target(accept_above):
+    """Another pattern in the same colors, all over the image."""
+    tracker, _ = lost_tracker(WIDE_BACKGROUND, **{"redetection.accept_above": accept_above})
+    other = cv2.rotate(TARGET, cv2.ROTATE_90_CLOCKWISE)
+    for number in range(2 * WIDE_WINDOWS):
+        x, y = 60 + 100 * (number % 4), 200 + 3 * number % 100
+        estimate = tracker.update(frame(x, y, background=WIDE_BACKGROUND, target=other))
+        assert estimate.state == "lost"
+
+
+@given(
+    st.tuples(st.integers(1, 4000), st.integers(1, 4000)),
+    st.floats(20.0, 5000.0),
+    st.integers(0, 10**9),
+)
+def test_all_windows_are_looked_at_before_any_is_looked_at_again(image_size, side, first):
+    across, down = (int(np.ceil(length / (side / 2))) for length in image_size)
+    centers = window_centers(image_size, side, first, across * down)
+    assert len(np.unique(centers.round(6), axis=0)) == across * down
+    assert (centers > 0).all()
+    assert (centers < image_size).all()
+    # Half of their side apart at most, and so near to the borders, they leave nothing out.
+    for axis in range(2):
+        places = np.unique(centers[:, axis].round(6))
+        ends = np.concatenate([[-places[0]], places, [2 * image_size[axis] - places[-1]]])
+        assert (np.diff(ends) <= side / 2 + 1e-6).all()
+
+
+def test_the_next_windows_go_on_after_the_last_ones():
+    together = window_centers((640, 480), 100.0, 0, 10)
+    parts = [window_centers((640, 480), 100.0, first, 5) for first in (0, 5)]
+    np.testing.assert_array_equal(np.vstack(parts), together)
+    # Not one beside the other.
+    steps = np.linalg.norm(np.diff(together, axis=0), axis=1)
+    assert np.median(steps) > 150.0
 
 
 def test_a_search_can_be_switched_on_while_tracking():
