@@ -8,6 +8,9 @@ values that belong together are given as one text.
     python benchmarks/ablation.py SEQUENCE_DIR... --preset default --seeds 3 --jobs 2 \
         --off template.update_above=1 --off "resampling.scheme=multinomial motion.size_noise=0"
 
+With two or more `--group`s it also tells whether the preset's settings carry over to footage that
+they were not chosen on: each group is left out in turn.
+
 It writes ablation.csv and ablation.md.
 """
 
@@ -26,6 +29,7 @@ from typing import Any
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
+import carry_over
 import intervals
 from outcomes import Outcome, counted, figure, write_csv
 from tables import Table, bold
@@ -173,10 +177,12 @@ def _change(outcome: Outcome, base: Outcome) -> str:
     )
 
 
-def write_markdown(path: Path, table: Table, jobs: int) -> None:
-    """Write the table."""
+def write_markdown(path: Path, table: Table, left_out: Table | None, jobs: int) -> None:
+    """Write the tables."""
     timing = "" if jobs == 1 else f" {jobs} processes at a time, so times are not comparable."
     lines = [f"# {table.title}", "", *table.markdown(), "", NOTE + timing]
+    if left_out:
+        lines += ["", f"## {left_out.title}", "", *left_out.markdown(), "", carry_over.NOTE]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -199,6 +205,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="a further variant: other values than the preset's; may be repeated",
     )
     parser.add_argument(
+        "--group",
+        action="append",
+        default=[],
+        metavar="REGEX",
+        help="sequences to be left out together, by what their names begin with; may be repeated",
+    )
+    parser.add_argument(
         "--jobs",
         type=options_of.at_least(1),
         default=1,
@@ -209,14 +222,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         compared = variants(options.preset, options.particles, options.off)
         sequences = read_sequences(options.sequences)
+        names = [sequence.name for sequence in sequences]
+        groups = carry_over.grouped(names, options.group) if options.group else {}
         options.output.mkdir(parents=True, exist_ok=True)
         outcomes = run(options.preset, compared, sequences, options.seeds, options.jobs)
         seeds = counted(options.seeds, "seed", "seeds")
         footage = counted(len(sequences), "sequence", "sequences")
         table = summary(outcomes, f"Ablation of preset {options.preset}: {footage}, {seeds}")
         table.show()
+        left_out = carry_over.summary(outcomes, groups) if groups else None
+        if left_out:
+            left_out.show()
         write_csv(options.output / "ablation.csv", "variant", outcomes, options.preset)
-        write_markdown(options.output / "ablation.md", table, options.jobs)
+        write_markdown(options.output / "ablation.md", table, left_out, options.jobs)
     except (EvaluationError, FootageError, ParameterError, OSError) as error:
         parser.error(" ".join(str(error).split()))
     print(f"files in {options.output}")

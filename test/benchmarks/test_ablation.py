@@ -1,11 +1,12 @@
 """The ablation: which variants follow from a preset, its figures by hand, what it writes."""
 
 import csv
+import shutil
 
 import numpy as np
 import pytest
 
-from pf_tracker_ros.evaluation import SequenceResult
+from pf_tracker_ros.evaluation import EvaluationError, SequenceResult
 
 
 @pytest.fixture
@@ -114,6 +115,55 @@ def test_the_command_writes_tables_that_do_not_hang_on_the_number_of_processes(
     for one, other in zip(*rows, strict=True):
         for column in ("success_auc", "success_auc_deviation", "precision_20px"):
             assert one[column] == other[column]
+
+
+def test_what_is_chosen_without_a_group_by_hand(benchmark, ablation):
+    """In frames that are right of 11: unit 20/21/11."""
+    carry_over = benchmark("carry_over")
+    frames = {"base": (8, 8, 5), "one": (11, 11, 1), "two": (2, 2, 9)}
+    outcomes = [
+        ablation.Outcome(
+            name,
+            [result(at, (n, n)) for at, n in zip(("a_1", "a_2", "b_1"), counts, strict=True)],
+        )
+        for name, counts in frames.items()
+    ]
+    groups = carry_over.grouped(["a_1", "a_2", "b_1"], ["a_", "b"])
+    rows, (last,) = carry_over.summary(outcomes, groups).groups
+    unit = 20 / 21 / 11
+    scores = {n: f"{n * unit:.3f}" for n in (1, 2, 5, 8, 9, 11)}
+    assert rows == [
+        ["a_", "2", "two", scores[2], scores[8], scores[11], "one"],
+        ["b", "1", "one", scores[1], scores[5], scores[9], "two"],
+    ]
+    means = [f"{n * unit / 3:.3f}" for n in (2 + 2 + 1, 8 + 8 + 5, 11 + 11 + 9)]
+    assert last == ["**all**", "3", "", *means, ""]
+
+
+def test_the_command_tells_what_carries_over(ablation, moving_square_sequence, tmp_path, capsys):
+    folders = [shutil.copytree(moving_square_sequence, tmp_path / name) for name in ("one", "two")]
+    arguments = [*map(str, folders), "--preset", "li2007", "--seeds", "1", "--particles", "30"]
+    arguments += ["--group", "one", "--group", "two", "--output", str(tmp_path / "results")]
+    assert ablation.main(arguments) == 0
+    table = (tmp_path / "results" / "ablation.md").read_text()
+    assert "## Leave one group out" in table
+    assert "| left out |" in table
+    assert "Leave one group out" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("patterns", "message"),
+    [
+        (["a", "["], r"--group '\[': unterminated"),
+        (["a", "b", "c"], "--group 'c' matches no sequence"),
+        (["a", "a_1"], "sequence a_1 is in 2 groups; allowed: one"),
+        (["a_1", "b"], "sequence a_2 is in 0 groups"),
+        ([".*"], "one --group; allowed: at least two"),
+    ],
+)
+def test_groups_that_do_not_part_the_sequences_are_refused(benchmark, patterns, message):
+    with pytest.raises(EvaluationError, match=message):
+        benchmark("carry_over").grouped(["a_1", "a_2", "b_1"], patterns)
 
 
 @pytest.mark.parametrize(
