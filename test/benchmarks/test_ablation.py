@@ -142,6 +142,9 @@ def test_what_is_chosen_without_a_group_by_hand(benchmark, ablation):
 
 def test_the_command_tells_what_carries_over(ablation, moving_square_sequence, tmp_path, capsys):
     folders = [shutil.copytree(moving_square_sequence, tmp_path / name) for name in ("one", "two")]
+    for folder in folders:
+        # Without it a sequence is named as its folder is.
+        (folder / "meta.json").unlink(missing_ok=True)
     arguments = [*map(str, folders), "--preset", "li2007", "--seeds", "1", "--particles", "30"]
     arguments += ["--group", "one", "--group", "two", "--output", str(tmp_path / "results")]
     assert ablation.main(arguments) == 0
