@@ -32,31 +32,14 @@ from pf_tracker_ros.tracking.all_cues import build_fusion
 from pf_tracker_ros.tracking.checks import check_proposal
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.redetection import window_centers
+from pf_tracker_ros.tracking.redetection import Redetector
 from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
 from pf_tracker_ros.tracking.target import Target
 from pf_tracker_ros.tracking.track_state import Track
+from pf_tracker_ros.tracking.viewing import Frame, Viewer
 
 # Seconds after which a prediction covers all that can be; numbers would overflow in the end.
 _LONGEST_PREDICTION = 60.0
-
-
-class _Frame(NamedTuple):
-    """A frame at hand, and what its measurement takes beside the target.
-
-    Attributes:
-        image: (H, W, 3) BGR or (H, W).
-        interval: Seconds to predict over.
-        foreground: As in `FrameMaps`.
-        powers: Of the cues.
-        generator: Source of randomness.
-    """
-
-    image: NDArray[np.uint8]
-    interval: float
-    foreground: tuple[NDArray[np.uint8], int] | None
-    powers: Powers
-    generator: np.random.Generator
 
 
 class _Weighed(NamedTuple):
@@ -79,16 +62,22 @@ class _Weighed(NamedTuple):
     strengths: Strengths
 
 
-class _Found(NamedTuple):
-    """What was found elsewhere in the image.
+class _Judged(NamedTuple):
+    """What a frame's measurement is worth.
 
     Attributes:
-        box: (4,) x, y, width, height in pixels.
-        confidence: That it is the target, 0 to 1.
+        box: (4,) of the target, pixels.
+        confidence: That the target is there, 0 to 1.
+        track: What follows for the track.
+        particles: Of this frame, as told with the box.
+        boxes: (N, 4) of them, pixels.
     """
 
     box: NDArray[np.float64]
     confidence: float
+    track: Track
+    particles: ParticleSet
+    boxes: NDArray[np.float64]
 
 
 class Follower:
@@ -103,8 +92,17 @@ class Follower:
 
     def __init__(self, parameters: TrackerParameters) -> None:
         self.parameters = parameters
-        self._fusion = build_fusion(parameters)
-        check_proposal(parameters, self._fusion)
+        fusion = build_fusion(parameters)
+        check_proposal(parameters, fusion)
+        self._fusion = fusion
+        self._viewer = Viewer(fusion, parameters.proposal, parameters.working_size)
+        self._redetector = Redetector(
+            self._viewer,
+            fusion,
+            parameters.redetection,
+            side=parameters.proposal.search_window,
+            doubtful_below=parameters.track.occluded_below,
+        )
         self._resampler = build_resampler(parameters.resampling)
         adaptive = parameters.adaptive_number
         self._adaptive_resampler = (
@@ -124,13 +122,15 @@ class Follower:
             generator: Source of randomness.
         """
         motion = self._motion(first_box)
+        image_size = image.shape[1], image.shape[0]
         particles = ParticleSet.uniform(motion.prior(self.parameters.particles, generator))
-        particles = particles.moved(motion.constrained(particles.states, _size(image)))
+        particles = particles.moved(motion.constrained(particles.states, image_size))
         boxes = np.array([first_box])
         background = self._background(image, first_box, generator)
         seen = _foreground(background, image, first_box)
-        search = self._search(boxes[0], image)
-        maps = self._maps(image, boxes, boxes[0], seen, search)
+        frame = Frame(image, 0.0, seen, self._fusion.powers, generator)
+        search = self._viewer.search(frame, boxes[0])
+        maps = self._viewer.maps(frame, boxes, boxes[0], search)
         templates = self._fusion.learn(maps, boxes[0])
         distracted: Distraction = {}
         if search:
@@ -150,11 +150,7 @@ class Follower:
             seen_box=first_box,
             glances=0,
             estimate=_estimate(
-                first_box,
-                Track(),
-                1.0,
-                particles,
-                motion.boxes(particles.states),
+                _Judged(boxes[0], 1.0, Track(), particles, motion.boxes(particles.states)),
                 powers=self._fusion.powers,
                 covariance=particles.covariance[:2, :2],
                 background=background,
@@ -187,8 +183,9 @@ class Follower:
         parameters, motion = self.parameters, target.motion
         ahead = min(interval, _LONGEST_PREDICTION)
         # Before the background model, which draws from the same source of randomness.
-        predicted, foresight = self._proposed(target, ahead, _size(image), generator)
-        frame = _Frame(
+        image_size = image.shape[1], image.shape[0]
+        predicted, foresight = self._proposed(target, ahead, image_size, generator)
+        frame = Frame(
             image,
             ahead,
             _foreground(target.background, image, target.estimate.box),
@@ -196,67 +193,55 @@ class Follower:
             generator,
         )
         boxes = motion.boxes(predicted.states)
-        search = self._search(predicted.weights @ boxes, image)
-        last_box = np.asarray(target.estimate.box)
-        maps = self._maps(image, boxes, last_box, frame.foreground, search)
+        search = self._viewer.search(frame, predicted.weights @ boxes)
+        maps = self._viewer.maps(frame, boxes, np.asarray(target.estimate.box), search)
         weighed = self._weighed(target, frame, predicted, maps, search)
-        weighted, boxes = weighed.particles, weighed.boxes
-        box = motion.boxes(weighed.mean[None])
-        distracted = self._distracted(target, maps, box, weighed)
-
-        seen = self._fusion.observe(maps, box[0])
+        box = motion.boxes(weighed.mean[None])[0]
+        seen = self._fusion.observe(maps, box)
         match = self._fusion.match(seen, target.templates)
-        confidence = match.similarity
-        track = target.track.after(confidence, interval, parameters.track)
-        templates = target.templates
+        track = target.track.after(match.similarity, interval, parameters.track)
+        templates, particles = target.templates, weighed.particles
         if track.state == "tracking" or not parameters.track.coast:
             trusted = math.exp(match.log_likelihood) > parameters.template.update_above
-            if confidence >= parameters.template.confident_above:
+            if match.similarity >= parameters.template.confident_above:
                 templates = self._fusion.updated(templates, seen, trusted, parameters.template.keep)
             if foresight:
-                foresight = foresight.corrected(weighted.mean, weighted.covariance)
+                foresight = foresight.corrected(particles.mean, particles.covariance)
         else:
             # What is at the box is not the target: its likelihoods would pull the particles to
             # whatever hides it. The motion model alone carries them on.
-            weighted = weighed.predicted
-            box = motion.boxes(weighted.mean[None])
-
-        particles = self._resampled(weighted, boxes, generator)
+            particles = weighed.predicted
+            box = motion.boxes(particles.mean[None])[0]
+        judged = _Judged(box, match.similarity, track, particles, weighed.boxes)
+        following = self._resampled(particles, weighed.boxes, generator)
         if track.state == "lost" and parameters.track.coast:
             # Going on from where the target was lost, every frame searches that region anew. Going
             # on from here, the cloud and its cost would grow without end.
-            particles, foresight = target.particles, target.foresight
-
-        glances = 0
-        if track.state == "lost" and search:
-            glances = target.glances + parameters.redetection.windows
-            found = self._redetected(target, frame)
+            following, foresight = target.particles, target.foresight
+        lost = track.state == "lost"
+        glances = target.glances + self._redetector.windows if lost else 0
+        if track.state != "tracking" and search:
+            found = self._redetector.found(target, frame, box, lost)
             if found:
-                box, confidence, track = found.box[None], found.confidence, Track()
-                particles = self._around(found.box, frame)
-                weighted, boxes = particles, motion.boxes(particles.states)
+                following = self._around(found.box, frame)
+                judged = _Judged(*found, Track(), following, motion.boxes(following.states))
 
-        x, y, width, height = (float(value) for value in box[0])
-        told = (x, y, width, height)
+        estimate = _estimate(
+            judged,
+            powers=frame.powers,
+            covariance=self._covariance(judged, search),
+            background=target.background,
+        )
         return replace(
             target,
-            particles=particles,
+            particles=following,
             foresight=foresight,
             templates=templates,
-            distraction=distracted,
-            track=track,
-            seen_box=told if track.state == "tracking" else target.seen_box,
+            distraction=self._distracted(target, maps, weighed),
+            track=judged.track,
+            seen_box=estimate.box if estimate.state == "tracking" else target.seen_box,
             glances=glances,
-            estimate=_estimate(
-                told,
-                track,
-                confidence,
-                weighted,
-                boxes,
-                powers=frame.powers,
-                covariance=self._covariance(weighted, box[0], search, track, confidence),
-                background=target.background,
-            ),
+            estimate=estimate,
         )
 
     def _proposed(
@@ -285,7 +270,7 @@ class Follower:
     def _weighed(
         self,
         target: Target,
-        frame: _Frame,
+        frame: Frame,
         predicted: ParticleSet,
         maps: FrameMaps,
         search: Search | None,
@@ -311,12 +296,11 @@ class Follower:
             mean = mean_around(weighted, boxes, int(np.argmax(log_prior + likelihood)))
         return _Weighed(weighted, predicted, boxes, mean, search, strengths)
 
-    def _distracted(
-        self, target: Target, maps: FrameMaps, box: NDArray[np.float64], weighed: _Weighed
-    ) -> Distraction:
-        """How much of what is around the (1, 4) box looks like the target."""
+    def _distracted(self, target: Target, maps: FrameMaps, weighed: _Weighed) -> Distraction:
+        """How much of what is around the weighed mean looks like the target."""
         if weighed.search is None:
             return target.distraction
+        box = target.motion.boxes(weighed.mean[None])
         own = self._fusion.strengths(maps, box, target.templates)
         now = weighed.search.distraction(box[0], own, weighed.strengths)
         return smoothed_distraction(target.distraction, now, self.parameters.fusion.adaptation_rate)
@@ -329,69 +313,28 @@ class Follower:
             return self._adaptive_resampler.resample(weighted, boxes, count, generator)
         return self._resampler.resample(weighted, count, generator)
 
-    def _redetected(self, target: Target, frame: _Frame) -> _Found | None:
-        """The target, if it is in one of the windows of the image whose turn it is.
-
-        A window is searched by the templates from before the target was lost, at the size that the
-        target had then. What is likeliest there is looked at again with the window around it, and
-        taken for the target if that look is confident.
-        """
-        parameters = self.parameters
-        half_size = np.array(target.seen_box[2:]) / 2
-        side = 2 * parameters.proposal.search_window * math.sqrt(half_size[0] * half_size[1])
-        windows = parameters.redetection.windows
-        best = _Found(np.empty(4), parameters.redetection.accept_above)
-        for center in window_centers(_size(frame.image), side, target.glances, windows):
-            found = self._glance(target, frame, np.hstack([center - half_size, 2 * half_size]))
-            if found.confidence > parameters.track.occluded_below:
-                found = self._glance(target, frame, found.box)
-                best = max(best, found, key=lambda look: look.confidence)
-        return best if best.confidence > parameters.redetection.accept_above else None
-
-    def _glance(self, target: Target, frame: _Frame, place: NDArray[np.float64]) -> _Found:
-        """What is likeliest in a window around a (4,) box, and how likely it is the target."""
-        search = Search(place, self.parameters.proposal, _size(frame.image))
-        maps = self._maps(frame.image, place[None], place, frame.foreground, search)
-        strengths = self._fusion.strengths(maps, search.boxes, target.templates)
-        if not strengths:
-            return _Found(place, 0.0)
-        likelihood = self._fusion.searched(strengths, target.templates, frame.powers)
-        box = search.boxes[int(np.argmax(likelihood))]
-        seen = self._fusion.observe(maps, box)
-        return _Found(box, self._fusion.match(seen, target.templates).similarity)
-
-    def _around(self, box: NDArray[np.float64], frame: _Frame) -> ParticleSet:
+    def _around(self, box: NDArray[np.float64], frame: Frame) -> ParticleSet:
         """Particles of a target that was just found in a (4,) box."""
         x, y, width, height = (float(value) for value in box)
         motion = self._motion((x, y, width, height))
         states = motion.prior(self.parameters.particles, frame.generator)
-        return ParticleSet.uniform(motion.constrained(states, _size(frame.image)))
+        return ParticleSet.uniform(motion.constrained(states, frame.size))
 
-    def _covariance(
-        self,
-        particles: ParticleSet,
-        box: NDArray[np.float64],
-        search: Search | None,
-        track: Track,
-        confidence: float,
-    ) -> NDArray[np.float64]:
+    def _covariance(self, judged: _Judged, search: Search | None) -> NDArray[np.float64]:
+        particles, box, track = judged.particles, judged.box, judged.track
         if search is None:
             return particles.covariance[:2, :2]
         # Once lost, the target may be anywhere; how long ago that was adds nothing.
         hidden_for = min(track.hidden_for, self.parameters.track.lost_after)
         return search.covariance(
             covariance_about(particles, box[:2] + box[2:] / 2),
-            confidence,
+            judged.confidence,
             None if track.state == "tracking" else hidden_for,
             self.parameters.motion.position_noise,
         )
 
     def _motion(self, first_box: Box) -> MotionModel:
         return MOTION_MODELS[self.parameters.motion.model](first_box, self.parameters.motion)
-
-    def _search(self, place: NDArray[np.float64], image: NDArray[np.uint8]) -> Search | None:
-        proposal = self.parameters.proposal
-        return Search(place, proposal, _size(image)) if proposal.search_share > 0.0 else None
 
     def _foresight(self, motion: MotionModel) -> KalmanForesight | None:
         return motion.foresight() if self.parameters.proposal.kalman_share > 0.0 else None
@@ -404,28 +347,6 @@ class Follower:
             return BackgroundModel(image, parameters.background, generator, box)
         return None
 
-    def _maps(
-        self,
-        image: NDArray[np.uint8],
-        boxes: NDArray[np.float64],
-        target_box: NDArray[np.float64],
-        foreground: tuple[NDArray[np.uint8], int] | None = None,
-        search: Search | None = None,
-    ) -> FrameMaps:
-        target_size = math.sqrt(target_box[2] * target_box[3])
-        reduction = math.ceil(target_size / self.parameters.working_size)
-        place = search.place if search else None
-        if place is None and self._fusion.looks_in_one_size:
-            place = boxes.mean(axis=0)
-        return FrameMaps(
-            image,
-            search.covered(boxes) if search else boxes,
-            reduction,
-            self._fusion.reach,
-            foreground=foreground,
-            place=place,
-        )
-
 
 def _foreground(
     background: BackgroundModel | None, image: NDArray[np.uint8], box: Box
@@ -437,32 +358,25 @@ def _foreground(
     return None if background.state.name == "off" else (mask, background.reduction)
 
 
-def _size(image: NDArray[np.uint8]) -> tuple[int, int]:
-    return image.shape[1], image.shape[0]
-
-
 def _estimate(
-    box: Box,
-    track: Track,
-    confidence: float,
-    particles: ParticleSet,
-    particle_boxes: NDArray[np.float64],
+    judged: _Judged,
     *,
     powers: Powers,
     covariance: NDArray[np.float64],
     background: BackgroundModel | None,
 ) -> Estimate:
-    particle_boxes.setflags(write=False)
+    x, y, width, height = (float(value) for value in judged.box)
+    judged.boxes.setflags(write=False)
     covariance.setflags(write=False)
     return Estimate(
-        box=box,
-        state=track.state,
-        confidence=confidence,
+        box=(x, y, width, height),
+        state=judged.track.state,
+        confidence=judged.confidence,
         covariance=covariance,
-        particles=particles.states,
-        particle_boxes=particle_boxes,
-        weights=particles.weights,
-        effective_sample_size=particles.effective_sample_size,
+        particles=judged.particles.states,
+        particle_boxes=judged.boxes,
+        weights=judged.particles.weights,
+        effective_sample_size=judged.particles.effective_sample_size,
         powers=MappingProxyType(dict(powers)),
         background=background.state if background else None,
     )

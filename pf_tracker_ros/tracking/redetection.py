@@ -1,14 +1,18 @@
-"""Where to look for a target that is lost: all over the image, a few windows in each frame."""
+"""Looking for a target that is out of sight where it was last seen, and all over the image."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.cues import CueFusion
 from pf_tracker_ros.parameters import declared
+from pf_tracker_ros.tracking.target import Target
+from pf_tracker_ros.tracking.viewing import Frame, Viewer
 
 # Windows overlap by half, so that the target is near enough to the middle of one of them.
 _OVERLAP = 0.5
@@ -18,13 +22,14 @@ _GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
 
 @dataclass(frozen=True)
 class RedetectionParameters:
-    """Looking all over the image for a target that is lost."""
+    """Looking elsewhere for a target that is out of sight."""
 
     windows: int = declared(
         0,
         "Windows of the image, beside the one around the last estimate, that are searched in each "
-        "frame while the target is lost; each costs about as much as tracking does. 0 searches "
-        "nowhere else, as does 'proposal.search_share' 0.",
+        "frame while the target is lost; each costs about as much as tracking does. While it is "
+        "occluded, one around the place where it was last seen. 0 searches nowhere else, as does "
+        "'proposal.search_share' 0.",
         minimum=0,
         maximum=100,
     )
@@ -58,3 +63,93 @@ def window_centers(
     number = np.arange(first, first + count) * stride % total
     places = np.stack([number % across, number // across], axis=1) + 0.5
     return places * np.array([image_size[0] / across, image_size[1] / down])
+
+
+class Found(NamedTuple):
+    """What was found elsewhere in the image.
+
+    Attributes:
+        box: (4,) x, y, width, height in pixels.
+        confidence: That it is the target, 0 to 1.
+    """
+
+    box: NDArray[np.float64]
+    confidence: float
+
+
+class Redetector:
+    """Looks for a target that is out of sight where the particles are not.
+
+    A window is searched by the templates from before the target was hidden, at the size that the
+    target had then. What is likeliest there is looked at again with the window around it, and taken
+    for the target if that look is confident: a look-alike seldom stands out in both.
+
+    Args:
+        viewer: Searches and makes the maps.
+        fusion: The cues.
+        parameters: How many windows, and what is accepted.
+        side: Of a window, box sizes.
+        doubtful_below: Confidence of a first look below which there is no second.
+    """
+
+    def __init__(
+        self,
+        viewer: Viewer,
+        fusion: CueFusion,
+        parameters: RedetectionParameters,
+        *,
+        side: float,
+        doubtful_below: float,
+    ) -> None:
+        self._viewer = viewer
+        self._fusion = fusion
+        self._parameters = parameters
+        self._side = side
+        self._doubtful_below = doubtful_below
+
+    @property
+    def windows(self) -> int:
+        """How many windows a frame looks at."""
+        return self._parameters.windows
+
+    def found(
+        self, target: Target, frame: Frame, box: NDArray[np.float64], lost: bool
+    ) -> Found | None:
+        """The target, if it is in one of the windows whose turn it is.
+
+        Args:
+            target: As it was before this frame.
+            frame: At hand.
+            box: (4,) that was looked around already, for nothing.
+            lost: Look all over the image, and not only where the target was last seen.
+        """
+        if self.windows == 0:
+            return None
+        seen = np.array(target.seen_box)
+        size = seen[2:]
+        centers = np.empty((0, 2))
+        if (np.abs(box[:2] - seen[:2]) > size / 2).any():
+            centers = seen[None, :2] + size / 2
+        if lost:
+            side = self._side * math.sqrt(size[0] * size[1])
+            elsewhere = window_centers(frame.size, side, target.glances, self.windows)
+            centers = np.vstack([centers, elsewhere])
+        best = Found(seen, self._parameters.accept_above)
+        for center in centers:
+            look = self._look(target, frame, np.hstack([center - size / 2, size]))
+            if look.confidence >= self._doubtful_below:
+                look = self._look(target, frame, look.box)
+                best = max(best, look, key=lambda found: found.confidence)
+        return best if best.confidence > self._parameters.accept_above else None
+
+    def _look(self, target: Target, frame: Frame, place: NDArray[np.float64]) -> Found:
+        """What is likeliest in a window around a (4,) box, and how likely it is the target."""
+        search = self._viewer.search(frame, place)
+        maps = self._viewer.maps(frame, place[None], place, search)
+        strengths = self._fusion.strengths(maps, search.boxes, target.templates) if search else {}
+        if search is None or not strengths:
+            return Found(place, 0.0)
+        likelihood = self._fusion.searched(strengths, target.templates, frame.powers)
+        box = search.boxes[int(np.argmax(likelihood))]
+        seen = self._fusion.observe(maps, box)
+        return Found(box, self._fusion.match(seen, target.templates).similarity)

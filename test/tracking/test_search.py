@@ -147,6 +147,22 @@ def test_the_next_windows_go_on_after_the_last_ones():
     assert np.median(steps) > 150.0
 
 
+def test_the_number_of_particles_follows_how_sure_the_place_is():
+    parameters = {"particles": 1000, "adaptive_number.error": 0.1, "adaptive_number.fewest": 40}
+    tracker = Tracker.from_preset("default", parameters=parameters)
+    tracker.start(frame(120, 100), (120, 100, 36, 36))
+    tracking, hidden = (
+        [len(tracker.update(frame(120, 100, visible)).weights) for _ in range(12)][2:]
+        for visible in (True, False)
+    )
+    assert min(tracking) >= 40
+    assert np.median(tracking) < 120
+    assert np.median(hidden) > 2 * np.median(tracking)
+    estimate = tracker.update(frame(122, 100))
+    assert len(estimate.particles) == len(estimate.particle_boxes) == len(estimate.weights)
+    assert off_center(estimate.box, 122, 100) < 3.0
+
+
 def test_a_search_can_be_switched_on_while_tracking():
     """In the first frame after that, the cues that search have no template yet."""
     parameters = {"color_histogram.power": 1.0, "proposal.search_share": 0.0}
