@@ -1,0 +1,247 @@
+r"""Does a preset know when it is wrong? Its confidence, states and covariance against the truth.
+
+A frame counts as right where the box overlaps the true one by more than a half.
+
+    python benchmarks/uncertainty.py SEQUENCE_DIR... --preset default --seeds 3
+
+It writes uncertainty.md, uncertainty.csv (a line for each range of confidence) and uncertainty.png.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+# One thread also for the linear algebra, which reads this when NumPy is imported.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import arguments as options_of
+import matplotlib
+import numpy as np
+from numpy.typing import NDArray
+from outcomes import counted
+from tables import Table
+
+from pf_tracker_ros import Estimate, Tracker
+from pf_tracker_ros.evaluation import (
+    EvaluationError,
+    evaluate_sequence,
+    has_target,
+    overlap,
+    read_sequences,
+)
+from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
+from pf_tracker_ros.footage import Footage, FootageError
+from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.tracking.presets import PRESETS
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+RIGHT_ABOVE = 0.5
+SHARES = (0.5, 0.9, 0.99)
+RANGES = 10
+NOTE = (
+    f"A frame is right where the box overlaps the true one by more than {RIGHT_ABOVE}. Area under "
+    "the ROC curve: probability that a right frame has more confidence than a wrong one. Ellipses: "
+    "share of the frames called tracking in which the ellipse of the covariance that should hold "
+    "the true center with that probability, were it Gaussian, does."
+)
+
+
+@dataclass(frozen=True)
+class Frames:
+    """What was told of F frames, and what was true.
+
+    Attributes:
+        overlap: (F,) of box and true box.
+        confidence: (F,) 0 to 1.
+        is_tracking: (F,) whether the state was tracking.
+        distance: (F,) squared Mahalanobis distance of the true center.
+    """
+
+    overlap: NDArray[np.float64]
+    confidence: NDArray[np.float64]
+    is_tracking: NDArray[np.bool_]
+    distance: NDArray[np.float64]
+
+    @property
+    def is_right(self) -> NDArray[np.bool_]:
+        """(F,) whether the box is right."""
+        return self.overlap > RIGHT_ABOVE
+
+
+class _Recorder:
+    """A tracker whose estimates are kept."""
+
+    def __init__(self, preset: str, seed: int) -> None:
+        self._tracker = Tracker.from_preset(preset, seed)
+        self.estimates: list[Estimate] = []
+
+    def start(self, image: NDArray[np.generic], box: tuple[float, float, float, float]) -> None:
+        self._tracker.start(image, box)
+
+    def update(self, image: NDArray[np.generic], dt: float | None) -> Estimate:
+        self.estimates.append(self._tracker.update(image, dt))
+        return self.estimates[-1]
+
+
+def compared(estimates: Sequence[Estimate], true_boxes: NDArray[np.float64]) -> Frames:
+    """What was told of the frames that have a true box.
+
+    Args:
+        estimates: One a frame.
+        true_boxes: (frames, 4), pixels.
+    """
+    known = has_target(true_boxes)
+    told = [one for one, is_known in zip(estimates, known, strict=True) if is_known]
+    true_boxes = true_boxes[known]
+    boxes = np.array([one.box for one in told])
+    offsets = true_boxes[:, :2] + true_boxes[:, 2:] / 2 - boxes[:, :2] - boxes[:, 2:] / 2
+    # A cloud that has shrunk to a point still does not know the center to a millionth of a pixel.
+    covariances = np.array([one.covariance for one in told]) + 1e-12 * np.eye(2)
+    return Frames(
+        overlap(boxes, true_boxes),
+        np.array([one.confidence for one in told]),
+        np.array([one.state == "tracking" for one in told]),
+        np.einsum("fi,fi->f", offsets, np.linalg.solve(covariances, offsets[..., None])[..., 0]),
+    )
+
+
+def together(parts: Sequence[Frames]) -> Frames:
+    """The frames of several runs."""
+    return Frames(
+        *(
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("overlap", "confidence", "is_tracking", "distance")
+        )
+    )
+
+
+def roc_area(confidence: NDArray[np.float64], is_right: NDArray[np.bool_]) -> float:
+    """Probability that a right frame has more confidence than a wrong one, equal ones by half.
+
+    Args:
+        confidence: (F,).
+        is_right: (F,); NaN is returned if all are right, or none is.
+    """
+    right, wrong = np.sort(confidence[is_right]), confidence[~is_right]
+    if not len(right) or not len(wrong):
+        return math.nan
+    above = len(right) - np.searchsorted(right, wrong, side="right")
+    not_below = len(right) - np.searchsorted(right, wrong, side="left")
+    return float((above + not_below).mean() / 2 / len(right))
+
+
+def inside(frames: Frames, share: float) -> float:
+    """How often the ellipse that should hold a share of the centers does, in tracked frames.
+
+    For a Gaussian of two dimensions the squared distance is below -2 ln(1 - share) with that
+    probability.
+    """
+    return float((frames.distance[frames.is_tracking] <= -2.0 * math.log1p(-share)).mean())
+
+
+def measured(sequences: Sequence[Footage], preset: str, seeds: int) -> Frames:
+    """What a preset tells of all frames of all sequences, but the first of each."""
+    parts = []
+    with progress_bar(frame_count(sequences)) as on_progress:
+        for footage in sequences:
+            recorders = [_Recorder(preset, seed) for seed in range(seeds)]
+            result = evaluate_sequence(footage, recorders.__getitem__, range(seeds), on_progress)
+            parts += [compared(one.estimates, result.true_boxes[1:]) for one in recorders]
+    return together(parts)
+
+
+def summary(frames: Frames, title: str) -> Table:
+    """The figures as a table."""
+    right, tracking = frames.is_right, frames.is_tracking
+    rows = [
+        ["area under the ROC curve of the confidence", _text(roc_area(frames.confidence, right))],
+        *(
+            [f"true center inside the {share:.0%} ellipse", _text(inside(frames, share))]
+            for share in SHARES
+        ),
+        ["right frames that are called tracking", _text(_mean(tracking[right]))],
+        ["wrong frames that are called tracking", _text(_mean(tracking[~right]))],
+    ]
+    return Table(title, ("figure", "value"), [rows])
+
+
+def reliability(frames: Frames) -> Table:
+    """How many of the frames of each range of confidence are right."""
+    number = np.minimum((frames.confidence * RANGES).astype(np.intp), RANGES - 1)
+    rows = [
+        [
+            f"{one / RANGES:.1f} to {(one + 1) / RANGES:.1f}",
+            str(int((number == one).sum())),
+            _text(_mean(frames.is_right[number == one])),
+        ]
+        for one in range(RANGES)
+    ]
+    return Table("Right frames by confidence", ("confidence", "frames", "right"), [rows])
+
+
+def plot(path: Path, frames: Frames, title: str) -> None:
+    """Draw the share of right frames over the confidence, and how many frames there are."""
+    number = np.minimum((frames.confidence * RANGES).astype(np.intp), RANGES - 1)
+    middle = (np.arange(RANGES) + 0.5) / RANGES
+    right = [_mean(frames.is_right[number == one]) for one in range(RANGES)]
+    figure, (above, below) = plt.subplots(
+        2, 1, sharex=True, figsize=(5.0, 5.5), height_ratios=(3, 1), layout="constrained"
+    )
+    above.plot([0, 1], [0, 1], color="0.7", linestyle="--", label="as told")
+    above.plot(middle, right, marker="o", label="measured")
+    above.set(ylabel=f"share with overlap above {RIGHT_ABOVE}", ylim=(0, 1.02), title=title)
+    above.legend()
+    below.bar(middle, np.bincount(number, minlength=RANGES), 0.9 / RANGES, color="0.6")
+    below.set(xlabel="confidence", ylabel="frames", xlim=(0, 1))
+    for axes in (above, below):
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(path, dpi=120)
+    plt.close(figure)
+
+
+def _mean(values: NDArray[np.bool_]) -> float:
+    return float(values.mean()) if len(values) else math.nan
+
+
+def _text(figure: float) -> str:
+    return "-" if math.isnan(figure) else f"{figure:.3f}"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, print the tables and write the files."""
+    parser = options_of.parser(__doc__)
+    parser.add_argument("--preset", default="default", help=f"{', '.join(PRESETS)} [default]")
+    options = parser.parse_args(arguments)
+    try:
+        Tracker.from_preset(options.preset)
+        sequences = read_sequences(options.sequences)
+        options.output.mkdir(parents=True, exist_ok=True)
+        frames = measured(sequences, options.preset, options.seeds)
+        runs = f"{counted(len(sequences), 'sequence', 'sequences')}, "
+        runs += counted(options.seeds, "seed", "seeds")
+        tables = [summary(frames, f"Uncertainty of preset {options.preset}: {runs}")]
+        tables.append(reliability(frames))
+        for table in tables:
+            table.show()
+        lines = [f"# {tables[0].title}", "", *tables[0].markdown(), "", NOTE, ""]
+        lines += [f"## {tables[1].title}", "", *tables[1].markdown(), ""]
+        (options.output / "uncertainty.md").write_text("\n".join(lines), encoding="utf-8")
+        with (options.output / "uncertainty.csv").open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([tables[1].headings, *tables[1].groups[0]])
+        plot(options.output / "uncertainty.png", frames, f"{options.preset}: {runs}")
+    except (EvaluationError, FootageError, ParameterError, OSError) as error:
+        parser.error(" ".join(str(error).split()))
+    print(f"files in {options.output}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,92 @@
+"""The benchmark of confidence and covariance: its figures by hand, what it writes."""
+
+import csv
+import math
+from itertools import product
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Estimate
+
+
+@pytest.fixture
+def uncertainty(benchmark):
+    return benchmark("uncertainty")
+
+
+def estimate(x=0.0, state="tracking", confidence=1.0, covariance=((4.0, 0.0), (0.0, 1.0))):
+    return Estimate(
+        box=(x, 0.0, 10.0, 10.0),
+        state=state,
+        confidence=confidence,
+        covariance=np.array(covariance),
+        particles=np.empty((1, 4)),
+        particle_boxes=np.empty((1, 4)),
+        weights=np.ones(1),
+        effective_sample_size=1.0,
+        powers={},
+    )
+
+
+def test_the_roc_area_is_the_share_of_pairs_in_order(uncertainty):
+    generator = np.random.default_rng(0)
+    confidence = generator.integers(0, 6, 40) / 5
+    is_right = generator.random(40) < 0.3 + 0.4 * confidence
+    pairs = product(confidence[is_right], confidence[~is_right])
+    expected = np.mean([(right > wrong) + 0.5 * (right == wrong) for right, wrong in pairs])
+    assert uncertainty.roc_area(confidence, is_right) == pytest.approx(expected)
+    assert math.isnan(uncertainty.roc_area(confidence, np.ones(40, bool)))
+
+
+def test_frames_are_compared_with_the_truth_by_hand(uncertainty):
+    """Off by 2 px: 2^2 / 4 along x and 2^2 / 1 along y; frames without a target are left out."""
+    told = [estimate(), estimate(2.0, "lost", 0.3), estimate(), estimate(6.0)]
+    true_boxes = np.array(
+        [[0.0, 2.0, 10.0, 10.0], [0.0, 0.0, 10.0, 10.0], [math.nan] * 4, [0.0, 0.0, 10.0, 10.0]]
+    )
+    frames = uncertainty.compared(told, true_boxes)
+    np.testing.assert_allclose(frames.distance, [4.0, 1.0, 9.0])
+    np.testing.assert_allclose(frames.overlap, [8 / 12, 8 / 12, 4 / 16])
+    assert frames.is_right.tolist() == [True, True, False]
+    assert frames.is_tracking.tolist() == [True, False, True]
+    assert frames.confidence.tolist() == [1.0, 0.3, 1.0]
+
+
+def test_an_ellipse_holds_the_share_of_a_gaussian_that_it_should(uncertainty):
+    covariance = np.array([[9.0, 4.0], [4.0, 5.0]])
+    centers = np.random.default_rng(0).multivariate_normal([0, 0], covariance, 4000)
+    told = [estimate(covariance=covariance)] * 4000
+    frames = uncertainty.compared(told, np.hstack([centers, np.full((4000, 2), 10.0)]))
+    for share in (0.5, 0.9, 0.99):
+        assert uncertainty.inside(frames, share) == pytest.approx(share, abs=0.02)
+
+
+def test_the_table_of_reliability_by_hand(uncertainty):
+    told = [estimate(x, confidence=c) for x, c in ((0, 1.0), (0, 0.95), (9, 0.92), (9, 0.0))]
+    frames = uncertainty.compared(told, np.tile([0.0, 0.0, 10.0, 10.0], (4, 1)))
+    rows = uncertainty.reliability(uncertainty.together([frames, frames])).groups[0]
+    assert rows[0] == ["0.0 to 0.1", "2", "0.000"]
+    assert rows[1] == ["0.1 to 0.2", "0", "-"]
+    assert rows[9] == ["0.9 to 1.0", "6", "0.667"]
+
+
+def test_the_command_writes_its_files(uncertainty, moving_square_sequence, tmp_path, capsys):
+    arguments = [str(moving_square_sequence), "--preset", "li2007", "--seeds", "2"]
+    assert uncertainty.main([*arguments, "--output", str(tmp_path / "new")]) == 0
+    text = (tmp_path / "new" / "uncertainty.md").read_text()
+    assert "# Uncertainty of preset li2007: 1 sequence, 2 seeds" in text
+    assert "| right frames that are called tracking | 1.000 |" in text
+    with (tmp_path / "new" / "uncertainty.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    # 20 frames but the first, two seeds.
+    assert sum(int(row["frames"]) for row in rows) == 2 * 19
+    assert cv2.imread(str(tmp_path / "new" / "uncertainty.png")).std() > 5
+    assert "area under the ROC curve" in capsys.readouterr().out
+
+
+def test_an_unknown_preset_is_refused(uncertainty, moving_square_sequence, capsys):
+    with pytest.raises(SystemExit):
+        uncertainty.main([str(moving_square_sequence), "--preset", "nobody"])
+    assert "no preset 'nobody'; there are: default" in capsys.readouterr().err
