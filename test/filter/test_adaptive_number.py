@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pf_tracker_ros.filter import (
@@ -83,6 +83,7 @@ def test_what_is_drawn_is_in_proportion_to_the_weights(scheme):
     np.testing.assert_allclose(share, weights / weights.sum(), atol=0.06)
 
 
+@settings(deadline=None)
 @given(
     st.integers(1, 60),
     st.floats(0.001, 10.0),
