@@ -61,7 +61,8 @@ class Table:
         figures = len(self.headings) - self.names
         alignment = ["---"] * self.names + ["---:"] * figures
         rows = [self.headings, alignment, *(row for group in self.groups for row in group)]
-        return ["| " + " | ".join(row) + " |" for row in rows]
+        # A bar in a cell would end it.
+        return ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in rows]
 
 
 def bold(text: str, is_bold: bool = True) -> str:

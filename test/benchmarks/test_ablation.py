@@ -128,16 +128,19 @@ def test_what_is_chosen_without_a_group_by_hand(benchmark, ablation):
         )
         for name, counts in frames.items()
     ]
-    groups = carry_over.grouped(["a_1", "a_2", "b_1"], ["a_", "b"])
-    rows, (last,) = carry_over.summary(outcomes, groups).groups
+    groups = carry_over.grouped(["a_1", "a_2", "b_1"], ["a_|z", "b"])
+    table = carry_over.summary(outcomes, groups)
+    rows, (last,) = table.groups
     unit = 20 / 21 / 11
     scores = {n: f"{n * unit:.3f}" for n in (1, 2, 5, 8, 9, 11)}
     assert rows == [
-        ["a_", "2", "two", scores[2], scores[8], scores[11], "one"],
+        ["a_|z", "2", "two", scores[2], scores[8], scores[11], "one"],
         ["b", "1", "one", scores[1], scores[5], scores[9], "two"],
     ]
     means = [f"{n * unit / 3:.3f}" for n in (2 + 2 + 1, 8 + 8 + 5, 11 + 11 + 9)]
     assert last == ["**all**", "3", "", *means, ""]
+    # A bar within a cell is none between two cells.
+    assert table.markdown()[2].startswith(r"| a_\|z | 2 | two |")
 
 
 def test_the_command_tells_what_carries_over(ablation, moving_square_sequence, tmp_path, capsys):
