@@ -1,7 +1,6 @@
 """The umbrella scene: exact ground truth, like colors, unlike texture, the same bits."""
 
 import itertools
-import time
 
 import cv2
 import numpy as np
@@ -235,13 +234,3 @@ def test_shortest_and_longest_scene_stay_inside_the_image(frames):
     assert scene.render(frames - 1).shape == (576, 768, 3)
     assert scene.target_boxes[:, :2].min() >= 0.0
     assert (scene.other_boxes[:, :2] + 40.0 <= (768, 576)).all()
-
-
-def test_a_frame_takes_little_time_to_render(scene):
-    scene.render(0)
-    times = []
-    for index in range(15):
-        before = time.process_time()
-        scene.render(index)
-        times.append(time.process_time() - before)
-    assert np.median(times) < 0.03
