@@ -153,8 +153,7 @@ class CorrelationResponse(SearchableCue):
     def __init__(self, parameters: CorrelationResponseParameters) -> None:
         self._window = parameters.window
         self._cells = parameters.cells + parameters.cells % 2
-        beside = parameters.sizes // 2
-        self._steps = np.arange(-beside, beside + 1, dtype=np.float64)
+        self._steps = np.arange(parameters.sizes // 2 * 2 + 1) - parameters.sizes // 2
         self._log_step = math.log(parameters.size_step)
         self._sharpness = parameters.sharpness
         self._interval = parameters.training_interval
@@ -230,7 +229,10 @@ class CorrelationResponse(SearchableCue):
         """The response map of each size, and where its window is."""
         windows = maps.shared(
             ("correlation windows", self._window, self._cells, len(self._steps), self._log_step),
-            lambda: self._windows(maps, maps.place, self._steps),
+            lambda: [
+                self._around(maps, maps.place, math.exp(step * self._log_step))
+                for step in self._steps
+            ],
         )
         samples = _REFINEMENT * self._cells
         return maps.shared(
@@ -248,24 +250,12 @@ class CorrelationResponse(SearchableCue):
         window = self._around(seen.maps, seen.box)
         return self._trained(window.spectrum, template.target_cells, template.filter)
 
-    def _around(self, maps: FrameMaps, box: NDArray[np.float64]) -> _Window:
-        return self._windows(maps, box, np.zeros(1))[0]
-
-    def _windows(
-        self, maps: FrameMaps, box: NDArray[np.float64], steps: NDArray[np.float64]
-    ) -> list[_Window]:
-        """Windows around a box, each larger than its own by a number of steps of the size."""
-        center, pixels = box[:2] + box[2:] / 2, CELL_PIXELS * self._cells
-        sides = self._window * math.sqrt(box[2] * box[3]) * np.exp(steps * self._log_step)
-        crop = Crop(maps.image, center, np.full(2, sides.max()), pixels)
-        return [
-            _Window(
-                spectrum(window_features(crop.window(center, np.full(2, side), pixels))),
-                center,
-                side,
-            )
-            for side in sides
-        ]
+    def _around(self, maps: FrameMaps, box: NDArray[np.float64], factor: float = 1.0) -> _Window:
+        center = box[:2] + box[2:] / 2
+        side = self._window * factor * math.sqrt(box[2] * box[3])
+        sides, pixels = np.array([side, side]), CELL_PIXELS * self._cells
+        window = Crop(maps.image, center, sides, pixels).window(center, sides, pixels)
+        return _Window(spectrum(window_features(window)), center, side)
 
     def _trained(
         self, seen: Spectrum, target_cells: tuple[float, float], before: Spectrum | None
