@@ -61,7 +61,9 @@ def particles_needed(bins: NDArray[np.intp], error: float) -> NDArray[np.float64
     freedom = np.maximum(bins - 1, 1).astype(np.float64)
     spread = 2.0 / (9.0 * freedom)
     quantile = freedom * (1.0 - spread + np.sqrt(spread) * _QUANTILE) ** 3
-    needed: NDArray[np.float64] = np.where(bins > 1, quantile / (2.0 * error), 1.0)
+    with np.errstate(over="ignore"):
+        # An error near 0 asks for more particles than there are numbers: infinity.
+        needed: NDArray[np.float64] = np.where(bins > 1, quantile / (2.0 * error), 1.0)
     return needed
 
 

@@ -38,6 +38,13 @@ def test_the_number_follows_from_the_chi_square_quantile():
     assert particles_needed(np.array([1]), 0.05) == 1.0
 
 
+def test_no_error_at_all_would_take_more_particles_than_there_can_be(recwarn):
+    assert particles_needed(np.array([3]), 5e-324) == np.inf
+    centers = np.arange(200)[:, None] * [30.0, 0.0]
+    assert len(resampled(centers, error=5e-324)) == MOST
+    assert not recwarn.list
+
+
 def test_a_belief_in_one_place_takes_the_fewest():
     assert len(resampled(np.full((200, 2), 50.0))) == 10
     assert len(resampled(np.full((200, 2), 50.0), fewest=70)) == 70
