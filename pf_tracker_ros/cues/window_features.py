@@ -92,7 +92,9 @@ def _direction_histogram(gray: NDArray[np.uint8], rows: int, columns: int) -> ND
     """(9, rows, columns) mean gradient magnitude, shared between the two nearest directions."""
     right = cv2.Sobel(gray, cv2.CV_16S, 1, 0, ksize=1)
     down = cv2.Sobel(gray, cv2.CV_16S, 0, 1, ksize=1)
-    pair = cv2.addWeighted(down, 511.0, right, 1.0, 255 * 511 + 255, dtype=cv2.CV_32S).ravel()
+    pair = cv2.addWeighted(down, 511.0, right, 1.0, 255 * 511 + 255, dtype=cv2.CV_32S)
+    # Converted once, since each table would do it again.
+    pair = pair.ravel().astype(np.intp)
     first, lower, upper = _direction_tables()
     bins = _first_bins(rows, columns) + first.take(pair)
     bins_in_all = rows * columns * (_DIRECTIONS + 1)

@@ -148,7 +148,7 @@ class Follower:
             distraction=distracted,
             track=Track(),
             seen_box=first_box,
-            glances=0,
+            hidden_frames=0,
             estimate=_estimate(
                 _Judged(boxes[0], 1.0, Track(), particles, motion.boxes(particles.states)),
                 powers=self._fusion.powers,
@@ -218,10 +218,8 @@ class Follower:
             # Going on from where the target was lost, every frame searches that region anew. Going
             # on from here, the cloud and its cost would grow without end.
             following, foresight = target.particles, target.foresight
-        lost = track.state == "lost"
-        glances = target.glances + self._redetector.windows if lost else 0
         if track.state != "tracking" and search:
-            found = self._redetector.found(target, frame, box, lost)
+            found = self._redetector.found(target, frame, box, track.state == "lost")
             if found:
                 following = self._around(found.box, frame)
                 judged = _Judged(*found, Track(), following, motion.boxes(following.states))
@@ -232,6 +230,7 @@ class Follower:
             covariance=self._covariance(judged, search),
             background=target.background,
         )
+        is_tracking = judged.track.state == "tracking"
         return replace(
             target,
             particles=following,
@@ -239,8 +238,8 @@ class Follower:
             templates=templates,
             distraction=self._distracted(target, maps, weighed),
             track=judged.track,
-            seen_box=estimate.box if estimate.state == "tracking" else target.seen_box,
-            glances=glances,
+            seen_box=estimate.box if is_tracking else target.seen_box,
+            hidden_frames=0 if is_tracking else target.hidden_frames + 1,
             estimate=estimate,
         )
 

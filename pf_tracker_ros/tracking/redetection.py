@@ -16,6 +16,8 @@ from pf_tracker_ros.tracking.viewing import Frame, Viewer
 
 # Windows overlap by half, so that the target is near enough to the middle of one of them.
 _OVERLAP = 0.5
+# Every how many frames the place where the target was last seen is looked at.
+_REVISIT_INTERVAL = 3
 # Steps of this share of a whole row of places visit it evenly, neighbors far apart in time.
 _GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
 
@@ -28,8 +30,8 @@ class RedetectionParameters:
         0,
         "Windows of the image, beside the one around the last estimate, that are searched in each "
         "frame while the target is lost; each costs about as much as tracking does. While it is "
-        "occluded, one around the place where it was last seen. 0 searches nowhere else, as does "
-        "'proposal.search_share' 0.",
+        "occluded, one around the place where it was last seen, every third frame. 0 searches "
+        "nowhere else, as does 'proposal.search_share' 0.",
         minimum=0,
         maximum=100,
     )
@@ -103,14 +105,10 @@ class Redetector:
     ) -> None:
         self._viewer = viewer
         self._fusion = fusion
-        self._parameters = parameters
+        self._windows = parameters.windows
+        self._accept_above = parameters.accept_above
         self._side = side
         self._doubtful_below = doubtful_below
-
-    @property
-    def windows(self) -> int:
-        """How many windows a frame looks at."""
-        return self._parameters.windows
 
     def found(
         self, target: Target, frame: Frame, box: NDArray[np.float64], lost: bool
@@ -123,24 +121,26 @@ class Redetector:
             box: (4,) that was looked around already, for nothing.
             lost: Look all over the image, and not only where the target was last seen.
         """
-        if self.windows == 0:
+        if self._windows == 0:
             return None
         seen = np.array(target.seen_box)
         size = seen[2:]
         centers = np.empty((0, 2))
-        if (np.abs(box[:2] - seen[:2]) > size / 2).any():
+        is_elsewhere = (np.abs(box[:2] - seen[:2]) > size / 2).any()
+        if is_elsewhere and target.hidden_frames % _REVISIT_INTERVAL == 0:
             centers = seen[None, :2] + size / 2
         if lost:
             side = self._side * math.sqrt(size[0] * size[1])
-            elsewhere = window_centers(frame.size, side, target.glances, self.windows)
+            before = target.hidden_frames * self._windows
+            elsewhere = window_centers(frame.size, side, before, self._windows)
             centers = np.vstack([centers, elsewhere])
-        best = Found(seen, self._parameters.accept_above)
+        best = Found(seen, self._accept_above)
         for center in centers:
             look = self._look(target, frame, np.hstack([center - size / 2, size]))
             if look.confidence >= self._doubtful_below:
                 look = self._look(target, frame, look.box)
                 best = max(best, look, key=lambda found: found.confidence)
-        return best if best.confidence > self._parameters.accept_above else None
+        return best if best.confidence > self._accept_above else None
 
     def _look(self, target: Target, frame: Frame, place: NDArray[np.float64]) -> Found:
         """What is likeliest in a window around a (4,) box, and how likely it is the target."""

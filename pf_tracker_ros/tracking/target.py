@@ -27,7 +27,7 @@ class Target:
         distraction: How much of what is around it looks like it.
         track: Whether it is seen, and for how long it has not been.
         seen_box: Its last box while it was tracked.
-        glances: Windows of the image that were looked at since it was lost.
+        hidden_frames: Frames in a row in which it was not tracked.
         estimate: As told in the last frame.
     """
 
@@ -40,5 +40,5 @@ class Target:
     distraction: Distraction
     track: Track
     seen_box: Box
-    glances: int
+    hidden_frames: int
     estimate: Estimate
