@@ -21,8 +21,8 @@ from pathlib import Path
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
-import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from outcomes import counted
 from tables import Table
@@ -39,9 +39,6 @@ from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.tracking.presets import PRESETS
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 
 RIGHT_ABOVE = 0.5
 SHARES = (0.5, 0.9, 0.99)
@@ -74,6 +71,11 @@ class Frames:
     def is_right(self) -> NDArray[np.bool_]:
         """(F,) whether the box is right."""
         return self.overlap > RIGHT_ABOVE
+
+    def by_confidence(self) -> list[NDArray[np.bool_]]:
+        """Whether the boxes are right, of the frames in each of `RANGES` ranges of confidence."""
+        number = np.minimum((self.confidence * RANGES).astype(np.intp), RANGES - 1)
+        return [self.is_right[number == one] for one in range(RANGES)]
 
 
 class _Recorder:
@@ -175,36 +177,28 @@ def summary(frames: Frames, title: str) -> Table:
 
 def reliability(frames: Frames) -> Table:
     """How many of the frames of each range of confidence are right."""
-    number = np.minimum((frames.confidence * RANGES).astype(np.intp), RANGES - 1)
     rows = [
-        [
-            f"{one / RANGES:.1f} to {(one + 1) / RANGES:.1f}",
-            str(int((number == one).sum())),
-            _text(_mean(frames.is_right[number == one])),
-        ]
-        for one in range(RANGES)
+        [f"{one / RANGES:.1f} to {(one + 1) / RANGES:.1f}", str(len(right)), _text(_mean(right))]
+        for one, right in enumerate(frames.by_confidence())
     ]
     return Table("Right frames by confidence", ("confidence", "frames", "right"), [rows])
 
 
 def plot(path: Path, frames: Frames, title: str) -> None:
     """Draw the share of right frames over the confidence, and how many frames there are."""
-    number = np.minimum((frames.confidence * RANGES).astype(np.intp), RANGES - 1)
+    ranges = frames.by_confidence()
     middle = (np.arange(RANGES) + 0.5) / RANGES
-    right = [_mean(frames.is_right[number == one]) for one in range(RANGES)]
-    figure, (above, below) = plt.subplots(
-        2, 1, sharex=True, figsize=(5.0, 5.5), height_ratios=(3, 1), layout="constrained"
-    )
+    figure = Figure(figsize=(5.0, 5.5), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     above.plot([0, 1], [0, 1], color="0.7", linestyle="--", label="as told")
-    above.plot(middle, right, marker="o", label="measured")
+    above.plot(middle, [_mean(right) for right in ranges], marker="o", label="measured")
     above.set(ylabel=f"share with overlap above {RIGHT_ABOVE}", ylim=(0, 1.02), title=title)
     above.legend()
-    below.bar(middle, np.bincount(number, minlength=RANGES), 0.9 / RANGES, color="0.6")
+    below.bar(middle, [len(right) for right in ranges], 0.9 / RANGES, color="0.6")
     below.set(xlabel="confidence", ylabel="frames", xlim=(0, 1))
     for axes in (above, below):
         axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(path, dpi=120)
-    plt.close(figure)
 
 
 def _mean(values: NDArray[np.bool_]) -> float:

@@ -69,7 +69,10 @@ def particles_needed(bins: NDArray[np.intp], error: float) -> NDArray[np.float64
 
 @dataclass(frozen=True)
 class AdaptiveResampler:
-    """Draws particles until there are as many as the bins that they fell in need.
+    """Draws as many particles as the bins that they fall in need.
+
+    One draw tells the number, another of that number are the particles: so they keep what the
+    scheme promises, its variance and the best particle.
 
     Source: Fox 2003, section 3.
 
@@ -96,14 +99,15 @@ class AdaptiveResampler:
             most: How many the next frame has at most.
             generator: Source of randomness.
         """
-        drawn = generator.permutation(self.resampler.indices(particles.weights, most, generator))
+        weights = particles.weights
+        drawn = generator.permutation(self.resampler.indices(weights, most, generator))
         bins = _bins(boxes, self.parameters.bin_size)[drawn]
         first = np.unique(bins, axis=0, return_index=True)[1]
         opened = np.cumsum(np.isin(np.arange(most), first), dtype=np.intp)
         needed = particles_needed(opened, self.parameters.error)
         enough = np.arange(1, most + 1) >= np.maximum(needed, min(self.parameters.fewest, most))
         count = int(np.argmax(enough)) + 1 if enough.any() else most
-        return particles.resampled(drawn[:count])
+        return particles.resampled(self.resampler.indices(weights, count, generator))
 
 
 def _bins(boxes: NDArray[np.float64], bin_size: float) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from pf_tracker_ros.filter.resampling import ResamplingParameters
 MOST = 500
 
 
-def resampled(centers, weights=None, sides=20.0, scheme="systematic", **values):
+def resampled(centers, weights=None, sides=20.0, resampling=None, **values):
     """Resampled particles whose states are (N, 2) centers of boxes of equal sides."""
     centers = np.asarray(centers, dtype=float)
     sides = np.broadcast_to(sides, len(centers))[:, None]
@@ -26,7 +26,8 @@ def resampled(centers, weights=None, sides=20.0, scheme="systematic", **values):
     with np.errstate(divide="ignore"):
         particles = ParticleSet(centers, np.log(weights))
     parameters = AdaptiveNumberParameters(**({"error": 0.1, "fewest": 10} | values))
-    resampler = AdaptiveResampler(build_scheme(ResamplingParameters(scheme=scheme)), parameters)
+    scheme = build_scheme(resampling or ResamplingParameters())
+    resampler = AdaptiveResampler(scheme, parameters)
     return resampler.resample(particles, boxes, MOST, np.random.default_rng(0))
 
 
@@ -73,6 +74,17 @@ def test_sizes_are_told_apart_as_places_are():
     assert len(resampled(centers, sides=different)) > len(resampled(centers, sides=same))
 
 
+def test_the_best_particle_goes_on_where_that_is_promised():
+    """Twice as likely as each of 399 others, chance mostly passes it over."""
+    centers = np.full((400, 2), 50.0)
+    centers[123, 0] = 51.0
+    weights = np.ones(400)
+    weights[123] = 2.0
+    found = resampled(centers, weights, resampling=ResamplingParameters(keep_best=True))
+    assert len(found) < 40
+    assert 51.0 in found.states[:, 0]
+
+
 def test_the_number_never_exceeds_the_most():
     everywhere = np.random.default_rng(0).uniform(0.0, 5000.0, (400, 2))
     assert len(resampled(everywhere)) == MOST
@@ -84,7 +96,7 @@ def test_what_is_drawn_is_in_proportion_to_the_weights(scheme):
     """Over 8 bins, in a number that stops short of the most."""
     places = np.arange(8)[:, None] * [30.0, 0.0]
     weights = np.arange(1.0, 9.0)
-    found = resampled(places, weights, scheme=scheme, error=0.03)
+    found = resampled(places, weights, resampling=ResamplingParameters(scheme), error=0.03)
     assert 200 < len(found) < MOST
     share = [(found.states[:, 0] == place).mean() for place in places[:, 0]]
     np.testing.assert_allclose(share, weights / weights.sum(), atol=0.06)
