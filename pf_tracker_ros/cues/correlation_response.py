@@ -38,6 +38,9 @@ _READ_AT_ONCE = 2**14
 # there as not; the same for the peak, as a share of the response to what was learned from last; and
 # how fast that changes with both.
 _EVEN_CLUTTER, _EVEN_LEVEL, _EXPONENT = 0.135, 0.4, 6.5
+# Mean difference between the largest and the smallest of a pixel's channels, in gray levels, from
+# which on a window shows colors; some cameras give gray images three channels.
+_LEAST_COLOR = 2.0
 # Responses below this share of the one to the trained window are as good as none.
 _SMALLEST = 1e-9
 
@@ -98,6 +101,13 @@ class CorrelationResponseParameters:
         minimum=1,
         maximum=100,
     )
+    settling_frames: int = declared(
+        25,
+        "Frames, from the first on, in which the filter is trained each time, and over which the "
+        "weight of its memory grows to the full one: the first views say most.",
+        minimum=1,
+        maximum=10000,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,12 +118,16 @@ class CorrelationTemplate:
         filter: Its spectrum.
         reference: Its response to the window that it was trained on last.
         target_cells: (width, height) of the target in cells.
-        waiting: Frames that could have been learned from since the last training.
+        colored: Whether it looks at colors; where there are none, at gray levels.
+        frames: That could be learned from so far.
+        waiting: Those since the last training.
     """
 
     filter: Spectrum
     reference: float
     target_cells: tuple[float, float]
+    colored: bool
+    frames: int = 1
     waiting: int = 0
 
 
@@ -157,16 +171,19 @@ class CorrelationResponse(SearchableCue):
         self._log_step = math.log(parameters.size_step)
         self._sharpness = parameters.sharpness
         self._interval = parameters.training_interval
-        self._memory = parameters.memory / self._interval
+        self._settling = parameters.settling_frames
+        self._memory = parameters.memory
 
     def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> CorrelationTemplate:
         """See `Cue.learn`."""
-        window = self._around(maps, box)
-        cells = (
-            float(box[2]) * self._cells / window.side,
-            float(box[3]) * self._cells / window.side,
+        pixels = self._pixels(maps, box, gray=False)
+        colored = pixels.ndim == 3 and float(np.ptp(pixels, axis=2).mean()) >= _LEAST_COLOR
+        window = self._around(maps, box, colored)
+        width, height = (float(side) * self._cells / window.side for side in box[2:])
+        trained = train(window.spectrum, (width, height), None, 0.0)
+        return CorrelationTemplate(
+            trained, _reference(trained, window.spectrum), (width, height), colored
         )
-        return self._trained(window.spectrum, cells, None)
 
     def observe(self, maps: FrameMaps, box: NDArray[np.float64]) -> View:
         """See `Cue.observe`."""
@@ -227,10 +244,11 @@ class CorrelationResponse(SearchableCue):
         self, maps: FrameMaps, template: CorrelationTemplate
     ) -> list[tuple[NDArray[np.float32], _Window]]:
         """The response map of each size, and where its window is."""
+        key = self._window, self._cells, len(self._steps), self._log_step, template.colored
         windows = maps.shared(
-            ("correlation windows", self._window, self._cells, len(self._steps), self._log_step),
+            ("correlation windows", *key),
             lambda: [
-                self._around(maps, maps.place, math.exp(step * self._log_step))
+                self._around(maps, maps.place, template.colored, math.exp(step * self._log_step))
                 for step in self._steps
             ],
         )
@@ -244,25 +262,38 @@ class CorrelationResponse(SearchableCue):
 
     def blend(self, template: CorrelationTemplate, seen: View, keep: float) -> CorrelationTemplate:
         """See `Cue.blend`; the filter's own memory takes the place of `keep`."""
-        waiting = template.waiting + 1
-        if waiting < self._interval:
-            return replace(template, waiting=waiting)
-        window = self._around(seen.maps, seen.box)
-        return self._trained(window.spectrum, template.target_cells, template.filter)
+        learned = replace(template, frames=template.frames + 1, waiting=template.waiting + 1)
+        settled = min(template.frames / self._settling, 1.0)
+        interval = self._interval if settled == 1.0 else 1
+        if learned.waiting < interval:
+            return learned
+        window = self._around(seen.maps, seen.box, template.colored)
+        memory = settled * self._memory / interval
+        trained = train(window.spectrum, template.target_cells, template.filter, memory)
+        reference = _reference(trained, window.spectrum)
+        return replace(learned, filter=trained, reference=reference, waiting=0)
 
-    def _around(self, maps: FrameMaps, box: NDArray[np.float64], factor: float = 1.0) -> _Window:
-        center = box[:2] + box[2:] / 2
-        side = self._window * factor * math.sqrt(box[2] * box[3])
+    def _around(
+        self, maps: FrameMaps, box: NDArray[np.float64], colored: bool, factor: float = 1.0
+    ) -> _Window:
+        pixels = self._pixels(maps, box, gray=not colored, factor=factor)
+        center, side = box[:2] + box[2:] / 2, self._side(box, factor)
+        return _Window(spectrum(window_features(pixels)), center, side)
+
+    def _pixels(
+        self, maps: FrameMaps, box: NDArray[np.float64], *, gray: bool, factor: float = 1.0
+    ) -> NDArray[np.uint8]:
+        """The window around a (4,) box."""
+        center, side = box[:2] + box[2:] / 2, self._side(box, factor)
         sides, pixels = np.array([side, side]), CELL_PIXELS * self._cells
-        window = Crop(maps.image, center, sides, pixels).window(center, sides, pixels)
-        return _Window(spectrum(window_features(window)), center, side)
+        return Crop(maps.image, center, sides, pixels, gray).window(center, sides, pixels)
 
-    def _trained(
-        self, seen: Spectrum, target_cells: tuple[float, float], before: Spectrum | None
-    ) -> CorrelationTemplate:
-        trained = train(seen, target_cells, before, self._memory)
-        reference = max(response_at_center(trained, seen), _SMALLEST)
-        return CorrelationTemplate(trained, reference, target_cells)
+    def _side(self, box: NDArray[np.float64], factor: float) -> float:
+        return self._window * factor * math.sqrt(box[2] * box[3])
+
+
+def _reference(trained: Spectrum, seen: Spectrum) -> float:
+    return max(response_at_center(trained, seen), _SMALLEST)
 
 
 def _read(

@@ -66,12 +66,27 @@ class TemplateParameters:
         minimum=0.0,
         maximum=1.0,
     )
+    settling_frames: int = declared(
+        40,
+        "Frames, from the first on, over which that confidence rises from 0: few views do not yet "
+        "tell what the target looks like in the next one.",
+        minimum=1,
+        maximum=10000,
+    )
     keep: float = declared(
         0.9,
         "Share of the old template that an update keeps (beta).",
         minimum=0.0,
         maximum=1.0,
     )
+
+    def confidence_asked(self, frames: int) -> float:
+        """The least confidence that lets the templates be updated, 0 to 1.
+
+        Args:
+            frames: For which the target has been followed.
+        """
+        return self.confident_above * min(frames / self.settling_frames, 1.0)
 
 
 def distraction(at_target: Mapping[str, float], beside: Strengths) -> Distraction:

@@ -1,4 +1,4 @@
-"""What a window of the image looks like, cell by cell: edge directions and colors.
+"""What a window of the image looks like, cell by cell: edge directions, colors or gray levels.
 
 Sources: Felzenszwalb et al. 2010, "Object detection with discriminatively trained part-based
 models", section 6 (without the channels that tell a gradient's sign, which changes with the
@@ -25,8 +25,13 @@ _GRADIENT_CHANNELS = _DIRECTIONS + _BLOCKS
 _CUT = 0.2
 # Mean square gradient of a block, in gray levels, that counts as much as the sensor's noise.
 _NOISE = 4.0
-# Colors have this weight beside gradients.
+# Colors and gray levels have this weight beside gradients.
 _COLOR_WEIGHT = 0.6
+# Gray levels, evenly spread over the range of the window's middle: a thermal camera's gray values
+# mean nothing in themselves, and often use a small part of their range.
+_GRAY_LEVELS = 6
+_GRAY_PERCENTILES = (2, 98)
+_SMALLEST_GRAY_RANGE = 16.0
 # Levels of blue, green and red in the table of color names.
 _COLOR_LEVELS = 32
 # How far, in units of CIE Lab, a color's name reaches.
@@ -55,19 +60,18 @@ def window_features(window: NDArray[np.uint8]) -> NDArray[np.float32]:
 
     Returns:
         (channels, P / CELL_PIXELS, P / CELL_PIXELS): 9 directions of gradients, 4 of texture, then
-        11 named colors, or brightness alone for a gray window.
+        11 named colors, or 6 gray levels for a gray window.
     """
     cells = window.shape[0] // CELL_PIXELS
     colored = window.ndim == 3
     gray = cv2.cvtColor(window, cv2.COLOR_BGR2GRAY) if colored else window
-    channels = _GRADIENT_CHANNELS + (len(_NAMED_COLORS) if colored else 1)
+    channels = _GRADIENT_CHANNELS + (len(_NAMED_COLORS) if colored else _GRAY_LEVELS)
     features = np.empty((channels, cells, cells), dtype=np.float32)
     _gradient_channels(gray, features[:_GRADIENT_CHANNELS])
-    if colored:
-        features[_GRADIENT_CHANNELS:] = _name_channels(window, cells)
-    else:
-        brightness = cv2.resize(gray, (cells, cells), interpolation=cv2.INTER_AREA)
-        features[_GRADIENT_CHANNELS] = _COLOR_WEIGHT * (brightness / np.float32(255.0) - 0.5)
+    half = cv2.resize(window, (2 * cells, 2 * cells), interpolation=cv2.INTER_AREA)
+    shares = _name_shares(half) if colored else _level_shares(half)
+    rows = shares[0::2] + shares[1::2]
+    features[_GRADIENT_CHANNELS:] = (rows[:, 0::2] + rows[:, 1::2]).transpose(2, 0, 1)
     return features
 
 
@@ -131,14 +135,21 @@ def _direction_tables() -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray
     )
 
 
-def _name_channels(window: NDArray[np.uint8], cells: int) -> NDArray[np.float32]:
-    """(11, cells, cells) how much of each cell has each name."""
-    half = cv2.resize(window, (2 * cells, 2 * cells), interpolation=cv2.INTER_AREA)
+def _name_shares(half: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """(h, w, 11) how well each name fits each of (h, w, 3) pixels."""
     blue, green, red = cv2.split(half // (256 // _COLOR_LEVELS))
     number = (blue.astype(np.intp) * _COLOR_LEVELS + green) * _COLOR_LEVELS + red
-    names = _name_table().take(number, axis=0)
-    rows = names[0::2] + names[1::2]
-    return (rows[:, 0::2] + rows[:, 1::2]).transpose(2, 0, 1)
+    return _name_table().take(number, axis=0)
+
+
+def _level_shares(half: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """(h, h, 6) how near each of (h, h) pixels is to each level of the middle's range."""
+    border = len(half) // 4
+    middle = half[border : len(half) - border, border : len(half) - border]
+    low, high = np.percentile(middle, _GRAY_PERCENTILES)
+    scale = 255.0 / max(high - low, _SMALLEST_GRAY_RANGE)
+    place = np.rint(np.clip((half - low) * scale, 0.0, 255.0)).astype(np.intp)
+    return _level_table().take(place, axis=0)
 
 
 @cache
@@ -153,6 +164,14 @@ def _name_table() -> NDArray[np.float32]:
     fit = np.exp(-0.5 * np.square(distance / _NAME_REACH))
     fit /= fit.sum(axis=1, keepdims=True) + 1e-9
     return (0.25 * _COLOR_WEIGHT * fit).astype(np.float32)
+
+
+@cache
+def _level_table() -> NDArray[np.float32]:
+    """(256, 6) how near each place in the range is to each level; as `_name_table` in all."""
+    place = np.linspace(0.0, _GRAY_LEVELS - 1, 256)[:, None]
+    near = np.clip(1.0 - np.abs(place - np.arange(_GRAY_LEVELS)), 0.0, 1.0)
+    return (0.25 * _COLOR_WEIGHT * near).astype(np.float32)
 
 
 def _lab(colors: NDArray[np.float64]) -> NDArray[np.float64]:

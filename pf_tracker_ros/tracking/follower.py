@@ -149,6 +149,7 @@ class Follower:
             track=Track(),
             seen_box=first_box,
             hidden_frames=0,
+            followed_frames=0,
             estimate=_estimate(
                 _Judged(boxes[0], 1.0, Track(), particles, motion.boxes(particles.states)),
                 powers=self._fusion.powers,
@@ -203,7 +204,7 @@ class Follower:
         templates, particles = target.templates, weighed.particles
         if track.state == "tracking" or not parameters.track.coast:
             trusted = math.exp(match.log_likelihood) > parameters.template.update_above
-            if match.similarity >= parameters.template.confident_above:
+            if match.similarity >= parameters.template.confidence_asked(target.followed_frames):
                 templates = self._fusion.updated(templates, seen, trusted, parameters.template.keep)
             if foresight:
                 foresight = foresight.corrected(particles.mean, particles.covariance)
@@ -240,6 +241,7 @@ class Follower:
             track=judged.track,
             seen_box=estimate.box if is_tracking else target.seen_box,
             hidden_frames=0 if is_tracking else target.hidden_frames + 1,
+            followed_frames=target.followed_frames + 1,
             estimate=estimate,
         )
 

@@ -28,6 +28,7 @@ class Target:
         track: Whether it is seen, and for how long it has not been.
         seen_box: Its last box while it was tracked.
         hidden_frames: Frames in a row in which it was not tracked.
+        followed_frames: Frames since the first one.
         estimate: As told in the last frame.
     """
 
@@ -41,4 +42,5 @@ class Target:
     track: Track
     seen_box: Box
     hidden_frames: int
+    followed_frames: int
     estimate: Estimate
