@@ -1,5 +1,7 @@
 """The correlation response cue: the target is found where it went."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -66,6 +68,34 @@ def test_a_gray_target_that_moved_is_found_too():
     boxes, offsets = boxes_around(BOX)
     responses = CUE.strength(maps_of(gray[1], boxes), boxes, template)
     assert np.abs(offsets[responses.argmax()] - (-9, 10)).max() <= 2
+
+
+def test_a_gray_image_of_three_channels_is_one_of_one():
+    gray = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in (frame(), frame(131, 110))]
+    boxes, _ = boxes_around(BOX, 12)
+    by_channels = []
+    for first, second in (gray, [cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) for image in gray]):
+        template = CUE.learn(maps_of(first), BOX)
+        by_channels.append(CUE.strength(maps_of(second, boxes), boxes, template))
+    np.testing.assert_array_equal(*by_channels)
+
+
+@pytest.mark.parametrize("turns", ["gray", "colored"])
+def test_a_camera_may_switch_between_colors_and_gray(turns):
+    """As one with a night mode does; the target is looked for as it was learned."""
+    colored = [frame(), frame(131, 110)]
+    gray = [
+        cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+        for image in colored
+    ]
+    first, second = (colored[0], gray[1]) if turns == "gray" else (gray[0], colored[1])
+    template = CUE.learn(maps_of(first), BOX)
+    boxes, offsets = boxes_around(BOX)
+    maps = maps_of(second, boxes)
+    found = offsets[CUE.strength(maps, boxes, template).argmax()]
+    assert np.abs(found - (-9, 10)).max() <= 2
+    blended = CUE.blend(template, CUE.observe(maps, BOX + [-9, 10, 0, 0]), 0.9)
+    assert blended.filter.shape == template.filter.shape
 
 
 def test_with_one_size_a_box_reads_the_response_at_its_center_whatever_its_own():
@@ -157,8 +187,21 @@ def test_similarity_is_that_the_target_stands_out_and_is_on_its_level(template):
     assert 1 - similarity(crowd) > 1.5 * (1 - similarity(frame()))
 
 
-def test_only_every_third_blend_trains(template):
+def test_each_of_the_first_blends_trains_and_ever_less(template):
+    """With the default of 25 frames."""
+    view = CUE.observe(maps_of(frame(seed=1)), BOX)
+    changes = []
+    for frames in (1, 5, 24):
+        trained = CUE.blend(replace(template, frames=frames), view, 0.9)
+        assert (trained.frames, trained.waiting) == (frames + 1, 0)
+        changes.append(np.abs(trained.filter - template.filter).mean())
+    assert changes == sorted(changes, reverse=True)
+    assert changes[0] > 1.5 * changes[-1]
+
+
+def test_then_only_every_third_blend_trains(template):
     """With the default interval of 3; what the frames between saw makes no difference."""
+    template = replace(template, frames=25)
     others = []
     for between in (frame(), frame(seed=5)):
         view = CUE.observe(maps_of(between), BOX)
@@ -182,7 +225,9 @@ def test_only_every_third_blend_trains(template):
 def test_more_memory_adapts_slower(template):
     changes = []
     for memory in (0.0, 10.0, 300.0, 10000.0):
-        parameters = CorrelationResponseParameters(memory=memory, training_interval=1)
+        parameters = CorrelationResponseParameters(
+            memory=memory, training_interval=1, settling_frames=1
+        )
         cue = CorrelationResponse(parameters)
         trained = cue.blend(template, cue.observe(maps_of(frame(seed=1)), BOX), 0.9)
         changes.append(np.abs(trained.filter - template.filter).mean())
@@ -201,7 +246,7 @@ def test_adopting_what_was_observed_equals_learning(template):
 def test_an_image_buffer_that_is_overwritten_later_does_no_harm(template):
     buffer = frame()
     cue = CorrelationResponse(CorrelationResponseParameters(training_interval=1))
-    learned = cue.learn(maps_of(buffer), BOX)
+    learned = replace(cue.learn(maps_of(buffer), BOX), frames=25)
     waiting = CUE.blend(learned, CUE.observe(maps_of(buffer), BOX), 0.9)
     trained = cue.blend(learned, cue.observe(maps_of(buffer), BOX), 0.9)
     buffer[:] = 0

@@ -60,8 +60,8 @@ def looped_gradients(gray):
     return channels
 
 
-@pytest.mark.parametrize(("shape", "channels"), [((32, 32, 3), 24), ((32, 32), 14)])
-def test_gradients_and_eleven_colors_or_brightness(shape, channels):
+@pytest.mark.parametrize(("shape", "channels"), [((32, 32, 3), 24), ((32, 32), 19)])
+def test_gradients_and_eleven_colors_or_six_gray_levels(shape, channels):
     window = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
     features = window_features(window)
     assert features.shape == (channels, 32 // CELL_PIXELS, 32 // CELL_PIXELS)
@@ -123,8 +123,41 @@ def test_the_names_of_a_cell_are_the_means_of_its_parts():
         np.testing.assert_allclose(channels[:, i, j], np.mean(parts, axis=0), atol=1e-6)
 
 
-def test_a_gray_window_has_its_brightness_between_plus_and_minus_three_tenths():
-    window = np.repeat(np.array([0, 51, 255, 127], np.uint8), 4)[None].repeat(16, axis=0)
-    brightness = window_features(np.ascontiguousarray(window))[13]
-    expected = [-0.3, 0.6 * (0.2 - 0.5), 0.3, 0.6 * (127 / 255 - 0.5)]
-    np.testing.assert_allclose(brightness, np.tile(expected, (4, 1)), atol=1e-3)
+def strips(values):
+    """A gray window of 8 cells a side, each column of cells of one value."""
+    return np.repeat(np.array(values, np.uint8), CELL_PIXELS)[None].repeat(8 * CELL_PIXELS, axis=0)
+
+
+def test_gray_levels_span_what_is_in_the_middle_of_the_window():
+    """The middle four columns are 40 to 240, so a level is 40 wide; beyond them it is the end."""
+    levels = window_features(strips([0, 40, 40, 90, 140, 240, 200, 255]))[13:]
+    expected = np.zeros((6, 8))
+    for column, shares in enumerate(
+        ({0: 1}, {0: 1}, {0: 1}, {1: 0.75, 2: 0.25}, {2: 0.5, 3: 0.5}, {5: 1}, {4: 1}, {5: 1})
+    ):
+        for level, share in shares.items():
+            expected[level, column] = 0.6 * share
+    np.testing.assert_allclose(levels, expected[:, None].repeat(8, axis=1), atol=0.006)
+
+
+def test_a_few_pixels_do_not_stretch_the_gray_levels():
+    window = np.random.default_rng(0).integers(100, 140, (64, 64), dtype=np.uint8)
+    levels = window_features(window)[13:]
+    hot = window.copy()
+    hot[20:22, 20:22] = 255
+    same = np.abs(window_features(hot)[13:] - levels).max(axis=0) < 0.1
+    assert (~same).sum() == 1
+
+
+def test_brightness_and_contrast_do_not_change_the_gray_levels():
+    cells = 2 * np.random.default_rng(0).integers(5, 45, (16, 16), dtype=np.uint8)
+    window = np.kron(cells, np.ones((CELL_PIXELS, CELL_PIXELS), np.uint8))
+    levels = window_features(window)[13:]
+    for other in (window + 100, window // 2 + 7, 2 * window):
+        np.testing.assert_allclose(window_features(other)[13:], levels, atol=0.01)
+
+
+def test_noise_of_the_sensor_alone_hardly_has_gray_levels():
+    """Its range counts as 16 gray levels at least, so that 2 of them are less than one level."""
+    window = np.random.default_rng(0).integers(100, 103, (64, 64), dtype=np.uint8)
+    assert not window_features(window)[15:].any()
