@@ -62,7 +62,7 @@ class TemplateParameters:
     )
     confident_above: float = declared(
         0.0,
-        "No template is updated unless the confidence is at least this.",
+        "No template is updated unless the frame at hand alone gives at least this confidence.",
         minimum=0.0,
         maximum=1.0,
     )

@@ -200,7 +200,8 @@ class Follower:
         box = motion.boxes(weighed.mean[None])[0]
         seen = self._fusion.observe(maps, box)
         match = self._fusion.match(seen, target.templates)
-        track = target.track.after(match.similarity, interval, parameters.track)
+        confidence = parameters.track.confidence(target.estimate.confidence, match.similarity)
+        track = target.track.after(confidence, interval, parameters.track)
         templates, particles = target.templates, weighed.particles
         if track.state == "tracking" or not parameters.track.coast:
             trusted = math.exp(match.log_likelihood) > parameters.template.update_above
@@ -213,7 +214,7 @@ class Follower:
             # whatever hides it. The motion model alone carries them on.
             particles = weighed.predicted
             box = motion.boxes(particles.mean[None])[0]
-        judged = _Judged(box, match.similarity, track, particles, weighed.boxes)
+        judged = _Judged(box, confidence, track, particles, weighed.boxes)
         following = self._resampled(particles, weighed.boxes, generator)
         if track.state == "lost" and parameters.track.coast:
             # Going on from where the target was lost, every frame searches that region anew. Going

@@ -38,6 +38,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "template.confident_above": 0.35,
                 "track.occluded_below": 0.25,
                 "track.recovered_above": 0.45,
+                "track.confidence_rate": 0.07,
                 "track.coast": False,
                 "redetection.windows": 1,
             }

@@ -31,12 +31,30 @@ class TrackParameters:
         minimum=0.0,
         maximum=3600.0,
     )
+    confidence_rate: float = declared(
+        1.0,
+        "Share of each frame in the confidence while it rises; it falls at once. With less, good "
+        "looks after a doubtful one must be several.",
+        minimum=0.01,
+        maximum=1.0,
+    )
     coast: bool = declared(
         True,
         "While the target is occluded, let the motion model alone carry the particles on, and "
         "while it is lost, search anew from where that began. Otherwise the likeliest place is "
         "followed all the time, and only the state tells that it may not be the target.",
     )
+
+    def confidence(self, before: float, similarity: float) -> float:
+        """The confidence after a frame, 0 to 1.
+
+        Args:
+            before: The confidence after the last frame, 0 to 1.
+            similarity: What this frame alone says, 0 to 1.
+        """
+        if similarity <= before:
+            return similarity
+        return self.confidence_rate * similarity + (1.0 - self.confidence_rate) * before
 
 
 @dataclass(frozen=True)
@@ -55,7 +73,7 @@ class Track:
         """The track one frame later.
 
         Args:
-            confidence: Of that frame's measurement, 0 to 1.
+            confidence: After that frame, 0 to 1.
             interval: Seconds since the last frame.
             parameters: The thresholds.
         """
