@@ -219,7 +219,8 @@ def test_the_search_for_a_lost_target_does_not_grow_without_end(preset):
 def test_templates_freeze_while_hidden():
     """After a long look at the background the target itself still fits as before."""
     frames = walk(20)
-    tracker = Tracker.from_preset("default", parameters={"track.lost_after": 1000.0})
+    parameters = {"track.lost_after": 1000.0, "track.confidence_rate": 1.0}
+    tracker = Tracker.from_preset("default", parameters=parameters)
     before = run(tracker, frames)[-1].confidence
     for _ in range(50):
         tracker.update(BACKGROUND, dt=0.001)
