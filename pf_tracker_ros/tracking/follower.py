@@ -220,7 +220,8 @@ class Follower:
             # Going on from where the target was lost, every frame searches that region anew. Going
             # on from here, the cloud and its cost would grow without end.
             following, foresight = target.particles, target.foresight
-        if track.state != "tracking" and search:
+        is_here = match.similarity > parameters.track.recovered_above
+        if search and track.state != "tracking" and not is_here:
             found = self._redetector.found(target, frame, box, track.state == "lost")
             if found:
                 following = self._around(found.box, frame)
