@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters
 from pf_tracker_ros.parameters import ParameterError
-from pf_tracker_ros.tracking.redetection import window_centers
+from pf_tracker_ros.tracking.redetection import Redetector, window_centers
 from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
 
 PLACE = np.array([100.0, 80.0, 40.0, 40.0])
@@ -50,6 +50,22 @@ def test_a_jump_is_followed_at_once_that_is_lost_without_a_search():
         assert off_center(estimate.box, 165, 100) < 3.0
     assert found[0.6][-1].state == "tracking"
     assert off_center(found[0.0][0].box, 165, 100) > 15.0
+
+
+def test_it_is_not_looked_for_elsewhere_while_it_is_here_again(monkeypatch):
+    """Not even while the confidence, and so the state, has yet to rise."""
+    asked = []
+    monkeypatch.setattr(Redetector, "found", lambda *arguments: asked.append(1))
+    parameters = {"track.confidence_rate": 0.05}
+    tracker = Tracker.from_preset("default", parameters=parameters)
+    tracker.start(frame(120, 100), (120, 100, 36, 36))
+    for visible in [True] * 10 + [False] * 5:
+        tracker.update(frame(120, 100, visible=visible))
+    assert len(asked) == 5
+    states = [tracker.update(frame(120, 100)).state for _ in range(30)]
+    assert len(asked) == 5
+    assert states[0] == "occluded"
+    assert states[-1] == "tracking"
 
 
 def test_nothing_is_learned_of_what_hides_the_target_and_it_is_found_elsewhere():
