@@ -201,7 +201,7 @@ class Follower:
         seen = self._fusion.observe(maps, box)
         match = self._fusion.match(seen, target.templates)
         confidence = parameters.track.confidence(target.estimate.confidence, match.similarity)
-        track = target.track.after(confidence, interval, parameters.track)
+        track = target.track.after(confidence, match.similarity, interval, parameters.track)
         templates, particles = target.templates, weighed.particles
         if track.state == "tracking" or not parameters.track.coast:
             trusted = math.exp(match.log_likelihood) > parameters.template.update_above

@@ -69,11 +69,15 @@ class Track:
     state: TrackState = "tracking"
     hidden_for: float = 0.0
 
-    def after(self, confidence: float, interval: float, parameters: TrackParameters) -> Track:
+    def after(
+        self, confidence: float, similarity: float, interval: float, parameters: TrackParameters
+    ) -> Track:
         """The track one frame later.
 
         Args:
             confidence: After that frame, 0 to 1.
+            similarity: What that frame alone says, 0 to 1; a glimpse starts the clock again, even
+                before the confidence has risen.
             interval: Seconds since the last frame.
             parameters: The thresholds.
         """
@@ -82,6 +86,6 @@ class Track:
             needed = max(needed, parameters.recovered_above)
         if confidence >= needed:
             return Track()
-        hidden_for = self.hidden_for + interval
+        hidden_for = interval + (self.hidden_for if similarity < needed else 0.0)
         gone = hidden_for >= parameters.lost_after
         return Track("lost" if gone else "occluded", hidden_for)

@@ -82,6 +82,9 @@ def test_nothing_is_learned_of_what_hides_the_target_and_it_is_found_elsewhere()
     assert (sizes > 0.7).all()
     for _ in range(2):
         found = tracker.update(frame(140, 110))
+    assert off_center(found.box, 140, 110) < 4.0
+    for _ in range(10):
+        found = tracker.update(frame(140, 110))
     assert found.state == "tracking"
     assert off_center(found.box, 140, 110) < 4.0
 

@@ -10,7 +10,7 @@ PARAMETERS = TrackParameters(occluded_below=0.2, recovered_above=0.4, lost_after
 def states(confidences, interval=0.25):
     track, seen = Track(), []
     for confidence in confidences:
-        track = track.after(confidence, interval, PARAMETERS)
+        track = track.after(confidence, confidence, interval, PARAMETERS)
         seen.append(track.state)
     return seen
 
@@ -35,13 +35,21 @@ def test_a_glimpse_of_the_target_starts_the_clock_again():
     )
 
 
+def test_a_glimpse_starts_the_clock_again_before_the_confidence_has_risen():
+    track, seen = Track(), []
+    for similarity in (0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 0.0, 0.0, 0.9):
+        track = track.after(0.1, similarity, 0.25, PARAMETERS)
+        seen.append(track.state)
+    assert seen == ["occluded"] * 6 + ["lost"] * 2 + ["occluded"]
+
+
 def test_a_lost_target_that_is_seen_again_is_tracked():
     assert states([0.0] * 4 + [0.9])[-1] == "tracking"
 
 
 def test_a_threshold_of_zero_never_calls_it_occluded():
     parameters = TrackParameters(occluded_below=0.0)
-    assert Track().after(0.0, 1.0, parameters).state == "tracking"
+    assert Track().after(0.0, 0.0, 1.0, parameters).state == "tracking"
 
 
 def test_the_confidence_falls_at_once_and_rises_by_its_share_of_each_frame():
