@@ -168,8 +168,9 @@ def test_while_hidden_the_covariance_grows_and_then_the_target_is_found_again(pr
         hidden.append(tracker.update(image))
     assert {estimate.state for estimate in hidden} == {"occluded"}
     traces = [np.trace(estimate.covariance) for estimate in hidden]
-    # The box that it is measured by may change its size a little.
-    assert all(later > 0.99 * earlier for earlier, later in itertools.pairwise(traces))
+    # What a search covers goes with the size of the box, which may shrink a little meanwhile.
+    least = 0.998 if PRESETS[preset].get("proposal.search_share") else 1.0
+    assert all(later > least * earlier for earlier, later in itertools.pairwise(traces))
     assert traces[-1] > 2 * np.trace(estimates[-1].covariance)
     for t in range(34, 44):
         image, box = frame(60 + 3.0 * t, 120 + 30 * np.sin(t / 8))
