@@ -3,6 +3,8 @@
 For example, a video whose target is drawn as a box in its first frame::
 
     ros2 launch pf_tracker_ros replay.launch.py source:=clip.mp4 target_box:="[293, 97, 115, 82]"
+
+The launch ends with the recording.
 """
 
 from pathlib import Path
@@ -14,82 +16,62 @@ from launch.actions import (
     GroupAction,
     IncludeLaunchDescription,
     OpaqueFunction,
+    Shutdown,
 )
 from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-PACKAGE = "pf_tracker_ros"
-BOOLEAN = ["true", "false"]
+from pf_tracker_ros.launching import PACKAGE, Given, argument
+
 TEXTS = ("source", "bag_topic")
 FLAGS = ("loop", "start_paused", "lockstep", "target_from_ground_truth", "publish_clock")
+# Handed on to the tracker as they are.
+FOR_THE_TRACKER = (
+    *("namespace", "preset", "params_file", "image_transport"),
+    *("seed", "large_images", "log_level"),
+)
 
 
 def start_replay(context: LaunchContext) -> list[Node | GroupAction]:
     """The replay publisher with what was given, and the tracker that it plays to."""
-
-    def given(name: str) -> str:
-        return LaunchConfiguration(name).perform(context)
-
-    share = Path(get_package_share_directory(PACKAGE))
-    parameters = {name: ParameterValue(given(name), value_type=str) for name in TEXTS}
-    parameters |= {name: given(name) == "true" for name in FLAGS}
-    parameters["rate"] = ParameterValue(given("rate"), value_type=float)
-    if given("target_box"):
-        parameters["target_box"] = box(given("target_box"))
-    environment = {}
-    if given("large_images") == "true":
-        profile = share / "config/fastdds_large_images.xml"
-        environment["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
-    image = given("image")
+    given = Given(context)
+    parameters = {name: ParameterValue(given.text(name), value_type=str) for name in TEXTS}
+    parameters |= {name: given.flag(name) for name in FLAGS}
+    parameters["rate"] = given.number("rate", float)
+    if box := given.box("target_box"):
+        parameters["target_box"] = box
+    image = given.text("image")
     replay = Node(
         package=PACKAGE,
         executable="replay",
         name="replay",
-        namespace=given("namespace") or None,
+        namespace=given.text("namespace") or None,
         parameters=[parameters],
         remappings=[("image", image), ("image/compressed", f"{image}/compressed")],
-        additional_env=environment,
+        arguments=given.log_arguments(),
+        additional_env=given.environment(),
         output="screen",
         emulate_tty=True,
+        on_exit=Shutdown(reason="the replay has ended"),
     )
-    if given("tracker") == "false":
+    if not given.flag("tracker"):
         return [replay]
+    launch_file = Path(get_package_share_directory(PACKAGE)) / "launch" / "tracker.launch.py"
     tracker = IncludeLaunchDescription(
-        PythonLaunchDescriptionSource(str(share / "launch" / "tracker.launch.py")),
+        PythonLaunchDescriptionSource(str(launch_file)),
         launch_arguments={
+            **{name: given.text(name) for name in FOR_THE_TRACKER},
             "image": image,
-            "namespace": given("namespace"),
-            "preset": given("preset"),
-            "params_file": given("params_file"),
             # The replay publisher sends the target, after which it plays the first frame.
             "target_box": "",
-            # Lockstep waits for every frame, so none may be dropped on the way.
-            "image_reliability": "reliable" if given("lockstep") == "true" else "",
-            "image_transport": given("image_transport"),
+            "image_reliability": "",
             "autostart": "true",
-            "use_sim_time": given("publish_clock"),
-            "large_images": given("large_images"),
+            "use_sim_time": given.text("publish_clock"),
         }.items(),
     )
     # A group, because the tracker's arguments would otherwise replace those of the same name here.
     return [replay, GroupAction([tracker])]
-
-
-def box(text: str) -> list[float] | ParameterValue:
-    """Four numbers with or without brackets; any other text is left for the node to refuse."""
-    try:
-        return [float(part) for part in text.strip("[] ").split(",")]
-    except ValueError:
-        return ParameterValue(text, value_type=str)
-
-
-def flag(name: str, description: str, default_value: str = "false") -> DeclareLaunchArgument:
-    """An argument that is true or false."""
-    return DeclareLaunchArgument(
-        name, default_value=default_value, choices=BOOLEAN, description=description
-    )
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -101,42 +83,44 @@ def generate_launch_description() -> LaunchDescription:
                 description="A rosbag2 folder or .mcap file, a video, a folder of images or a "
                 "sequence folder.",
             ),
-            DeclareLaunchArgument(
-                "bag_topic",
-                default_value="",
-                description="Image topic of the bag; empty takes the only one that there is.",
+            argument(
+                "bag_topic", "Image topic of the bag; empty takes the only one that there is."
             ),
-            DeclareLaunchArgument(
-                "rate", default_value="1.0", description="Speed relative to the recording."
+            argument("rate", "Speed relative to the recording.", default="1.0"),
+            argument("loop", "Begin again at the end.", default="false"),
+            argument(
+                "start_paused", "Wait for the service ~/pause before the first frame.", "false"
             ),
-            flag("loop", "Begin again at the end."),
-            flag("start_paused", "Wait for the service ~/pause before the first frame."),
-            flag("lockstep", "Play each frame after the tracker's answer to the last one."),
-            DeclareLaunchArgument(
-                "target_box",
-                default_value="",
-                description="Target in the first frame, [x, y, width, height] in pixels.",
+            argument(
+                "lockstep", "Play each frame after the tracker's answer to the last.", "false"
             ),
-            flag("target_from_ground_truth", "Take the target from the source's ground truth."),
-            flag("publish_clock", "Publish the recording's time on /clock, and track by it."),
-            DeclareLaunchArgument(
-                "image", default_value="image", description="Topic of the images."
+            argument("target_box", "Target in the first frame, [x, y, width, height] in pixels."),
+            argument(
+                "target_from_ground_truth",
+                "Take the target from the source's ground truth.",
+                default="false",
             ),
-            DeclareLaunchArgument(
-                "namespace", default_value="", description="Namespace of both nodes."
+            argument(
+                "publish_clock",
+                "Publish the recording's time on /clock, and track by it.",
+                default="false",
             ),
-            flag("tracker", "Start a tracker as well.", default_value="true"),
-            DeclareLaunchArgument("preset", default_value="", description="Preset of the tracker."),
-            DeclareLaunchArgument(
-                "params_file", default_value="", description="ROS parameter file of the tracker."
-            ),
-            DeclareLaunchArgument(
+            argument("image", "Topic of the images.", default="image"),
+            argument("namespace", "Namespace of both nodes."),
+            argument("tracker", "Start a tracker as well.", default="true"),
+            argument("preset", "Preset of the tracker."),
+            argument("params_file", "ROS parameter file of the tracker."),
+            argument(
                 "image_transport",
-                default_value="",
-                description="compressed for a bag of compressed images; else the tracker takes "
-                "raw ones.",
+                "compressed for a bag of compressed images; else the tracker takes raw ones.",
             ),
-            flag("large_images", "Use the Fast DDS profile for large images in both nodes."),
+            argument("seed", "Seeds all randomness of the tracker."),
+            argument(
+                "large_images",
+                "Use the Fast DDS profile for large images in both nodes.",
+                default="false",
+            ),
+            argument("log_level", "debug, info, warn, error or fatal, of both nodes."),
             OpaqueFunction(function=start_replay),
         ]
     )

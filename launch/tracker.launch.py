@@ -6,118 +6,78 @@ For example, for a target drawn as a box in the first frame::
         target_box:="[293, 97, 115, 82]"
 """
 
-from pathlib import Path
-
-from ament_index_python.packages import get_package_share_directory
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration
+from launch.actions import OpaqueFunction
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-PACKAGE = "pf_tracker_ros"
-BOOLEAN = ["true", "false"]
+from pf_tracker_ros.launching import PACKAGE, Given, argument
+
 TEXTS = ("preset", "image_reliability", "image_transport")
 
 
 def start_tracker(context: LaunchContext) -> list[Node]:
     """The tracker node with what was given; the rest is for its own defaults."""
-
-    def given(name: str) -> str:
-        return LaunchConfiguration(name).perform(context)
-
-    parameters = {"use_sim_time": given("use_sim_time") == "true"}
+    given = Given(context)
+    parameters = {"use_sim_time": given.flag("use_sim_time")}
     for name in TEXTS:
-        if given(name):
-            parameters[name] = ParameterValue(given(name), value_type=str)
-    if given("autostart") == "false":
+        if given.text(name):
+            parameters[name] = ParameterValue(given.text(name), value_type=str)
+    if not given.flag("autostart"):
         parameters["autostart"] = False
-    if given("target_box"):
-        parameters["target_box"] = box(given("target_box"))
-    environment = {}
-    if given("large_images") == "true":
-        profile = Path(get_package_share_directory(PACKAGE)) / "config/fastdds_large_images.xml"
-        environment["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
-    files = [given("params_file")] if given("params_file") else []
+    if given.text("seed"):
+        parameters["seed"] = given.number("seed", int)
+    if box := given.box("target_box"):
+        parameters["target_box"] = box
+    files = [given.text("params_file")] if given.text("params_file") else []
     return [
         Node(
             package=PACKAGE,
             executable="tracker",
             name="pf_tracker",
-            namespace=given("namespace") or None,
+            namespace=given.text("namespace") or None,
             # What comes later wins, so an argument wins over the file.
             parameters=[*files, parameters],
-            remappings=[("image", given("image"))],
-            additional_env=environment,
+            remappings=[("image", given.text("image"))],
+            arguments=given.log_arguments(),
+            additional_env=given.environment(),
             output="screen",
             emulate_tty=True,
         )
     ]
 
 
-def box(text: str) -> list[float] | ParameterValue:
-    """Four numbers with or without brackets; any other text is left for the node to refuse."""
-    try:
-        return [float(part) for part in text.strip("[] ").split(",")]
-    except ValueError:
-        return ParameterValue(text, value_type=str)
-
-
 def generate_launch_description() -> LaunchDescription:
     """Arguments and the tracker; an empty argument leaves the node's own default in force."""
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                "image", default_value="image", description="Topic of the images."
-            ),
-            DeclareLaunchArgument(
-                "namespace",
-                default_value="",
-                description="Namespace of the node, one for each of several cameras.",
-            ),
-            DeclareLaunchArgument(
-                "preset", default_value="", description="Preset, such as default or li2007."
-            ),
-            DeclareLaunchArgument(
-                "params_file",
-                default_value="",
-                description="ROS parameter file, such as a copy of one in config/.",
-            ),
-            DeclareLaunchArgument(
+            argument("image", "Topic of the images.", default="image"),
+            argument("namespace", "Namespace of the node, one for each of several cameras."),
+            argument("preset", "Preset, such as default or li2007; taken whole, over the file."),
+            argument("params_file", "ROS parameter file, such as a copy of one in config/."),
+            argument(
                 "target_box",
-                default_value="",
-                description="Box to track from the first frame on, [x, y, width, height] in "
-                "pixels; without it the tracker waits for a target on ~/target.",
+                "Box to track from the first image on, [x, y, width, height] in pixels; without it "
+                "the tracker waits for a target on ~/target.",
             ),
-            DeclareLaunchArgument(
-                "image_reliability",
-                default_value="",
-                description="best_effort (newest frame wins) or reliable (every frame).",
+            argument("image_reliability", "auto, best_effort or reliable."),
+            argument(
+                "image_transport", "raw, or compressed for JPEG and PNG on <image>/compressed."
             ),
-            DeclareLaunchArgument(
-                "image_transport",
-                default_value="",
-                description="raw, or compressed for JPEG and PNG on <image>/compressed.",
-            ),
-            DeclareLaunchArgument(
+            argument("seed", "Seeds all randomness."),
+            argument(
                 "autostart",
-                default_value="true",
-                choices=BOOLEAN,
-                description="Start tracking at once; false leaves it to a lifecycle manager.",
+                "Start tracking at once; false leaves it to a lifecycle manager.",
+                default="true",
             ),
-            DeclareLaunchArgument(
-                "use_sim_time",
-                default_value="false",
-                choices=BOOLEAN,
-                description="Take the time from /clock.",
-            ),
-            DeclareLaunchArgument(
+            argument("use_sim_time", "Take the time from /clock.", default="false"),
+            argument(
                 "large_images",
-                default_value="false",
-                choices=BOOLEAN,
-                description="Use the Fast DDS profile for large images; the publisher of the "
-                "images needs it too.",
+                "Use the Fast DDS profile for large images; the publisher of the images needs it "
+                "too.",
+                default="false",
             ),
+            argument("log_level", "debug, info, warn, error or fatal."),
             OpaqueFunction(function=start_tracker),
         ]
     )

@@ -21,6 +21,7 @@ from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
 _COMMAND = "python -m pf_tracker_ros.node.generate"
 _LINE_LENGTH = 100
+_INDENT = " " * 4
 _NODE = declarations(NodeParameters)
 
 
@@ -32,34 +33,31 @@ def generated_files() -> dict[str, str]:
 
 
 def _preset_file(preset: str) -> str:
-    """A ROS parameter file; it names every parameter, nested by its groups."""
+    """A ROS parameter file that sets the preset, and names every other parameter in a comment."""
     values = {name: declaration.default for name, declaration in _NODE.items()}
-    values |= {"preset": preset} | preset_parameters(preset)
+    values |= preset_parameters(preset)
     lines = [
-        f"# Parameters of the tracker node, preset {preset}.",
-        f"# Written by `{_COMMAND}`; copy it to change it, and use it with",
+        f"# Parameters of the tracker node: the preset {preset}. To change a value, copy the file,",
+        "# take away the # in front of the parameter's name, and use the copy with",
         "#   ros2 run pf_tracker_ros tracker --ros-args --params-file FILE",
+        f"# (Written by `{_COMMAND}`.)",
         "/**:",
         "  ros__parameters:",
     ]
-    known = _NODE | declarations(TrackerParameters)
-    groups: list[str] = []
-    for name, declaration in known.items():
-        *path, leaf = name.split(".")
-        common = _common_length(groups, path)
-        lines += [f"{_indent(depth)}{path[depth]}:" for depth in range(common, len(path))]
-        groups = path
-        indent = _indent(len(path))
+    for name, declaration in (_NODE | declarations(TrackerParameters)).items():
         fixed = "fixed while the node runs" if name in _NODE else "a change learns the target again"
         comment = f"{declaration.description} {_allowed(declaration, fixed)}."
         lines += textwrap.wrap(
             comment,
             _LINE_LENGTH,
-            initial_indent=f"{indent}# ",
-            subsequent_indent=f"{indent}# ",
+            initial_indent=f"{_INDENT}# ",
+            subsequent_indent=f"{_INDENT}# ",
             break_on_hyphens=False,
         )
-        lines.append(f"{indent}{leaf}: {_yaml(values[name])}")
+        if name == "preset":
+            lines.append(f"{_INDENT}{name}: {_yaml(preset)}")
+        else:
+            lines.append(f"{_INDENT}#{name}: {_yaml(values[name])}")
     return "\n".join(lines) + "\n"
 
 
@@ -134,19 +132,6 @@ def _yaml(value: Any) -> str:
         # Without a point, readers of YAML disagree on whether 1e-05 is a number.
         return text.replace("e", ".0e") if "e" in text and "." not in text else text
     return json.dumps(value)
-
-
-def _common_length(first: list[str], second: list[str]) -> int:
-    length = 0
-    for one, other in zip(first, second, strict=False):
-        if one != other:
-            break
-        length += 1
-    return length
-
-
-def _indent(depth: int) -> str:
-    return "  " * (depth + 2)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -1,24 +1,43 @@
-"""The node's images: one subscription, raw or compressed."""
+"""The node's images: one subscription, raw or compressed, as reliable as the publishers allow."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from sensor_msgs.msg import CompressedImage, Image
 
-from pf_tracker_ros.node.qos import IMAGE_QOS, subscribe
+from pf_tracker_ros.node.qos import is_overridden, subscribe
 
 _TYPES = {"raw": Image, "compressed": CompressedImage}
+
+# The newest frame wins; where every frame is asked for, a few may wait.
+_PROFILES = {
+    "best_effort": QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
+    "reliable": QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE),
+}
+_NEWEST_RELIABLY = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
+
+# How often `auto` looks who publishes. A publisher that offers less than what is asked for is
+# noticed at once.
+_LOOK_INTERVAL = 0.5
 
 
 class ImageInput:
     """Subscribes to the images while it is open, and again when it is told how.
 
+    With the reliability `auto` it asks for what all publishers offer, and follows them as they come
+    and go. Before any is there it expects reliable ones.
+
     Attributes:
         topic: Name of the topic, empty while closed.
+        reliability: In force, `reliable` or `best_effort`.
     """
 
     def __init__(
@@ -34,29 +53,88 @@ class ImageInput:
             receive: Called with each message, an Image or a CompressedImage.
             report: Called with a sentence if a publisher and the subscription cannot match.
         """
+        self.reliability = "reliable"
         self._node = node
         self._receive = receive
         self._report = report
+        self._transport = "raw"
         self._subscription: Subscription | None = None
+        self._look: Timer | None = None
 
     @property
     def topic(self) -> str:  # noqa: D102
         return self._subscription.topic_name if self._subscription else ""
 
     def open(self, transport: str, reliability: str) -> None:
-        """Subscribe; what was subscribed before is given up."""
+        """Subscribe; what was subscribed before is given up.
+
+        Args:
+            transport: `raw` or `compressed`.
+            reliability: `auto`, `reliable` or `best_effort`.
+        """
         self.close()
-        self._subscription = subscribe(
-            self._node,
-            _TYPES[transport],
-            self._topic_of(transport),
-            self._receive,
-            profile=IMAGE_QOS[reliability],
-            report=self._report,
+        self._transport = transport
+        name = self._node.resolve_topic_name(self._topic_of(transport))
+        if reliability == "auto" and is_overridden(self._node, name, "subscription", "reliability"):
+            reliability = "reliable"
+        if reliability != "auto":
+            self._subscribe(_PROFILES[reliability])
+            return
+        self.reliability = self._offered(name)
+        self._subscribe_to_newest()
+        self._look = self._node.create_timer(
+            _LOOK_INTERVAL, self._follow, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
     def close(self) -> None:
         """Give the subscription up."""
+        if self._look:
+            self._node.destroy_timer(self._look)
+            self._look = None
+        self._unsubscribe()
+
+    def _offered(self, topic: str) -> str:
+        """What all publishers offer; what is in force while there are none."""
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        reliabilities = {publisher.qos_profile.reliability for publisher in publishers}
+        if not reliabilities:
+            return self.reliability
+        return "reliable" if reliabilities == {ReliabilityPolicy.RELIABLE} else "best_effort"
+
+    def _follow(self) -> None:
+        offered = self._offered(self.topic)
+        if offered == self.reliability:
+            return
+        self.reliability = offered
+        self._node.get_logger().info(
+            f"images on {self.topic} are subscribed to with {offered.replace('_', ' ')} delivery, "
+            "as their publishers offer"
+        )
+        self._unsubscribe()
+        self._subscribe_to_newest()
+
+    def _subscribe_to_newest(self) -> None:
+        reliable = self.reliability == "reliable"
+        profile = _NEWEST_RELIABLY if reliable else _PROFILES["best_effort"]
+        self._subscribe(profile, self._follow)
+
+    def _subscribe(
+        self, profile: QoSProfile, on_unreliable: Callable[[], None] | None = None
+    ) -> None:
+        self._subscription = subscribe(
+            self._node,
+            _TYPES[self._transport],
+            self._topic_of(self._transport),
+            self._receive,
+            profile=profile,
+            report=self._report,
+            reliability_cure="; set image_reliability to auto, or let the publisher be reliable",
+            on_unreliable=on_unreliable,
+        )
+        is_lossy = self._subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+        self.reliability = "best_effort" if is_lossy else "reliable"
+
+    def _unsubscribe(self) -> None:
         if self._subscription:
             self._node.destroy_subscription(self._subscription)
             self._subscription = None

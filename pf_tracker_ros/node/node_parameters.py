@@ -14,8 +14,9 @@ class NodeParameters:
 
     preset: str = declared(
         "default",
-        "Preset that gives the tracker's tunables their values, except those that were set by "
-        "name. A change while a target is tracked learns the target again where it was last seen.",
+        "Preset that gives all tunables of the tracker their values; those that are set by name "
+        "with it or after it win. A change while a target is tracked learns the target again where "
+        "it was last seen.",
         choices=tuple(PRESETS),
     )
     seed: int = declared(
@@ -53,10 +54,11 @@ class NodeParameters:
         choices=("raw", "compressed"),
     )
     image_reliability: str = declared(
-        "best_effort",
-        "Reliability asked of the image publisher: best_effort takes the newest frame and may "
-        "lose others; reliable takes every frame, but gets none from a best-effort publisher.",
-        choices=("best_effort", "reliable"),
+        "auto",
+        "Reliability asked of the image publishers: auto is reliable where all of them offer it, "
+        "and takes the newest frame; best_effort may lose frames on the way; reliable keeps up to "
+        "ten frames waiting, and gets none from a best-effort publisher.",
+        choices=("auto", "best_effort", "reliable"),
     )
     largest_image: int = declared(
         2**24,

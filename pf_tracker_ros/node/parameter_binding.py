@@ -9,7 +9,7 @@ the parameter holds its default until it is set rightly.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -81,7 +81,6 @@ class ParameterBinding:
             its default.
         refused: Full name to the reason, for each parameter that was given a wrong value at
             start-up and has not been set rightly since.
-        given: Full names of the parameters that the user has set, at start-up or at run time.
     """
 
     def __init__(self, node: Node, report: Callable[[str], None] | None = None) -> None:
@@ -94,14 +93,12 @@ class ParameterBinding:
         """
         self.values: dict[str, Any] = {}
         self.refused: dict[str, str] = {}
-        self.given: set[str] = set()
         self._node = node
         self._report = report or node.get_logger().error
         self._declarations: dict[str, Declaration] = {}
         # rclpy has no public way to see an override before it is declared, and declaring one of
         # the wrong type raises instead of telling what it was.
         self._overrides: dict[str, Parameter] = dict(node._parameter_overrides)
-        self._implied: set[str] = set()
         self._locked = False
         self._check: Callable[[Values], None] = lambda values: None
         self._apply: Callable[[Values], None] = lambda changes: None
@@ -109,7 +106,10 @@ class ParameterBinding:
         self._ready: Callable[[], bool] = lambda: True
 
     def declare(
-        self, declarations: Mapping[str, Declaration], defaults: Values | None = None
+        self,
+        declarations: Mapping[str, Declaration],
+        defaults: Values | None = None,
+        superseded: Collection[str] = (),
     ) -> None:
         """Declare parameters on the node; what the user gave at start-up comes over the defaults.
 
@@ -118,13 +118,13 @@ class ParameterBinding:
         Args:
             declarations: Full name to declaration.
             defaults: Full name to a default that replaces the declaration's own.
+            superseded: Full names of which the default counts, whatever was given at start-up.
         """
         for name, declaration in declarations.items():
             self._declarations[name] = declaration
             default = declaration.default if defaults is None else defaults[name]
             self.values[name] = declaration.validate(default)
-            if name in self._overrides:
-                self.given.add(name)
+            if name in self._overrides and name not in superseded:
                 try:
                     self.values[name] = _checked(declaration, self._overrides[name])
                 except ParameterError as error:
@@ -202,10 +202,10 @@ class ParameterBinding:
                     f"parameter '{parameter.name}' is fixed while the node runs; "
                     "give it at start-up instead"
                 )
-        implied = self._imply(requested)
-        self._implied = set(implied) - set(requested)
         converted.extend(
-            ros_parameter(self._declarations[name], implied[name]) for name in self._implied
+            ros_parameter(self._declarations[name], value)
+            for name, value in self._imply(requested).items()
+            if name not in requested
         )
         return converted
 
@@ -231,7 +231,6 @@ class ParameterBinding:
         if not changes:
             return
         self.values.update(changes)
-        self.given.update(changes.keys() - self._implied)
         for name in changes:
             self.refused.pop(name, None)
         self._apply(changes)

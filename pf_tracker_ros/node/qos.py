@@ -22,11 +22,6 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 Report = Callable[[str], None]
 
-# The newest frame wins where frames may be lost; else a few may wait.
-IMAGE_QOS = {
-    "best_effort": QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
-    "reliable": QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE),
-}
 DEFAULT_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 # Whoever comes late hears the last ones too.
 LATCHED_QOS = QoSProfile(
@@ -46,21 +41,35 @@ def subscribe(
     *,
     profile: QoSProfile,
     report: Report,
+    reliability_cure: str = "",
+    on_unreliable: Callable[[], None] | None = None,
     raw: bool = False,
 ) -> Subscription:
     """Subscribe with the user's QoS overrides; a publisher that does not match is reported.
 
-    With `raw`, the callback gets the messages as the bytes that they came as.
+    Args:
+        node: The node that subscribes.
+        message_type: Of the messages.
+        topic: Name of the topic.
+        callback: Called with each message.
+        profile: What is asked of publishers.
+        report: Called with a sentence if a publisher offers less.
+        reliability_cure: What to do where that is their reliability.
+        on_unreliable: Called instead of `report` where it is.
+        raw: Whether the callback gets the messages as the bytes that they came as.
     """
     name = node.resolve_topic_name(topic)
     asked = copy(profile)
 
     def on_mismatch(event: Any) -> None:
         policy = qos_policy_name_from_kind(event.last_policy_kind)
+        if policy == "RELIABILITY" and on_unreliable is not None:
+            on_unreliable()
+            return
         others = _names(node.get_publishers_info_by_topic(name), policy, asked)
         report(
             f"nothing arrives on {name} from {others}, but {node.get_fully_qualified_name()} asks "
-            f"for {_value(asked, policy)}{_cure(policy)}"
+            f"for {_value(asked, policy)}{reliability_cure if policy == 'RELIABILITY' else ''}"
         )
 
     events = SubscriptionEventCallbacks(incompatible_qos=on_mismatch)
@@ -111,6 +120,18 @@ def given_overrides(node: Node) -> set[str]:
     return {name for name in node._parameter_overrides if name.startswith(PREFIX)}
 
 
+def is_overridden(node: Node, topic: str, entity: str, policy: str) -> bool:
+    """Whether the user gave a policy of an endpoint at start-up.
+
+    Args:
+        node: Of the endpoint.
+        topic: Its full name.
+        entity: `publisher` or `subscription`.
+        policy: Such as `reliability`.
+    """
+    return f"{PREFIX}{topic}.{entity}.{policy}" in given_overrides(node)
+
+
 def _with_overrides(
     node: Node, create: Callable[[Any], Any], topic: str, entity: str, report: Report
 ) -> Any:
@@ -119,11 +140,10 @@ def _with_overrides(
     Only policies that the user overrides become parameters: a declared one would hold the profile
     of the first endpoint for all later ones.
     """
-    given = given_overrides(node)
     policies = [
         policy
         for policy in QoSPolicyKind
-        if f"{PREFIX}{topic}.{entity}.{policy.name.lower()}" in given
+        if is_overridden(node, topic, entity, policy.name.lower())
     ]
     if not policies:
         return create(None)
@@ -155,9 +175,3 @@ def _node_name(endpoint: TopicEndpointInfo) -> str:
 def _value(profile: QoSProfile, policy: str) -> str:
     value = getattr(profile, policy.lower(), None)
     return f"{policy} {getattr(value, 'name', value)}"
-
-
-def _cure(policy: str) -> str:
-    if policy == "RELIABILITY":
-        return "; set image_reliability to best_effort, or let the publisher be reliable"
-    return ""

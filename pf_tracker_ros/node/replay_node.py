@@ -17,6 +17,7 @@ from geometry_msgs.msg import PolygonStamped
 from rclpy.duration import Duration
 from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
@@ -54,6 +55,9 @@ class ReplayNode(Node):
     A wrong parameter or a source that cannot be read keeps it from playing until both are set
     rightly; it stays up. Its context is shut down at the end of the source.
 
+    A source without a time of its own, such as a video, is stamped with the node's time as it is
+    played; in lockstep and with `publish_clock` from 1 s on, so that each run is the same.
+
     Attributes:
         exit_code: 1 once the source has failed while it was played, else 0.
     """
@@ -68,6 +72,7 @@ class ReplayNode(Node):
         self._log = self.get_logger()  # type: ignore[no-untyped-call]
         self.exit_code = 0
         self._published = 0
+        self._delay: int | None = None
         self._thread: threading.Thread | None = None
         self._binding = ParameterBinding(self)
         self._binding.declare(declarations(ReplayParameters))
@@ -139,6 +144,8 @@ class ReplayNode(Node):
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._playback.paused = request.data
+        # Time has gone on in the meantime.
+        self._delay = None
         response.success = True
         response.message = (
             f"{'paused' if request.data else 'playing'}, {self._published} frames published"
@@ -181,9 +188,11 @@ class ReplayNode(Node):
 
     def _play_pass(self) -> None:
         target_is_due = self._sends_target
+        self._delay = None
         with closing(Prefetch(self._source.items())) as items:
-            for item in items:
-                self._wait_until_due(item)
+            for read in items:
+                self._wait_until_due(read)
+                item = self._stamped(read)
                 if target_is_due:
                     target_is_due = not self._send_target(item)
                 self._playback.forget_answer()
@@ -191,6 +200,14 @@ class ReplayNode(Node):
                 self._published += 1
                 if self._fixed.lockstep:
                     self._wait_for_status(item)
+
+    def _stamped(self, item: ReplayItem) -> ReplayItem:
+        """The item with the stamp that it goes out with."""
+        if self._source.has_time or self._fixed.lockstep or self._fixed.publish_clock:
+            return item
+        if self._delay is None:
+            self._delay = self.get_clock().now().nanoseconds - item.stamp
+        return item.delayed(self._delay)
 
     def _wait_until_due(self, item: ReplayItem) -> None:
         rate = None if self._fixed.lockstep else lambda: self._binding.values["rate"]
@@ -291,11 +308,12 @@ class ReplayNode(Node):
             )
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str] | None = None, source: str | None = None) -> int:
     """Run the replay publisher until its source ends or it is told to stop.
 
     Args:
         arguments: The command line with the program's name, by default that of the process.
+        source: In place of the parameter `source`.
 
     Returns:
         The exit code: 0 at the end or when stopped, 1 if the source failed while it was played.
@@ -303,7 +321,8 @@ def main(arguments: list[str] | None = None) -> int:
     nodes: list[ReplayNode] = []
 
     def create() -> ReplayNode:
-        nodes.append(ReplayNode())
+        given = [] if source is None else [Parameter("source", value=source)]
+        nodes.append(ReplayNode(parameter_overrides=given))
         return nodes[0]
 
     run(create, arguments)

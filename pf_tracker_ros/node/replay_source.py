@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
+import numpy as np
 from geometry_msgs.msg import PolygonStamped
+from rclpy.time import Time
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
@@ -41,6 +43,19 @@ class ReplayItem:
     image: Image | bytes
     ground_truth: PolygonStamped | bytes | None
 
+    def delayed(self, delay: int) -> ReplayItem:
+        """The same item later, by nanoseconds; its messages are stamped anew, in place.
+
+        Raises:
+            TypeError: Its messages are recorded bytes.
+        """
+        for message in (self.image, self.ground_truth):
+            if isinstance(message, bytes):
+                raise TypeError("the stamps of recorded bytes stay as they are")
+            if message is not None:
+                message.header.stamp = Time(nanoseconds=self.stamp + delay).to_msg()
+        return replace(self, stamp=self.stamp + delay, time=self.time + delay)
+
 
 class ReplaySource(Protocol):
     """A recording as messages.
@@ -50,6 +65,7 @@ class ReplaySource(Protocol):
         image_type: Message class of the images.
         count: Number of images as far as the source tells, else None.
         has_ground_truth: Whether there are true boxes.
+        has_time: Whether its stamps are those of the recording, and not counted from its start.
     """
 
     @property
@@ -60,6 +76,8 @@ class ReplaySource(Protocol):
     def count(self) -> int | None: ...  # noqa: D102
     @property
     def has_ground_truth(self) -> bool: ...  # noqa: D102
+    @property
+    def has_time(self) -> bool: ...  # noqa: D102
 
     def items(self) -> Generator[ReplayItem, None, None]:
         """Read the images in order; each call starts from the first.
@@ -95,6 +113,8 @@ def open_replay_source(parameters: ReplayParameters) -> ReplaySource:
 class BagSource:
     """The images of a bag, as the bytes that were recorded."""
 
+    has_time = True
+
     def __init__(self, bag: ImageBag) -> None:
         """Replay the images of `bag`."""
         self._bag = bag
@@ -113,6 +133,7 @@ class FootageSource:
     """Frames of a video, a folder of images or a sequence, made into messages."""
 
     image_type = Image
+    has_time = False
 
     def __init__(self, footage: Footage, frame_id: str) -> None:
         """Replay `footage` with `frame_id` in the headers."""
@@ -128,7 +149,10 @@ class FootageSource:
         for index, frame in enumerate(self._footage.frames()):
             header = make_header(frame.stamp, self._frame_id)
             image = image_message(frame.image, header)
-            ground_truth = None if boxes is None else box_message(as_box(boxes[index]), header)
+            ground_truth = None
+            # A target that is absent from a frame has no box there.
+            if boxes is not None and np.isfinite(boxes[index]).all():
+                ground_truth = box_message(as_box(boxes[index]), header)
             yield ReplayItem(frame.stamp, frame.stamp, image, ground_truth)
 
 

@@ -80,4 +80,5 @@ class Reporter:
     def _remember(self, error: str) -> None:
         self.last_error = error
         self.count += 1
-        self._unshown.append(error)
+        if error not in self._unshown:
+            self._unshown.append(error)

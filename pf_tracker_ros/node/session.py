@@ -222,7 +222,9 @@ class Session:
         kept = [past for past in self.history.since(requested.stamp) if past.stamp < frame.stamp]
         frames = [*kept, frame]
         behind = frames[0].stamp - requested.stamp
-        if behind > _SUBSTITUTE_WITHIN or requested.stamp <= self.history.dropped_until:
+        # What was dropped before time went back says nothing of the frames since.
+        is_dropped = requested.stamp <= self.history.dropped_until < frame.stamp
+        if behind > _SUBSTITUTE_WITHIN or is_dropped:
             raise ValueError(
                 f"it was drawn on a frame from {behind / NANOSECONDS:.3f} s before the oldest one "
                 f"here; allowed: one of the last {len(kept) + 1} frames (parameters "

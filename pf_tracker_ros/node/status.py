@@ -38,7 +38,8 @@ class Status:
         requested_stamp: Stamp of the frame that a requested target waits for, None or 0 without.
         obstacle: What keeps the node from tracking at all, or empty.
         enabled: Whether it looks at images.
-        preset: Of the tracker.
+        preset: Of the tracker, and how many values differ from it.
+        lost_share: Share of the camera's frames that did not come, 0 to 1.
     """
 
     frame: str
@@ -47,6 +48,7 @@ class Status:
     obstacle: str
     enabled: bool
     preset: str
+    lost_share: float
 
     @property
     def state(self) -> str:
@@ -103,6 +105,7 @@ class StatusOutput:
         if status.estimate:
             values |= estimate_values(status.estimate)
         values["processing_time_ms"] = 1e3 * elapsed
+        values["lost_share"] = status.lost_share
         values["preset"] = status.preset
         values["last_error"] = reporter.last_error
         name = self._node.get_fully_qualified_name()

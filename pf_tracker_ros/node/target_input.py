@@ -61,7 +61,16 @@ class TargetInput:
         self._report = report
         # As bytes: a polygon of millions of points would become as many objects of Python.
         self._subscriptions = [
-            subscribe(node, kind, topic, receive, profile=DEFAULT_QOS, report=report, raw=True)
+            subscribe(
+                node,
+                kind,
+                topic,
+                receive,
+                profile=DEFAULT_QOS,
+                report=report,
+                reliability_cure="; publish targets reliably",
+                raw=True,
+            )
             for kind, topic, receive in (
                 (PolygonStamped, "~/target", self._on_target),
                 (PointStamped, "~/click", self._on_click),

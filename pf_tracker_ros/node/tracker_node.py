@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 import time
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -17,17 +20,20 @@ from pf_tracker_ros.node.managed_node import ManagedNode
 from pf_tracker_ros.node.message_building import Box, TargetError, estimate_values
 from pf_tracker_ros.node.node_parameters import NodeParameters
 from pf_tracker_ros.node.outputs import Outputs
+from pf_tracker_ros.node.override_sources import given_before
 from pf_tracker_ros.node.parameter_binding import ParameterBinding, Values
+from pf_tracker_ros.node.parameter_requests import take_whole_requests
 from pf_tracker_ros.node.qos import given_overrides
 from pf_tracker_ros.node.reporter import LOG_INTERVAL, Reporter
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.node.services import Services
 from pf_tracker_ros.node.session import NANOSECONDS, Outcome, Session, TimePolicy
+from pf_tracker_ros.node.state_log import StateLog
 from pf_tracker_ros.node.status import Status, StatusOutput
 from pf_tracker_ros.node.target_input import TargetInput, nanoseconds
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.presets import preset_parameters
+from pf_tracker_ros.tracking.presets import PresetInForce, preset_parameters
 
 
 class TrackerNode(ManagedNode):
@@ -38,16 +44,19 @@ class TrackerNode(ManagedNode):
     keeps the node from tracking until it is set rightly; it stays up.
 
     Args:
+        command_line: Of the process; it tells in which order parameters were given, which those
+            that reach the node do not.
         **options: Of `rclpy.node.Node`.
     """
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, command_line: Sequence[str] = (), **options: Any) -> None:
         super().__init__("pf_tracker", **options)
-        self._reporter = Reporter(self.get_logger())  # type: ignore[no-untyped-call]
+        self._log = self.get_logger()  # type: ignore[no-untyped-call]
+        self._reporter = Reporter(self._log)
+        self._states = StateLog(self._log)
         self._session: Session | None = None
         self._obstacle = ""
         self._enabled = True
-        self._state = "idle"
         self._outputs: Outputs | None = None
         self._status: StatusOutput | None = None
         self._offered: Services | None = None
@@ -61,14 +70,26 @@ class TrackerNode(ManagedNode):
         }
         self._binding = ParameterBinding(self, report=self._reporter.report)
         self._binding.declare(declarations(NodeParameters))
-        self._binding.declare(self._tunables, preset_parameters(self._values["preset"]))
+        self._binding.declare(
+            self._tunables,
+            preset_parameters(self._values["preset"]),
+            superseded=given_before(
+                "preset",
+                self.get_fully_qualified_name(),
+                [*command_line, *(options.get("cli_args") or ())],
+            ),
+        )
         self._binding.listen(check=self._check, apply=self._apply, imply=self._imply)
+        take_whole_requests(self, first="preset")
+        self._preset = PresetInForce.of(self._values)
         self._decoder = ImageDecoder(self._values["largest_image"])
         self._images = ImageInput(self, self._on_image, self._reporter.report)
         self._diagnostics = Diagnostics(self, self._health, lambda: self._values["stale_after"])
         self._errors_in_health = 0
         if self._values["autostart"]:
             self.start()
+        else:
+            self._log.info("waiting to be configured and activated, because autostart is false")
 
     @property
     def _values(self) -> Values:
@@ -95,10 +116,12 @@ class TrackerNode(ManagedNode):
         self._subscribe()
         self._diagnostics.restart()
         self._report_unused_overrides()
-        self.get_logger().info(  # type: ignore[no-untyped-call]
-            f"preset {self._values['preset']}, images on {self._images.topic}, "
-            f"targets on {self.get_fully_qualified_name()}/target"
-        )
+        name = self.get_fully_qualified_name()
+        topics = f"images on {self._images.topic}, targets on {name}/target"
+        if self._obstacle:
+            self._log.warning(f"not tracking until what is wrong is set rightly; {topics}")
+        else:
+            self._log.info(f"preset {self._preset.described}; {topics}")
 
     def deactivate(self) -> None:
         """Give the subscriptions up; the target is kept."""
@@ -131,11 +154,8 @@ class TrackerNode(ManagedNode):
     # Parameters
 
     def _imply(self, requested: Values) -> Values:
-        """A preset brings values for all that the user has not set."""
-        if "preset" not in requested:
-            return {}
-        values = preset_parameters(requested["preset"])
-        return {name: values[name] for name in values if name not in self._binding.given}
+        """A preset is taken whole."""
+        return preset_parameters(requested["preset"]) if "preset" in requested else {}
 
     def _check(self, values: Values) -> None:
         tunables, seed = self._tracker_values(values), values["seed"]
@@ -145,6 +165,9 @@ class TrackerNode(ManagedNode):
             Session(tunables, seed)
 
     def _apply(self, changes: Values) -> None:
+        self._preset = PresetInForce.of(self._values)
+        if "preset" in changes:
+            self._log.info(f"preset {self._preset.described}")
         self._decoder.largest = self._values["largest_image"]
         if self._images.topic and changes.keys() & {"image_reliability", "image_transport"}:
             self._subscribe()
@@ -203,12 +226,17 @@ class TrackerNode(ManagedNode):
         had_target = self._session is not None and self._session.estimate is not None
         if self._session:
             self._session.stop()
-        self._state = "idle"
-        return "stopped; waiting for a target" if had_target else "there was no target"
+        self._states.forget()
+        return self._told("stopped; waiting for a target" if had_target else "there was no target")
 
     def _enable(self, enabled: bool) -> str:
         self._enabled = enabled
-        return "tracking goes on" if enabled else "paused; images are not looked at"
+        return self._told("tracking goes on" if enabled else "paused; images are not looked at")
+
+    def _told(self, outcome: str) -> str:
+        """What came of a service call, which whoever reads the log wants to know as well."""
+        self._log.info(outcome)
+        return outcome
 
     # Images
 
@@ -242,25 +270,19 @@ class TrackerNode(ManagedNode):
         return outcome.frame
 
     def _log_progress(self, outcome: Outcome) -> None:
-        log = self.get_logger()  # type: ignore[no-untyped-call]
-        estimate = outcome.estimate
         if outcome.jumped_back:
             self._diagnostics.jumps += 1
-            log.warning(
+            self._log.warning(
                 f"time went back by {outcome.jumped_back:.3f} s: {self._values['time_jump']}",
                 throttle_duration_sec=LOG_INTERVAL,
             )
-        if estimate is None:
+        if outcome.estimate is None:
             return
         if outcome.frame == "started":
-            box = ", ".join(f"{value:g}" for value in estimate.box)
-            log.info(f"tracking a target from the box ({box}) on")
-        elif estimate.state != self._state:
-            log.info(
-                f"{self._state} -> {estimate.state}, confidence {estimate.confidence:.2f}",
-                throttle_duration_sec=LOG_INTERVAL,
-            )
-        self._state = estimate.state
+            box = ", ".join(f"{value:g}" for value in outcome.estimate.box)
+            self._log.info(f"tracking a target from the box ({box}) on")
+            self._states.forget()
+        self._states.tell(outcome.estimate)
 
     # What the node tells of itself
 
@@ -272,7 +294,8 @@ class TrackerNode(ManagedNode):
             requested_stamp=session.requested_stamp if session else None,
             obstacle=self._obstacle,
             enabled=self._enabled,
-            preset=self._values["preset"],
+            preset=self._preset.summary,
+            lost_share=self._diagnostics.lost_share,
         )
 
     def _health(self) -> Health:
@@ -294,20 +317,32 @@ class TrackerNode(ManagedNode):
         values |= {
             "lifecycle": self.lifecycle_state,
             "image_topic": self._images.topic,
+            "image_reliability": self._images.reliability,
             "preset": status.preset,
             "state": status.state,
         }
         if status.estimate:
             values |= estimate_values(status.estimate)
         values["last_error"] = self._reporter.last_error
-        return Health(level, message, active and self._enabled, values)
+        return Health(
+            level,
+            message,
+            expects_images=active and self._enabled,
+            image_topic=self._images.topic,
+            image_reliability=self._images.reliability,
+            values=values,
+        )
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the tracker node until it is told to stop."""
+    """Run the tracker node until it is told to stop.
+
+    Args:
+        arguments: The command line with the program's name, by default that of the process.
+    """
     # The tracker looks at small regions: more threads make it no faster and keep other cores busy.
     cv2.setNumThreads(1)
-    run(TrackerNode, arguments)
+    run(partial(TrackerNode, sys.argv if arguments is None else arguments), arguments)
 
 
 if __name__ == "__main__":

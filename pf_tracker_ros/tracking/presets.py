@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -107,3 +108,50 @@ def preset_parameters(name: str) -> dict[str, Any]:
     if name not in PRESETS:
         raise ParameterError(f"no preset '{name}'; there are: {', '.join(PRESETS)}")
     return flatten(build(TrackerParameters, PRESETS[name]))
+
+
+@dataclass(frozen=True)
+class PresetInForce:
+    """A preset, and what differs from it.
+
+    Attributes:
+        name: A key of `PRESETS`.
+        changes: Full parameter name to (value in force, value of the preset), where they differ.
+    """
+
+    name: str
+    changes: Mapping[str, tuple[Any, Any]]
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> PresetInForce:
+        """Compare values with their preset.
+
+        Args:
+            values: Full name to value of `preset` and every parameter of the tracker.
+        """
+        name = values["preset"]
+        preset = preset_parameters(name)
+        changes = {
+            parameter: (values[parameter], value)
+            for parameter, value in preset.items()
+            if values[parameter] != value
+        }
+        return cls(name, changes)
+
+    @property
+    def summary(self) -> str:
+        """The name, and how many values differ, for example `li2007, 3 values changed`."""
+        count = len(self.changes)
+        if count == 0:
+            return self.name
+        return f"{self.name}, {count} value{'' if count == 1 else 's'} changed"
+
+    @property
+    def described(self) -> str:
+        """The summary, and which values differ."""
+        if not self.changes:
+            return self.name
+        changes = ", ".join(
+            f"{name} {value} instead of {usual}" for name, (value, usual) in self.changes.items()
+        )
+        return f"{self.summary}: {changes}"

@@ -1,0 +1,214 @@
+"""How many frames of a camera the tracker answers, and how old they are, beside a bare subscriber.
+
+Camera, tracker and bare subscriber are processes of their own, on the loopback. The camera
+publishes at an even rate whatever becomes of its frames; a frame counts as answered once the
+tracker's status, or the bare subscriber's answer, names its stamp. Both listeners take turns in one
+run, so that a busy machine slows both.
+
+    python benchmarks/frame_loss.py --output benchmarks/results/frame_loss.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+from array import array
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from arguments import at_least
+from diagnostic_msgs.msg import DiagnosticArray
+from domain_coordinator import domain_id
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+from tables import Table
+
+from pf_tracker_ros.node.running import run
+
+SIZES = {"640x480": (640, 480), "768x576": (768, 576), "1920x1080": (1920, 1080)}
+RELIABILITIES = ("reliable", "best_effort")
+START_TIMEOUT = 30.0
+WARM_UP_SECONDS = 2.0
+LAST_ANSWER_SECONDS = 1.0
+ANSWERS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+TRACKER, BARE = "tracker", "bare subscriber"
+
+
+def image_quality(reliability: str) -> QoSProfile:
+    """As most cameras publish, with the reliability asked for."""
+    return QoSProfile(depth=10, reliability=ReliabilityPolicy[reliability.upper()])
+
+
+class BareSubscriber(Node):
+    """Answers every image with its header, and does nothing else."""
+
+    def __init__(self, reliability: str) -> None:
+        super().__init__("bare")
+        quality = QoSProfile(depth=1, reliability=ReliabilityPolicy[reliability.upper()])
+        publisher = self.create_publisher(Header, "~/answer", ANSWERS)
+        self.create_subscription(Image, "image", lambda m: publisher.publish(m.header), quality)
+
+
+@dataclass
+class Figures:
+    """What became of the frames of some turns.
+
+    Attributes:
+        published: Their number.
+        ages: Seconds from publishing to the answer, one for each frame that was answered.
+    """
+
+    published: int = 0
+    ages: list[float] = field(default_factory=list)
+
+
+class Camera(Node):
+    """Publishes frames at an even rate and notes when each is answered."""
+
+    def __init__(self, reliability: str) -> None:
+        super().__init__("camera")
+        self.answered: dict[int, float] = {}
+        self.publisher = self.create_publisher(Image, "image", image_quality(reliability))
+        self.create_subscription(Header, "bare/answer", self._on_answer, ANSWERS)
+        self.create_subscription(
+            DiagnosticArray, "pf_tracker/status", lambda m: self._on_answer(m.header), ANSWERS
+        )
+
+    def _on_answer(self, header: Header) -> None:
+        self.answered[header.stamp.sec * 10**9 + header.stamp.nanosec] = time.monotonic()
+
+
+def moving_noise(width: int, height: int) -> list[Image]:
+    """Frames of a textured square that goes to and fro over a textured ground."""
+    generator = np.random.default_rng(0)
+    ground = generator.integers(60, 120, (height, width, 3), dtype=np.uint8)
+    square = generator.integers(150, 255, (40, 40, 3), dtype=np.uint8)
+    messages = []
+    for step in [*range(30), *range(28, 0, -1)]:
+        image = ground.copy()
+        image[100:140, 100 + 3 * step : 140 + 3 * step] = square
+        message = Image(height=height, width=width, encoding="bgr8", step=3 * width)
+        message.data = array("B", image.tobytes())
+        messages.append(message)
+    return messages
+
+
+@contextmanager
+def process(*command: str) -> Iterator[None]:
+    """A process of this interpreter, ended with SIGINT."""
+    child = subprocess.Popen([sys.executable, *command])
+    try:
+        yield
+    finally:
+        child.send_signal(signal.SIGINT)
+        child.wait(START_TIMEOUT)
+
+
+def play(camera: Camera, frames: list[Image], rate: float, seconds: float) -> Figures:
+    """Publish for some seconds, and tell what became of the frames after the warm-up."""
+    executor = SingleThreadedExecutor()
+    executor.add_node(camera)
+
+    def spin(until: Callable[[], bool], deadline: float) -> None:
+        while not until() and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=max(0.0, min(0.1, deadline - time.monotonic())))
+
+    spin(lambda: camera.publisher.get_subscription_count() > 0, time.monotonic() + START_TIMEOUT)
+    if not camera.publisher.get_subscription_count():
+        raise RuntimeError(f"nobody has subscribed within {START_TIMEOUT:g} s")
+    published: dict[int, float] = {}
+    began = due = time.monotonic()
+    for message in itertools.cycle(frames):
+        spin(lambda: False, due)
+        if due - began > WARM_UP_SECONDS + seconds:
+            break
+        stamp = time.time_ns()
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+        if due - began >= WARM_UP_SECONDS:
+            published[stamp] = time.monotonic()
+        camera.publisher.publish(message)
+        due += 1.0 / rate
+    spin(lambda: published.keys() <= camera.answered.keys(), time.monotonic() + LAST_ANSWER_SECONDS)
+    executor.shutdown()
+    ages = [camera.answered[s] - began for s, began in published.items() if s in camera.answered]
+    return Figures(len(published), ages)
+
+
+def measure(size: str, reliability: str, rate: float, seconds: float, rounds: int) -> Table:
+    """A table of both listeners for one size of image and one kind of camera."""
+    frames = moving_noise(*SIZES[size])
+    commands = {
+        TRACKER: [
+            *("-m", "pf_tracker_ros.node.tracker_node", "--ros-args"),
+            *("-p", "target_box:=[100.0, 100.0, 40.0, 40.0]", "--log-level", "error"),
+        ],
+        BARE: [__file__, "--bare", reliability],
+    }
+    results = {title: Figures() for title in commands}
+    for _, (title, command) in itertools.product(range(rounds), commands.items()):
+        rclpy.init()
+        with process(*command):
+            camera = Camera(reliability)
+            turn = play(camera, frames, rate, seconds)
+            camera.destroy_node()
+        rclpy.shutdown()
+        results[title].published += turn.published
+        results[title].ages += turn.ages
+    rows = []
+    for title, figures in results.items():
+        third = max(1, len(figures.ages) // 3)
+        ages = 1e3 * np.array(figures.ages or [np.nan])
+        rows.append(
+            [
+                title,
+                str(figures.published),
+                f"{100 * len(figures.ages) / figures.published:.1f}",
+                *(f"{value:.1f}" for value in np.percentile(ages, [50, 99])),
+                f"{np.median(ages[:third]):.1f} / {np.median(ages[-third:]):.1f}",
+            ]
+        )
+    headings = ["", "frames", "answered %", "age ms, median", "99 %", "first / last third"]
+    return Table(f"{size} at {rate:g} Hz from a {reliability} camera", headings, [rows])
+
+
+def main() -> int:
+    """Measure, print the tables and, if asked to, save them."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("--seconds", type=at_least(1), default=10, help="of each turn")
+    parser.add_argument("--rounds", type=at_least(1), default=1, help="turns of each listener")
+    parser.add_argument("--rate", type=at_least(1), default=30, help="frames a second")
+    parser.add_argument("--size", action="append", choices=[*SIZES], help="may be repeated")
+    parser.add_argument("--output", type=Path, help="Markdown file for the tables")
+    parser.add_argument("--bare", choices=RELIABILITIES, help="be the bare subscriber")
+    arguments = parser.parse_args()
+    if arguments.bare:
+        run(lambda: BareSubscriber(arguments.bare), [])
+        return 0
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    lines = []
+    with domain_id() as domain:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        for size, reliability in itertools.product(arguments.size or SIZES, RELIABILITIES):
+            table = measure(size, reliability, arguments.rate, arguments.seconds, arguments.rounds)
+            table.show()
+            lines += [f"**{table.title}**", "", *table.markdown(), ""]
+    if arguments.output:
+        arguments.output.parent.mkdir(parents=True, exist_ok=True)
+        arguments.output.write_text("\n".join(lines), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,49 @@
+"""Requests that set several parameters at once, such as `ros2 param load` sends them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.exceptions import ParameterNotDeclaredException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+
+def take_whole_requests(node: Node, first: str) -> None:
+    """Let the service `set_parameters` take a request as a whole, where that is allowed.
+
+    rclpy sets the parameters of a request one by one in their order, so values that are right
+    together could be refused on the way there, and one that brings others with it would undo those
+    that stand before it. Where a request cannot be taken as a whole, rclpy's way remains, with one
+    parameter before all others.
+
+    Args:
+        node: Offers the service.
+        first: Name of the parameter that comes first.
+    """
+    service = next(one for one in node.services if one.srv_name.endswith("/set_parameters"))
+    one_by_one: Any = service.callback
+
+    def on_request(request: Any, response: Any) -> Any:
+        given = list(request.parameters)
+        if len(given) > 1 and _set_as_a_whole(node, given):
+            response.results = [SetParametersResult(successful=True) for _ in given]
+            return response
+        order = sorted(range(len(given)), key=lambda index: given[index].name != first)
+        request.parameters = [given[index] for index in order]
+        results = dict(zip(order, one_by_one(request, response).results, strict=True))
+        response.results = [results[index] for index in range(len(given))]
+        return response
+
+    service.callback = on_request
+
+
+def _set_as_a_whole(node: Node, given: Sequence[ParameterMessage]) -> bool:
+    parameters = [Parameter.from_parameter_msg(message) for message in given]
+    try:
+        return bool(node.set_parameters_atomically(parameters).successful)
+    except ParameterNotDeclaredException:
+        return False
