@@ -29,6 +29,7 @@ from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.node.message_building import box_message
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.playback import Playback, Stopped
+from pf_tracker_ros.node.played_stamps import PlayedStamps
 from pf_tracker_ros.node.prefetch import Prefetch
 from pf_tracker_ros.node.replay_parameters import ReplayParameters
 from pf_tracker_ros.node.replay_source import (
@@ -72,7 +73,7 @@ class ReplayNode(Node):
         self._log = self.get_logger()  # type: ignore[no-untyped-call]
         self.exit_code = 0
         self._published = 0
-        self._delay: int | None = None
+        self._played_stamps = PlayedStamps(lambda: self.get_clock().now().nanoseconds)
         self._thread: threading.Thread | None = None
         self._binding = ParameterBinding(self)
         self._binding.declare(declarations(ReplayParameters))
@@ -144,8 +145,7 @@ class ReplayNode(Node):
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._playback.paused = request.data
-        # Time has gone on in the meantime.
-        self._delay = None
+        self._played_stamps.follow_clock()
         response.success = True
         response.message = (
             f"{'paused' if request.data else 'playing'}, {self._published} frames published"
@@ -188,7 +188,6 @@ class ReplayNode(Node):
 
     def _play_pass(self) -> None:
         target_is_due = self._sends_target
-        self._delay = None
         with closing(Prefetch(self._source.items())) as items:
             for read in items:
                 self._wait_until_due(read)
@@ -205,9 +204,7 @@ class ReplayNode(Node):
         """The item with the stamp that it goes out with."""
         if self._source.has_time or self._fixed.lockstep or self._fixed.publish_clock:
             return item
-        if self._delay is None:
-            self._delay = self.get_clock().now().nanoseconds - item.stamp
-        return item.delayed(self._delay)
+        return item.delayed(self._played_stamps.delay_of(item.stamp))
 
     def _wait_until_due(self, item: ReplayItem) -> None:
         rate = None if self._fixed.lockstep else lambda: self._binding.values["rate"]

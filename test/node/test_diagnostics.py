@@ -2,6 +2,8 @@
 
 import itertools
 
+import pytest
+
 QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
 
 
@@ -71,3 +73,32 @@ def test_a_wrong_parameter_is_an_error(graph, client):
     graph.tracker(client, **QUICK | {"particles": 0})
     report = health(client, lambda h: h.level == "ERROR")
     assert "not tracking: parameter 'particles' is 0" in report.message
+
+
+def test_lost_frames_are_told_with_the_cure(graph, images):
+    camera = graph.client(reliability="BEST_EFFORT")
+    graph.tracker(camera, preset="li2007", image_reliability="best_effort")
+    numbers = itertools.count()
+
+    def report():
+        # Each third frame never comes; of the others, best effort may lose some more.
+        number = next(numbers)
+        camera.images.publish(camera.message(images[0], camera.at(number + number // 2)))
+        return [h for h in camera.health if "lost on the way" in h.message]
+
+    told = camera.wait_for(report, "report of lost frames")[0]
+    assert told.level == "WARN"
+    assert "frames on /image are lost on the way, which best effort allows" in told.message
+    assert float(told.values["lost_share"]) >= 0.25
+    assert float(told.values["camera_rate"]) == pytest.approx(25.0, rel=0.1)
+    status = camera.wait_for(
+        lambda: [s for s in camera.statuses if s.values["lost_share"] != "0.0"], "status"
+    )[0]
+    assert float(status.values["lost_share"]) >= 0.25
+
+
+def test_stamps_by_another_clock_have_no_age(graph, client, images):
+    graph.tracker(client, **QUICK)
+    client.show(images[0], 1_000_000_000)
+    report = health(client, lambda h: h.values["frames"] == "1")
+    assert report.values["image_age_ms"] == "unknown: the stamps are by another clock"

@@ -130,7 +130,7 @@ def test_parameters_set_in_any_state_count_from_the_next_configuration(
     graph.introduce(client, node)
     status = client.show(images[0], client.at(0))
     assert (status.values["frame"], status.values["particles"]) == ("started", "31")
-    assert status.values["preset"] == "zhang2015"
+    assert status.values["preset"] == "zhang2015, 1 value changed"
 
 
 def test_values_that_contradict_each_other_are_refused_before_the_configuration_too(

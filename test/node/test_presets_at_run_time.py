@@ -1,7 +1,7 @@
 """Parameters that change how the target is modeled, while it is tracked."""
 
 import pytest
-from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter import Parameter, parameter_value_to_python
 
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
@@ -18,6 +18,17 @@ def boxes(moving_square):
 def get(client, *names):
     response = client.call(client.parameters.get_parameters, list(names))
     return [parameter_value_to_python(value) for value in response.values]
+
+
+def values_in_force(client):
+    names = list(declarations(TrackerParameters))
+    return dict(zip(names, get(client, *names), strict=True))
+
+
+def set_one_request(client, values):
+    """The results of one request to the service that takes parameters one by one."""
+    parameters = [Parameter(name, value=value) for name, value in values.items()]
+    return client.call(client.parameters.set_parameters, parameters).results
 
 
 def corner(message):
@@ -54,14 +65,44 @@ def test_a_hidden_target_is_found_again_with_another_preset(graph, client, image
     assert corner(client.box_at(client.at(8))) == pytest.approx(boxes[8][:2], abs=9)
 
 
-def test_a_preset_keeps_what_the_user_has_set(graph, client, images, boxes):
+def test_a_preset_that_is_set_is_taken_whole_and_what_differs_from_it_is_told(
+    graph, client, images, boxes, capfd
+):
     graph.tracker(client, target_box=boxes[0], particles=33, **RELIABLE)
     client.set_parameters(motion__position_noise=0.9)
     client.show_all(images[:2])
-    assert client.set_parameters(preset="zhang2015").successful
-    assert get(client, "particles", "motion.position_noise") == [33, 0.9]
-    client.show(images[2], client.at(2))
-    assert client.show(images[3], client.at(3)).values["particles"] == "33"
+    assert client.show(images[2], client.at(2)).values["preset"] == "default, 2 values changed"
+    for preset in ("zhang2015", "default"):
+        assert client.set_parameters(preset=preset).successful
+        assert values_in_force(client) == preset_parameters(preset)
+    status = client.show(images[3], client.at(3))
+    assert (status.values["preset"], status.values["particles"]) == ("default", "200")
+    assert client.set_parameters(preset="li2007", particles=44).successful
+    assert values_in_force(client) == preset_parameters("li2007") | {"particles": 44}
+    status = client.show(images[4], client.at(4))
+    assert status.values["preset"] == "li2007, 1 value changed"
+    assert client.set_parameters(motion__position_noise=0.25).successful
+    assert client.show(images[5], client.at(5)).values["preset"] == "li2007, 2 values changed"
+    log = capfd.readouterr().err
+    assert "preset zhang2015\n" in log
+    assert "preset li2007, 1 value changed: particles 44 instead of 60\n" in log
+
+
+def test_a_request_of_several_parameters_is_taken_as_a_whole_in_any_order(graph, client):
+    graph.tracker(client, **RELIABLE)
+    # One by one, the first would be refused, and the last would undo those before it.
+    given = {"proposal.kalman_share": 0.4, "particles": 31, "preset": "zhang_bo"}
+    assert all(result.successful for result in set_one_request(client, given))
+    expected = preset_parameters("zhang_bo") | {"proposal.kalman_share": 0.4, "particles": 31}
+    assert values_in_force(client) == expected
+
+
+def test_what_is_right_in_a_request_is_taken_where_something_is_wrong(graph, client):
+    graph.tracker(client, **RELIABLE)
+    given = {"particles": 31, "imaginary": 1, "click_size": -1.0, "preset": "li2007"}
+    results = set_one_request(client, given)
+    assert [result.successful for result in results] == [True, False, False, True]
+    assert values_in_force(client) == preset_parameters("li2007") | {"particles": 31}
 
 
 def test_every_tunable_of_the_library_can_change_while_tracking(graph, client, images, boxes):

@@ -4,6 +4,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PolygonStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CompressedImage
 
 QUICK = {"particles": 20, "image_reliability": "reliable"}
 
@@ -17,10 +18,75 @@ def endpoint(node, topic, kind="subscriptions"):
     return found.qos_profile
 
 
-def test_images_come_as_sensor_data_unless_asked_otherwise(graph):
-    sensor_data = endpoint(graph.tracker(), "/image")
-    assert sensor_data.reliability == ReliabilityPolicy.BEST_EFFORT
-    assert sensor_data.durability == DurabilityPolicy.VOLATILE
+def reliability(node, topic="/image"):
+    """That of the only subscription to a topic, empty while it changes."""
+    endpoints = node.get_subscriptions_info_by_topic(topic)
+    return [endpoint.qos_profile.reliability.name for endpoint in endpoints]
+
+
+def test_images_are_asked_for_reliably_until_a_camera_offers_less(graph):
+    node = graph.tracker()
+    quality = endpoint(node, "/image")
+    assert quality.reliability == ReliabilityPolicy.RELIABLE
+    assert quality.durability == DurabilityPolicy.VOLATILE
+
+
+def test_images_come_as_reliably_as_all_cameras_offer_them(graph, images):
+    reliable = graph.client()
+    node = graph.tracker(reliable)
+    assert reliable.show(images[0], reliable.at(0)).values["frame"] == "waiting"
+    assert reliability(node) == ["RELIABLE"]
+    lossy = graph.client(reliability="BEST_EFFORT")
+    lossy.wait_for(lambda: reliability(node) == ["BEST_EFFORT"], "best effort")
+    lossy.wait_for(lossy.images.get_subscription_count, "match")
+    lossy.destroy_publisher(lossy.images)
+    reliable.wait_for(lambda: reliability(node) == ["RELIABLE"], "reliable again")
+    reliable.destroy_publisher(reliable.images)
+    reliable.wait_for(lambda: not node.count_publishers("/image"), "no camera")
+    again = graph.client(reliability="BEST_EFFORT")
+    again.wait_for(lambda: reliability(node) == ["BEST_EFFORT"], "best effort again")
+    again.wait_for(
+        lambda: [h for h in again.health if h.values["image_reliability"] == "best_effort"],
+        "diagnostics",
+    )
+    assert last_error(again) == ""
+
+
+@pytest.mark.parametrize("asked", ["best_effort", "reliable"])
+def test_a_reliability_that_is_asked_for_stays_whatever_is_offered(graph, asked):
+    client = graph.client()
+    node = graph.tracker(client, image_reliability=asked)
+    assert reliability(node) == [asked.upper()]
+
+
+def test_compressed_images_are_followed_as_raw_ones_are(graph):
+    node = graph.tracker(image_transport="compressed")
+    camera = graph.client()
+    quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    camera.create_publisher(CompressedImage, "image/compressed", quality)
+    camera.wait_for(lambda: reliability(node, "/image/compressed") == ["BEST_EFFORT"], "follow")
+
+
+def test_an_override_of_the_reliability_wins_over_what_is_offered(graph):
+    name = "qos_overrides./image.subscription.reliability"
+    node = graph.tracker(**{name: "best_effort"})
+    client = graph.client()
+    client.wait_for(client.images.get_subscription_count, "match")
+    client.wait_for(
+        lambda: [h for h in client.health if h.values["image_reliability"] == "best_effort"],
+        "diagnostics",
+    )
+    assert reliability(node) == ["BEST_EFFORT"]
+
+
+def test_a_best_effort_target_is_told_to_be_reliable(graph, images):
+    client = graph.client()
+    graph.tracker(client, **QUICK)
+    quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    client.create_publisher(PolygonStamped, "pf_tracker/target", quality)
+    text = client.wait_for(lambda: last_error(client), "report")
+    assert "nothing arrives on /pf_tracker/target from" in text
+    assert text.endswith("for RELIABILITY RELIABLE; publish targets reliably")
 
 
 def test_a_status_is_there_for_those_who_come_late(graph, images):
@@ -79,7 +145,7 @@ def test_a_publisher_that_cannot_be_heard_is_named_with_both_sides_and_the_cure(
     # The name of the camera's node may be discovered later than its publisher.
     assert text.replace("a node", "/client") == (
         "nothing arrives on /image from /client (RELIABILITY BEST_EFFORT), but /pf_tracker asks "
-        "for RELIABILITY RELIABLE; set image_reliability to best_effort, or let the publisher be "
+        "for RELIABILITY RELIABLE; set image_reliability to auto, or let the publisher be "
         "reliable"
     )
     assert camera.set_parameters(image_reliability="best_effort").successful

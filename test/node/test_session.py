@@ -338,3 +338,16 @@ def test_a_check_changes_nothing(started, images, box):
     started.check(preset_parameters("default"), 9)
     after = started.process(images[1], START + 40_000_000)
     assert same(after.estimate, library(images[:2], box, [0.04])[0])
+
+
+def test_a_loop_that_loses_its_first_frame_starts_the_target_on_the_second(session, images, box):
+    # Longer than the history, so that frames of the first pass have been dropped.
+    session.history.limit(4, 64.0)
+    stamps = [START + index * 40_000_000 for index in range(60)]
+    session.request(box, stamps[0])
+    for index, stamp in enumerate(stamps):
+        session.process(images[index % 4], stamp)
+    session.request(box, stamps[0])
+    outcome = session.process(images[1], stamps[1])
+    assert (outcome.frame, outcome.refused_target) == ("started", "")
+    assert outcome.estimate.box == box

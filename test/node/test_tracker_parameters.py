@@ -106,15 +106,17 @@ def test_all_wrong_parameters_are_named_at_once(graph, client, images, box):
     assert (status.level, status.message) == ("OK", "tracking")
 
 
-def test_a_preset_corrected_at_run_time_brings_its_values_but_keeps_those_of_the_user(
-    graph, client, images, box
-):
+def test_a_preset_corrected_at_run_time_is_taken_whole(graph, client, images, box, capfd):
     graph.tracker(client, preset="lee2007", target_box=box, **QUICK)
+    log = capfd.readouterr().err
+    assert "parameter 'preset' is 'lee2007'" in log
+    assert "not tracking until what is wrong is set rightly; images on /image" in log
+    assert "preset default" not in log
     assert client.set_parameters(preset="li2007").successful
     status = client.show(images[0], client.at(0))
-    assert (status.values["preset"], status.values["particles"]) == ("li2007", "20")
+    assert (status.values["preset"], status.values["particles"]) == ("li2007", "60")
     names = list(declarations(TrackerParameters))
-    expected = preset_parameters("li2007") | {"particles": 20, "track.occluded_below": 0.0}
+    expected = preset_parameters("li2007")
     assert dict(zip(names, get(client, *names), strict=True)) == expected
 
 

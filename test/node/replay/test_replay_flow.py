@@ -3,6 +3,8 @@
 import itertools
 import time
 
+import pytest
+
 
 def test_lockstep_has_one_frame_under_way_and_waits_for_the_tracker(pictures, stand_in, replay):
     tracker = stand_in()
@@ -68,6 +70,50 @@ def test_the_rate_counts_at_once(pictures, stand_in, replay):
     tracker.pause(False)
     tracker.spin_until(lambda: tracker.seen("image"))
     tracker.set_replay_parameter("rate", 1000.0)
-    tracker.spin_until(lambda: pictures.stamps[-1] in tracker.stamps())
+    tracker.spin_until(lambda: len(tracker.seen("image")) == len(pictures.stamps))
     assert time.monotonic() - began < 20.0
     tracker.spin_until_ended(node)
+
+
+def test_pictures_are_stamped_with_the_time_at_which_they_go_out(pictures, stand_in, replay):
+    tracker = stand_in()
+    tracker.listen()
+    began = time.time_ns()
+    node = replay(source=pictures.folder, target_box=[1.0, 2.0, 3.0, 4.0], start_paused=True)
+    tracker.pause(False)
+    tracker.spin_until(lambda: len(tracker.seen("image")) == 3)
+    tracker.pause(True)
+    paused = time.time_ns()
+    tracker.pause(False)
+    tracker.spin_until_ended(node)
+    stamps = tracker.stamps()
+    assert began < stamps[0]
+    assert stamps[-1] < time.time_ns() + 10**9
+    assert tracker.stamps("target") == stamps[:1]
+    steps = [second - first for first, second in itertools.pairwise(stamps)]
+    # Between two frames the source's time goes by, and once that of the pause.
+    assert sorted(steps)[:4] == [40_000_000] * 4
+    assert stamps[-1] > paused
+
+
+@pytest.mark.parametrize("exact", ["lockstep", "publish_clock"])
+def test_pictures_have_the_same_stamps_in_each_run_where_that_matters(
+    pictures, stand_in, replay, exact
+):
+    tracker = stand_in()
+    tracker.listen()
+    # At this rate frames may get lost in between: only the stamps of those that came count.
+    tracker.spin_until_ended(replay(source=pictures.folder, **{exact: True}))
+    assert tracker.stamps()
+    assert set(tracker.stamps()) <= set(pictures.stamps)
+
+
+def test_each_pass_of_a_loop_goes_on_in_time(pictures, stand_in, replay):
+    tracker = stand_in()
+    tracker.listen()
+    node = replay(source=pictures.folder, loop=True)
+    tracker.spin_until(lambda: len(tracker.seen("image")) >= 13)
+    tracker.set_replay_parameter("loop", False)
+    tracker.spin_until_ended(node)
+    stamps = tracker.stamps()
+    assert stamps == sorted(set(stamps))

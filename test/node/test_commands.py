@@ -1,0 +1,56 @@
+"""What the executables do with arguments that are not for ROS."""
+
+import subprocess
+import sys
+
+import pytest
+
+TIMEOUT = 60.0
+
+
+def command(name, *arguments):
+    code = f"import sys, pf_tracker_ros.node.commands as c; sys.exit(c.{name}())"
+    return [sys.executable, "-c", code, *map(str, arguments)]
+
+
+def run(name, *arguments):
+    return subprocess.run(
+        command(name, *arguments), capture_output=True, text=True, timeout=TIMEOUT, check=False
+    )
+
+
+@pytest.mark.parametrize("name", ["tracker", "replay"])
+def test_help_tells_what_it_is_and_how_ros_gives_it_parameters(name):
+    outcome = run(name, "--help")
+    assert outcome.returncode == 0
+    assert outcome.stdout.startswith(f"usage: {name} ")
+    assert "--ros-args" in outcome.stdout
+    assert "-p " in outcome.stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "cure"),
+    [
+        ("tracker", ["--preset", "li2007"], "tracker --ros-args -p preset:=li2007 ("),
+        ("tracker", ["--preset=li2007"], "tracker --ros-args -p preset:=li2007 ("),
+        ("tracker", ["preset:=li2007"], "tracker --ros-args -p NAME:=VALUE ("),
+        ("tracker", ["drive.mcap"], "there is no argument drive.mcap;"),
+        ("replay", ["a.mcap", "--loop"], "replay --ros-args -p loop:=VALUE ("),
+        ("replay", ["a.mcap", "b.mcap"], "there is no argument b.mcap;"),
+        ("replay", ["--rate=2", "--ros-args", "-p", "x:=1"], "-p rate:=2 ("),
+        ("replay", ["--ros-args", "-p", "loop:=true", "--", "--rate=2"], "-p rate:=2 ("),
+    ],
+)
+def test_an_argument_that_ros_would_have_to_be_given_is_refused_with_how(name, arguments, cure):
+    outcome = run(name, *arguments)
+    assert outcome.returncode == 2
+    assert outcome.stdout == ""
+    (line,) = outcome.stderr.splitlines()
+    assert line.startswith(f"{name}: error: ")
+    assert cure in line
+
+
+def test_replay_takes_a_path(ros_domain, moving_square_sequence):
+    outcome = run("replay", moving_square_sequence, "--ros-args", "-p", "rate:=100.0")
+    assert outcome.returncode == 0, outcome.stderr
+    assert "published 20 frames of moving_square" in outcome.stderr

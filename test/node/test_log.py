@@ -1,0 +1,60 @@
+"""What the log tells whoever started the node and reads nothing else."""
+
+import pytest
+from std_srvs.srv import SetBool, Trigger
+
+QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
+
+
+def test_services_and_what_came_of_them_are_logged(graph, client, images, box, capfd):
+    graph.tracker(client, target_box=box, **QUICK)
+    client.show(images[0], client.at(0))
+    for service_type, name, request in (
+        (SetBool, "enable", SetBool.Request(data=False)),
+        (SetBool, "enable", SetBool.Request(data=True)),
+        (Trigger, "stop", Trigger.Request()),
+        (Trigger, "stop", Trigger.Request()),
+    ):
+        service = client.create_client(service_type, f"pf_tracker/{name}")
+        client.wait_for(service.service_is_ready, name)
+        future = service.call_async(request)
+        client.wait_for(future.done, "response")
+    log = capfd.readouterr().err
+    told = ["paused; images are not", "tracking goes on", "stopped; waiting", "there was no target"]
+    places = [log.index(text) for text in told]
+    assert places == sorted(places)
+
+
+def test_a_node_that_waits_for_a_manager_says_so(graph, capfd):
+    graph.tracker(autostart=False, **QUICK)
+    assert "waiting to be configured and activated" in capfd.readouterr().err
+
+
+def test_a_target_that_comes_back_at_once_is_logged_as_tracked(graph, client, images, box, capfd):
+    hiding = {"track__occluded_below": 0.3, "track__recovered_above": 0.4}
+    graph.tracker(client, target_box=box, **QUICK, **hiding)
+    client.show_all(images[:3])
+    shown = 3
+
+    def told(text):
+        def look():
+            nonlocal shown
+            image = images[0] * 0 if "-> occluded" in text else images[2]
+            client.show(image, client.at(shown))
+            shown += 1
+            log.append(capfd.readouterr().err)
+            return text in "".join(log)
+
+        return look
+
+    log = []
+    client.wait_for(told("tracking -> occluded"), "the hiding in the log")
+    client.wait_for(told("occluded -> tracking"), "the return in the log")
+
+
+@pytest.mark.parametrize("reliability", ["BEST_EFFORT"])
+def test_following_the_cameras_is_logged(graph, reliability, capfd):
+    camera = graph.client(reliability=reliability)
+    graph.tracker()
+    camera.wait_for(camera.images.get_subscription_count, "match")
+    assert "images on /image are subscribed to with best effort delivery" in capfd.readouterr().err
