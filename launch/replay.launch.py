@@ -28,8 +28,13 @@ TEXTS = ("source", "bag_topic")
 FLAGS = ("loop", "start_paused", "lockstep", "target_from_ground_truth", "publish_clock")
 # Handed on to the tracker as they are.
 FOR_THE_TRACKER = (
-    *("namespace", "preset", "params_file", "image_transport"),
-    *("seed", "large_images", "log_level"),
+    "namespace",
+    "preset",
+    "params_file",
+    "image_transport",
+    "seed",
+    "large_images",
+    "log_level",
 )
 
 

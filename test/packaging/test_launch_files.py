@@ -1,16 +1,18 @@
-"""The launch files compile, use the arguments that they declare, and set parameters that exist."""
+"""The launch files: their arguments everywhere, and what they start where launch is installed."""
 
 import ast
-import importlib.util
 from pathlib import Path
 
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 LAUNCH_FILES = sorted((REPOSITORY / "launch").glob("*.launch.py"))
-# Those that declare an argument, and those that read one.
-DECLARING = ("DeclareLaunchArgument", "flag")
-READING = ("given", "LaunchConfiguration")
+DECLARING = ("DeclareLaunchArgument", "argument")
+# What the methods of `Given` read that are called without a name.
+READ_WITHOUT_A_NAME = {"log_arguments": "log_level", "environment": "large_images"}
+TRACKER = "ros2 launch pf_tracker_ros tracker.launch.py"
+REPLAY = "ros2 launch pf_tracker_ros replay.launch.py"
+TARGET = 'target_box:="[293, 97, 115, 82]"'
 
 each_launch_file = pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: path.name)
 
@@ -21,14 +23,8 @@ def parsed(path):
     return tree
 
 
-def first_arguments(tree, functions):
-    """The literal first arguments of all calls of some functions."""
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and node.args]
-    return {
-        call.args[0].value
-        for call in calls
-        if getattr(call.func, "id", "") in functions and isinstance(call.args[0], ast.Constant)
-    }
+def calls(tree):
+    return [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
 
 
 def constants(tree):
@@ -40,16 +36,30 @@ def constants(tree):
     }
 
 
+def declared(tree):
+    """Names of the arguments that a launch file declares."""
+    return {call.args[0].value for call in calls(tree) if getattr(call.func, "id", "") in DECLARING}
+
+
+def read(tree):
+    """Names of the arguments that a launch file reads."""
+    found = {name for names in constants(tree).values() for name in names}
+    for call in calls(tree):
+        if getattr(getattr(call.func, "value", None), "id", "") == "given":
+            found |= {word.value for word in call.args if isinstance(word, ast.Constant)}
+            if not call.args:
+                found.add(READ_WITHOUT_A_NAME[call.func.attr])
+    return found
+
+
 def parameters_set(tree):
-    """Names of the node's parameters that a launch file sets."""
+    """Names of the node's parameters that a launch file sets one by one."""
     subscripts = [node for node in ast.walk(tree) if isinstance(node, ast.Subscript)]
-    named = {
+    return {
         node.slice.value
         for node in subscripts
         if getattr(node.value, "id", "") == "parameters" and isinstance(node.slice, ast.Constant)
     }
-    values = constants(tree)
-    return named | {*values.get("TEXTS", ()), *values.get("FLAGS", ())}
 
 
 def test_there_are_launch_files_for_the_tracker_and_the_replay_publisher():
@@ -59,21 +69,19 @@ def test_there_are_launch_files_for_the_tracker_and_the_replay_publisher():
 @each_launch_file
 def test_each_argument_that_is_read_is_declared_and_each_declared_one_is_read(path):
     tree = parsed(path)
-    values = constants(tree)
-    read = first_arguments(tree, READING) | {*values["TEXTS"], *values.get("FLAGS", ())}
-    assert read == first_arguments(tree, DECLARING)
+    assert read(tree) == declared(tree)
 
 
 def test_the_replay_publisher_hands_the_tracker_only_arguments_that_it_has():
     replay, tracker = map(parsed, LAUNCH_FILES)
     (handed,) = [
         keyword.value.func.value
-        for node in ast.walk(replay)
-        if isinstance(node, ast.Call)
-        for keyword in node.keywords
+        for call in calls(replay)
+        for keyword in call.keywords
         if keyword.arg == "launch_arguments"
     ]
-    assert {key.value for key in handed.keys} == first_arguments(tracker, DECLARING)
+    names = {key.value for key in handed.keys if key is not None}
+    assert names | {*constants(replay)["FOR_THE_TRACKER"]} == declared(tracker)
 
 
 def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
@@ -85,18 +93,93 @@ def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
     for path, group in zip(LAUNCH_FILES, (ReplayParameters, NodeParameters), strict=True):
         known = declarations(group)
         tree = parsed(path)
-        assert parameters_set(tree) - {"use_sim_time"} <= known.keys()
+        assert parameters_set(tree) <= known.keys()
         values = constants(tree)
         assert all(known[name].type is str for name in values["TEXTS"])
         assert all(known[name].type is bool for name in values.get("FLAGS", ()))
 
 
-@each_launch_file
-def test_the_launch_description_declares_the_arguments(path):
-    pytest.importorskip("launch_ros")
-    specification = importlib.util.spec_from_file_location(path.stem.replace(".", "_"), path)
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    arguments = module.generate_launch_description().get_launch_arguments()
-    assert {argument.name for argument in arguments} == first_arguments(parsed(path), DECLARING)
-    assert all(argument.description for argument in arguments)
+# From here on the launch files are run.
+
+
+@pytest.fixture
+def messages():
+    """The message types that the nodes publish."""
+    pytest.importorskip("rclpy")
+    from diagnostic_msgs.msg import DiagnosticArray
+    from geometry_msgs.msg import PolygonStamped
+
+    return {"status": DiagnosticArray, "box": PolygonStamped}
+
+
+def values(status):
+    return {item.key: item.value for item in status.status[0].values}
+
+
+def test_a_replay_is_tracked_and_ends_with_its_recording(shell, heard, messages, drive):
+    with shell.started(f"{REPLAY} source:={drive} {TARGET} rate:=2.0 seed:=3") as launch:
+        status = heard(
+            messages["status"], "/pf_tracker/status", lambda m: values(m)["frame"] == "tracked"
+        )
+        assert values(status)["preset"] == "default"
+        assert launch.wait(60.0) == 0
+    assert "published 100 frames of drive" in launch.output
+    assert "was required: shutting down" in launch.output
+
+
+def test_every_flag_is_taken_as_python_and_yaml_write_it(shell, heard, messages, drive):
+    flags = "lockstep:=True publish_clock:=TRUE large_images:=False start_paused:=false loop:=1"
+    command = f"{REPLAY} source:={drive} {TARGET} {flags} namespace:=left preset:=li2007"
+    with shell.started(f"{command} image:=/camera/image_raw log_level:=debug") as launch:
+        box = heard(messages["box"], "/left/pf_tracker/box")
+        assert 1 <= box.header.stamp.sec <= 5
+        assert launch.end() == 0
+    assert "[DEBUG]" in launch.output
+
+
+def test_a_replay_alone_starts_no_tracker(shell, drive):
+    with shell.started(f"{REPLAY} source:={drive} tracker:=false rate:=100.0") as launch:
+        assert launch.wait(60.0) == 0
+    assert "pf_tracker" not in launch.output
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("use_sim_time:=perhaps", "argument use_sim_time:=perhaps; allowed: true or false"),
+        ("seed:=some", "argument seed:=some; allowed: a number, int"),
+        ("target_box:=[1,2]", "argument target_box:=[1,2]; allowed: [x, y, width, height]"),
+    ],
+)
+def test_a_wrong_argument_ends_the_launch_with_the_reason(shell, given, told):
+    outcome = shell.run(f"{TRACKER} {given}")
+    assert outcome.returncode != 0
+    assert told in outcome.stdout + outcome.stderr
+
+
+def test_a_tracker_takes_the_preset_over_the_file_and_the_time_from_the_clock(
+    shell, heard, messages, drive
+):
+    own = shell.folder / "own.yaml"
+    own.write_text("/**:\n  ros__parameters:\n    preset: default\n    particles: 77\n")
+    command = f"{TRACKER} params_file:={own} preset:=li2007 use_sim_time:=True autostart:=True"
+    replay = f"ros2 run pf_tracker_ros replay {drive} --ros-args -p loop:=true"
+    with shell.started(command) as launch, shell.started(f"{replay} -p publish_clock:=true"):
+        status = heard(messages["status"], "/pf_tracker/status")
+        assert values(status)["preset"] == "li2007"
+        assert launch.end() == 0
+    assert "preset li2007; images on /image" in launch.output
+
+
+def test_shipped_files_can_be_loaded_over_each_other(shell):
+    share = "$(ros2 pkg prefix --share pf_tracker_ros)"
+    presets = ["default", "li2007", "zhang2015", "zhang_bo"]
+    with shell.started(f"{TRACKER} params_file:={share}/config/default.yaml") as launch:
+        shell.wait_for_node("/pf_tracker")
+        for preset in [*presets, "default"]:
+            outcome = shell.run(f"ros2 param load /pf_tracker {share}/config/{preset}.yaml")
+            assert outcome.returncode == 0, outcome.stderr
+            dumped = shell.run("ros2 param dump /pf_tracker").stdout
+            assert f"preset: {preset}\n" in dumped
+            changed = f"preset {preset}, "
+            assert changed not in launch.output

@@ -1,0 +1,193 @@
+"""Every command of README.md and docs/node.md, as written and in order, with the real `ros2`.
+
+Each command has its step here; one that cannot be run everywhere has the reason.
+"""
+
+import contextlib
+import re
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+def commands_of(document):
+    """The commands in the shell blocks of a document, their continued lines joined."""
+    blocks = re.findall(r"^```sh\n(.*?)^```", document.read_text(), re.MULTILINE | re.DOTALL)
+    text = "".join(blocks).replace("\\\n", " ")
+    return [" ".join(line.split("#")[0].split()) for line in text.splitlines() if line.strip()]
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """A command that is not run here, and where it is run or why nowhere."""
+
+    command: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Ends:
+    """A command that ends by itself with success; `shows` is in what it prints.
+
+    Attributes:
+        needs: A verb of `ros2` that not every machine has.
+    """
+
+    command: str
+    shows: str = ""
+    needs: str = ""
+
+
+@dataclass(frozen=True)
+class GoesOn:
+    """A command that goes on until one that `ends` it comes, or the document ends.
+
+    Attributes:
+        node: Waited for before the next command.
+        prints: Waited for as well, in what the command prints.
+        box: Topic on which a box comes once it runs.
+        ends: Beginnings of the commands that are ended first, as with Ctrl-C.
+        needs: As in `Ends`.
+    """
+
+    command: str
+    node: str = ""
+    prints: str = ""
+    box: str = ""
+    ends: tuple[str, ...] = ()
+    needs: str = ""
+
+
+INSTALLED = "test_installations.py installs in this way without the network"
+POLYGON = (
+    'geometry_msgs/msg/PolygonStamped "{polygon: {points: [{x: 293, y: 97}, {x: 408, y: 179}]}}"'
+)
+RUN, LAUNCH = "ros2 run pf_tracker_ros", "ros2 launch pf_tracker_ros"
+SHARE = "$(ros2 pkg prefix --share pf_tracker_ros)"
+
+README = [
+    Elsewhere("make demo", "test/demo"),
+    Elsewhere("make test", "this is it"),
+    Elsewhere(
+        "git clone https://github.com/pf-tracker-ros/pf_tracker_ros src/pf_tracker_ros", INSTALLED
+    ),
+    Elsewhere("rosdep install --from-paths src --ignore-src", "installs packages on the machine"),
+    Ends("colcon build --packages-select pf_tracker_ros", "1 package finished"),
+    Ends("source install/setup.bash"),
+    Elsewhere("python3 -m venv .venv", INSTALLED),
+    Elsewhere(".venv/bin/pip install '.[ros]'", INSTALLED),
+    GoesOn(f"{RUN} tracker --ros-args -r image:=/camera/image_raw", node="/pf_tracker"),
+    GoesOn(
+        f"{RUN} replay drive.mcap --ros-args -r image:=/camera/image_raw -p loop:=true "
+        '-p target_box:="[293.0, 97.0, 115.0, 82.0]"',
+        box="/pf_tracker/box",
+    ),
+    Ends("ros2 topic echo --once /pf_tracker/box", "points:"),
+    Ends(f"ros2 topic pub --once /pf_tracker/target {POLYGON}", "publishing #1"),
+    Ends("ros2 param set /pf_tracker preset li2007", "Set parameter successful"),
+    GoesOn(
+        f'{LAUNCH} replay.launch.py source:=drive.mcap target_box:="[293, 97, 115, 82]"',
+        box="/pf_tracker/box",
+        ends=(f"{RUN} tracker", f"{RUN} replay"),
+    ),
+    GoesOn(
+        f"{LAUNCH} tracker.launch.py image:=/camera/image_raw preset:=li2007",
+        node="/pf_tracker",
+        ends=(f"{LAUNCH} replay",),
+    ),
+    Elsewhere("pip install '.[evaluation,opencv]'", INSTALLED),
+    Ends(
+        "evaluate sequences --preset default --seeds 3 --output result.json --plot success.png",
+        "moving_square",
+    ),
+]
+
+NODE = [
+    GoesOn(f"{RUN} tracker --ros-args -p autostart:=false", node="/pf_tracker"),
+    Ends("ros2 lifecycle set /pf_tracker configure", "Transitioning successful"),
+    Ends("ros2 lifecycle set /pf_tracker activate", "Transitioning successful"),
+    Ends("ros2 param set /pf_tracker preset zhang2015", "Set parameter successful"),
+    Ends(
+        f"ros2 param load /pf_tracker {SHARE}/config/li2007.yaml",
+        "Set parameter preset successful",
+    ),
+    Ends(f"export FASTRTPS_DEFAULT_PROFILES_FILE={SHARE}/config/fastdds_large_images.xml"),
+    Ends("ros2 topic echo --once --full-length /diagnostics", "last_error"),
+    GoesOn(
+        f"{LAUNCH} tracker.launch.py namespace:=left image:=/left/image_raw",
+        node="/left/pf_tracker",
+    ),
+    GoesOn(
+        f"{LAUNCH} tracker.launch.py namespace:=right image:=/right/image_raw preset:=zhang2015",
+        node="/right/pf_tracker",
+    ),
+    Ends(f"ros2 topic pub --once /left/pf_tracker/target {POLYGON}", "publishing #1"),
+    Elsewhere(f"rviz2 -d {SHARE}/config/tracker.rviz", "opens a window; test_displays.py"),
+    Elsewhere("ros2 run usb_cam usb_cam_node_exe --ros-args -r __ns:=/camera", "needs a camera"),
+    GoesOn(
+        f"{LAUNCH} tracker.launch.py image:=/camera/image_raw",
+        prints="images on /camera/image_raw",
+        ends=(f"{RUN} tracker", f"{LAUNCH} tracker"),
+    ),
+    GoesOn(
+        "ros2 bag record -s mcap /camera/image_raw /pf_tracker/box /pf_tracker/status",
+        needs="bag",
+    ),
+    GoesOn(
+        f"{LAUNCH} replay.launch.py source:=rosbag2_2026_01_01 bag_topic:=/camera/image_raw "
+        'lockstep:=true target_box:="[293, 97, 115, 82]"',
+        box="/pf_tracker/box",
+        ends=(f"{LAUNCH} tracker", "ros2 bag"),
+    ),
+]
+DOCUMENTS = {"README.md": README, "docs/node.md": NODE}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_each_command_of_the_document_has_its_step_and_each_step_its_command(document):
+    written = commands_of(REPOSITORY / document)
+    assert written == [step.command for step in DOCUMENTS[document]]
+
+
+@pytest.fixture
+def prepared(shell, workspace, record_drive, write_sequence, moving_square):
+    """The shell in a folder with all that the documents take for granted to be there."""
+    shutil.copytree(workspace / "src", shell.folder / "src")
+    sequences = shell.folder / "sequences"
+    write_sequence("moving_square", moving_square.images, moving_square.boxes, sequences)
+    record_drive("drive.mcap")
+    record_drive("rosbag2_2026_01_01")
+    return shell
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_the_commands_work_as_written_and_in_order(prepared, heard, document):
+    from geometry_msgs.msg import PolygonStamped
+
+    shell = prepared
+    with contextlib.ExitStack() as last:
+        going_on = {}
+        for step in DOCUMENTS[document]:
+            if isinstance(step, Elsewhere):
+                continue
+            if step.needs and shell.run(f"ros2 {step.needs} --help").returncode:
+                continue
+            if isinstance(step, Ends):
+                outcome = shell.run(step.command)
+                assert outcome.returncode == 0, outcome.stdout + outcome.stderr
+                assert step.shows in outcome.stdout + outcome.stderr
+                continue
+            for command in [one for one in going_on if one.startswith(step.ends)]:
+                assert going_on.pop(command).end() == 0, command
+            going_on[step.command] = running = last.enter_context(shell.started(step.command))
+            running.wait_for(step.prints)
+            if step.node:
+                shell.wait_for_node(step.node)
+            if step.box:
+                heard(PolygonStamped, step.box)
+        for command, running in going_on.items():
+            assert running.end() == 0, command
