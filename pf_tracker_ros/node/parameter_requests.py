@@ -20,6 +20,9 @@ def take_whole_requests(node: Node, first: str) -> None:
     that stand before it. Where a request cannot be taken as a whole, rclpy's way remains, with one
     parameter before all others.
 
+    A read-only parameter that is given the value that it has is no reason to refuse: what
+    `ros2 param dump` wrote can be loaded again.
+
     Args:
         node: Offers the service.
         first: Name of the parameter that comes first.
@@ -29,16 +32,24 @@ def take_whole_requests(node: Node, first: str) -> None:
 
     def on_request(request: Any, response: Any) -> Any:
         given = list(request.parameters)
-        if len(given) > 1 and _set_as_a_whole(node, given):
-            response.results = [SetParametersResult(successful=True) for _ in given]
-            return response
-        order = sorted(range(len(given)), key=lambda index: given[index].name != first)
-        request.parameters = [given[index] for index in order]
-        results = dict(zip(order, one_by_one(request, response).results, strict=True))
-        response.results = [results[index] for index in range(len(given))]
+        changes = [index for index, one in enumerate(given) if not _is_settled(node, one)]
+        results = [SetParametersResult(successful=True) for _ in given]
+        if len(changes) < 2 or not _set_as_a_whole(node, [given[index] for index in changes]):
+            order = sorted(changes, key=lambda index: given[index].name != first)
+            request.parameters = [given[index] for index in order]
+            for index, result in zip(order, one_by_one(request, response).results, strict=True):
+                results[index] = result
+        response.results = results
         return response
 
     service.callback = on_request
+
+
+def _is_settled(node: Node, given: ParameterMessage) -> bool:
+    """Whether a parameter cannot change, and is not asked to."""
+    if not node.has_parameter(given.name) or not node.describe_parameter(given.name).read_only:
+        return False
+    return bool(node.get_parameter(given.name).get_parameter_value() == given.value)
 
 
 def _set_as_a_whole(node: Node, given: Sequence[ParameterMessage]) -> bool:

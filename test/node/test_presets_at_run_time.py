@@ -97,6 +97,19 @@ def test_a_request_of_several_parameters_is_taken_as_a_whole_in_any_order(graph,
     assert values_in_force(client) == expected
 
 
+def test_all_values_of_a_node_can_be_given_back_to_it(graph, client):
+    node = graph.tracker(client, preset="zhang_bo", particles=31, **RELIABLE)
+    names = node.list_parameters([], 0).names
+    before = node.get_parameters(names)
+    assert client.set_parameters(preset="li2007", click_size=7.0).successful
+    results = client.call(client.parameters.set_parameters, before).results
+    assert [result.reason for result in results] == [""] * len(names)
+    assert [parameter.value for parameter in node.get_parameters(names)] == [
+        parameter.value for parameter in before
+    ]
+    assert client.set_parameters(particles=30).successful
+
+
 def test_what_is_right_in_a_request_is_taken_where_something_is_wrong(graph, client):
     graph.tracker(client, **RELIABLE)
     given = {"particles": 31, "imaginary": 1, "click_size": -1.0, "preset": "li2007"}
