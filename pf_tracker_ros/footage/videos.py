@@ -107,7 +107,10 @@ class VideoFootage:
                 f"{self._path} is the ground truth of a sequence, not a video; give its folder, "
                 f"{self._path.parent}"
             )
-        return FootageError(f"{self._path} is not a video but a text or a playlist; {_ACCEPTED}")
+        return FootageError(
+            f"{self._path} is not a video that OpenCV can open: it is a text or a playlist; "
+            f"{_ACCEPTED}"
+        )
 
     def _too_short(self, frames_read: int) -> FootageError:
         wanted = "some" if self._required_count is None else str(self._required_count)

@@ -84,7 +84,9 @@ LONG_TEXT = b"10,20,30,40\n" * 100
 def test_texts_and_playlists_are_not_played(tmp_path, pictures, write_video, name, content):
     write_video(tmp_path / "noise.avi", pictures)
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(FootageError, match=rf"{name} is not a video but a text.*accepted are"):
+    with pytest.raises(
+        FootageError, match=rf"{name} is not a video.*: it is a text or a playlist; accepted"
+    ):
         open_footage(tmp_path / name)
 
 
