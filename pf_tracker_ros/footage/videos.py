@@ -18,7 +18,7 @@ _ACCEPTED = (
 )
 
 # What FFmpeg decodes texts with; it goes by the name of a file as well as by its content.
-_TERMINAL_CODEC = cv2.VideoWriter.fourcc(*"ansi")
+_TERMINAL_CODEC = int.from_bytes(b"ansi", "little")
 
 
 class VideoFootage:

@@ -44,8 +44,8 @@ def short_sequence(write_sequence, moving_square):
 
 @pytest.fixture
 def long_sequences(write_sequence, moving_square):
-    """Two times the moving square to and fro, a hundred times as long as the short one."""
-    to_and_fro = np.r_[np.arange(20), np.arange(18, 0, -1)]
-    order = np.resize(to_and_fro, 500)
+    """Two times the moving square there and back, a hundred times as long as the short one."""
+    there_and_back = np.r_[np.arange(20), np.arange(18, 0, -1)]
+    order = np.resize(there_and_back, 500)
     images, boxes = moving_square.images[order], moving_square.boxes[order]
     return [write_sequence(name, images, boxes) for name in ("walk", "stroll")]
