@@ -36,7 +36,7 @@ from tables import Table, bold
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import EvaluationError, evaluate_sequences, read_sequences
-from pf_tracker_ros.evaluation.__main__ import parse_parameters
+from pf_tracker_ros.evaluation.command_line import parse_parameters
 from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError

@@ -30,7 +30,12 @@ from rich.table import Table
 from scene_footage import SceneFootage
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.evaluation import SequenceResult, evaluate_sequence, read_sequences
+from pf_tracker_ros.evaluation import (
+    SequenceResult,
+    evaluate_sequence,
+    has_target,
+    read_sequences,
+)
 from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.scenes import InfraredScene
 from pf_tracker_ros.scenes.infrared import FRAME_INTERVAL
@@ -63,27 +68,33 @@ class Row:
 def covered_shares(
     boxes: NDArray[np.float64], true_boxes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(..., frames) area common to the box and the true one, over the true one's."""
+    """(..., frames) area common to the box and the true one, over the latter's; NaN without one."""
     near = np.maximum(boxes[..., :2], true_boxes[..., :2])
     far = np.minimum(boxes[..., :2] + boxes[..., 2:], true_boxes[..., :2] + true_boxes[..., 2:])
     return np.maximum(far - near, 0.0).prod(axis=-1) / true_boxes[..., 2:].prod(axis=-1)
 
 
 def frame_of_loss(shares: NDArray[np.float64]) -> int | None:
-    """The frame, counted from 1, from which on nothing of the target is covered; None if held."""
-    seen = np.flatnonzero(shares > 0.0)
-    last = int(seen[-1]) if len(seen) else -1
-    return None if last == len(shares) - 1 else last + 2
+    """The frame, counted from 1, from which on nothing of the target is covered; None if held.
+
+    Frames without a target, of share NaN, tell neither.
+    """
+    known = np.flatnonzero(~np.isnan(shares))
+    uncovered = known[shares[known] == 0.0]
+    seen = known[shares[known] > 0.0]
+    lost = uncovered[uncovered > seen[-1]] if len(seen) else uncovered
+    return int(lost[0]) + 1 if len(lost) else None
 
 
 def row(tracker: str, result: SequenceResult) -> Row:
     """The figures of one tracker on one sequence."""
     shares = covered_shares(result.boxes, result.true_boxes)
+    known = shares[:, has_target(result.true_boxes)]
     losses = [loss for loss in map(frame_of_loss, shares) if loss is not None]
     return Row(
         sequence=result.name,
         tracker=tracker,
-        tracked=float((shares > NEEDED_SHARE).mean()),
+        tracked=float((known > NEEDED_SHARE).mean()),
         lost_runs=len(losses),
         runs=len(shares),
         frame_of_loss=float(np.median(losses)) if losses else None,

@@ -87,7 +87,7 @@ def count_inside(mask: NDArray[np.uint8], box: NDArray[np.float64]) -> tuple[int
 
 
 def measure(footage: Footage, parameters: BackgroundParameters, skip: int) -> Outcome:
-    """Run the model over a sequence and judge all frames but the first `skip`."""
+    """Run the model over a sequence and judge all frames with a target but the first `skip`."""
     boxes = footage.ground_truth
     assert boxes is not None
     frames = footage.frames()
@@ -101,7 +101,7 @@ def measure(footage: Footage, parameters: BackgroundParameters, skip: int) -> Ou
         before = time.process_time()
         mask = model.update(frame.image)
         milliseconds.append(1000 * (time.process_time() - before))
-        if index < skip:
+        if index < skip or np.isnan(boxes[index]).any():
             continue
         box = boxes[index] / model.reduction
         x, y, width, height = box

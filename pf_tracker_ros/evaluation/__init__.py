@@ -17,6 +17,7 @@ from pf_tracker_ros.evaluation.metrics import (
 from pf_tracker_ros.evaluation.results import (
     EvaluationError,
     Scores,
+    SequenceFailure,
     SequenceResult,
     mean_scores,
 )
@@ -25,9 +26,9 @@ from pf_tracker_ros.evaluation.runner import (
     BoxTracker,
     MakeTracker,
     evaluate_sequence,
-    evaluate_sequences,
 )
 from pf_tracker_ros.evaluation.sequences import find_sequences, read_sequences
+from pf_tracker_ros.evaluation.several import evaluate_each, evaluate_sequences
 
 __all__ = [
     "Answer",
@@ -35,8 +36,10 @@ __all__ = [
     "EvaluationError",
     "MakeTracker",
     "Scores",
+    "SequenceFailure",
     "SequenceResult",
     "center_errors",
+    "evaluate_each",
     "evaluate_sequence",
     "evaluate_sequences",
     "find_sequences",

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
+import sys
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pf_tracker_ros.evaluation.results import Scores, SequenceResult, mean_scores
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 def result_document(
@@ -37,19 +42,43 @@ def print_table(title: str, results: Sequence[SequenceResult]) -> None:
     """Print the figures of each sequence, and their means, on standard output.
 
     The column after the success AUC is its standard deviation over the seeds, empty for one seed.
-    Needs Rich.
+    What the output's encoding lacks is written in ASCII. Needs Rich.
 
     Raises:
         ValueError: There is no result.
+        BrokenPipeError: Nobody reads the output; all further output goes nowhere.
+        OSError: It cannot be written for another reason; likewise.
     """
     from rich.console import Console
+
+    if sys.stdout is None:
+        # The output was closed before the program began; print() says nothing then either.
+        return
+    console = Console()
+    encoding = sys.stdout.encoding or "utf-8"
+    with console.capture() as capture:
+        console.print(_table(title, results, encoding))
+    text = capture.get().encode(encoding, "backslashreplace").decode(encoding)
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except OSError:
+        # Python writes at its end what is still held back, and would complain again.
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+        raise
+
+
+def _table(title: str, results: Sequence[SequenceResult], encoding: str) -> Table:
     from rich.table import Table
     from rich.text import Text
 
     mean = mean_scores(results)
     table = Table(title=Text(title), title_justify="left")
     table.add_column("sequence", overflow="fold")
-    for heading in ("frames", "AUC", "±", "precision 20 px", "CPU ms"):
+    plus_minus = "±" if _can_encode("±", encoding) else "+-"
+    for heading in ("frames", "AUC", plus_minus, "precision 20 px", "CPU ms"):
         table.add_column(heading, justify="right")
     # Names go in as Text: square brackets in a plain string are markup to Rich.
     for result in results:
@@ -59,7 +88,15 @@ def print_table(title: str, results: Sequence[SequenceResult]) -> None:
     table.add_section()
     deviation = sum(result.success_auc_deviation for result in results) / len(results)
     table.add_row("mean", *_cells(mean, deviation, frames=".1f"), style="bold")
-    Console().print(table)
+    return table
+
+
+def _can_encode(text: str, encoding: str) -> bool:
+    try:
+        text.encode(encoding)
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _cells(scores: Scores, deviation: float, frames: str) -> list[str]:

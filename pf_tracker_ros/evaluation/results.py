@@ -34,6 +34,19 @@ class Scores:
 
 
 @dataclass(frozen=True)
+class SequenceFailure:
+    """Stands for the result of a sequence that could not be evaluated.
+
+    Attributes:
+        name: The sequence's name.
+        error: Why; its text names the sequence or the file.
+    """
+
+    name: str
+    error: Exception
+
+
+@dataclass(frozen=True)
 class SequenceResult:
     """One pass over one sequence, once for each seed.
 
@@ -43,7 +56,8 @@ class SequenceResult:
     Attributes:
         name: The sequence's name.
         seeds: The seeds, in the order of the first axis of the arrays.
-        true_boxes: (frames, 4) x, y, width, height in pixels.
+        true_boxes: (frames, 4) x, y, width, height in pixels; a row of NaN where the target is
+            absent.
         boxes: (seeds, frames, 4) the tracker's boxes; the first is the true one that it was given,
             and while the tracker calls the target lost, the last one before.
         lost: (seeds, frames) whether the tracker called the target lost.

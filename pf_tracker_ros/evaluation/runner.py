@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.evaluation import metrics
+from pf_tracker_ros.evaluation.ground_truth import count_mismatch, usable_ground_truth
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceResult
 from pf_tracker_ros.footage import Footage
 
@@ -87,7 +83,7 @@ def evaluate_sequence(
             not finite.
         FootageError: A frame cannot be read.
     """
-    true_boxes = _ground_truth(footage)
+    true_boxes = usable_ground_truth(footage)
     frames = len(true_boxes)
     if not seeds:
         raise EvaluationError("no seeds; allowed: at least one")
@@ -99,7 +95,7 @@ def evaluate_sequence(
     with _one_opencv_thread():
         for index, frame in enumerate(footage.frames()):
             if index >= frames:
-                raise _count_mismatch(footage.name, f"more than {frames}", frames)
+                raise count_mismatch(footage.name, f"more than {frames}", frames)
             # The trackers share the image: one that drew into it would change what the next sees.
             image = frame.image.view()
             image.flags.writeable = False
@@ -123,84 +119,8 @@ def evaluate_sequence(
             if on_progress is not None:
                 on_progress(footage.name, 1)
     if done != frames:
-        raise _count_mismatch(footage.name, str(done), frames)
+        raise count_mismatch(footage.name, str(done), frames)
     return SequenceResult(footage.name, tuple(seeds), true_boxes, boxes, lost, cpu_seconds)
-
-
-def evaluate_sequences(
-    sequences: Sequence[Footage],
-    make_tracker: MakeTracker,
-    seeds: Sequence[int],
-    jobs: int = 1,
-    on_progress: OnProgress | None = None,
-) -> list[SequenceResult]:
-    """Evaluate a tracker on several sequences.
-
-    Args:
-        sequences: The sequences, as `read_sequences` opens them.
-        make_tracker: Called once for each sequence and seed; must be picklable for `jobs` > 1.
-        seeds: One run each.
-        jobs: Number of processes, each working on one sequence at a time. As they share the
-            machine's caches and memory, times are comparable only at 1.
-        on_progress: Called after each frame, or after each sequence for `jobs` > 1.
-
-    Returns:
-        One result a sequence, in their order.
-
-    Raises:
-        EvaluationError: As `evaluate_sequence`, or a process ended unexpectedly.
-        FootageError: A frame cannot be read.
-    """
-    if jobs == 1:
-        return [
-            evaluate_sequence(footage, make_tracker, seeds, on_progress) for footage in sequences
-        ]
-    # Forked processes would inherit OpenCV's and NumPy's threads in an undefined state.
-    context = get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_end_on_interrupt) as pool:
-        futures = [
-            pool.submit(evaluate_sequence, footage, make_tracker, seeds) for footage in sequences
-        ]
-        try:
-            for future in as_completed(futures):
-                result = future.result()
-                if on_progress is not None:
-                    on_progress(result.name, len(result.true_boxes))
-        except BrokenProcessPool as error:
-            raise EvaluationError(
-                f"one of {jobs} processes ended unexpectedly; allowed: as many as memory permits"
-            ) from error
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-    return [future.result() for future in futures]
-
-
-def _end_on_interrupt() -> None:
-    """Let Ctrl-C end a worker process without a traceback; the parent reports it."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
-def _ground_truth(footage: Footage) -> NDArray[np.float64]:
-    if footage.ground_truth is None:
-        raise EvaluationError(f"{footage.name}: no ground truth; allowed: one box a frame")
-    true_boxes = np.array(footage.ground_truth, dtype=np.float64)
-    if true_boxes.ndim != 2 or true_boxes.shape[1] != 4 or len(true_boxes) < 2:
-        raise EvaluationError(
-            f"{footage.name}: ground truth of shape {true_boxes.shape}; "
-            "allowed: x, y, width, height of at least 2 frames"
-        )
-    if not metrics.has_target(true_boxes[0]):
-        raise EvaluationError(
-            f"{footage.name}: the first true box is {_as_box(true_boxes[0])}; "
-            "allowed: finite numbers, width and height above 0"
-        )
-    if footage.frame_count is not None and footage.frame_count != len(true_boxes):
-        raise _count_mismatch(footage.name, str(footage.frame_count), len(true_boxes))
-    return true_boxes
-
-
-def _count_mismatch(name: str, frames: str, boxes: int) -> EvaluationError:
-    return EvaluationError(f"{name}: {frames} frames, but {boxes} true boxes; allowed: as many")
 
 
 def _as_box(row: NDArray[np.float64]) -> Box:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
+from pf_tracker_ros.evaluation.ground_truth import usable_ground_truth
 from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.footage import Footage, read_sequence
-from pf_tracker_ros.footage.sequences import GROUND_TRUTH_FILE
+from pf_tracker_ros.footage.access import entries, exists
+from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILE, ground_truth_file
 
 
 def read_sequences(folders: Iterable[str | Path]) -> list[Footage]:
@@ -20,8 +22,9 @@ def read_sequences(folders: Iterable[str | Path]) -> list[Footage]:
         The sequences with their ground truth, frames not yet read.
 
     Raises:
-        EvaluationError: As for `find_sequences`, or two sequences share a name and could not be
-            told apart in the results.
+        EvaluationError: As for `find_sequences`; two sequences share a name and could not be told
+            apart in the results; or a sequence cannot be evaluated on, for example because its
+            target is absent in the first frame.
         FootageError: A sequence lacks a part, or its ground truth is broken.
     """
     sequences: dict[str, Footage] = {}
@@ -32,6 +35,7 @@ def read_sequences(folders: Iterable[str | Path]) -> list[Footage]:
                 f"more than one sequence is named '{footage.name}', the last one in {folder}; "
                 "allowed: different names"
             )
+        usable_ground_truth(footage)
         sequences[footage.name] = footage
     return list(sequences.values())
 
@@ -39,8 +43,9 @@ def read_sequences(folders: Iterable[str | Path]) -> list[Footage]:
 def find_sequences(folders: Iterable[str | Path]) -> list[Path]:
     """The sequence folders among `folders` and directly inside them.
 
-    A folder with a `groundtruth.txt` is a sequence; of any other folder, the sequences are those of
-    its subfolders that have one, in the order of their names. A sequence met twice counts once.
+    A folder with a `groundtruth.txt` or `groundtruth_rect.txt` is a sequence; of any other folder,
+    the sequences are those of its subfolders that have one, in the order of their names. A sequence
+    met twice counts once.
 
     Args:
         folders: Sequence folders, or folders of sequence folders.
@@ -50,11 +55,12 @@ def find_sequences(folders: Iterable[str | Path]) -> list[Path]:
 
     Raises:
         EvaluationError: A folder does not exist or holds no sequence.
+        FootageError: A folder may not be looked into.
     """
     found: dict[Path, None] = {}
     for given in folders:
         folder = Path(given).expanduser().resolve()
-        if not folder.is_dir():
+        if not (exists(folder) and folder.is_dir()):
             raise EvaluationError(
                 f"no folder '{given}'; allowed: a sequence folder, or a folder of such folders"
             )
@@ -69,6 +75,7 @@ def find_sequences(folders: Iterable[str | Path]) -> list[Path]:
 
 
 def _sequences_of(folder: Path) -> list[Path]:
-    if (folder / GROUND_TRUTH_FILE).is_file():
+    if ground_truth_file(folder) is not None:
         return [folder]
-    return sorted(entry.parent.resolve() for entry in folder.glob(f"*/{GROUND_TRUTH_FILE}"))
+    subfolders = (entry for entry in entries(folder) if exists(entry) and entry.is_dir())
+    return sorted(entry.resolve() for entry in subfolders if ground_truth_file(entry) is not None)

@@ -181,6 +181,8 @@ def write_footage(
 ) -> int:
     """Write footage into an MCAP bag, with its ground truth where there is one.
 
+    A frame whose target is absent gets no message with a box.
+
     Args:
         footage: What to write.
         path: The bag; a single file if it ends in `.mcap`, else a rosbag2 folder.
@@ -202,7 +204,7 @@ def write_footage(
             writer.add_topic(ground_truth_topic, GROUND_TRUTH_TYPE)
         for frame in footage.frames():
             writer.write_image(topic, frame.stamp, frame.image, frame_id)
-            if boxes is not None:
+            if boxes is not None and not np.isnan(boxes[count]).any():
                 writer.write_box(ground_truth_topic, frame.stamp, boxes[count], frame_id)
             count += 1
     return count

@@ -1,30 +1,31 @@
 """Images in rosbag2 recordings, as the serialized messages that were recorded.
 
 Reads folders with metadata.yaml (sqlite3 or MCAP, with or without zstd compression by file or by
-message) and bare .mcap and .db3 files, by way of `rosbags`. Nothing is deserialized: a message
-goes out again as the bytes that came in.
+message) and bare .mcap and .db3 files. Nothing is deserialized: a message goes out again as the
+bytes that came in.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from pf_tracker_ros.footage.access import exists
+from pf_tracker_ros.footage.bag_reading import (
+    BAG_SUFFIXES,
+    METADATA_FILE,
+    BagReader,
+    BagTopic,
+    reading,
+)
 from pf_tracker_ros.footage.base import FootageError
 from pf_tracker_ros.footage.cdr import header_stamp
-
-if TYPE_CHECKING:
-    from rosbags.interfaces import Connection
-    from rosbags.rosbag2 import Reader
 
 IMAGE_TYPE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
 GROUND_TRUTH_TYPE = "geometry_msgs/msg/PolygonStamped"
 GROUND_TRUTH_ENDING = "ground_truth"
-BAG_SUFFIXES = (".mcap", ".db3")
 
 
 @dataclass(frozen=True)
@@ -76,29 +77,33 @@ class ImageBag:
         Raises:
             FootageError: The bag is corrupt or holds no image on this topic.
         """
-        with _reading(self.path) as reader:
+        with reading(self.path) as reader:
             ground_truth = self._read_ground_truth(reader)
             found = False
-            for log_time, message in _messages(reader, self.image_topic):
+            for log_time, message in reader.messages(self.image_topic):
                 stamp = header_stamp(message)
                 yield BagImage(stamp, log_time, message, ground_truth.get(stamp))
                 found = True
         if not found:
             raise FootageError(f"bag {self.path} has no message on topic {self.image_topic}")
 
-    def _read_ground_truth(self, reader: Reader) -> dict[int, bytes]:
+    def _read_ground_truth(self, reader: BagReader) -> dict[int, bytes]:
         if self.ground_truth_topic is None:
             return {}
         return {
             header_stamp(message): message
-            for _, message in _messages(reader, self.ground_truth_topic)
+            for _, message in reader.messages(self.ground_truth_topic)
         }
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is a rosbag2 folder or a storage file of one."""
-    if path.is_dir():
-        return (path / "metadata.yaml").exists()
+    """Whether a path is a rosbag2 folder or a storage file of one.
+
+    Raises:
+        FootageError: This user may not look there.
+    """
+    if exists(path) and path.is_dir():
+        return exists(path / METADATA_FILE)
     return path.suffix in BAG_SUFFIXES
 
 
@@ -118,13 +123,10 @@ def open_bag(path: str | Path, topic: str = "", ground_truth_topic: str = "") ->
         FootageError: The bag cannot be read, or the topic is missing or not the only one.
     """
     bag = Path(path)
-    with _reading(bag) as reader:
-        connections = list(reader.connections)
-    images = _by_topic(connections, (IMAGE_TYPE, COMPRESSED_IMAGE_TYPE))
-    all_topics = ", ".join(
-        f"{connection.topic} ({connection.msgtype})"
-        for connection in sorted(connections, key=lambda connection: connection.topic)
-    )
+    with reading(bag) as reader:
+        topics = sorted(reader.topics(), key=lambda each: each.name)
+    images = _by_name(topics, (IMAGE_TYPE, COMPRESSED_IMAGE_TYPE))
+    all_topics = ", ".join(f"{each.name} ({each.message_type})" for each in topics)
     if not images:
         raise FootageError(
             f"bag {bag} has no topic of type {IMAGE_TYPE} or {COMPRESSED_IMAGE_TYPE}; there are: "
@@ -141,15 +143,15 @@ def open_bag(path: str | Path, topic: str = "", ground_truth_topic: str = "") ->
     chosen = images[topic] if topic else next(iter(images.values()))
     return ImageBag(
         path=bag,
-        image_topic=chosen.topic,
-        image_type=chosen.msgtype,
-        image_count=chosen.msgcount,
-        ground_truth_topic=_choose_ground_truth(bag, connections, ground_truth_topic),
+        image_topic=chosen.name,
+        image_type=chosen.message_type,
+        image_count=chosen.message_count,
+        ground_truth_topic=_choose_ground_truth(bag, topics, ground_truth_topic),
     )
 
 
-def _choose_ground_truth(bag: Path, connections: list[Connection], topic: str) -> str | None:
-    polygons = sorted(_by_topic(connections, (GROUND_TRUTH_TYPE,)))
+def _choose_ground_truth(bag: Path, topics: list[BagTopic], topic: str) -> str | None:
+    polygons = sorted(_by_name(topics, (GROUND_TRUTH_TYPE,)))
     if topic:
         if topic not in polygons:
             raise FootageError(
@@ -165,48 +167,5 @@ def _choose_ground_truth(bag: Path, connections: list[Connection], topic: str) -
     return named[0] if named else None
 
 
-def _by_topic(connections: list[Connection], types: tuple[str, ...]) -> dict[str, Connection]:
-    return {
-        connection.topic: connection for connection in connections if connection.msgtype in types
-    }
-
-
-def _messages(reader: Reader, topic: str) -> Iterator[tuple[int, bytes]]:
-    # One topic may have several connections, for example one for each QoS profile.
-    connections = [connection for connection in reader.connections if connection.topic == topic]
-    for _, log_time, message in reader.messages(connections):
-        yield log_time, bytes(message)
-
-
-@contextmanager
-def _reading(path: Path) -> Iterator[Reader]:
-    try:
-        from rosbags.rosbag2 import Reader
-    except ImportError as error:
-        raise FootageError(
-            "reading a bag needs the Python package rosbags: pip install rosbags"
-        ) from error
-    # A corrupt file can make the readers of YAML, SQLite, MCAP and zstd raise nearly anything;
-    # to the user it is all one: this bag cannot be read.
-    try:
-        reader = Reader(path)
-        reader.open()
-    except Exception as error:
-        raise _unreadable(path, error) from error
-    try:
-        yield reader
-    except (FootageError, GeneratorExit):
-        raise
-    except Exception as error:
-        raise _unreadable(path, error) from error
-    finally:
-        reader.close()
-
-
-def _unreadable(path: Path, error: Exception) -> FootageError:
-    reason = str(error).strip().splitlines()
-    return FootageError(
-        f"bag {path} cannot be read ({reason[0] if reason else type(error).__name__}); accepted "
-        "are rosbag2 folders with metadata.yaml (sqlite3 or mcap storage, zstd compression) and "
-        "bare .mcap or .db3 files"
-    )
+def _by_name(topics: list[BagTopic], types: tuple[str, ...]) -> dict[str, BagTopic]:
+    return {each.name: each for each in topics if each.message_type in types}

@@ -38,7 +38,8 @@ class Footage(Protocol):
         frame_count: Number of frames as far as the source tells, else None.
         nominal_interval: Seconds from one frame to the next.
         ground_truth: (frames, 4) boxes x, y, width, height in pixels, (x, y) the top-left corner
-            counted from 0; None where the source has none.
+            counted from 0, a row of NaN where the target is absent; None where the source has no
+            ground truth.
     """
 
     @property

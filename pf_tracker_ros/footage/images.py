@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.footage.access import check_file, entries, exists
 from pf_tracker_ros.footage.base import (
     DEFAULT_FRAME_RATE,
     FootageError,
@@ -41,14 +42,21 @@ def natural_order(name: str) -> tuple[tuple[str | int, ...], str]:
 
 
 def image_paths(folder: Path) -> list[Path]:
-    """The images of a folder in natural order, hidden files left out."""
-    found = (
+    """The images of a folder in natural order, hidden files left out.
+
+    Raises:
+        FootageError: The folder cannot be listed, or something has the name of an image but is
+            neither a file that this user may read nor a folder.
+    """
+    found = [
         entry
-        for entry in folder.iterdir()
+        for entry in entries(folder)
         if entry.suffix.lower() in IMAGE_SUFFIXES
         and not entry.name.startswith(".")
-        and entry.is_file()
-    )
+        and not (exists(entry) and entry.is_dir())
+    ]
+    for path in found:
+        check_file(path, "image")
     return sorted(found, key=lambda entry: natural_order(entry.name))
 
 
@@ -63,6 +71,7 @@ def read_image(path: Path) -> NDArray[Any]:
     """
     image = cv2.imread(str(path), _READ_FLAGS)
     if image is None:
+        check_file(path, "image")
         raise FootageError(
             f"image {path} cannot be decoded; accepted are {', '.join(IMAGE_SUFFIXES)}"
         )

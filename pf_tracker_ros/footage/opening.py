@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pf_tracker_ros.footage.bags import BAG_SUFFIXES, is_bag
+from pf_tracker_ros.footage.access import entries, exists
+from pf_tracker_ros.footage.bag_reading import BAG_SUFFIXES
+from pf_tracker_ros.footage.bags import is_bag
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE, Footage, FootageError
+from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILE, ground_truth_file
 from pf_tracker_ros.footage.images import IMAGE_SUFFIXES, ImageFolderFootage, image_paths
-from pf_tracker_ros.footage.sequences import GROUND_TRUTH_FILE, read_sequence
+from pf_tracker_ros.footage.mcap import cut_off_advice
+from pf_tracker_ros.footage.sequences import read_sequence
 from pf_tracker_ros.footage.videos import VideoFootage
 
 ACCEPTED = (
@@ -20,12 +24,15 @@ def existing_path(path: str | Path) -> Path:
     """The path of a source with `~` expanded.
 
     Raises:
-        FootageError: There is nothing there.
+        FootageError: There is nothing there, or this user may not look.
     """
     if not str(path):
         raise FootageError(f"no source is given; {ACCEPTED}")
-    expanded = Path(path).expanduser()
-    if not expanded.exists():
+    try:
+        expanded = Path(path).expanduser()
+    except RuntimeError as error:
+        raise FootageError(f"{path} names no folder ({error}); {ACCEPTED}") from error
+    if not exists(expanded):
         raise FootageError(f"there is no {expanded}; {ACCEPTED}")
     return expanded
 
@@ -46,15 +53,19 @@ def open_footage(path: str | Path, *, frame_rate: float = DEFAULT_FRAME_RATE) ->
     source = existing_path(path)
     if is_bag(source):
         raise FootageError(f"{source} is a bag, which holds messages; open it with open_bag")
-    if source.is_file():
+    if not source.is_dir():
         return VideoFootage(source, frame_rate=frame_rate)
-    if (source / GROUND_TRUTH_FILE).exists():
+    if ground_truth_file(source) is not None:
         return read_sequence(source, frame_rate=frame_rate)
-    storage = [entry.name for entry in source.iterdir() if entry.suffix in BAG_SUFFIXES]
+    storage = sorted(entry for entry in entries(source) if entry.suffix in BAG_SUFFIXES)
     if storage:
+        names = ", ".join(entry.name for entry in storage)
         raise FootageError(
-            f"folder {source} has {', '.join(sorted(storage))} but no metadata.yaml, so it is not "
-            "a rosbag2 folder; `ros2 bag reindex` writes one, or give the .mcap file itself"
+            f"folder {source} has {names} but no metadata.yaml, so it is not a rosbag2 folder; "
+            + (
+                cut_off_advice(source)
+                or "`ros2 bag reindex` writes one, or give the .mcap file itself"
+            )
         )
     if not image_paths(source):
         raise FootageError(

@@ -8,7 +8,17 @@ from pathlib import Path
 
 import cv2
 
+from pf_tracker_ros.footage.access import check_file, unreadable
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE, FootageError, Frame, frame_stamp
+from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILES
+from pf_tracker_ros.footage.texts import is_text
+
+_ACCEPTED = (
+    "accepted are video files (mp4, avi, mkv, ...), folders of images, sequence folders and bags"
+)
+
+# What FFmpeg decodes texts with; it goes by the name of a file as well as by its content.
+_TERMINAL_CODEC = int.from_bytes(b"ansi", "little")
 
 
 class VideoFootage:
@@ -37,8 +47,9 @@ class VideoFootage:
             frame_rate: Frames a second, used if the file does not tell.
 
         Raises:
-            FootageError: The file is not a video that OpenCV can decode.
+            FootageError: The file cannot be read, or is not a video that OpenCV can decode.
         """
+        check_file(path, "video")
         self._path = path
         self._first_frame = first_frame
         self._required_count = frame_count
@@ -76,13 +87,30 @@ class VideoFootage:
             capture.release()
 
     def _open(self) -> cv2.VideoCapture:
-        capture = cv2.VideoCapture(str(self._path))
+        try:
+            if is_text(self._path):
+                raise self._is_text()
+        except OSError as error:
+            raise unreadable(self._path, "video", error) from error
+        # An absolute path is never taken for the address of a stream.
+        capture = cv2.VideoCapture(str(self._path.absolute()))
         if not capture.isOpened():
-            raise FootageError(
-                f"{self._path} is not a video that OpenCV can open; accepted are video files "
-                "(mp4, avi, mkv, ...), folders of images, sequence folders and bags"
-            )
+            raise FootageError(f"{self._path} is not a video that OpenCV can open; {_ACCEPTED}")
+        if capture.get(cv2.CAP_PROP_FOURCC) == _TERMINAL_CODEC:
+            capture.release()
+            raise self._is_text()
         return capture
+
+    def _is_text(self) -> FootageError:
+        if self._path.name in GROUND_TRUTH_FILES:
+            return FootageError(
+                f"{self._path} is the ground truth of a sequence, not a video; give its folder, "
+                f"{self._path.parent}"
+            )
+        return FootageError(
+            f"{self._path} is not a video that OpenCV can open: it is a text or a playlist; "
+            f"{_ACCEPTED}"
+        )
 
     def _too_short(self, frames_read: int) -> FootageError:
         wanted = "some" if self._required_count is None else str(self._required_count)

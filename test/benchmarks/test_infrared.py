@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from pf_tracker_ros.evaluation import SequenceResult
+
 
 @pytest.fixture
 def infrared(benchmark):
@@ -30,10 +32,22 @@ def test_covered_share_is_of_the_true_box(infrared):
         ([1.0, 0.5, 0.0], 3),
         ([1.0, 0.0, 0.0], 2),
         ([0.0, 0.0, 0.0], 1),
+        ([1.0, np.nan, 0.0], 3),
+        ([1.0, 0.5, np.nan], None),
     ],
 )
 def test_the_loss_is_the_first_frame_of_those_without_cover_at_the_end(infrared, shares, frame):
     assert infrared.frame_of_loss(np.array(shares)) == frame
+
+
+def test_frames_without_a_target_take_no_part(infrared):
+    true = np.array([[10.0, 10.0, 20.0, 40.0], [np.nan] * 4, [10.0, 10.0, 20.0, 40.0]])
+    boxes = np.array([[true[0], true[0], [200.0, 10.0, 20.0, 40.0]]])
+    result = SequenceResult(
+        "walk", (0,), true, boxes, np.zeros((1, 3), bool), np.full((1, 2), 0.001)
+    )
+    row = infrared.row("tracker", result)
+    assert (row.tracked, row.lost_runs, row.frame_of_loss) == (0.5, 1, 3)
 
 
 def test_the_command_compares_on_scenes_and_on_sequences(

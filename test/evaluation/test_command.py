@@ -16,7 +16,7 @@ from pf_tracker_ros.evaluation import (
     evaluate_sequence,
     read_sequences,
 )
-from pf_tracker_ros.evaluation.__main__ import parse_parameters
+from pf_tracker_ros.evaluation.command_line import parse_parameters
 
 SCORES = {"success_auc", "precision_20px", "cpu_ms_median", "frames"}
 PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
@@ -58,11 +58,6 @@ def without_times(document):
         },
         "mean": {key: value for key, value in document["mean"].items() if key != "cpu_ms_median"},
     }
-
-
-@pytest.fixture
-def short_sequence(write_sequence, moving_square):
-    return write_sequence("short", moving_square.images[:5], moving_square.boxes[:5])
 
 
 def test_result_has_the_fixed_layout_and_repeats_itself(
@@ -139,6 +134,19 @@ def test_real_sequence_is_evaluated(sequences_directory, tmp_path):
     assert scores["success_auc"] > 0.2
 
 
+def test_frames_without_target_are_no_part_of_the_scores(short_sequence, tmp_path):
+    arguments = ["short", "--preset", "li2007", "--seeds", "1", "--output"]
+    lines = (short_sequence / "groundtruth.txt").read_text().splitlines()
+    (short_sequence / "groundtruth.txt").rename(short_sequence / "groundtruth_rect.txt")
+    lines[2:] = ["nan,nan,nan,nan", "0\t0\t0\t0", lines[4]]
+    (short_sequence / "groundtruth_rect.txt").write_text("\n".join(lines))
+    done = evaluate(*arguments, "r.json", directory=tmp_path)
+    assert done.returncode == 0, done.stderr
+    scores = json.loads((tmp_path / "r.json").read_text())["sequences"]["short"]
+    assert scores["frames"] == 5
+    assert scores["precision_20px"] == 1
+
+
 def test_overridden_parameters_are_used_and_recorded(short_sequence, tmp_path):
     done = evaluate(
         *(short_sequence, "--seeds", "1", "--output", "r.json"),
@@ -187,6 +195,9 @@ def test_parameter_given_twice_is_refused():
         (["short", "--jobs", "two"], ["--jobs", "'two'", "from 1"]),
         (["short", "--output", "nowhere/r.json"], ["no folder nowhere"]),
         (["short", "--output", "empty"], ["empty is a folder"]),
+        (["short", "--output", "/dev/null"], ["/dev/null is no regular file"]),
+        (["short", "--output", "/proc/r.json"], ["/proc/r.json cannot be written"]),
+        (["short", "--plot", "/proc/p.png"], ["/proc/p.png cannot be written"]),
         (["short", "--plot", "plot.txt"], ["plot.txt", "png"]),
         (["short", "--wrong"], ["--wrong", "--help"]),
         ([], ["SEQUENCE_DIR", "--help"]),
@@ -205,7 +216,8 @@ def test_wrong_request_is_refused_in_one_line(arguments, reasons, short_sequence
         ("1,2,3,4\n" * 6, ["5 frames", "6 boxes"]),
         ("1,2,3,4\n1,2,3\n" + "1,2,3,4\n" * 3, ["groundtruth.txt, line 2", "x,y,width,height"]),
         ("", ["groundtruth.txt is empty"]),
-        ("900,900,20,20\n" * 5, ["short, frame 1", "outside the image"]),
+        ("nan,nan,nan,nan\n" + "1,2,3,4\n" * 4, ["short: the first true box is missing"]),
+        ("0,0,0,0\n" + "1,2,3,4\n" * 4, ["short: the first true box is missing"]),
     ],
 )
 def test_broken_sequence_is_refused_in_one_line(ground_truth, reasons, short_sequence, tmp_path):
@@ -254,12 +266,3 @@ def test_plot_shows_the_preset(short_sequence, tmp_path):
     assert min(image.shape[:2]) >= 400
     # The preset's curve is the only thing in color.
     assert (image.max(axis=2) - image.min(axis=2) > 60).any()
-
-
-def test_interrupt_ends_the_command_without_a_traceback(short_sequence, monkeypatch, capsys):
-    def interrupted(*arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(__main__, "evaluate_sequences", interrupted)
-    assert __main__.main([str(short_sequence)]) == 130
-    assert "interrupted" in capsys.readouterr().err

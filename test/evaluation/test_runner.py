@@ -11,6 +11,8 @@ import pytest
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import (
     EvaluationError,
+    SequenceFailure,
+    evaluate_each,
     evaluate_sequence,
     evaluate_sequences,
     mean_scores,
@@ -342,6 +344,17 @@ def test_error_in_a_process_reaches_the_caller(two_sequences):
     two_sequences[1].ground_truth[0] = (500, 500, 10, 10)
     with pytest.raises(EvaluationError, match=r"half, frame 1: .*outside the image"):
         evaluate_sequences(two_sequences, partial(Tracker.from_preset, "li2007"), [0], jobs=2)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_others_are_evaluated_after_one_that_fails(two_sequences, jobs):
+    two_sequences[0].ground_truth[0] = (500, 500, 10, 10)
+    make_tracker = partial(Tracker.from_preset, "li2007")
+    results = dict(evaluate_each(two_sequences, make_tracker, [0], jobs))
+    assert isinstance(results[0], SequenceFailure)
+    assert "whole, frame 1: " in str(results[0].error)
+    (alone,) = evaluate_sequences(two_sequences[1:], make_tracker, [0])
+    assert np.array_equal(results[1].boxes, alone.boxes)
 
 
 def test_progress_is_told_after_each_frame(two_sequences):

@@ -60,6 +60,16 @@ def test_ground_truth_is_written_as_polygons(tmp_path, pictures, write_images):
     assert all(image.ground_truth for image in open_bag(tmp_path / "bag").images())
 
 
+def test_an_absent_target_gets_no_box(tmp_path, pictures, write_images):
+    names = [f"{number}.png" for number in range(3)]
+    write_images(tmp_path / "walk" / "img", dict(zip(names, pictures, strict=False)))
+    (tmp_path / "walk" / "groundtruth.txt").write_text("1,2,3,4\nnan,nan,nan,nan\n5,6,7,8\n")
+    assert write_footage(read_sequence(tmp_path / "walk"), tmp_path / "bag") == 3
+    boxes = [image.ground_truth is not None for image in open_bag(tmp_path / "bag").images()]
+    assert boxes == [True, False, True]
+    assert len(read_messages(tmp_path / "bag", "/ground_truth")) == 2
+
+
 def test_the_qos_profile_is_recorded(tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/image", "sensor_msgs/msg/Image", reliability="best_effort", depth=3)

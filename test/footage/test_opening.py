@@ -26,6 +26,11 @@ def test_storage_without_its_metadata_is_explained(tmp_path):
         open_footage(tmp_path)
 
 
+def test_a_user_that_does_not_exist_is_named():
+    with pytest.raises(FootageError, match="~nobody_of_that_name/x names no folder"):
+        open_footage("~nobody_of_that_name/x")
+
+
 def test_a_bag_is_not_footage(tmp_path, write_bag, make_message):
     image = make_message("sensor_msgs/msg/Image", 5)
     bag = write_bag(tmp_path / "talk", [("/image", "sensor_msgs/msg/Image", 5, image)])

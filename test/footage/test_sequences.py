@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pf_tracker_ros.footage import FootageError, open_footage, read_sequence
-from pf_tracker_ros.footage.sequences import parse_box
+from pf_tracker_ros.footage.ground_truth import parse_box
 
 coordinates = st.floats(-1e6, 1e6)
 sizes = st.floats(1e-3, 1e6)
@@ -31,18 +31,41 @@ def test_a_box_survives_any_separator(box, separator):
     assert parse_box(separator.join(repr(value) for value in box) + "\r") == box
 
 
-@given(st.lists(st.sampled_from(["1", "-2.5", "1e3", "nan", "inf", "x", ""]), max_size=6))
+@given(st.lists(st.sampled_from(["0", "1", "-2.5", "1e3", "nan", "inf", "x", ""]), max_size=6))
 def test_only_four_numbers_make_a_box(parts):
-    is_box = len(parts) == 4 and all(part in ("1", "-2.5", "1e3") for part in parts)
-    if is_box and "-2.5" not in parts[2:]:
-        assert parse_box(",".join(parts)) == tuple(float(part) for part in parts)
+    numbers = [float(part) for part in parts if part in ("0", "1", "-2.5", "1e3", "nan", "inf")]
+    is_line = len(parts) == len(numbers) == 4
+    if is_line and "nan" in parts:
+        assert np.isnan(parse_box(",".join(parts))).all()
+    elif is_line and "inf" not in parts and "-2.5" not in parts[2:]:
+        is_absent = "0" in parts[2:]
+        expected = [np.nan] * 4 if is_absent else numbers
+        np.testing.assert_array_equal(parse_box(",".join(parts)), expected)
     else:
         with pytest.raises(FootageError, match="expected x,y,width,height"):
             parse_box(",".join(parts))
 
 
 @pytest.mark.parametrize(
-    "line", ["", "1,2,3", "1,2,3,4,5", "1,2,nan,4", "1,2,3,inf", "1,2,0,4", "1,2,3,-4", "a,b,c,d"]
+    "line",
+    ["nan,nan,nan,nan", "NaN\tNaN\tNaN\tNaN", "1,2,nan,4", "0,0,0,0", "1,2,0,4", "1 2 3 0.0"],
+)
+def test_an_absent_target_is_a_row_of_nan(image_sequence, line):
+    (image_sequence / "groundtruth.txt").write_text(f"1,2,3,4\n{line}\n3\t4\t3\t4\n")
+    footage = read_sequence(image_sequence)
+    np.testing.assert_array_equal(footage.ground_truth, [[1, 2, 3, 4], [np.nan] * 4, [3, 4, 3, 4]])
+    assert len(list(footage.frames())) == 3
+
+
+def test_the_name_of_otb_is_accepted_and_comes_second(image_sequence):
+    (image_sequence / "groundtruth.txt").rename(image_sequence / "groundtruth_rect.txt")
+    assert open_footage(image_sequence).ground_truth[1].tolist() == [2.5, 3.5, 3, 4]
+    (image_sequence / "groundtruth.txt").write_text("5,6,7,8\n" * 3)
+    assert read_sequence(image_sequence).ground_truth[1].tolist() == [5, 6, 7, 8]
+
+
+@pytest.mark.parametrize(
+    "line", ["", "1,2,3", "1,2,3,4,5", "1,2,3,inf", "1,2,3,-4", "nan,nan,nan", "a,b,c,d"]
 )
 def test_a_wrong_line_is_named_with_its_number(image_sequence, line):
     (image_sequence / "groundtruth.txt").write_text(f"1,2,3,4\n{line}\n1,2,3,4\n")

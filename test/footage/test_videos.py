@@ -1,3 +1,5 @@
+import itertools
+
 import cv2
 import numpy as np
 import pytest
@@ -58,6 +60,55 @@ def test_a_file_that_is_no_video_is_refused(tmp_path):
     path.write_text("nothing to see")
     with pytest.raises(FootageError, match=r"notes\.txt is not a video.*accepted are"):
         open_footage(path)
+
+
+# Long enough for FFmpeg to play it as what a terminal shows, if the name is that of a text.
+LONG_TEXT = b"10,20,30,40\n" * 100
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("notes.txt", LONG_TEXT),
+        ("notes.txt", LONG_TEXT + b"\0"),
+        ("notes.nfo", LONG_TEXT.decode().encode("utf-16")),
+        ("movie.mp4", LONG_TEXT),
+        ("movie.mp4", b"#EXTM3U\n#EXTINF:9,\nhttp://127.0.0.1:9/x.ts\n"),
+        ("movie.m3u8", b"\n#EXTM3U\n#\0\n#EXTINF:9,\nnoise.avi\n"),
+        ("movie.mp4", b"ffconcat version 1.0\nfile noise.avi\n"),
+        ("movie.mp4", b"v=0\nc=IN IP4 127.0.0.1\nm=video 9 RTP/AVP 32\n\0"),
+        ("movie.sdp", b"v=0\r\nc=IN IP4 127.0.0.1\r\nm=video 9 RTP/AVP 32\r\n"),
+    ],
+    ids=itertools.count(),
+)
+def test_texts_and_playlists_are_not_played(tmp_path, pictures, write_video, name, content):
+    write_video(tmp_path / "noise.avi", pictures)
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(
+        FootageError, match=rf"{name} is not a video.*: it is a text or a playlist; accepted"
+    ):
+        open_footage(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["groundtruth.txt", "groundtruth_rect.txt"])
+def test_the_folder_is_asked_for_instead_of_its_ground_truth(tmp_path, name):
+    (tmp_path / name).write_bytes(LONG_TEXT)
+    with pytest.raises(FootageError, match=rf"{name} is the ground truth.*its folder, {tmp_path}$"):
+        open_footage(tmp_path / name)
+
+
+def test_raw_frames_that_look_like_text_are_a_video(tmp_path):
+    picture = b"A" * (96 * 64) + b"B" * (48 * 32 * 2)
+    (tmp_path / "dark.y4m").write_bytes(b"YUV4MPEG2 W96 H64 F25:1\n" + b"FRAME\n" + picture)
+    (frame,) = open_footage(tmp_path / "dark.y4m").frames()
+    assert frame.image.shape == (64, 96, 3)
+
+
+@pytest.mark.parametrize("name", ["concat:noise.avi", "http:noise.avi"])
+def test_a_name_is_never_taken_for_an_address(tmp_path, monkeypatch, pictures, write_video, name):
+    write_video(tmp_path / "noise.avi", pictures).rename(tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    assert len(list(open_footage(name).frames())) == 5
 
 
 def test_a_truncated_video_is_refused(tmp_path, pictures):

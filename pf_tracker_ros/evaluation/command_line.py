@@ -1,0 +1,135 @@
+"""The command line of `evaluate`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from pf_tracker_ros.evaluation.results import EvaluationError
+from pf_tracker_ros.parameters import Declaration, declarations
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import PRESETS
+
+_DESCRIPTION = """\
+Evaluate a preset of the tracker on sequences with ground truth: one pass from the first true box,
+no restarts. Prints the success AUC (mean over the overlap thresholds 0, .05, .. 1 of the share of
+frames with an overlap above it; 20/21 is perfect), the share of frames with a center error of at
+most 20 px, and the median CPU time of one update, averaged over the seeds.
+"""
+
+_EXIT_CODES = """\
+The files of --output and --plot are written anew whenever a sequence is done, whole or not at all.
+
+exit codes:
+  0    all went well
+  1    a sequence failed, or results could not be written; standard error says which
+  2    the request cannot be carried out; nothing was evaluated
+  130  interrupted (Ctrl-C)
+  141  nobody reads standard output any more
+  143  terminated
+"""
+
+
+def parse_parameters(assignments: Sequence[str], option: str = "--parameter") -> dict[str, Any]:
+    """Values of parameters from texts `NAME=VALUE`, read by the type that is declared.
+
+    A list is written with commas, with or without square brackets. Whether a name exists and a
+    value is allowed is for the tracker to judge, which names what would be.
+
+    Args:
+        assignments: The texts.
+        option: Where they were given, for the message of an error.
+
+    Returns:
+        Full parameter name to value; a text that does not fit the type is kept as a string.
+
+    Raises:
+        EvaluationError: A text has no `=`, or a name is given twice.
+    """
+    known = declarations(TrackerParameters)
+    values: dict[str, Any] = {}
+    for assignment in assignments:
+        name, equals, text = (part.strip() for part in assignment.partition("="))
+        if not equals or not name:
+            raise EvaluationError(f"{option} {assignment!r}; allowed: NAME=VALUE")
+        if name in values:
+            raise EvaluationError(f"{option} {name} is given more than once")
+        values[name] = _parse_value(known[name], text) if name in known else text
+    return values
+
+
+def _parse_value(declaration: Declaration, text: str) -> Any:
+    if declaration.type is bool:
+        return {"true": True, "false": False}.get(text.lower(), text)
+    if declaration.type is str:
+        return text
+    try:
+        if declaration.type in (int, float):
+            return declaration.type(text)
+        return tuple(float(part) for part in text.removeprefix("[").removesuffix("]").split(","))
+    except ValueError:
+        return text
+
+
+class _Parser(argparse.ArgumentParser):
+    """An argument parser that refuses in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"evaluate: error: {message} (evaluate --help tells more)\n")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of the command line, which refuses in one line."""
+    parser = _Parser(
+        prog="evaluate",
+        description=_DESCRIPTION,
+        epilog=_EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "sequences",
+        nargs="+",
+        metavar="SEQUENCE_DIR",
+        help="a sequence folder (groundtruth.txt or groundtruth_rect.txt, and frames), or a folder "
+        "of such folders",
+    )
+    parser.add_argument(
+        "--preset", default="default", help=f"{', '.join(PRESETS)} (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--parameter",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="another value than the preset's for a parameter; may be repeated",
+    )
+    parser.add_argument(
+        "--seeds",
+        type=_positive,
+        default=3,
+        metavar="N",
+        help="average over the seeds 0 .. N-1 (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=_positive,
+        default=1,
+        metavar="N",
+        help="processes (default: %(default)s); CPU times are honest with one only, "
+        "as several compete for caches and memory",
+    )
+    parser.add_argument("--output", type=Path, metavar="FILE.json", help="write the results here")
+    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw the success plot here")
+    return parser
+
+
+def _positive(text: str) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        value = 0
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}; allowed: whole numbers from 1")
+    return value

@@ -1,0 +1,44 @@
+"""Which ground truth an evaluation can use."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.evaluation import metrics
+from pf_tracker_ros.evaluation.results import EvaluationError
+from pf_tracker_ros.footage import Footage
+
+
+def usable_ground_truth(footage: Footage) -> NDArray[np.float64]:
+    """The true boxes of a sequence that can be evaluated on.
+
+    Returns:
+        (frames, 4) x, y, width, height in pixels, that of the first frame known; in others the
+        target may be absent, see `metrics.has_target`.
+
+    Raises:
+        EvaluationError: There is no ground truth, it is of fewer than 2 frames or of another number
+            than the footage announces, or the target is absent in the first frame.
+    """
+    if footage.ground_truth is None:
+        raise EvaluationError(f"{footage.name}: no ground truth; allowed: one box a frame")
+    true_boxes = np.array(footage.ground_truth, dtype=np.float64)
+    if true_boxes.ndim != 2 or true_boxes.shape[1] != 4 or len(true_boxes) < 2:
+        raise EvaluationError(
+            f"{footage.name}: ground truth of shape {true_boxes.shape}; "
+            "allowed: x, y, width, height of at least 2 frames"
+        )
+    if not metrics.has_target(true_boxes[0]):
+        raise EvaluationError(
+            f"{footage.name}: the first true box is missing (the target is absent there), and "
+            "tracking starts on it; allowed: finite numbers, width and height above 0"
+        )
+    if footage.frame_count is not None and footage.frame_count != len(true_boxes):
+        raise count_mismatch(footage.name, str(footage.frame_count), len(true_boxes))
+    return true_boxes
+
+
+def count_mismatch(name: str, frames: str, boxes: int) -> EvaluationError:
+    """The error of a sequence that has another number of frames than of true boxes."""
+    return EvaluationError(f"{name}: {frames} frames, but {boxes} true boxes; allowed: as many")

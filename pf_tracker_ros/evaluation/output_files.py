@@ -1,0 +1,79 @@
+"""Files of results, written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pf_tracker_ros.evaluation.results import EvaluationError
+
+
+class OutputFile:
+    """A file that is written anew with each result; what was there last stays until then.
+
+    Attributes:
+        error: Why the last writing failed, in a sentence; None if it did not.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Make sure that it can be written.
+
+        Raises:
+            EvaluationError: It cannot; the message says why.
+        """
+        self._path = path
+        self.error: str | None = None
+        if path.is_dir():
+            raise EvaluationError(f"{path} is a folder; allowed: a file to write")
+        if not path.parent.is_dir():
+            raise EvaluationError(f"no folder {path.parent} to write {path.name} into")
+        if path.exists() and not path.is_file():
+            # To put a file in its place would do away with a device.
+            raise EvaluationError(f"{path} is no regular file; allowed: a file to write")
+        try:
+            if path.exists():
+                path.open("r+b").close()
+            with _workplace(path) as draft:
+                draft.write_bytes(b"\n")
+        except OSError as error:
+            raise EvaluationError(_failure(path, error)) from error
+
+    def write(self, write: Callable[[Path], None]) -> str | None:
+        """Write it anew.
+
+        Args:
+            write: Writes into the path that it is given, which has this file's ending.
+
+        Returns:
+            Why that failed, where the last writing did not fail for the same reason; None if all
+            went well or nothing is to be said anew.
+        """
+        before, self.error = self.error, None
+        try:
+            with _workplace(self._path) as draft:
+                write(draft)
+                _flush_to_disk(draft)
+                draft.replace(self._path.resolve())
+        except OSError as error:
+            self.error = f"{_failure(self._path, error)}; what was written before is kept"
+        return self.error if self.error != before else None
+
+
+@contextmanager
+def _workplace(path: Path) -> Iterator[Path]:
+    """A path in a folder of its own beside a file, on the same file system."""
+    target = path.resolve()
+    with tempfile.TemporaryDirectory(prefix=".results_", dir=target.parent) as folder:
+        yield Path(folder) / target.name
+
+
+def _flush_to_disk(path: Path) -> None:
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
+
+
+def _failure(path: Path, error: OSError) -> str:
+    return f"{path} cannot be written ({error.strerror or type(error).__name__})"

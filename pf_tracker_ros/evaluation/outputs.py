@@ -1,0 +1,76 @@
+"""The files that `evaluate` writes: results and plot, kept up to date while sequences get done."""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pf_tracker_ros.evaluation.output_files import OutputFile
+from pf_tracker_ros.evaluation.plots import check_plot_format, save_success_plot
+from pf_tracker_ros.evaluation.report import result_document
+from pf_tracker_ros.evaluation.results import SequenceResult
+
+
+class Outputs:
+    """The files that were asked for."""
+
+    def __init__(
+        self,
+        document: Path | None,
+        plot: Path | None,
+        preset: str,
+        parameters: Mapping[str, Any],
+    ) -> None:
+        """Make sure that they can be written.
+
+        Args:
+            document: JSON file of the results; None for none.
+            plot: Image file of the success plot; None for none.
+            preset: The preset that is evaluated.
+            parameters: Where it differs from the preset.
+
+        Raises:
+            EvaluationError: One cannot be written, or the plot's format is unknown.
+        """
+        self._preset = preset
+        self._parameters = parameters
+        self._document = None if document is None else OutputFile(document)
+        if plot is not None:
+            check_plot_format(plot)
+        self._plot = None if plot is None else OutputFile(plot)
+
+    @property
+    def are_written(self) -> bool:
+        """Whether the files hold what was to be written last."""
+        files = (self._document, self._plot)
+        return all(file is None or file.error is None for file in files)
+
+    def write(self, results: Sequence[SequenceResult]) -> list[str]:
+        """Write the files anew.
+
+        Args:
+            results: Those of all sequences that are done, in the order of the sequences.
+
+        Returns:
+            A sentence for each file that cannot be written, unless it was said before.
+        """
+        failures = []
+        if self._document is not None:
+            failures.append(self._document.write(functools.partial(self._write_document, results)))
+        if self._plot is not None:
+            failures.append(self._plot.write(functools.partial(self._draw, results)))
+        return [failure for failure in failures if failure is not None]
+
+    def _write_document(self, results: Sequence[SequenceResult], path: Path) -> None:
+        document = result_document(self._preset, self._parameters, results)
+        path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+    def _draw(self, results: Sequence[SequenceResult], path: Path) -> None:
+        curves = {result.name: result.success_curve for result in results}
+        mean = np.mean(list(curves.values()), axis=0)
+        save_success_plot(path, {self._preset: mean}, details=curves)

@@ -1,0 +1,114 @@
+"""Bags as lists of topics and serialized messages, whichever library reads them.
+
+A ROS from apt brings `rosbag2_py`; elsewhere `rosbags` from PyPI does the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from pf_tracker_ros.footage.access import check_file, entries, exists
+from pf_tracker_ros.footage.base import FootageError
+from pf_tracker_ros.footage.mcap import cut_off_advice
+
+METADATA_FILE = "metadata.yaml"
+BAG_SUFFIXES = (".mcap", ".db3")
+
+
+@dataclass(frozen=True)
+class BagTopic:
+    """A topic of a bag.
+
+    Attributes:
+        name: Full topic name.
+        message_type: For example `sensor_msgs/msg/Image`.
+        message_count: Number of messages on it, as far as the bag tells; 0 if it does not.
+    """
+
+    name: str
+    message_type: str
+    message_count: int
+
+
+class BagReader(Protocol):
+    """An open bag; whatever is wrong with it may be raised as any exception."""
+
+    def topics(self) -> list[BagTopic]:
+        """The topics, each name and type once."""
+        ...
+
+    def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
+        """Log time in nanoseconds and CDR of each message of a topic, in the order of recording."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the files."""
+        ...
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[BagReader]:
+    """Open a bag for the length of a block; errors of the block's reading become FootageErrors.
+
+    Args:
+        path: A rosbag2 folder or a storage file.
+
+    Raises:
+        FootageError: The bag cannot be read, or nothing is installed to read it with.
+    """
+    _check_files(path)
+    # A corrupt file can make the readers of YAML, SQLite, MCAP and zstd raise nearly anything;
+    # to the user it is all one: this bag cannot be read.
+    try:
+        reader = _open(path)
+        try:
+            yield reader
+        finally:
+            reader.close()
+    except (FootageError, GeneratorExit):
+        raise
+    except Exception as error:
+        raise _unreadable(path, error) from error
+
+
+def _open(path: Path) -> BagReader:
+    from pf_tracker_ros.footage.bag_reading_rosbag2 import Rosbag2Reader
+    from pf_tracker_ros.footage.bag_reading_rosbags import RosbagsReader
+
+    try:
+        return Rosbag2Reader(path)
+    except ImportError:
+        pass
+    try:
+        return RosbagsReader(path)
+    except ImportError as error:
+        raise FootageError(
+            "reading a bag needs rosbag2_py, which apt has in ros-jazzy-rosbag2-py, or the Python "
+            "package rosbags: pip install rosbags"
+        ) from error
+
+
+def _check_files(path: Path) -> None:
+    if not (exists(path) and path.is_dir()):
+        check_file(path, "bag")
+        return
+    for entry in entries(path):
+        is_part = entry.name == METADATA_FILE or set(entry.suffixes) & set(BAG_SUFFIXES)
+        if is_part and not entry.is_dir():
+            check_file(entry, "bag file")
+
+
+def _unreadable(path: Path, error: Exception) -> FootageError:
+    lines = str(error).strip().splitlines()
+    reason = lines[0] if lines else type(error).__name__
+    advice = cut_off_advice(path)
+    if advice is not None:
+        return FootageError(f"bag {path} cannot be read ({reason}): {advice}")
+    return FootageError(
+        f"bag {path} cannot be read ({reason}); accepted are rosbag2 folders with {METADATA_FILE} "
+        "(sqlite3 or mcap storage, zstd compression) and bare .mcap or .db3 files"
+    )

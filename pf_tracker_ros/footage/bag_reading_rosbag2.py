@@ -1,0 +1,71 @@
+"""Reads bags with `rosbag2_py`, which comes with a ROS from apt.
+
+Written against the interface that rosbag2 documents for Jazzy (`rosbag2_py` 0.26: its bindings and
+its tests), as no package index has it to run here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pf_tracker_ros.footage.bag_reading import BagTopic
+
+# A folder's metadata.yaml names its storage.
+_STORAGE_BY_SUFFIX = {".mcap": "mcap", ".db3": "sqlite3"}
+
+
+class Rosbag2Reader:
+    """A bag read by `rosbag2_py`; see `BagReader`."""
+
+    def __init__(self, path: Path) -> None:
+        """Open the bag.
+
+        Raises:
+            ImportError: `rosbag2_py` is not installed.
+        """
+        import rosbag2_py  # type: ignore[import-not-found,unused-ignore]
+
+        self._library = rosbag2_py
+        self._path = path
+        metadata = self._open().get_metadata()
+        counts: dict[tuple[str, str], int] = {}
+        for each in metadata.topics_with_message_count:
+            key = each.topic_metadata.name, each.topic_metadata.type
+            counts[key] = counts.get(key, 0) + each.message_count
+        self._topics = [BagTopic(name, kind, count) for (name, kind), count in counts.items()]
+
+    def topics(self) -> list[BagTopic]:
+        """See `BagReader.topics`."""
+        return list(self._topics)
+
+    def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
+        """See `BagReader.messages`."""
+        # A reader goes through its bag once.
+        reader = self._open()
+        reader.set_filter(self._library.StorageFilter(topics=[topic]))
+        while reader.has_next():
+            _, message, log_time = reader.read_next()
+            yield log_time, message
+
+    def close(self) -> None:
+        """See `BagReader.close`; the library closes a file with the reader that has it open."""
+
+    def _open(self) -> Any:
+        is_folder = self._path.is_dir()
+        # The plain reader hands compressed messages out as they are.
+        is_compressed = is_folder and bool(
+            self._library.MetadataIo().read_metadata(str(self._path)).compression_format
+        )
+        reader = (
+            self._library.SequentialCompressionReader()
+            if is_compressed
+            else self._library.SequentialReader()
+        )
+        storage = "" if is_folder else _STORAGE_BY_SUFFIX.get(self._path.suffix, "")
+        reader.open(
+            self._library.StorageOptions(uri=str(self._path), storage_id=storage),
+            self._library.ConverterOptions("cdr", "cdr"),
+        )
+        return reader

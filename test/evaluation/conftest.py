@@ -1,0 +1,51 @@
+"""The command `evaluate` in a process of its own, and what it is run on."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pf_tracker_ros
+
+PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
+
+
+@pytest.fixture
+def start_evaluate(tmp_path):
+    """Starts the command in the test's folder; what still runs after the test is killed."""
+    processes = []
+
+    def start(*arguments, stdout=subprocess.PIPE, **environment):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "pf_tracker_ros.evaluation", *map(str, arguments)],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(PACKAGES), **environment},
+            stdout=stdout,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+        )
+        processes.append(process)
+        return process
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def short_sequence(write_sequence, moving_square):
+    """Five frames of the moving square."""
+    return write_sequence("short", moving_square.images[:5], moving_square.boxes[:5])
+
+
+@pytest.fixture
+def long_sequences(write_sequence, moving_square):
+    """Two times the moving square there and back, a hundred times as long as the short one."""
+    there_and_back = np.r_[np.arange(20), np.arange(18, 0, -1)]
+    order = np.resize(there_and_back, 500)
+    images, boxes = moving_square.images[order], moving_square.boxes[order]
+    return [write_sequence(name, images, boxes) for name in ("walk", "stroll")]

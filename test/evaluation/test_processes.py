@@ -1,0 +1,26 @@
+"""Work in several processes, done by functions that any process knows."""
+
+import multiprocessing
+import time
+from contextlib import closing
+
+from pf_tracker_ros.evaluation.processes import ProcessEnded, spread
+
+
+def test_every_task_is_done_once():
+    assert sorted(spread(abs, [-5, 6, -7, 8], 2)) == [(0, 5), (1, 6), (2, 7), (3, 8)]
+    assert list(spread(abs, [], 2)) == []
+
+
+def test_processes_that_end_at_a_task_fail_at_that_one_only():
+    tasks = ["1 + 1", "__import__('os')._exit(5)", "2 + 2", "__import__('os').abort()", "3 + 3"]
+    answers = dict(spread(eval, tasks, 2))
+    ended = {1: ProcessEnded(5), 3: ProcessEnded(-6)}
+    assert answers == {0: 2, 2: 4, 4: 6, **ended}
+
+
+def test_closing_ends_processes_at_their_work():
+    with closing(spread(time.sleep, [0, 10_000, 10_000, 10_000], 2)) as done:
+        assert next(done) == (0, None)
+        assert len(multiprocessing.active_children()) == 2
+    assert multiprocessing.active_children() == []

@@ -1,0 +1,156 @@
+"""Work that is done is not lost, whatever happens to the rest of it or to the output."""
+
+import json
+import os
+import resource
+import subprocess
+
+import cv2
+import pytest
+
+from pf_tracker_ros.evaluation import EvaluationError
+from pf_tracker_ros.evaluation.output_files import OutputFile
+
+RUN = ("--preset", "li2007", "--seeds", "2", "--output", "r.json")
+
+
+@pytest.fixture
+def write_short(write_sequence, moving_square):
+    """Writes the first 5 frames of the moving square."""
+    return lambda name: write_sequence(name, moving_square.images[:5], moving_square.boxes[:5])
+
+
+@pytest.fixture
+def document(tmp_path):
+    return lambda: json.loads((tmp_path / "r.json").read_text())
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_sequence_that_fails_takes_no_other_with_it(
+    start_evaluate, write_short, tmp_path, document, jobs
+):
+    _, broken, _ = map(write_short, "abc")
+    (broken / "img" / "0003.png").write_bytes(b"not a picture")
+    process = start_evaluate(
+        *("a", "b", "c", *RUN, "--jobs", jobs, "--plot", "p.png"), PYTHONIOENCODING="utf-8"
+    )
+    output, errors = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert errors.decode().startswith("evaluate: error: image ")
+    assert "0003.png cannot be decoded" in errors.decode()
+    assert len(errors.splitlines()) == 1
+    assert list(document()["sequences"]) == ["a", "c"]
+    assert document()["mean"]["frames"] == 5
+    table = output.decode()
+    assert all(f"│ {name} " in table for name in ("a", "c", "mean"))
+    assert "│ b " not in table
+    assert cv2.imread(str(tmp_path / "p.png")) is not None
+
+
+def test_without_any_success_there_is_no_result(start_evaluate, short_sequence, tmp_path):
+    (short_sequence / "groundtruth.txt").write_text("900,900,20,20\n" * 5)
+    (tmp_path / "r.json").write_text("of last time")
+    process = start_evaluate("short", *RUN)
+    output, errors = process.communicate(timeout=120)
+    assert (process.returncode, output) == (1, b"")
+    first, second = errors.decode().splitlines()
+    assert first.startswith("evaluate: error: short, frame 1: ")
+    assert "outside the image" in first
+    assert second == "evaluate: error: no sequence could be evaluated"
+    assert (tmp_path / "r.json").read_text() == "of last time"
+
+
+def test_results_are_there_though_nobody_reads_the_table(start_evaluate, short_sequence, document):
+    reading, writing = os.pipe()
+    os.close(reading)
+    process = start_evaluate("short", *RUN, stdout=writing)
+    os.close(writing)
+    _, errors = process.communicate(timeout=120)
+    assert (process.returncode, errors) == (141, b"")
+    assert list(document()["sequences"]) == ["short"]
+
+
+def test_results_are_there_though_the_table_cannot_be_written(
+    start_evaluate, short_sequence, document
+):
+    with open("/dev/full", "wb") as full:  # noqa: PTH123
+        process = start_evaluate("short", *RUN, stdout=full)
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert errors.decode() == (
+        "evaluate: error: the table cannot be printed (No space left on device)\n"
+    )
+    assert list(document()["sequences"]) == ["short"]
+
+
+def test_an_output_in_ascii_gets_a_table_in_ascii(start_evaluate, write_short, document):
+    write_short("Tür")
+    process = start_evaluate("Tür", *RUN, PYTHONIOENCODING="ascii")
+    output, errors = process.communicate(timeout=120)
+    assert (process.returncode, errors) == (0, b"")
+    lines = output.decode("ascii").splitlines()
+    assert any(line.startswith("| sequence") and " +- |" in line for line in lines)
+    assert any(line.startswith(r"| T\xfcr ") for line in lines)
+    assert list(document()["sequences"]) == ["Tür"]
+
+
+def test_a_full_disk_keeps_the_last_whole_file(start_evaluate, write_short, tmp_path, document):
+    names = [f"sequence_{number}" for number in range(4)]
+    for name in names:
+        write_short(name)
+    process = start_evaluate(*names, *RUN, PYTHONIOENCODING="utf-8")
+    # Room for two sequences, not for three: a file that would grow larger is refused as by a disk.
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (650, 650))
+    output, errors = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert errors.decode() == (
+        "evaluate: error: r.json cannot be written (File too large); what was written before is "
+        "kept\n"
+    )
+    assert list(document()["sequences"]) == names[:2]
+    assert all(f"│ {name} " in output.decode() for name in names)
+    assert {path.name for path in tmp_path.iterdir()} == {*names, "r.json"}
+
+
+def test_help_tells_the_exit_codes(start_evaluate):
+    process = start_evaluate("--help", stdout=subprocess.PIPE)
+    output, _ = process.communicate(timeout=120)
+    for code in ("0", "1", "2", "130", "141", "143"):
+        assert any(line.split()[:1] == [code] for line in output.decode().splitlines())
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "r.json"
+    path.write_text("old")
+    file = OutputFile(path)
+
+    def fail(draft):
+        draft.write_text("half")
+        raise OSError(28, "No space left on device")
+
+    assert "No space left on device" in file.write(fail)
+    assert file.write(fail) is None
+    assert file.error is not None
+    assert path.read_text() == "old"
+    assert file.write(lambda draft: draft.write_text("new")) is None
+    assert file.error is None
+    assert path.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_link_stays_one(tmp_path):
+    (tmp_path / "disk").mkdir()
+    link = tmp_path / "r.json"
+    link.symlink_to("disk/r.json")
+    OutputFile(link).write(lambda draft: draft.write_text("new"))
+    assert link.is_symlink()
+    assert (tmp_path / "disk" / "r.json").read_text() == "new"
+
+
+def test_a_file_to_write_is_not_touched_before_there_is_something_to_write(tmp_path):
+    path = tmp_path / "r.json"
+    OutputFile(path)
+    assert list(tmp_path.iterdir()) == []
+    os.mkfifo(path)
+    with pytest.raises(EvaluationError, match="no regular file"):
+        OutputFile(path)

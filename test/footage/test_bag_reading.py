@@ -1,0 +1,192 @@
+"""Which library reads a bag, and what a cut-off one is said to need."""
+
+import sys
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+from pf_tracker_ros.footage import FootageError, open_bag, open_footage
+
+IMAGE = "sensor_msgs/msg/Image"
+POLYGON = "geometry_msgs/msg/PolygonStamped"
+
+
+class DocumentedRosbag2(ModuleType):
+    """A stand-in for `rosbag2_py`, which no package index has: its documented interface, no more.
+
+    It holds one bag in memory and notes how it is asked for it.
+    """
+
+    def __init__(self, topics, messages, compression_format=""):
+        super().__init__("rosbag2_py")
+        self.opened = []
+        library = self
+
+        class StorageOptions:
+            def __init__(self, uri, storage_id=""):
+                self.uri, self.storage_id = uri, storage_id
+
+        class ConverterOptions:
+            def __init__(self, input_serialization_format="", output_serialization_format=""):
+                self.formats = input_serialization_format, output_serialization_format
+
+        class StorageFilter:
+            def __init__(self, topics=()):
+                self.topics = list(topics)
+
+        def metadata():
+            infos = [
+                SimpleNamespace(
+                    topic_metadata=SimpleNamespace(name=name, type=kind), message_count=count
+                )
+                for name, kind, count in topics
+            ]
+            return SimpleNamespace(
+                topics_with_message_count=infos, compression_format=compression_format
+            )
+
+        class MetadataIo:
+            def read_metadata(self, uri):
+                assert isinstance(uri, str)
+                return metadata()
+
+        class Reader:
+            def open(self, storage_options, converter_options):
+                assert converter_options.formats == ("cdr", "cdr")
+                assert isinstance(storage_options.uri, str)
+                library.opened.append(
+                    (type(self).__name__, storage_options.uri, storage_options.storage_id)
+                )
+                self.left = list(messages)
+
+            def get_metadata(self):
+                return metadata()
+
+            def get_all_topics_and_types(self):
+                return [info.topic_metadata for info in metadata().topics_with_message_count]
+
+            def set_filter(self, storage_filter):
+                self.left = [row for row in self.left if row[0] in storage_filter.topics]
+
+            def has_next(self):
+                return bool(self.left)
+
+            def read_next(self):
+                row = self.left.pop(0)
+                if isinstance(row[1], Exception):
+                    raise row[1]
+                return row
+
+        self.StorageOptions, self.ConverterOptions = StorageOptions, ConverterOptions
+        self.StorageFilter, self.MetadataIo = StorageFilter, MetadataIo
+        self.SequentialReader = type("SequentialReader", (Reader,), {})
+        self.SequentialCompressionReader = type("SequentialCompressionReader", (Reader,), {})
+
+
+TOPICS = [("/eye/image", IMAGE, 1), ("/eye/image", IMAGE, 1), ("/eye/ground_truth", POLYGON, 1)]
+
+
+@pytest.fixture
+def messages(make_message):
+    return [
+        ("/eye/image", make_message(IMAGE, 10), 17),
+        ("/eye/image", make_message(IMAGE, 20), 27),
+        ("/eye/ground_truth", make_message(POLYGON, 20), 28),
+    ]
+
+
+@pytest.fixture
+def bag_folder(tmp_path):
+    (tmp_path / "talk").mkdir()
+    (tmp_path / "talk" / "metadata.yaml").touch()
+    return tmp_path / "talk"
+
+
+def test_the_reader_of_ros_is_taken_where_it_is(bag_folder, messages, monkeypatch):
+    library = DocumentedRosbag2(TOPICS, messages)
+    monkeypatch.setitem(sys.modules, "rosbag2_py", library)
+    bag = open_bag(bag_folder)
+    assert (bag.image_topic, bag.image_type, bag.image_count) == ("/eye/image", IMAGE, 2)
+    assert bag.ground_truth_topic == "/eye/ground_truth"
+    images = list(bag.images())
+    assert [(image.stamp, image.log_time) for image in images] == [(10, 17), (20, 27)]
+    assert [image.message for image in images] == [row[1] for row in messages[:2]]
+    assert [image.ground_truth for image in images] == [None, messages[2][1]]
+    assert list(bag.images()) == images
+    assert set(library.opened) == {("SequentialReader", str(bag_folder), "")}
+
+
+@pytest.mark.parametrize(("name", "storage"), [("talk.mcap", "mcap"), ("talk.db3", "sqlite3")])
+def test_the_reader_of_ros_is_told_the_storage_of_a_file(
+    tmp_path, messages, monkeypatch, name, storage
+):
+    library = DocumentedRosbag2(TOPICS, messages)
+    monkeypatch.setitem(sys.modules, "rosbag2_py", library)
+    (tmp_path / name).touch()
+    assert len(list(open_bag(tmp_path / name).images())) == 2
+    assert set(library.opened) == {("SequentialReader", str(tmp_path / name), storage)}
+
+
+def test_the_reader_of_ros_is_the_decompressing_one_for_compressed_bags(
+    bag_folder, messages, monkeypatch
+):
+    library = DocumentedRosbag2(TOPICS, messages, compression_format="zstd")
+    monkeypatch.setitem(sys.modules, "rosbag2_py", library)
+    assert len(list(open_bag(bag_folder).images())) == 2
+    assert {name for name, *_ in library.opened} == {"SequentialCompressionReader"}
+
+
+def test_errors_of_the_reader_of_ros_are_told_like_those_of_the_other(
+    bag_folder, messages, monkeypatch
+):
+    broken = [messages[0], ("/eye/image", RuntimeError("No storage\nat all"), 0)]
+    monkeypatch.setitem(sys.modules, "rosbag2_py", DocumentedRosbag2(TOPICS[:1], broken))
+    images = open_bag(bag_folder).images()
+    next(images)
+    with pytest.raises(
+        FootageError, match=r"talk cannot be read \(No storage\); accepted are rosbag2 folders"
+    ):
+        next(images)
+
+
+@pytest.mark.parametrize("missing", ["rosbags", "rosbags.rosbag2"])
+def test_without_any_reader_both_are_named(bag_folder, monkeypatch, missing):
+    monkeypatch.setitem(sys.modules, "rosbag2_py", None)
+    monkeypatch.delitem(sys.modules, "rosbags.rosbag2")
+    monkeypatch.setitem(sys.modules, missing, None)
+    with pytest.raises(FootageError, match=r"ros-jazzy-rosbag2-py.*pip install rosbags$"):
+        open_bag(bag_folder)
+
+
+@pytest.fixture
+def recording(tmp_path, write_bag, make_message):
+    rows = [("/image", IMAGE, stamp, make_message(IMAGE, stamp)) for stamp in range(1, 50)]
+    return write_bag(tmp_path / "talk", rows)
+
+
+@pytest.mark.parametrize("kept", [9, 0.5, 0.99])
+def test_a_cut_off_mcap_file_says_how_to_save_it(recording, kept):
+    path = recording / "talk.mcap"
+    content = path.read_bytes()
+    path.write_bytes(content[: kept if kept > 1 else int(kept * len(content))])
+    with pytest.raises(
+        FootageError, match=r"talk\.mcap was cut off.*`mcap recover talk\.mcap"
+    ) as e:
+        open_bag(path)
+    assert "reindex" not in str(e.value)
+    with pytest.raises(FootageError, match=r"`mcap recover talk\.mcap.*`ros2 bag reindex talk`"):
+        open_bag(recording)
+    (recording / "metadata.yaml").unlink()
+    with pytest.raises(FootageError, match=r"no metadata\.yaml.*mcap recover.*bag reindex talk`"):
+        open_footage(recording)
+
+
+def test_other_damage_is_not_called_cut_off(recording):
+    path = recording / "talk.mcap"
+    content = bytearray(path.read_bytes())
+    content[20:-8] = bytes(len(content) - 28)
+    path.write_bytes(content)
+    for bag in (path, recording):
+        with pytest.raises(FootageError, match="accepted are rosbag2 folders") as error:
+            list(open_bag(bag).images())
+        assert "recover" not in str(error.value)
