@@ -14,7 +14,7 @@ class ReplayParameters:
     source: str = declared(
         "",
         "What to replay: a rosbag2 folder or .mcap file, a video file, a folder of images, or a "
-        "sequence folder (groundtruth.txt and frames).",
+        "sequence folder (groundtruth.txt or groundtruth_rect.txt, and frames).",
         read_only=True,
     )
     bag_topic: str = declared(
