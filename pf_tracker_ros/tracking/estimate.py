@@ -99,6 +99,8 @@ class Estimate:
 
 
 def _same(one: Any, other: Any) -> bool:
-    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-        return one.dtype == other.dtype and np.array_equal(one, other)
-    return bool(one == other)
+    if not (isinstance(one, np.ndarray) or isinstance(other, np.ndarray)):
+        return bool(one == other)
+    # Of an array and something else, `==` would be an array.
+    same_kind = type(one) is type(other) and one.dtype == other.dtype
+    return same_kind and np.array_equal(one, other)

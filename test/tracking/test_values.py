@@ -57,7 +57,8 @@ def other_values(estimate):
         array = getattr(estimate, name)
         nudged = array.copy()
         nudged.flat[-1] = np.nextafter(nudged.flat[-1], np.inf)
-        yield from ((name, value) for value in (nudged, array[:-1], array.astype(np.float32)))
+        others = (nudged, array[:-1], array.astype(np.float32), array.tolist(), None)
+        yield from ((name, value) for value in others)
     x, y, width, height = estimate.box
     yield "box", (x, y, width, np.nextafter(height, 0.0))
     yield "state", "lost"
