@@ -80,7 +80,7 @@ setup(
         "console_scripts": [
             f"tracker = {PACKAGE}.node.commands:tracker",
             f"replay = {PACKAGE}.node.commands:replay",
-            f"evaluate = {PACKAGE}.evaluation.__main__:main",
+            f"evaluate = {PACKAGE}.commands:evaluate",
         ],
     },
 )

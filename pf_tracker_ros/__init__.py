@@ -21,9 +21,6 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     from importlib import import_module
 
-    from pf_tracker_ros.opencv import require_opencv
-
-    require_opencv()
     return getattr(import_module(f"{__name__}.tracking.{_MODULES[name]}"), name)
 
 

@@ -141,9 +141,9 @@ def test_no_opencv_is_put_in_the_place_of_the_one_that_is_there(requires):
 def test_without_an_opencv_the_library_says_how_to_get_one(without_opencv):
     code = """
 import pf_tracker_ros
-for name in ("Tracker", "Estimate"):
+for source in ("pf_tracker_ros", "pf_tracker_ros.tracking.tracker"):
     try:
-        exec(f"from pf_tracker_ros import {name}")
+        exec(f"from {source} import Tracker")
     except ImportError as error:
         print(error.name, error)
 print(pf_tracker_ros.__version__)
@@ -154,6 +154,13 @@ print(pf_tracker_ros.__version__)
         assert line.startswith("cv2 OpenCV is missing: pip install opencv-python-headless")
         assert "apt install python3-opencv" in line
     assert version == __version__
+
+
+def test_without_an_opencv_evaluate_says_how_to_get_one(without_opencv):
+    outcome = without_opencv.call("evaluate", "--help")
+    assert outcome.returncode == 2
+    assert outcome.stderr.startswith("evaluate: error: OpenCV is missing: pip install")
+    assert len(outcome.stderr.splitlines()) == 1
 
 
 def test_the_library_works_without_ros(without_extra):
