@@ -1,10 +1,13 @@
-# Development tasks; `make` lists them. Needs Python 3.11 or 3.12 and pip: PYTHON=... names one.
+# Development tasks; `make` lists them. Needs Python 3.10 to 3.13 and pip: PYTHON=... names one.
 
 PYTHON ?=
 VENV := .venv
 INSTALLED := $(VENV)/.installed
 BENCH_VENV := .venv-bench
 BENCH_INSTALLED := $(BENCH_VENV)/.installed
+
+# What `make lock` pins: the extras of setup.py that `make setup` installs.
+LOCKED_EXTRAS := ros evaluation test development
 
 # What `make bench` runs on, and further arguments for it.
 SEQUENCES ?=
@@ -59,7 +62,9 @@ generate: $(INSTALLED)  ## write config/*.yaml and docs/parameters.md from the d
 	$(VENV)/bin/python -m pf_tracker_ros.node.generate
 
 lock: $(INSTALLED)  ## pin the newest versions that setup.py allows
-	$(VENV)/bin/python requirements/lock.py > $(VENV)/lock.txt
+	$(VENV)/bin/uv pip compile --quiet --universal --python-version 3.10 --no-python-downloads \
+		$(LOCKED_EXTRAS:%=--extra %) --no-annotate --custom-compile-command 'make lock' \
+		setup.py > $(VENV)/lock.txt
 	mv $(VENV)/lock.txt requirements/development.txt
 
 clean:  ## remove .venv, .venv-bench and everything built

@@ -18,16 +18,22 @@ def shared_files(folder: str, *patterns: str) -> list[str]:
     return sorted(str(path.relative_to(ROOT)) for path in found)
 
 
-# Reading rosbag2 folders and MCAP files; no part of ROS, so it is safe beside a ROS from apt.
+# OpenCV is in no list of what is always installed: PyPI has several packages of it that bring the
+# same module, and pip would put this one in the place of another.
+OPENCV = ["opencv-python-headless>=4.6,<5"]
+# Reading rosbag2 folders and MCAP files where ROS has no rosbag2_py; safe beside a ROS from apt.
 BAGS = ["rosbags>=0.11.9,<0.12"]
 
 EXTRAS = {
-    # A whole ROS 2 Jazzy from PyPI (third-party wheels, Linux x86-64). Never beside a ROS from apt.
+    # A whole ROS 2 Jazzy from PyPI (third-party wheels, Linux x86-64, Python 3.10 to 3.13), for an
+    # environment made for it. Never beside a ROS from apt.
     "ros": [
         "ros-jazzy-rclpy[fastrtps]==7.1.6",
         "ros-jazzy-common-interfaces==5.3.6",
+        *OPENCV,
         *BAGS,
     ],
+    "opencv": OPENCV,
     "bags": BAGS,
     "evaluation": ["rich>=13", "matplotlib>=3.6"],
     # Peers that benchmarks compare with, in an environment of its own: `particles` wants NumPy 1.
@@ -38,6 +44,7 @@ EXTRAS = {
         "ros-jazzy-domain-coordinator==0.12.0",
         "colcon-common-extensions==0.3.0",
         "setuptools>=70.1,<80",
+        "uv",
         "ruff",
         "mypy",
         "codespell",
@@ -55,7 +62,9 @@ setup(
     maintainer="pf_tracker_ros maintainers",
     maintainer_email="pf-tracker-ros@example.org",
     license="Apache-2.0",
-    python_requires=">=3.11",
+    url="https://github.com/pf-tracker-ros/pf_tracker_ros",
+    project_urls={"Issues": "https://github.com/pf-tracker-ros/pf_tracker_ros/issues"},
+    python_requires=">=3.10",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={PACKAGE: ["py.typed"]},
     data_files=[
@@ -64,14 +73,14 @@ setup(
         (f"{SHARE}/config", shared_files("config", "*.yaml", "*.xml", "*.json", "*.rviz")),
         (f"{SHARE}/launch", shared_files("launch", "*.launch.py")),
     ],
-    install_requires=["numpy>=1.24", "opencv-python-headless>=4.6,<5"],
+    install_requires=["numpy>=1.24"],
     extras_require=EXTRAS,
     zip_safe=False,
     entry_points={
         "console_scripts": [
             f"tracker = {PACKAGE}.node.commands:tracker",
             f"replay = {PACKAGE}.node.commands:replay",
-            f"evaluate = {PACKAGE}.evaluation.__main__:main",
+            f"evaluate = {PACKAGE}.commands:evaluate",
         ],
     },
 )

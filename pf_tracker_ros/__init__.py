@@ -6,15 +6,33 @@ if TYPE_CHECKING:
     from pf_tracker_ros.tracking.estimate import Estimate
     from pf_tracker_ros.tracking.tracker import Tracker
 
-__all__ = ["Estimate", "Tracker"]
+    __version__: str
+
+__all__ = ["Estimate", "Tracker", "__version__"]
 
 _MODULES = {"Estimate": "estimate", "Tracker": "tracker"}
 
 
 def __getattr__(name: str) -> Any:
     # Imported when asked for, so that the executables can take care of signals before NumPy loads.
+    if name == "__version__":
+        return _version()
     if name not in _MODULES:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     from importlib import import_module
 
     return getattr(import_module(f"{__name__}.tracking.{_MODULES[name]}"), name)
+
+
+def _version() -> str:
+    from importlib import metadata
+
+    try:
+        return metadata.version(__name__)
+    except metadata.PackageNotFoundError:
+        # Run from the sources, without an installation: their manifest is beside the package.
+        from pathlib import Path
+        from xml.etree import ElementTree
+
+        manifest = Path(__file__).resolve().parent.parent / "package.xml"
+        return ElementTree.parse(manifest).findtext("version", "")

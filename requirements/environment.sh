@@ -2,8 +2,8 @@
 # Creates the virtual environment, or brings it up to date:
 # environment.sh DIRECTORY REQUIREMENTS [PYTHON]
 #
-# Needs Python 3.11 or 3.12 and pip, nothing else. Without PYTHON it takes the first that fits of
-# python3.12, python3.11 and python3.
+# Needs Python 3.10 to 3.13 and pip, nothing else. Without PYTHON it takes the first that fits of
+# python3.12, python3.11, python3.13, python3.10 and python3.
 set -eu
 cd "$(dirname "$0")/.."
 directory=$1
@@ -16,23 +16,23 @@ fail() {
 }
 
 is_supported() {
-    "$1" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))' 2>/dev/null
+    "$1" -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null
 }
 
 choose_python() {
     if [ -n "$requested" ]; then
-        is_supported "$requested" || fail "PYTHON=$requested is not a Python 3.11 or 3.12"
+        is_supported "$requested" || fail "PYTHON=$requested is not a Python from 3.10 to 3.13"
         echo "$requested"
         return
     fi
-    for candidate in python3.12 python3.11 python3; do
+    for candidate in python3.12 python3.11 python3.13 python3.10 python3; do
         if is_supported "$candidate"; then
             echo "$candidate"
             return
         fi
     done
-    fail "no Python 3.11 or 3.12 found as python3.12, python3.11 or python3;" \
-        "install one, or name it: make PYTHON=/path/to/python3.12 ..."
+    fail "no Python from 3.10 to 3.13 found as python3.12, python3.11, python3.13, python3.10 or" \
+        "python3; install one, or name it: make PYTHON=/path/to/python3.12 ..."
 }
 
 create() {

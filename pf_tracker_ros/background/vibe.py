@@ -222,7 +222,8 @@ class BackgroundModel:
             # 255 where it matches, which is -1 for bytes that wrap: the count goes up by 1.
             cv2.threshold(largest, self._parameters.radius, 255, cv2.THRESH_BINARY_INV, dst=largest)
             matches -= largest
-        return cv2.compare(matches, self._parameters.matches, cv2.CMP_LT)
+        fewest = self._parameters.matches
+        return cv2.threshold(matches, fewest - 1, 255, cv2.THRESH_BINARY_INV)[1]
 
     def _learn(self, planes: NDArray[np.uint8], foreground: NDArray[np.uint8]) -> None:
         """Conservative update and spatial propagation: only background pixels give their value.

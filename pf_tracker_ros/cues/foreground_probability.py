@@ -209,7 +209,7 @@ class ForegroundProbability(SearchableCue):
 
 
 def _shares(counts: NDArray[np.intp]) -> NDArray[np.float32]:
-    return (counts / max(counts.sum(), 1)).astype(np.float32)
+    return (counts / max(int(counts.sum()), 1)).astype(np.float32)
 
 
 def _sums(

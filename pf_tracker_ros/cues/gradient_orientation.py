@@ -118,9 +118,9 @@ class GradientOrientation(Cue):
         columns = nearest_pixel(x + self._fractions * width)
         rows = nearest_pixel(y + self._fractions * height)
         corners = rows[:, None] * integral.shape[1] + columns[None]
-        values = integral.reshape(-1, self._directions).take(corners, axis=0)
+        taken = integral.reshape(-1, self._directions).take(corners, axis=0)
         # Whole numbers up to 2^24, more than any region's sum in one direction, stay exact.
-        values = values.astype(np.float32).reshape(self._corner_weights.shape[1], -1)
+        values = taken.astype(np.float32).reshape(self._corner_weights.shape[1], -1)
         sums = product(self._corner_weights, values)
         return sums.reshape(self._cells**2, len(boxes), self._directions)
 

@@ -90,7 +90,7 @@ class OrientedGradients(Cue):
         cells = self._cells(maps, box[None])
         descriptor = _corners(cells) * _inverse_lengths(cells)[..., None]
         total = descriptor.sum(dtype=np.float64)
-        return descriptor[..., 0, :] / (total if total > 0.0 else 1.0)
+        return descriptor[..., 0, :] / np.float64(total if total > 0.0 else 1.0)
 
     def log_likelihood(
         self, maps: FrameMaps, boxes: NDArray[np.float64], template: NDArray[np.float64]

@@ -245,7 +245,8 @@ def _walker(
     """A person in cloth of these colors and of a pattern of its own."""
     person = Person(_PERSON_HEIGHT, *clothes, direction)
     plain = [person.sprite(view) for view in range(GAIT_VIEWS)]
-    pattern = fractal_noise(generator, plain[0].pixels.shape[:2], 14.0)
+    height, width = plain[0].pixels.shape[:2]
+    pattern = fractal_noise(generator, (height, width), 14.0)
     factors = 1.0 + 0.9 * (pattern - pattern.mean())
     sprites = tuple(_patterned(sprite, factors) for sprite in plain)
     # Two steps take a walker the length of the gait's cycle.

@@ -70,8 +70,8 @@ class Street:
         cv2.rectangle(image, (0, self.curb), (width, self.curb + 6), (165, 168, 170), -1)
         cv2.rectangle(image, (0, self.curb + 6), (width, self.curb + 9), (60, 62, 64), -1)
         first = int(generator.integers(-80, 0))
-        for x in range(first, width, 110):
-            corners = np.array([[x, height - 50], [x + 60, height - 50]])
+        for left in range(first, width, 110):
+            corners = np.array([[left, height - 50], [left + 60, height - 50]])
             mark = np.concatenate([corners, corners[::-1] + np.array([-6, 9])])
             cv2.fillPoly(image, [mark], (188, 192, 194), cv2.LINE_AA)
 

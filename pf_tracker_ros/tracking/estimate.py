@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,38 @@ from pf_tracker_ros.background import BackgroundState
 TrackState = Literal["tracking", "occluded", "lost"]
 
 
-@dataclass(frozen=True)
+class FrozenPowers(Mapping[str, float]):
+    """A mapping that cannot be changed; unlike a `mappingproxy`, it can be copied and pickled.
+
+    Args:
+        powers: Name to power; copied.
+    """
+
+    __slots__ = ("_powers",)
+
+    def __init__(self, powers: Mapping[str, float]) -> None:
+        self._powers = dict(powers)
+
+    def __getitem__(self, name: str) -> float:
+        return self._powers[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._powers)
+
+    def __len__(self) -> int:
+        return len(self._powers)
+
+    def __repr__(self) -> str:
+        return repr(self._powers)
+
+
+@dataclass(frozen=True, eq=False)
 class Estimate:
-    """The tracker's answer for one frame; its arrays are read-only.
+    """The tracker's answer for one frame, a value: it can be compared, copied and pickled.
+
+    Its arrays are read-only and its powers cannot be changed, in copies too; arrays that can be
+    written are copied when one is made. Two estimates are equal if all of their fields are, arrays
+    in shape, type and every number. As arrays have no hash, an estimate has none.
 
     Attributes:
         box: (x, y, width, height) in pixels, (x, y) the top-left corner counted from 0.
@@ -44,3 +73,34 @@ class Estimate:
     effective_sample_size: float
     powers: Mapping[str, float]
     background: BackgroundState | None = None
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray) and value.flags.writeable:
+                value = value.copy()
+                value.setflags(write=False)
+                object.__setattr__(self, field.name, value)
+        if not isinstance(self.powers, FrozenPowers):
+            object.__setattr__(self, "powers", FrozenPowers(self.powers))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Estimate):
+            return NotImplemented
+        return all(
+            _same(getattr(self, field.name), getattr(other, field.name)) for field in fields(self)
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # By way of the constructor, since an array that was copied or unpickled can be written.
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))
+
+
+def _same(one: Any, other: Any) -> bool:
+    if not (isinstance(one, np.ndarray) or isinstance(other, np.ndarray)):
+        return bool(one == other)
+    # Of an array and something else, `==` would be an array.
+    same_kind = type(one) is type(other) and one.dtype == other.dtype
+    return same_kind and np.array_equal(one, other)

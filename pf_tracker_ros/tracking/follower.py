@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +29,7 @@ from pf_tracker_ros.filter import (
 )
 from pf_tracker_ros.tracking.all_cues import build_fusion
 from pf_tracker_ros.tracking.checks import check_proposal
-from pf_tracker_ros.tracking.estimate import Estimate
+from pf_tracker_ros.tracking.estimate import Estimate, FrozenPowers
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.redetection import Redetector
 from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
@@ -380,6 +379,6 @@ def _estimate(
         particle_boxes=judged.boxes,
         weights=judged.particles.weights,
         effective_sample_size=judged.particles.effective_sample_size,
-        powers=MappingProxyType(dict(powers)),
+        powers=FrozenPowers(powers),
         background=background.state if background else None,
     )

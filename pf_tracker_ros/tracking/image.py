@@ -44,13 +44,11 @@ def check_box(box: ArrayLike, image_size: tuple[int, int]) -> tuple[float, float
     Raises:
         ValueError: Not four finite numbers, no area, larger than the image, or outside it.
     """
-    expected = "(x, y, width, height) in pixels"
-    try:
-        values = np.asarray(box, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"box is {box!r}; expected four numbers {expected}") from None
-    if values.shape != (4,) or not np.isfinite(values).all():
-        raise ValueError(f"box is {box!r}; expected four finite numbers {expected}")
+    values = _numbers(box)
+    if values is None or values.shape != (4,) or not np.isfinite(values).all():
+        raise ValueError(
+            f"box is {box!r}; expected four finite numbers (x, y, width, height) in pixels"
+        )
     x, y, width, height = (float(value) for value in values)
     image_width, image_height = image_size
     text = f"box ({x:g}, {y:g}, {width:g}, {height:g})"
@@ -72,9 +70,25 @@ def check_interval(interval: float) -> float:
     Raises:
         ValueError: Not a finite number of seconds of at least 0.
     """
-    if not np.isfinite(interval) or interval < 0.0:
-        raise ValueError(f"dt is {interval!r}; allowed: seconds from 0 up")
-    return float(interval)
+    seconds = _numbers(interval)
+    if seconds is None or seconds.shape != () or not 0.0 <= seconds < math.inf:
+        raise ValueError(f"dt is {interval!r}; allowed: a finite number of seconds from 0 up")
+    return float(seconds)
+
+
+def _numbers(values: object) -> NDArray[np.float64] | None:
+    """A number, or numbers of any shape, as an array; None for what only resembles them.
+
+    Truth values, texts, times, complex numbers and Python objects are refused, although NumPy
+    would turn some of them into numbers.
+    """
+    if isinstance(values, Sequence) and any(isinstance(one, bool | np.bool_) for one in values):
+        return None
+    try:
+        array = np.asarray(values)
+        return array.astype(np.float64) if array.dtype.kind in "iuf" else None
+    except (TypeError, ValueError):
+        return None
 
 
 def gray_range(image: NDArray[np.generic]) -> tuple[float, float] | None:

@@ -125,7 +125,7 @@ class Redetector:
             return None
         seen = np.array(target.seen_box)
         size = seen[2:]
-        centers = np.empty((0, 2))
+        centers: NDArray[np.float64] = np.empty((0, 2))
         is_elsewhere = (np.abs(box[:2] - seen[:2]) > size / 2).any()
         if is_elsewhere and target.hidden_frames % _REVISIT_INTERVAL == 0:
             centers = seen[None, :2] + size / 2

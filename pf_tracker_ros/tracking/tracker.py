@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -43,6 +44,11 @@ class Tracker:
 
     The same frames, box, parameters and seed give the same estimates, to the bit, on one machine.
 
+    A tracker can be copied and pickled, with its target: the copy goes on with the same bits and on
+    its own. `copy.copy` is as deep as `copy.deepcopy`, since two trackers cannot share a background
+    model that learns, or a source of randomness. Unpickle with the same version of this package.
+    Trackers are compared by identity; compare their estimates.
+
     Args:
         parameters: Every tunable.
         seed: Seeds all randomness; each `start` begins the sequence anew.
@@ -55,7 +61,11 @@ class Tracker:
         self._seed = seed
         self._tracked: _Tracked | None = None
         self._generator = np.random.default_rng(seed)
-        self._follower = Follower(parameters)
+        with _usual_arithmetic():
+            self._follower = Follower(parameters)
+
+    def __copy__(self) -> Tracker:
+        return copy.deepcopy(self)
 
     @classmethod
     def from_preset(
@@ -108,10 +118,11 @@ class Tracker:
                     raise ParameterError(
                         f"parameter '{name}' can't change while a target is tracked; stop first"
                     )
-        follower = Follower(parameters)
-        if self._tracked:
-            target = follower.reconfigured(self._tracked.target)
-            self._tracked = self._tracked._replace(target=target)
+        with _usual_arithmetic():
+            follower = Follower(parameters)
+            if self._tracked:
+                target = follower.reconfigured(self._tracked.target)
+                self._tracked = self._tracked._replace(target=target)
         self._follower = follower
 
     def start(self, image: NDArray[np.generic], box: ArrayLike) -> Estimate:
@@ -131,9 +142,10 @@ class Tracker:
         check_image(image)
         height, width = image.shape[:2]
         first_box = check_box(box, (width, height))
-        span = gray_range(image)
         generator = np.random.default_rng(self._seed)
-        target = self._follower.begun(to_8_bit(image, span), first_box, generator)
+        with _usual_arithmetic():
+            span = gray_range(image)
+            target = self._follower.begun(to_8_bit(image, span), first_box, generator)
         self._generator = generator
         self._tracked = _Tracked(target, image.shape, span)
         return target.estimate
@@ -169,9 +181,18 @@ class Tracker:
             )
         nominal = self._follower.parameters.nominal_interval
         interval = nominal if dt is None else check_interval(dt)
-        span = adapted_range(tracked.gray_range, image, interval)
-        target = self._follower.followed(
-            tracked.target, to_8_bit(image, span), interval, self._generator
-        )
+        with _usual_arithmetic():
+            span = adapted_range(tracked.gray_range, image, interval)
+            target = self._follower.followed(
+                tracked.target, to_8_bit(image, span), interval, self._generator
+            )
         self._tracked = tracked._replace(target=target, gray_range=span)
         return target.estimate
+
+
+def _usual_arithmetic() -> np.errstate:
+    """NumPy's own error handling, whatever the program around it has set.
+
+    Likelihoods far from the target vanish, which `numpy.seterr(all="raise")` would make an error.
+    """
+    return np.errstate(divide="warn", over="warn", under="ignore", invalid="warn")

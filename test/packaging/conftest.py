@@ -288,9 +288,19 @@ def system_ros(tmp_path_factory):
     }
 
 
+@pytest.fixture(scope="session")
+def without_opencv(make_environment, tmp_path_factory):
+    """`pip install .` into an environment that has NumPy and nothing else."""
+    environment = make_environment("bare", ["numpy"])
+    source = copy_source(tmp_path_factory.mktemp("source") / PACKAGE)
+    pip_install(environment, source, plain_variables())
+    binaries = environment / "bin"
+    return Installation(environment, binaries, binaries / "python", plain_variables())
+
+
 @dataclass(frozen=True)
 class WithoutExtra:
-    """The package installed with pip without any extra, and what pip took for that."""
+    """The package installed with pip without any extra beside an OpenCV, and what pip took."""
 
     installation: Installation
     report: dict
@@ -299,7 +309,7 @@ class WithoutExtra:
 @pytest.fixture(scope="session")
 def without_extra(make_environment, requires, tmp_path_factory, system_ros):
     """`pip install .` after sourcing a ROS from apt, called without having sourced it."""
-    environment = make_environment("plain", requires())
+    environment = make_environment("plain", requires("opencv"))
     source = copy_source(tmp_path_factory.mktemp("source") / PACKAGE)
     report = pip_install(environment, source, {**plain_variables(), **system_ros})
     binaries = environment / "bin"

@@ -10,6 +10,8 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter_client import AsyncParameterClient
 
+from pf_tracker_ros import __version__
+
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = "pf_tracker_ros"
 
@@ -51,6 +53,11 @@ def test_every_module_of_the_source_is_installed_and_that_one_is_imported(instal
     assert installed.is_relative_to(installation.prefix)
     patterns = ("*.py", "py.typed")
     assert files_of(installed, *patterns) == files_of(REPOSITORY / PACKAGE, *patterns)
+
+
+def test_the_version_is_that_of_the_sources(installation):
+    shown = installation.evaluate(f"import {PACKAGE}; print({PACKAGE}.__version__)")
+    assert shown == __version__
 
 
 def test_share_holds_the_configuration_the_launch_files_and_the_manifest(installation):
@@ -106,6 +113,7 @@ def test_symlink_install_runs_the_source(colcon, sourced, workspace, colcon_inst
     )
     installed = symlinked.evaluate(f"import {PACKAGE}; print({PACKAGE}.__path__[0])")
     assert Path(installed).resolve() == workspace / "src" / PACKAGE / PACKAGE
+    assert symlinked.evaluate(f"import {PACKAGE}; print({PACKAGE}.__version__)") == __version__
 
 
 def test_colcon_test_runs_pytest(colcon, workspace, colcon_installation):
@@ -120,8 +128,39 @@ def test_nothing_of_ros_is_required_without_the_extra(requires, without_extra):
     assert taken == [PACKAGE]
     assert not [name for name in requires() if name.startswith(("ros", "rclpy"))]
     with_extra = requires("ros")
-    for name in ("ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "rosbags"):
+    for name in ("ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "rosbags", "opencv"):
         assert [text for text in with_extra if text.startswith(name)]
+    assert [text for text in requires("bags") if text.startswith("rosbags")]
+
+
+def test_no_opencv_is_put_in_the_place_of_the_one_that_is_there(requires):
+    assert not [text for text in requires() if text.startswith("opencv")]
+    assert [text for text in requires("opencv") if text.startswith("opencv-python-headless")]
+
+
+def test_without_an_opencv_the_library_says_how_to_get_one(without_opencv):
+    code = """
+import pf_tracker_ros
+for source in ("pf_tracker_ros", "pf_tracker_ros.tracking.tracker"):
+    try:
+        exec(f"from {source} import Tracker")
+    except ImportError as error:
+        print(error.name, error)
+print(pf_tracker_ros.__version__)
+"""
+    *said, version = without_opencv.evaluate(code).splitlines()
+    assert len(said) == 2
+    for line in said:
+        assert line.startswith("cv2 OpenCV is missing: pip install opencv-python-headless")
+        assert "apt install python3-opencv" in line
+    assert version == __version__
+
+
+def test_without_an_opencv_evaluate_says_how_to_get_one(without_opencv):
+    outcome = without_opencv.call("evaluate", "--help")
+    assert outcome.returncode == 2
+    assert outcome.stderr.startswith("evaluate: error: OpenCV is missing: pip install")
+    assert len(outcome.stderr.splitlines()) == 1
 
 
 def test_the_library_works_without_ros(without_extra):

@@ -4,12 +4,13 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-CANDIDATES = ("python3.12", "python3.11", "python3")
+CANDIDATES = ("python3.12", "python3.11", "python3.13", "python3.10", "python3")
 # Stand-ins for interpreters, by what they do when they are asked.
 UNSUPPORTED = "exit 1"
 SUPPORTED_WITHOUT_PACKAGES = 'case "$2" in *import?ensurepip*|*import?pip*) exit 1;; esac'
@@ -63,7 +64,7 @@ def test_no_fitting_python_is_an_error_that_names_those_that_fit(clone, programs
     programs(**dict.fromkeys(CANDIDATES, UNSUPPORTED))
     outcome = make(clone, "setup")
     assert outcome.returncode != 0
-    assert "no Python 3.11 or 3.12 found" in outcome.stderr
+    assert "no Python from 3.10 to 3.13 found" in outcome.stderr
     assert "PYTHON=" in outcome.stderr
     assert not (clone / ".venv").exists()
 
@@ -72,7 +73,7 @@ def test_an_unsupported_python_that_is_asked_for_is_an_error_that_names_it(clone
     folder = programs(python3_9=UNSUPPORTED)
     outcome = make(clone, "setup", f"PYTHON={folder}/python3_9")
     assert outcome.returncode != 0
-    assert f"{folder}/python3_9 is not a Python 3.11 or 3.12" in outcome.stderr
+    assert f"{folder}/python3_9 is not a Python from 3.10 to 3.13" in outcome.stderr
 
 
 @pytest.mark.parametrize("first", CANDIDATES)
@@ -92,6 +93,28 @@ def test_a_python_that_can_create_no_environment_is_an_error_that_says_what_to_i
     outcome = make(clone, "setup")
     assert outcome.returncode != 0
     assert "apt install python3-venv" in outcome.stderr
+
+
+@pytest.mark.parametrize(
+    ("version", "fits"),
+    [((3, 9), False), ((3, 10), True), ((3, 13), True), ((3, 14), False)],
+)
+def test_python_from_310_to_313_fits(clone, programs, version, fits):
+    """What `environment.sh` asks of an interpreter, put to this one under another version."""
+    pretended = f"import sys; sys.version_info = {version}; exec(sys.argv[1])"
+    folder = programs(
+        named=f'if [ "$1" = -c ]; then exec {sys.executable} -c "{pretended}" "$2"; fi\n{SUPPORTED}'
+    )
+    outcome = make(clone, "setup", f"PYTHON={folder}/named")
+    assert ("named creates .venv" in outcome.stdout) is fits
+    assert ("is not a Python from 3.10 to 3.13" in outcome.stderr) is not fits
+
+
+def test_all_extras_that_setup_installs_are_locked_for_every_python(clone):
+    commands = make(clone, "--dry-run", "lock").stdout
+    assert "--universal --python-version 3.10" in commands
+    for extra in ("ros", "evaluation", "test", "development"):
+        assert f"--extra {extra} " in commands
 
 
 @pytest.mark.parametrize("sequences", [[], ["SEQUENCES= "]])
@@ -114,7 +137,7 @@ def test_the_benchmark_has_the_same_opencv_as_the_tests():
     versions = {}
     for name in ("bench", "development"):
         text = (REPOSITORY / "requirements" / f"{name}.txt").read_text()
-        versions |= re.findall(r"^(opencv\S*)==(\S+)$", text, re.MULTILINE)
+        versions |= re.findall(r"^(opencv\S*)==([^\s;]+)", text, re.MULTILINE)
     assert versions.keys() == {"opencv-contrib-python-headless", "opencv-python-headless"}
     assert len(set(versions.values())) == 1
 

@@ -1,6 +1,7 @@
 """The tracker on generated images: follows, repeats itself, coasts, refuses."""
 
 import itertools
+from datetime import timedelta
 
 import cv2
 import numpy as np
@@ -345,6 +346,21 @@ def test_a_large_target_is_looked_at_reduced_and_still_followed():
         ((10, 10, 20), "four"),
         ("here", "four"),
         (None, "four"),
+        (("10", "10", "20", "20"), "four finite numbers"),
+        ((10, 10, 20, "20"), "four finite numbers"),
+        (np.array(["10", "10", "20", "20"]), "four finite numbers"),
+        ((10, 10, 20, None), "four finite numbers"),
+        (np.array([10, 10, 20, None]), "four finite numbers"),
+        (np.array([10, 10, 20, 20], dtype=object), "four finite numbers"),
+        ((10, True, 20, 20), "four finite numbers"),
+        (np.ones(4, bool), "four finite numbers"),
+        ((10, 10, 20, 20j), "four finite numbers"),
+        (np.full(4, np.timedelta64(20, "s")), "four finite numbers"),
+        ([[10, 10, 20, 20]], "four finite numbers"),
+        (((10, 10), (20, 20)), "four finite numbers"),
+        ((10, 10, (20, 20)), "four finite numbers"),
+        ({"x": 10, "y": 10, "width": 20, "height": 20}, "four finite numbers"),
+        ((10, 10, 20, 10**400), "four finite numbers"),
     ],
 )
 def test_a_bad_box_is_refused_and_the_target_before_is_kept(box, complaint):
@@ -379,12 +395,46 @@ def test_a_bad_image_is_refused_and_the_target_is_kept(image):
     assert overlap(tracker.update(frame(100, 100)[0]).box, frame(100, 100)[1]) > 0.6
 
 
-@pytest.mark.parametrize("interval", [-0.1, float("nan"), float("inf")])
+@pytest.mark.parametrize("kind", [tuple, list, np.array, np.float32, np.uint8])
+def test_a_box_of_any_numbers_is_taken(kind):
+    tracker = Tracker.from_preset("li2007")
+    estimate = tracker.start(BACKGROUND, kind((10, 12, 20, 24)))
+    assert estimate.box == (10.0, 12.0, 20.0, 24.0)
+    numbers = (np.float32(10), np.int64(12), np.array(20), 24.0)
+    assert tracker.start(BACKGROUND, numbers) == estimate
+
+
+@pytest.mark.parametrize(
+    "interval",
+    [
+        *(-0.1, float("nan"), float("inf"), np.float32("nan")),
+        pytest.param(10**400, id="too large for a float"),
+        *("0.04", b"0.04", True, np.True_, 0.04 + 0j, np.complex64(1), object(), {}),
+        *([], [0.04], (None,), np.array([0.04]), np.array([None]), np.array(None)),
+        *(np.array("0.04"), timedelta(seconds=0.04), np.timedelta64(40, "ms")),
+    ],
+)
 def test_a_bad_interval_is_refused(interval):
     tracker = Tracker.from_preset("li2007")
     tracker.start(*frame(100, 100))
-    with pytest.raises(ValueError, match="dt is"):
+    before = tracker.estimate
+    with pytest.raises(ValueError, match=r"dt is .*; allowed: a finite number of seconds from 0"):
         tracker.update(BACKGROUND, dt=interval)
+    assert tracker.estimate is before
+
+
+@pytest.mark.parametrize(
+    "interval", [2, 2.0, np.float32(2), np.float64(2), np.int8(2), np.array(2)]
+)
+def test_any_real_number_is_an_interval(interval):
+    trackers = [Tracker.from_preset("li2007") for _ in range(2)]
+    for tracker in trackers:
+        tracker.start(*frame(100, 100))
+    given, expected = (
+        tracker.update(BACKGROUND, dt=dt)
+        for tracker, dt in zip(trackers, (interval, 2.0), strict=True)
+    )
+    assert given == expected
 
 
 def test_an_update_without_a_target_says_to_start():
