@@ -30,6 +30,7 @@ EXTRAS = {
     "ros": [
         "ros-jazzy-rclpy[fastrtps]==7.1.6",
         "ros-jazzy-common-interfaces==5.3.6",
+        "pyyaml",
         *OPENCV,
         *BAGS,
     ],
@@ -78,8 +79,8 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            f"tracker = {PACKAGE}.node.commands:tracker",
-            f"replay = {PACKAGE}.node.commands:replay",
+            f"tracker = {PACKAGE}.commands:tracker",
+            f"replay = {PACKAGE}.commands:replay",
             f"evaluate = {PACKAGE}.commands:evaluate",
         ],
     },

@@ -91,7 +91,7 @@ class Camera(Node):
 
 
 def moving_noise(width: int, height: int) -> list[Image]:
-    """Frames of a textured square that goes to and fro over a textured ground."""
+    """Frames of a textured square that goes left and right over a textured ground."""
     generator = np.random.default_rng(0)
     ground = generator.integers(60, 120, (height, width, 3), dtype=np.uint8)
     square = generator.integers(150, 255, (40, 40, 3), dtype=np.uint8)

@@ -1,19 +1,130 @@
-"""The executable `evaluate`: whether there is an OpenCV is asked before anything imports it."""
+"""The executables, which read their command line before they import what takes time.
+
+A signal that comes while `tracker` or `replay` are still importing ends them as any other does.
+"""
 
 from __future__ import annotations
 
+import argparse
 import sys
+from collections.abc import Iterator, Sequence
+from typing import NoReturn
 
 from pf_tracker_ros.opencv import require_opencv
+from pf_tracker_ros.signals import hold_signals
+
+_TRACKER_EXAMPLES = """\
+examples:
+  tracker --ros-args -r image:=/camera/image_raw -p preset:=li2007
+  tracker --ros-args --params-file my_tracker.yaml -p target_box:="[293.0, 97.0, 115.0, 82.0]"
+
+Everything is a ROS parameter: `ros2 param list /pf_tracker` and `ros2 param describe` tell of each.
+"""
+_REPLAY_EXAMPLES = """\
+examples:
+  replay drive.mcap
+  replay drive.mp4 --ros-args -r image:=/camera/image_raw -p rate:=0.5 -p loop:=true
+
+The rest is ROS parameters: `ros2 param list /replay` and `ros2 param describe` tell of each.
+"""
+
+
+def tracker() -> None:
+    """Run the tracker node."""
+    hold_signals()
+    parser = _Parser(
+        "tracker",
+        "Track a target in the images of a topic: the ROS node pf_tracker.",
+        _TRACKER_EXAMPLES,
+    )
+    parser.read(sys.argv[1:])
+    _require_opencv("tracker")
+    from pf_tracker_ros.node.tracker_node import main
+
+    main()
+
+
+def replay() -> int:
+    """Run the replay publisher, and return its exit code."""
+    hold_signals()
+    parser = _Parser(
+        "replay",
+        "Publish a recording as a camera does: the ROS node replay.",
+        _REPLAY_EXAMPLES,
+    )
+    parser.add_argument(
+        "source",
+        nargs="?",
+        help="a rosbag2 folder or .mcap file, a video, a folder of images or a sequence folder; "
+        "the same as the parameter source",
+    )
+    source = parser.read(sys.argv[1:]).source
+    _require_opencv("replay")
+    from pf_tracker_ros.node.replay_node import main
+
+    return main(source=source)
 
 
 def evaluate() -> int:
-    """Run the command, and return its exit code; see `pf_tracker_ros.evaluation.__main__.main`."""
-    try:
-        require_opencv()
-    except ModuleNotFoundError as error:
-        print(f"evaluate: error: {error}", file=sys.stderr)
-        return 2
+    """Run the command `evaluate`, and return its exit code."""
+    _require_opencv("evaluate")
     from pf_tracker_ros.evaluation.__main__ import main
 
     return main()
+
+
+def _require_opencv(command: str) -> None:
+    try:
+        require_opencv()
+    except ModuleNotFoundError as error:
+        print(f"{command}: error: {error}", file=sys.stderr)
+        sys.exit(2)
+
+
+class _Parser(argparse.ArgumentParser):
+    """Reads what is not for ROS, and tells how ROS is given what was meant for it."""
+
+    def __init__(self, prog: str, description: str, examples: str) -> None:
+        super().__init__(
+            prog=prog,
+            usage=f"{prog} [-h]{' [SOURCE]' if prog == 'replay' else ''} [--ros-args ...]",
+            description=description,
+            epilog=examples,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+
+    def read(self, command_line: Sequence[str]) -> argparse.Namespace:
+        """Parse a command line without the program's name; its ROS arguments are left out."""
+        options, unknown = self.parse_known_args(list(_not_for_ros(command_line)))
+        if unknown:
+            self.error(
+                f"there is no argument {' '.join(unknown)}; parameters are given to ROS: "
+                f"{self.prog} --ros-args {' '.join(_as_parameters(unknown))}"
+            )
+        return options
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: error: {message} ({self.prog} --help tells more)\n")
+
+
+def _not_for_ros(command_line: Sequence[str]) -> Iterator[str]:
+    is_for_ros = False
+    for argument in command_line:
+        if argument == "--ros-args":
+            is_for_ros = True
+        elif is_for_ros:
+            is_for_ros = argument != "--"
+        else:
+            yield argument
+
+
+def _as_parameters(unknown: Sequence[str]) -> Iterator[str]:
+    """Arguments such as `--preset li2007` as ROS takes them; an example if they are not."""
+    names = [word for word in unknown if word.startswith("--")]
+    for name in names or ["--NAME=VALUE"]:
+        option, equals, value = name.removeprefix("--").partition("=")
+        if not equals:
+            following = unknown[unknown.index(name) + 1 :][:1]
+            value = following[0] if following and not following[0].startswith("-") else "VALUE"
+        yield f"-p {option}:={value}"

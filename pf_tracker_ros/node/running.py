@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
 
-from pf_tracker_ros.node.signals import hold_signals
+from pf_tracker_ros.signals import hold_signals
 
 
 def run(create: Callable[[], Node], arguments: list[str] | None = None) -> None:

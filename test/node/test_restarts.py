@@ -138,7 +138,7 @@ def catches_signals(process):
 def test_a_signal_while_an_executable_is_still_importing_ends_it_with_code_0(
     ros_domain, executable, number
 ):
-    command = f"import sys; from pf_tracker_ros.node.commands import {executable} as run; "
+    command = f"import sys; from pf_tracker_ros.commands import {executable} as run; "
     process = subprocess.Popen(
         [sys.executable, "-c", command + "sys.exit(run())"],
         stdout=subprocess.PIPE,

@@ -9,7 +9,7 @@ TIMEOUT = 60.0
 
 
 def command(name, *arguments):
-    code = f"import sys, pf_tracker_ros.node.commands as c; sys.exit(c.{name}())"
+    code = f"import sys, pf_tracker_ros.commands as c; sys.exit(c.{name}())"
     return [sys.executable, "-c", code, *map(str, arguments)]
 
 
