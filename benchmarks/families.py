@@ -26,6 +26,8 @@ import families_report as report
 import numpy as np
 from arguments import at_least
 from scene_footage import SceneFootage
+from scenes import ClutteredStreet
+from scenes.clutter import FRAME_INTERVAL
 from tracker_families import FAMILIES, FamilyTracker
 
 from pf_tracker_ros import Tracker
@@ -40,8 +42,6 @@ from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
 from pf_tracker_ros.evaluation.runner import Box, Image, OnProgress
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError
-from pf_tracker_ros.scenes import ClutteredStreet
-from pf_tracker_ros.scenes.clutter import FRAME_INTERVAL
 
 PRESET = "zhang_bo"
 

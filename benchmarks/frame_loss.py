@@ -151,7 +151,7 @@ def measure(size: str, reliability: str, rate: float, seconds: float, rounds: in
     frames = moving_noise(*SIZES[size])
     commands = {
         TRACKER: [
-            *("-m", "pf_tracker_ros.node.tracker_node", "--ros-args"),
+            *("-m", "pf_tracker_ros.node.tracker.tracker_node", "--ros-args"),
             *("-p", "target_box:=[100.0, 100.0, 40.0, 40.0]", "--log-level", "error"),
         ],
         BARE: [__file__, "--bare", reliability],

@@ -28,6 +28,8 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 from scene_footage import SceneFootage
+from scenes import InfraredScene
+from scenes.infrared import FRAME_INTERVAL
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import (
@@ -37,8 +39,6 @@ from pf_tracker_ros.evaluation import (
     read_sequences,
 )
 from pf_tracker_ros.footage import Footage
-from pf_tracker_ros.scenes import InfraredScene
-from pf_tracker_ros.scenes.infrared import FRAME_INTERVAL
 
 COLOR_ALONE = {"color_histogram.power": 1.0, "gradient_orientation.power": 0.0}
 TRACKERS: Mapping[str, tuple[str, Mapping[str, Any]]] = {

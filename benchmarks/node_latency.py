@@ -36,10 +36,10 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
+from scenes import UmbrellaScene
 from sensor_msgs.msg import Image
 
 from pf_tracker_ros.node.running import run
-from pf_tracker_ros.scenes import UmbrellaScene
 
 RATE = 30.0
 PARTICLES = 60
@@ -214,7 +214,7 @@ def measure_both(count: int, rounds: int) -> dict[str, Figures]:
     arguments = [argument for override in overrides for argument in ("-p", override)]
     commands = {
         BARE: [__file__, "--bare"],
-        TRACKER: ["-m", "pf_tracker_ros.node.tracker_node", "--ros-args", *arguments],
+        TRACKER: ["-m", "pf_tracker_ros.node.tracker.tracker_node", "--ros-args", *arguments],
     }
     results = {title: Figures() for title in commands}
     for _ in range(rounds):

@@ -231,7 +231,7 @@ def live(frames: int, seed: int, log: Path) -> tuple[Table, bool]:
         "image_reliability": "reliable",
     }
     overrides = [f"{name}:={value}" for name, value in settings.items()]
-    command = [sys.executable, "-m", "pf_tracker_ros.node.tracker_node", "--ros-args"]
+    command = [sys.executable, "-m", "pf_tracker_ros.node.tracker.tracker_node", "--ros-args"]
     command += [argument for override in overrides for argument in ("-p", override)]
     began = time.monotonic()
     rclpy.init()

@@ -33,12 +33,12 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from scenes import UmbrellaScene
+from scenes.umbrellas import FRAME_INTERVAL, REGION
 from umbrellas_report import print_table, write_csv, write_frames, write_plot, write_table
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation.metrics import center_errors, overlap
-from pf_tracker_ros.scenes import UmbrellaScene
-from pf_tracker_ros.scenes.umbrellas import FRAME_INTERVAL, REGION
 
 RESULTS = Path(__file__).resolve().parent / "results"
 PRESET = "li2007"

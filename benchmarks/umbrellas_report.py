@@ -16,8 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
-
-from pf_tracker_ros.scenes import UmbrellaScene
+from scenes import UmbrellaScene
 
 if TYPE_CHECKING:
     from umbrellas import Run

@@ -16,7 +16,7 @@ from recording import BOX, OVERLAY, STATUS, TOPICS, Recorder, status_values
 from rich.table import Table
 
 from pf_tracker_ros.footage import BagWriter
-from pf_tracker_ros.node.image_decoding import decode
+from pf_tracker_ros.node.images.image_decoding import decode
 from pf_tracker_ros.node.message_building import box_of_polygon
 
 Picture = NDArray[np.uint8]

@@ -39,7 +39,7 @@ def tracker() -> None:
     )
     parser.read(sys.argv[1:])
     _require_opencv("tracker")
-    from pf_tracker_ros.node.tracker_node import main
+    from pf_tracker_ros.node.tracker.tracker_node import main
 
     main()
 
@@ -60,7 +60,7 @@ def replay() -> int:
     )
     source = parser.read(sys.argv[1:]).source
     _require_opencv("replay")
-    from pf_tracker_ros.node.replay_node import main
+    from pf_tracker_ros.node.replay.replay_node import main
 
     return main(source=source)
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.footage.bags import GROUND_TRUTH_TYPE, IMAGE_TYPE
 from pf_tracker_ros.footage.base import Footage, FootageError
 from pf_tracker_ros.footage.messages import box_corners, image_encoding
+from pf_tracker_ros.stamps import parts
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -161,7 +162,7 @@ class BagWriter:
 
     def _header(self, stamp: int, frame_id: str) -> Any:
         types = self._typestore.types
-        seconds, nanoseconds = divmod(stamp, 1_000_000_000)
+        seconds, nanoseconds = parts(stamp)
         return types["std_msgs/msg/Header"](
             stamp=types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds),
             frame_id=frame_id,

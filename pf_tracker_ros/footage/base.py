@@ -9,7 +9,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-FIRST_STAMP = 1_000_000_000
+from pf_tracker_ros.stamps import NANOSECONDS
+
+FIRST_STAMP = NANOSECONDS
 DEFAULT_FRAME_RATE = 25.0
 
 
@@ -72,7 +74,7 @@ def frame_stamp(index: int, interval: float) -> int:
         index: Position of the frame, counted from 0.
         interval: Seconds from one frame to the next.
     """
-    return FIRST_STAMP + round(index * interval * 1e9)
+    return FIRST_STAMP + round(index * interval * NANOSECONDS)
 
 
 def describe(image: NDArray[Any]) -> str:

@@ -25,7 +25,7 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image, PointCloud2
 
-from pf_tracker_ros.node.tracker_node import TrackerNode
+from pf_tracker_ros.node.tracker.tracker_node import TrackerNode
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 # Read once a process, by the first node.
@@ -287,7 +287,7 @@ class Graph:
 
         client.wait_for(acquainted, "connection of client and tracker")
 
-    def process(self, *arguments, module="pf_tracker_ros.node.tracker_node"):
+    def process(self, *arguments, module="pf_tracker_ros.node.tracker.tracker_node"):
         """Start a node as a process of its own."""
         process = subprocess.Popen(
             [sys.executable, "-m", module, *(["--ros-args", *arguments] if arguments else [])],

@@ -13,7 +13,7 @@ from std_msgs.msg import Header
 
 from pf_tracker_ros import Estimate
 from pf_tracker_ros.background import BackgroundState
-from pf_tracker_ros.node.image_decoding import decode
+from pf_tracker_ros.node.images.image_decoding import decode
 from pf_tracker_ros.node.message_building import (
     TargetError,
     box_message,

@@ -60,7 +60,7 @@ def test_a_node_that_is_to_be_secure_does_not_run_without_security(ros_domain, t
     }
     process = subprocess.run(
         [
-            *(sys.executable, "-m", "pf_tracker_ros.node.tracker_node"),
+            *(sys.executable, "-m", "pf_tracker_ros.node.tracker.tracker_node"),
             *("--ros-args", "--enclave", "/pf_tracker"),
         ],
         cwd=REPOSITORY,

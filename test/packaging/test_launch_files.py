@@ -86,8 +86,8 @@ def test_the_replay_publisher_hands_the_tracker_only_arguments_that_it_has():
 
 def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
     pytest.importorskip("rclpy")
-    from pf_tracker_ros.node.node_parameters import NodeParameters
-    from pf_tracker_ros.node.replay_parameters import ReplayParameters
+    from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
+    from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
     from pf_tracker_ros.parameters import declarations
 
     for path, group in zip(LAUNCH_FILES, (ReplayParameters, NodeParameters), strict=True):

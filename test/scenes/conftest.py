@@ -1,8 +1,7 @@
 """Scenes that several tests look at."""
 
 import pytest
-
-from pf_tracker_ros.scenes import UmbrellaScene
+from scenes import UmbrellaScene
 
 
 @pytest.fixture(scope="session", params=[0, 1, 2])

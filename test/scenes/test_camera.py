@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-
-from pf_tracker_ros.scenes.camera import HandheldCamera
+from scenes.camera import HandheldCamera
 
 SIZE = (160, 120)
 

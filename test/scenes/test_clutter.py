@@ -5,10 +5,9 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
-
-from pf_tracker_ros.scenes import ClutteredStreet
-from pf_tracker_ros.scenes.clutter import MOST_DISTRACTORS, MOST_PATCHES
-from pf_tracker_ros.scenes.stage import Stage
+from scenes import ClutteredStreet
+from scenes.clutter import MOST_DISTRACTORS, MOST_PATCHES
+from scenes.stage import Stage
 
 LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0)
 BARE = {"noise": 0.0, "lighting": 0.0}

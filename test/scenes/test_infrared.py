@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-
-from pf_tracker_ros.scenes import InfraredScene
+from scenes import InfraredScene
 
 PLAIN = {"noise": 0.0, "flip": 0, "halo": 0.0, "shake": 0.0}
 

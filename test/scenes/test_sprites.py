@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from pf_tracker_ros.scenes.sprites import Drawing, Sprite
+from scenes.sprites import Drawing, Sprite
 
 COORDINATES = st.floats(15.0, 35.0)
 

@@ -5,10 +5,9 @@ import itertools
 import cv2
 import numpy as np
 import pytest
-
-from pf_tracker_ros.scenes import UmbrellaScene
-from pf_tracker_ros.scenes.stage import Stage
-from pf_tracker_ros.scenes.walkers import PATTERNS, Canopy
+from scenes import UmbrellaScene
+from scenes.stage import Stage
+from scenes.walkers import PATTERNS, Canopy
 
 # Shading takes their red channels nowhere near each other.
 PALE, STRONG = (210.0, 170.0, 160.0), (150.0, 50.0, 40.0)

@@ -23,7 +23,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image
 from std_srvs.srv import SetBool
 
-from pf_tracker_ros.node.replay_node import ReplayNode
+from pf_tracker_ros.node.replay.replay_node import ReplayNode
 
 DEADLINE = 30.0
 EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
@@ -184,7 +184,7 @@ def replay_process(graph):
         for name, value in parameters.items():
             text = str(value).lower() if isinstance(value, bool) else str(value)
             arguments += ["-p", f"{name}:={text}"]
-        return graph.process(*arguments, module="pf_tracker_ros.node.replay_node")
+        return graph.process(*arguments, module="pf_tracker_ros.node.replay.replay_node")
 
     return start
 

@@ -5,7 +5,7 @@ import itertools
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pf_tracker_ros.node.played_stamps import PlayedStamps
+from pf_tracker_ros.node.replay.played_stamps import PlayedStamps
 
 START = 1_700_000_000_000_000_000
 INTERVAL = 40_000_000

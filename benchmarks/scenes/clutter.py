@@ -1,0 +1,263 @@
+"""A pedestrian in a street whose clutter is a number: the background's complexity under control.
+
+Zhang Bo compares trackers as the background's complexity grows, and leaves open how it is measured.
+Here it is the level of clutter, 0 to 1: how sharp the street behind the target is, how much of it
+is covered by patches of the target's own colors, how much these stand out, and how many people
+dressed like the target walk about. All else stays as it is: the target and its way, the light and
+the noise. The camera stands still. Images are 640 x 480 at 25 frames per second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.parameters import build, declared
+from scenes.camera import HandheldCamera
+from scenes.sprites import Color, Sprite
+from scenes.stage import Actor, Stage
+from scenes.street import Street
+from scenes.textures import fractal_noise, smooth_path
+from scenes.walkers import GAIT_VIEWS, Person, standing_boxes
+
+WIDTH, HEIGHT = 640, 480
+FRAME_INTERVAL = 0.04
+"""Seconds between frames."""
+MOST_PATCHES = 200
+"""Number of patches at level 1."""
+MOST_DISTRACTORS = 4
+"""Number of people dressed like the target at level 1."""
+
+_SIZE = (WIDTH, HEIGHT)
+_HOUSE_LINE = 290
+_CURB = 350
+_LANE = 332.0
+_PERSON_HEIGHT = 96.0
+# Standard deviation of the blur of the street at level 0, px.
+_BLUR = 12.0
+# Contrast of a patch with what it covers: at a level just above 0, and added up to level 1.
+_FAINTEST, _ADDED = 0.1, 0.9
+# Color of goods and signs where nobody wears it.
+_GRAYS: tuple[Color, ...] = ((150, 152, 155), (110, 112, 115), (185, 188, 190), (75, 78, 80))
+
+
+@dataclass(frozen=True)
+class ClutterSettings:
+    """What can be changed about the cluttered street."""
+
+    clutter: float = declared(
+        0.5,
+        "Complexity of the background: sharpness of the street, share of the patches in the "
+        "target's colors, how much they stand out, share of the people dressed like the target.",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    frames: int = declared(120, "Number of frames.", minimum=10, maximum=150)
+    lighting: float = declared(
+        0.01,
+        "Standard deviation of the slow drift of the brightness, as a share of it.",
+        minimum=0.0,
+        maximum=0.2,
+    )
+    noise: float = declared(
+        3.0,
+        "Standard deviation of the sensor's noise in each channel.",
+        unit="gray levels",
+        minimum=0.0,
+        maximum=30.0,
+    )
+
+
+@dataclass(frozen=True)
+class _Patch:
+    """A spot in one of the target's colors; place and size in pixels."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+    color: Color
+    is_round: bool
+
+
+class ClutteredStreet:
+    """A rendered sequence of a pedestrian before a street of given clutter, with exact truth.
+
+    Every seed gives other ways, colors and houses; the same seed gives the same bits. Of one seed,
+    a higher level has all patches and people of a lower one, in the same places.
+
+    Args:
+        seed: Seed of everything random, at least 0.
+        settings: Names of `ClutterSettings` and values over the defaults.
+
+    Raises:
+        ValueError: The seed is negative, or a setting does not exist or is out of its range.
+    """
+
+    def __init__(self, seed: int = 0, settings: Mapping[str, Any] | None = None):
+        if seed < 0:
+            raise ValueError(f"the seed is {seed}; allowed: 0 or more")
+        self.settings = build(ClutterSettings, settings or {})
+        self.seed = seed
+        level, frames = self.settings.clutter, self.settings.frames
+        # Each part has randomness of its own: a setting of one part leaves the others as they are.
+        clothes, street, patches, way, crowd, camera = np.random.default_rng(seed).spawn(6)
+        coat, trousers = _clothes(clothes)
+        self.patches = round(level * MOST_PATCHES)
+        """Number of patches in the target's colors."""
+        backdrop = _street(street, level)
+        self.plain_backdrop = backdrop.copy()
+        """(480, 640, 3) uint8: the street without the patches."""
+        contrast = _FAINTEST + _ADDED * level
+        for patch in _patches(patches, (coat, trousers))[: self.patches]:
+            _cover(backdrop, patch, contrast)
+        self.target = _walker(way, _target_way(way, frames), 1, (coat, trousers))
+        others = _distractors(crowd, frames, (coat, trousers))
+        self.distractors = others[: round(level * MOST_DISTRACTORS)]
+        """The people dressed like the target, as actors of the stage."""
+        # Farther people have their feet higher in the image.
+        people = sorted([*self.distractors, self.target], key=lambda one: one.positions[0, 1])
+        clear = np.zeros((HEIGHT, WIDTH, 4), np.float32)
+        self.stage = Stage(backdrop, tuple(people), clear)
+        self.camera = HandheldCamera(
+            camera,
+            size=_SIZE,
+            margin=1,
+            frames=frames,
+            shake=0.0,
+            lighting=self.settings.lighting,
+            noise=self.settings.noise,
+        )
+
+    def __len__(self) -> int:
+        return self.settings.frames
+
+    @cached_property
+    def target_boxes(self) -> NDArray[np.float64]:
+        """(frames, 4): x, y, width, height of the target, from head to feet, of one size."""
+        return standing_boxes(self.target.positions - self.camera.offsets, _PERSON_HEIGHT)
+
+    @cached_property
+    def visibility(self) -> NDArray[np.float64]:
+        """(frames,): share of the target that nobody hides, 0 to 1."""
+        return self.stage.visible_shares(self.target)
+
+    def render(self, index: int) -> NDArray[np.uint8]:
+        """Frame `index`, counted from 0: (480, 640, 3) uint8, blue, green, red."""
+        return self.camera.shoot(self.stage.paint(index), index)
+
+    def frames(self) -> Iterator[NDArray[np.uint8]]:
+        """All frames; each call starts from the first."""
+        return (self.render(index) for index in range(len(self)))
+
+
+def _street(generator: np.random.Generator, level: float) -> NDArray[np.uint8]:
+    """A street that is a blur at level 0 and sharp at level 1."""
+    sharp = Street(_SIZE, _HOUSE_LINE - 118, _HOUSE_LINE, _CURB, _GRAYS).draw(generator)
+    blurred = cv2.GaussianBlur(sharp, (0, 0), _BLUR)
+    return np.asarray(cv2.addWeighted(sharp, level, blurred, 1.0 - level, 0.0), np.uint8)
+
+
+def _clothes(generator: np.random.Generator) -> tuple[Color, Color]:
+    """Colors of the target's coat and trousers, which differ."""
+    hue = generator.uniform(0.0, 360.0)
+    coat = (hue, generator.uniform(0.5, 0.8), generator.uniform(0.45, 0.75))
+    legs = ((hue + generator.uniform(90.0, 270.0)) % 360.0, generator.uniform(0.3, 0.6), 0.4)
+    pixels = cv2.cvtColor(np.array([[coat, legs]], np.float32), cv2.COLOR_HSV2BGR)[0] * 255.0
+    first, second = ((float(blue), float(green), float(red)) for blue, green, red in pixels)
+    return first, second
+
+
+def _patches(generator: np.random.Generator, colors: tuple[Color, Color]) -> list[_Patch]:
+    """All patches of level 1, in the order in which they come: spread over the target's lane."""
+    patches = []
+    for _ in range(MOST_PATCHES):
+        shade = generator.uniform(0.85, 1.15)
+        blue, green, red = colors[generator.integers(2)]
+        patches.append(
+            _Patch(
+                x=int(generator.integers(-10, WIDTH - 10)),
+                y=int(generator.uniform(_LANE - 1.25 * _PERSON_HEIGHT, _LANE)),
+                width=int(generator.integers(8, 30)),
+                height=int(generator.integers(10, 40)),
+                color=(blue * shade, green * shade, red * shade),
+                is_round=bool(generator.random() < 0.4),
+            )
+        )
+    return patches
+
+
+def _cover(image: NDArray[np.uint8], patch: _Patch, contrast: float) -> None:
+    """Blend a patch into an image: 1 covers what was there, 0 leaves it."""
+    covered = image.copy()
+    if patch.is_round:
+        center = (patch.x + patch.width // 2, patch.y + patch.height // 2)
+        half = (patch.width // 2, patch.height // 2)
+        cv2.ellipse(covered, center, half, 0, 0, 360, patch.color, -1, cv2.LINE_AA)
+    else:
+        far = (patch.x + patch.width - 1, patch.y + patch.height - 1)
+        cv2.rectangle(covered, (patch.x, patch.y), far, patch.color, -1)
+    cv2.addWeighted(covered, contrast, image, 1.0 - contrast, 0.0, dst=image)
+
+
+def _target_way(generator: np.random.Generator, frames: int) -> NDArray[np.float64]:
+    """(frames, 2): where the target's feet are; from left to right, now faster, now slower."""
+    pace = generator.uniform(2.8, 3.4) * (
+        1.0 + 0.2 * smooth_path(generator, frames, period=40.0)[:, 0]
+    )
+    rows = _LANE + 2.0 * smooth_path(generator, frames, period=60.0)[:, 0]
+    start = generator.uniform(60.0, 90.0)
+    return np.stack([start + np.cumsum(pace), rows], axis=1)
+
+
+def _distractors(
+    generator: np.random.Generator, frames: int, clothes: tuple[Color, Color]
+) -> list[Actor]:
+    """All people of level 1: half of them come towards the target, half go its way."""
+    people = []
+    for number in range(MOST_DISTRACTORS):
+        direction = 1 if number % 2 else -1
+        speed = generator.uniform(1.6, 4.6)
+        start = (
+            generator.uniform(260.0, 700.0) if direction < 0 else generator.uniform(130.0, 420.0)
+        )
+        columns = start + direction * speed * np.arange(frames)
+        # Some pass behind the target, some in front of it.
+        lane = _LANE + generator.uniform(5.0, 14.0) * generator.choice((-1.0, -1.0, 1.0))
+        rows = lane + 1.5 * smooth_path(generator, frames, period=60.0)[:, 0]
+        feet = np.stack([columns, rows], axis=1)
+        people.append(_walker(generator, feet, direction, clothes))
+    return people
+
+
+def _walker(
+    generator: np.random.Generator,
+    feet: NDArray[np.float64],
+    direction: int,
+    clothes: tuple[Color, Color],
+) -> Actor:
+    """A person in cloth of these colors and of a pattern of its own."""
+    person = Person(_PERSON_HEIGHT, *clothes, direction)
+    plain = [person.sprite(view) for view in range(GAIT_VIEWS)]
+    height, width = plain[0].pixels.shape[:2]
+    pattern = fractal_noise(generator, (height, width), 14.0)
+    factors = 1.0 + 0.9 * (pattern - pattern.mean())
+    sprites = tuple(_patterned(sprite, factors) for sprite in plain)
+    # Two steps take a walker the length of the gait's cycle.
+    cycles = direction * feet[:, 0] / (0.8 * _PERSON_HEIGHT)
+    views = np.floor(cycles * GAIT_VIEWS).astype(np.int64) % GAIT_VIEWS
+    return Actor(sprites, views, feet)
+
+
+def _patterned(sprite: Sprite, factors: NDArray[np.float32]) -> Sprite:
+    """The same sprite, brighter or darker by (height, width) factors."""
+    pixels = sprite.pixels.copy()
+    brighter = pixels[..., :3] * factors[..., None]
+    pixels[..., :3] = np.minimum(brighter, 255.0 * pixels[..., 3:])
+    return Sprite(pixels, sprite.anchor)

@@ -1,0 +1,191 @@
+"""People and their umbrellas, as sprites."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from scenes.sprites import Color, Drawing, Sprite
+
+GAIT_VIEWS = 12
+"""Number of views of a person in one cycle of two steps; the view after the last is the first."""
+
+_ENLARGEMENT = 4
+_PANELS = 8
+
+# Mean width of a walking person over its height.
+_PERSON_WIDTH = 0.4
+
+Pattern = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+"""Maps canopy coordinates, the rim a circle of radius 1, to a number: at least 0 the one color,
+below 0 the other, each on about half of the canopy."""
+
+
+def standing_boxes(feet: NDArray[np.float64], height: float) -> NDArray[np.float64]:
+    """Boxes of a person, from head to feet, all of one size.
+
+    Args:
+        feet: (frames, 2) x and y of the pixel between the feet, a pixel's index its center.
+        height: Of the person, pixels.
+
+    Returns:
+        (frames, 4) x, y, width, height, counted from the corner of the first pixel.
+    """
+    width = _PERSON_WIDTH * height
+    corners = feet + 0.5 - (width / 2, height - 1.0)
+    return np.hstack([corners, np.broadcast_to((width, height), corners.shape)])
+
+
+def panels(across: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Panels between the ribs in turn of either color."""
+    return np.asarray(np.sin(_PANELS / 2 * np.arctan2(along, across)))
+
+
+def rings(across: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rings of equal area around the tip."""
+    return np.asarray(np.sin(4.0 * np.pi * (across**2 + along**2)))
+
+
+def stripes(across: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Parallel stripes, slanting to the right."""
+    return np.asarray(np.sin(2.0 * np.pi * 1.75 * (0.8 * across + 0.6 * along)))
+
+
+def checks(across: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A chessboard."""
+    return np.asarray(np.sin(1.5 * np.pi * across) * np.sin(1.5 * np.pi * along))
+
+
+PATTERNS: tuple[Pattern, ...] = (panels, rings, stripes, checks)
+"""Patterns of like colors and unlike edges."""
+
+
+@dataclass(frozen=True)
+class Canopy:
+    """An umbrella's canopy: a shallow bowl with a scalloped rim, tilted towards the camera.
+
+    Attributes:
+        pattern: Where it has which of the two colors.
+        colors: The two colors of the cloth.
+        radius: Radius of the rim in pixels.
+        bulge: Height of the bowl over its radius.
+        elevation: Angle between the umbrella's shaft and the image plane in degrees, 0 to 90.
+    """
+
+    pattern: Pattern
+    colors: tuple[Color, Color]
+    radius: float = 22.0
+    bulge: float = 0.5
+    elevation: float = 60.0
+
+    def sprite(self, roll: float) -> Sprite:
+        """The canopy with its shaft turned in the image plane by `roll` degrees clockwise."""
+        size = 2 * int(np.ceil(self.radius + 4.0))
+        steps = (np.arange(size * _ENLARGEMENT) + 0.5) / _ENLARGEMENT - size / 2
+        right, down = np.meshgrid(steps / self.radius, steps / self.radius)
+        turn = np.radians(roll)
+        across = np.cos(turn) * right + np.sin(turn) * down
+        below = np.cos(turn) * down - np.sin(turn) * right
+        # A point of the bowl (across, along) is seen at height `below` in the image:
+        # below = sin(elevation) along - cos(elevation) bulge (1 - across^2 - along^2).
+        tilt, lift = np.sin(np.radians(self.elevation)), np.cos(np.radians(self.elevation))
+        rise = self.bulge * lift
+        root = tilt**2 + 4.0 * rise * (rise * (1.0 - across**2) + below)
+        along = (np.sqrt(np.maximum(root, 0.0)) - tilt) / (2.0 * rise)
+        angle = np.arctan2(along, across)
+        distance = np.hypot(across, along)
+        rim = 1.0 - 0.06 * np.abs(np.sin(_PANELS / 2 * angle + np.pi / 2)) ** 0.7
+        inside = (root > 0.0) & (distance <= rim)
+        shade = self._shade(across, along, angle, distance)
+        first = self.pattern(across, along) >= 0.0
+        cloth = np.where(first[..., None], self.colors[0], self.colors[1]) * shade[..., None]
+        coverage = inside.astype(np.float32)
+        enlarged = np.dstack([np.clip(cloth, 0, 255) * coverage[..., None], coverage])
+        pixels = cv2.resize(enlarged.astype(np.float32), (size, size), interpolation=cv2.INTER_AREA)
+        return Sprite(pixels, (0.0, 0.0)).held_at_centroid()
+
+    def _shade(
+        self,
+        across: NDArray[np.float64],
+        along: NDArray[np.float64],
+        angle: NDArray[np.float64],
+        distance: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        # Diffuse light from high on the left; the cloth sags between the ribs.
+        normal = np.stack([2 * self.bulge * across, 2 * self.bulge * along, np.ones_like(across)])
+        normal /= np.linalg.norm(normal, axis=0)
+        light = np.array([-0.35, -0.45, 0.82])
+        shade = 0.72 + 0.34 * np.tensordot(light, normal, axes=1)
+        ribs = np.abs(np.sin(_PANELS / 2 * angle + np.pi / 2))
+        width = 0.05 / np.maximum(distance, 0.1)
+        return np.asarray(shade * np.where((ribs < width) & (distance > 0.08), 0.86, 1.0))
+
+
+@dataclass(frozen=True)
+class Person:
+    """A person in a coat, seen from the side.
+
+    Attributes:
+        height: Height in pixels.
+        coat: Color of coat and arm.
+        trousers: Color of the legs.
+        facing: 1 when looking to the right, -1 to the left.
+    """
+
+    height: float
+    coat: Color
+    trousers: Color
+    facing: int
+
+    def sprite(self, view: int | None) -> Sprite:
+        """The person at one view of the gait, or standing for None; held at the feet."""
+        scale = self.height / 70.0
+        width, height = int(np.ceil(56 * scale)), int(np.ceil(74 * scale))
+        middle, ground = width / 2, height - 2.0
+        drawing = Drawing(width, height)
+        swing = 0.12 if view is None else np.sin(2.0 * np.pi * view / GAIT_VIEWS)
+        hip = ground - 33 * scale
+        for leg, darkness in ((-swing, 0.75), (swing, 1.0)):
+            self._draw_leg(drawing, (middle, hip), ground, scale, swing=leg, darkness=darkness)
+        shoulder = ground - 57 * scale
+        torso = [(-6.5, 0), (6.0, 0), (8.0, 12), (7.5, 29), (-8.0, 29), (-7.5, 12)]
+        drawing.polygon(
+            [(middle + self.facing * x * scale, shoulder + y * scale) for x, y in torso], self.coat
+        )
+        hand = (middle + self.facing * (3.0 + 5.0 * swing) * scale, shoulder + 24 * scale)
+        sleeve: Color = (self.coat[0] * 0.8, self.coat[1] * 0.8, self.coat[2] * 0.8)
+        drawing.stroke([(middle, shoulder + 3 * scale), hand], 4.5 * scale, sleeve)
+        drawing.ellipse(hand, (2.2 * scale, 2.2 * scale), (140, 165, 205))
+        head = (middle + self.facing * 1.5 * scale, shoulder - 7.0 * scale)
+        drawing.ellipse(head, (4.8 * scale, 6.0 * scale), (140, 165, 205))
+        hair = (head[0] - self.facing * 1.2 * scale, head[1] - 2.5 * scale)
+        drawing.ellipse(hair, (5.0 * scale, 4.6 * scale), (30, 35, 45))
+        return Sprite(drawing.pixels(), (middle - 0.5, ground - 0.5))
+
+    def _draw_leg(
+        self,
+        drawing: Drawing,
+        hip: tuple[float, float],
+        ground: float,
+        scale: float,
+        *,
+        swing: float,
+        darkness: float,
+    ) -> None:
+        color: Color = (
+            self.trousers[0] * darkness,
+            self.trousers[1] * darkness,
+            self.trousers[2] * darkness,
+        )
+        foot = hip[0] + self.facing * 11.0 * scale * swing
+        lift = max(0.0, 3.0 * scale * (1.0 - abs(swing)) * (1.0 if darkness < 1.0 else 0.0))
+        knee = (0.5 * (hip[0] + foot) + self.facing * 2.5 * scale, hip[1] + 16 * scale)
+        drawing.stroke([hip, knee, (foot, ground - 2.0 * scale - lift)], 6.0 * scale, color)
+        toe = foot + self.facing * 2.5 * scale
+        drawing.ellipse(
+            (toe, ground - 1.5 * scale - lift), (4.5 * scale, 2.0 * scale), (25, 25, 30)
+        )

@@ -1,0 +1,158 @@
+"""When the next item of a recording is due, with pausing, stopping and waiting for an answer."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+from pf_tracker_ros.stamps import NANOSECONDS
+
+# An item this late is not caught up with; the ones after it keep their distance to it.
+TOLERATED_LAG = 0.1
+_POLL_INTERVAL = 0.02
+
+
+class Stopped(Exception):  # noqa: N818
+    """The playback was stopped while it waited."""
+
+
+class Playback:
+    """The clock of a playback: a thread waits in it, others pause, stop or answer.
+
+    Every wait ends early with `Stopped` once `stop` is called.
+    """
+
+    def __init__(self, *, paused: bool = False) -> None:
+        """Begin, with nothing due yet.
+
+        Args:
+            paused: Whether to begin paused.
+        """
+        self._changed = threading.Condition()
+        self._paused = paused
+        self._stopped = False
+        self._answer: int | None = None
+        self._last_due: float | None = None
+        self._last_time: int | None = None
+        self._last_gap = 0.04
+
+    def stop(self) -> None:
+        """End every wait, this one and those to come."""
+        with self._changed:
+            self._stopped = True
+            self._changed.notify_all()
+
+    @property
+    def stopped(self) -> bool:
+        """Whether `stop` was called."""
+        return self._stopped
+
+    @property
+    def paused(self) -> bool:
+        """Whether items are held back; may be set from any thread."""
+        return self._paused
+
+    @paused.setter
+    def paused(self, paused: bool) -> None:
+        with self._changed:
+            self._paused = paused
+            self._changed.notify_all()
+
+    def begin_pass(self) -> None:
+        """Begin the source again: its first item is due one frame after its last."""
+        self._last_time = None
+
+    def wait_until_due(self, item_time: int, rate: Callable[[], float] | None) -> float:
+        """Wait until an item may be published.
+
+        Args:
+            item_time: Source time of the item in nanoseconds.
+            rate: Tells the speed relative to source time, asked again after each change of
+                state; None makes the item due at once.
+
+        Returns:
+            By how many seconds the item is late beyond what is tolerated, else 0.
+
+        Raises:
+            Stopped: The playback was stopped.
+        """
+        if self._last_time is not None:
+            self._last_gap = max(0, item_time - self._last_time) / NANOSECONDS
+        lag = 0.0
+        with self._changed:
+            while True:
+                if self._stopped:
+                    raise Stopped
+                if self._paused:
+                    self._changed.wait()
+                    self._last_due = None
+                    continue
+                now = time.monotonic()
+                if rate is None or self._last_due is None:
+                    self._last_due = now
+                    break
+                due = self._last_due + self._last_gap / rate()
+                if now >= due:
+                    lag = now - due if now - due > TOLERATED_LAG else 0.0
+                    self._last_due = now if lag else due
+                    break
+                # Short waits, so that a change of rate is noticed within a long gap.
+                self._changed.wait(min(due - now, 0.1))
+        self._last_time = item_time
+        return lag
+
+    def answer(self, stamp: int) -> None:
+        """Tell that the item with this stamp has been dealt with."""
+        with self._changed:
+            self._answer = stamp
+            self._changed.notify_all()
+
+    def forget_answer(self) -> None:
+        """Take no earlier answer for one to the next item."""
+        with self._changed:
+            self._answer = None
+
+    def wait_for_answer(self, stamp: int, timeout: float) -> bool:
+        """Wait until the item with this stamp has been dealt with.
+
+        Args:
+            stamp: Stamp of the item.
+            timeout: Longest wait in seconds.
+
+        Returns:
+            Whether it has.
+
+        Raises:
+            Stopped: The playback was stopped.
+        """
+        with self._changed:
+            answered = self._changed.wait_for(
+                lambda: self._stopped or self._answer == stamp, timeout
+            )
+            if self._stopped:
+                raise Stopped
+        return answered
+
+    def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """Wait for something that can only be polled.
+
+        Args:
+            condition: Asked about fifty times a second.
+            timeout: Longest wait in seconds.
+
+        Returns:
+            Whether the condition came true.
+
+        Raises:
+            Stopped: The playback was stopped.
+        """
+        deadline = time.monotonic() + timeout
+        while not condition():
+            with self._changed:
+                if self._stopped:
+                    raise Stopped
+                self._changed.wait(_POLL_INTERVAL)
+            if time.monotonic() > deadline:
+                return condition()
+        return True

@@ -1,0 +1,332 @@
+"""The replay publisher: recorded pictures as a camera's topic, in real time or in lockstep.
+
+The node's executor serves the tracker's answers, the pause service and the parameters; a playback
+thread publishes; a prefetching thread decodes. See `ReplayParameters` for what can be set.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import traceback
+from contextlib import closing
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PolygonStamped
+from rclpy.duration import Duration
+from rclpy.exceptions import NameValidationException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CompressedImage
+from std_srvs.srv import SetBool
+
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.node.message_building import box_message
+from pf_tracker_ros.node.parameter_binding import ParameterBinding
+from pf_tracker_ros.node.replay.playback import Playback, Stopped
+from pf_tracker_ros.node.replay.played_stamps import PlayedStamps
+from pf_tracker_ros.node.replay.prefetch import Prefetch
+from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
+from pf_tracker_ros.node.replay.replay_source import (
+    ReplayItem,
+    ReplaySource,
+    as_box,
+    make_header,
+    open_replay_source,
+)
+from pf_tracker_ros.node.running import run
+from pf_tracker_ros.parameters import build, declarations
+from pf_tracker_ros.stamps import NANOSECONDS, stamp_of
+
+# Deep enough that a subscriber may be busy for a third of a second, shallow enough for memory.
+_IMAGE_DEPTH = 10
+# With its history full, Fast DDS asks for the acknowledgment with each message; else every 3 s.
+_TARGET_DEPTH = 1
+_ACKNOWLEDGE_TIMEOUT = 5.0
+_WARNING_INTERVAL = 5.0
+
+
+class ReplayNode(Node):
+    """Publishes `image`, `~/ground_truth`, the tracker's target and `/clock` from a recording.
+
+    A wrong parameter or a source that cannot be read keeps it from playing until both are set
+    rightly; it stays up. Its context is shut down at the end of the source.
+
+    A source without a time of its own, such as a video, is stamped with the node's time as it is
+    played; in lockstep and with `publish_clock` from 1 s on, so that each run is the same.
+
+    Attributes:
+        exit_code: 1 once the source has failed while it was played, else 0.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        """Declare the parameters, open the source and begin.
+
+        Args:
+            **options: Of `rclpy.node.Node`.
+        """
+        super().__init__("replay", **options)
+        self._log = self.get_logger()  # type: ignore[no-untyped-call]
+        self.exit_code = 0
+        self._published = 0
+        self._played_stamps = PlayedStamps(lambda: self.get_clock().now().nanoseconds)
+        self._thread: threading.Thread | None = None
+        self._binding = ParameterBinding(self)
+        self._binding.declare(declarations(ReplayParameters))
+        self._begin()
+        self._binding.listen(
+            apply=lambda changes: self._begin(), ready=lambda: self._thread is not None
+        )
+
+    def _begin(self) -> None:
+        """Open the source and play it, unless it plays already or something is in the way."""
+        if self._thread is not None or self._binding.refused:
+            return
+        parameters = build(ReplayParameters, self._binding.values)
+        before = set(self.publishers)
+        try:
+            self._set_up(open_replay_source(parameters), parameters)
+        except (FootageError, NameValidationException) as error:
+            for publisher in set(self.publishers) - before:
+                self.destroy_publisher(publisher)
+            self._log.error(f"not playing: {error}")
+            return
+        self._thread = threading.Thread(target=self._run, name="playback", daemon=True)
+        self._thread.start()
+
+    def _set_up(self, source: ReplaySource, parameters: ReplayParameters) -> None:
+        self._fixed = parameters
+        self._source = source
+        compressed = source.image_type is CompressedImage
+        self._image_publisher = self.create_publisher(
+            source.image_type,
+            "image/compressed" if compressed else "image",
+            QoSProfile(
+                depth=_IMAGE_DEPTH,
+                reliability=ReliabilityPolicy[parameters.image_reliability.upper()],
+            ),
+        )
+        self._ground_truth_publisher = (
+            self.create_publisher(PolygonStamped, "~/ground_truth", _IMAGE_DEPTH)
+            if source.has_ground_truth
+            else None
+        )
+        self._sends_target = bool(parameters.target_box) or parameters.target_from_ground_truth
+        self._target_publisher = (
+            self.create_publisher(PolygonStamped, parameters.target_topic, _TARGET_DEPTH)
+            if self._sends_target
+            else None
+        )
+        self._clock_publisher = (
+            self.create_publisher(Clock, "/clock", _IMAGE_DEPTH)
+            if parameters.publish_clock
+            else None
+        )
+        self._playback = Playback(paused=parameters.start_paused)
+        if parameters.lockstep:
+            self._status_subscription = self.create_subscription(
+                DiagnosticArray, parameters.lockstep_status, self._on_status, _IMAGE_DEPTH
+            )
+        self.create_service(SetBool, "~/pause", self._on_pause)
+
+    def destroy_node(self) -> None:
+        """End the playback, then the node."""
+        if self._thread is not None:
+            self._playback.stop()
+            self._thread.join()
+        super().destroy_node()  # type: ignore[no-untyped-call]
+
+    def _on_status(self, status: DiagnosticArray) -> None:
+        self._playback.answer(stamp_of(status.header))
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._playback.paused = request.data
+        self._played_stamps.follow_clock()
+        response.success = True
+        response.message = (
+            f"{'paused' if request.data else 'playing'}, {self._published} frames published"
+        )
+        return response
+
+    def _run(self) -> None:
+        try:
+            self._play_source()
+        except Stopped:
+            pass
+        except FootageError as error:
+            self._log.fatal(str(error))
+            self.exit_code = 1
+        except Exception:
+            # A shutdown takes the publishers away from under this thread.
+            if self.context.ok():
+                self._log.fatal(f"playback failed: {traceback.format_exc()}")
+                self.exit_code = 1
+        self.context.try_shutdown()
+
+    def _play_source(self) -> None:
+        count = "an unknown number of" if self._source.count is None else self._source.count
+        self._log.info(
+            f"replaying {self._source.name}: {count} frames on {self._image_publisher.topic_name}"
+        )
+        self._wait_for_tracker()
+        while True:
+            published_before = self._published
+            self._play_pass()
+            self._check_count(self._published - published_before)
+            if not self._binding.values["loop"]:
+                break
+            self._playback.begin_pass()
+        # The node stays until the last messages have arrived.
+        self._wait_for_acknowledgment(self._image_publisher)
+        if self._ground_truth_publisher is not None:
+            self._wait_for_acknowledgment(self._ground_truth_publisher)
+        self._log.info(f"published {self._published} frames of {self._source.name}")
+
+    def _play_pass(self) -> None:
+        target_is_due = self._sends_target
+        with closing(Prefetch(self._source.items())) as items:
+            for read in items:
+                self._wait_until_due(read)
+                item = self._stamped(read)
+                if target_is_due:
+                    target_is_due = not self._send_target(item)
+                self._playback.forget_answer()
+                self._publish(item)
+                self._published += 1
+                if self._fixed.lockstep:
+                    self._wait_for_status(item)
+
+    def _stamped(self, item: ReplayItem) -> ReplayItem:
+        """The item with the stamp that it goes out with."""
+        if self._source.has_time or self._fixed.lockstep or self._fixed.publish_clock:
+            return item
+        return item.delayed(self._played_stamps.delay_of(item.stamp))
+
+    def _wait_until_due(self, item: ReplayItem) -> None:
+        rate = None if self._fixed.lockstep else lambda: self._binding.values["rate"]
+        lag = self._playback.wait_until_due(item.time, rate)
+        if lag > 0:
+            self._log.warning(
+                f"fell {lag:.2f} s behind the source's time at frame {self._published}; "
+                f"the rate of {self._binding.values['rate']:g} is too high for this machine",
+                throttle_duration_sec=_WARNING_INTERVAL,
+            )
+
+    def _publish(self, item: ReplayItem) -> None:
+        if self._clock_publisher is not None:
+            self._clock_publisher.publish(Clock(clock=Time(nanoseconds=item.time).to_msg()))
+        if self._ground_truth_publisher is not None and item.ground_truth is not None:
+            self._ground_truth_publisher.publish(item.ground_truth)
+        self._image_publisher.publish(item.image)
+
+    def _send_target(self, item: ReplayItem) -> bool:
+        """Send the target if it belongs to this frame, and tell whether it did."""
+        target: PolygonStamped | bytes | None = item.ground_truth
+        if self._fixed.target_box:
+            target = box_message(
+                as_box(self._fixed.target_box), make_header(item.stamp, self._fixed.frame_id)
+            )
+        if target is None or self._target_publisher is None:
+            return False
+        self._target_publisher.publish(target)
+        # The tracker must have it before the frame, which comes by another topic.
+        self._wait_for_acknowledgment(self._target_publisher)
+        return True
+
+    def _wait_for_tracker(self) -> None:
+        """Wait until those are there whom lockstep and the target are meant for."""
+        while missing := self._missing():
+            if not self._playback.wait_for(lambda: not self._missing(), _WARNING_INTERVAL):
+                self._log.warning(f"waiting for {' and '.join(missing)}")
+
+    def _missing(self) -> list[str]:
+        missing = []
+        publishers = [self._target_publisher] if self._target_publisher is not None else []
+        if self._fixed.lockstep or publishers:
+            publishers.append(self._image_publisher)
+        for publisher in publishers:
+            if publisher.get_subscription_count() == 0:
+                missing.append(f"a subscriber of {publisher.topic_name}")
+        if self._fixed.lockstep:
+            status_topic = self._status_subscription.topic_name
+            if self.count_publishers(status_topic) == 0:
+                missing.append(f"a publisher of {status_topic}")
+        return missing
+
+    def _wait_for_status(self, item: ReplayItem) -> None:
+        while True:
+            timeout = self._binding.values["lockstep_timeout"]
+            if self._playback.wait_for_answer(item.stamp, timeout):
+                return
+            stamp = item.stamp / NANOSECONDS
+            self._log.warning(
+                f"no status for frame {self._published - 1} (stamp {stamp:.9f}) on "
+                f"{self._status_subscription.topic_name} within {timeout:g} s; "
+                f"publishing it again{self._lockstep_hint()}",
+                throttle_duration_sec=_WARNING_INTERVAL,
+            )
+            self._publish(item)
+
+    def _lockstep_hint(self) -> str:
+        """What is likely to be wrong when no status comes."""
+        missing = self._missing()
+        if missing:
+            return f"; waiting for {' and '.join(missing)}"
+        subscribers = self.get_subscriptions_info_by_topic(self._image_publisher.topic_name)
+        best_effort = [
+            subscriber.node_name
+            for subscriber in subscribers
+            if subscriber.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+        ]
+        if best_effort:
+            return (
+                f"; {', '.join(best_effort)} subscribes with best effort, which loses frames: "
+                "let it subscribe reliably (tracker: image_reliability)"
+            )
+        return ""
+
+    def _check_count(self, published: int) -> None:
+        if self._source.count is not None and published < self._source.count:
+            self._log.warning(
+                f"{self._source.name} announces {self._source.count} frames, "
+                f"but only {published} could be read"
+            )
+
+    def _wait_for_acknowledgment(self, publisher: Publisher) -> None:
+        acknowledged = self._playback.wait_for(
+            lambda: publisher.wait_for_all_acked(Duration(seconds=0)), _ACKNOWLEDGE_TIMEOUT
+        )
+        if not acknowledged:
+            self._log.warning(
+                f"a subscriber of {publisher.topic_name} has not acknowledged all messages"
+            )
+
+
+def main(arguments: list[str] | None = None, source: str | None = None) -> int:
+    """Run the replay publisher until its source ends or it is told to stop.
+
+    Args:
+        arguments: The command line with the program's name, by default that of the process.
+        source: In place of the parameter `source`.
+
+    Returns:
+        The exit code: 0 at the end or when stopped, 1 if the source failed while it was played.
+    """
+    nodes: list[ReplayNode] = []
+
+    def create() -> ReplayNode:
+        given = [] if source is None else [Parameter("source", value=source)]
+        nodes.append(ReplayNode(parameter_overrides=given))
+        return nodes[0]
+
+    run(create, arguments)
+    return nodes[0].exit_code if nodes else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

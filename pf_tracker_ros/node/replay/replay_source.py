@@ -1,0 +1,169 @@
+"""Sources of the replay publisher: any recording as messages that are ready to go out."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from geometry_msgs.msg import PolygonStamped
+from sensor_msgs.msg import CompressedImage, Image
+from std_msgs.msg import Header
+
+from pf_tracker_ros.footage import (
+    Footage,
+    FootageError,
+    ImageBag,
+    existing_path,
+    is_bag,
+    open_bag,
+    open_footage,
+)
+from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE
+from pf_tracker_ros.node.message_building import Box, box_message, image_message
+from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
+from pf_tracker_ros.stamps import set_stamp
+
+
+@dataclass(frozen=True)
+class ReplayItem:
+    """One image, ready to be published.
+
+    Attributes:
+        stamp: Stamp of the image's header in nanoseconds.
+        time: Source time in nanoseconds, which sets the pace: when a bag's message was recorded,
+            else the stamp.
+        image: The message, or its CDR bytes as recorded.
+        ground_truth: The true box with the same stamp, None without one.
+    """
+
+    stamp: int
+    time: int
+    image: Image | bytes
+    ground_truth: PolygonStamped | bytes | None
+
+    def delayed(self, delay: int) -> ReplayItem:
+        """The same item later, by nanoseconds; its messages are stamped anew, in place.
+
+        Raises:
+            TypeError: Its messages are recorded bytes.
+        """
+        for message in (self.image, self.ground_truth):
+            if isinstance(message, bytes):
+                raise TypeError("the stamps of recorded bytes stay as they are")
+            if message is not None:
+                set_stamp(message.header, self.stamp + delay)
+        return replace(self, stamp=self.stamp + delay, time=self.time + delay)
+
+
+class ReplaySource(Protocol):
+    """A recording as messages.
+
+    Attributes:
+        name: Short name for messages.
+        image_type: Message class of the images.
+        count: Number of images as far as the source tells, else None.
+        has_ground_truth: Whether there are true boxes.
+        has_time: Whether its stamps are those of the recording, and not counted from its start.
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def image_type(self) -> type[Image] | type[CompressedImage]: ...  # noqa: D102
+    @property
+    def count(self) -> int | None: ...  # noqa: D102
+    @property
+    def has_ground_truth(self) -> bool: ...  # noqa: D102
+    @property
+    def has_time(self) -> bool: ...  # noqa: D102
+
+    def items(self) -> Generator[ReplayItem, None, None]:
+        """Read the images in order; each call starts from the first.
+
+        Raises:
+            FootageError: The source cannot be read.
+        """
+        ...
+
+
+def open_replay_source(parameters: ReplayParameters) -> ReplaySource:
+    """Open what the parameters name.
+
+    Raises:
+        FootageError: It cannot be read, or has no ground truth where one is asked for.
+    """
+    source: ReplaySource
+    path = existing_path(parameters.source)
+    if is_bag(path):
+        bag = open_bag(path, parameters.bag_topic, parameters.bag_ground_truth_topic)
+        source = BagSource(bag)
+    else:
+        footage = open_footage(path, frame_rate=parameters.frame_rate)
+        source = FootageSource(footage, parameters.frame_id)
+    if parameters.target_from_ground_truth and not source.has_ground_truth:
+        raise FootageError(
+            f"{path} has no ground truth to take the target from; set target_box instead, or give "
+            "a sequence folder or a bag with a PolygonStamped topic ending in ground_truth"
+        )
+    return source
+
+
+class BagSource:
+    """The images of a bag, as the bytes that were recorded."""
+
+    has_time = True
+
+    def __init__(self, bag: ImageBag) -> None:
+        """Replay the images of `bag`."""
+        self._bag = bag
+        self.name = bag.name
+        self.image_type = CompressedImage if bag.image_type == COMPRESSED_IMAGE_TYPE else Image
+        self.count = bag.image_count or None
+        self.has_ground_truth = bag.ground_truth_topic is not None
+
+    def items(self) -> Generator[ReplayItem, None, None]:
+        """Read the images in order; see `ReplaySource.items`."""
+        for image in self._bag.images():
+            yield ReplayItem(image.stamp, image.log_time, image.message, image.ground_truth)
+
+
+class FootageSource:
+    """Frames of a video, a folder of images or a sequence, made into messages."""
+
+    image_type = Image
+    has_time = False
+
+    def __init__(self, footage: Footage, frame_id: str) -> None:
+        """Replay `footage` with `frame_id` in the headers."""
+        self._footage = footage
+        self._frame_id = frame_id
+        self.name = footage.name
+        self.count = footage.frame_count
+        self.has_ground_truth = footage.ground_truth is not None
+
+    def items(self) -> Generator[ReplayItem, None, None]:
+        """Read the images in order; see `ReplaySource.items`."""
+        boxes = self._footage.ground_truth
+        for index, frame in enumerate(self._footage.frames()):
+            header = make_header(frame.stamp, self._frame_id)
+            image = image_message(frame.image, header)
+            ground_truth = None
+            # A target that is absent from a frame has no box there.
+            if boxes is not None and np.isfinite(boxes[index]).all():
+                ground_truth = box_message(as_box(boxes[index]), header)
+            yield ReplayItem(frame.stamp, frame.stamp, image, ground_truth)
+
+
+def as_box(values: Iterable[float]) -> Box:
+    """Four numbers as a box (x, y, width, height)."""
+    x, y, width, height = (float(value) for value in values)
+    return x, y, width, height
+
+
+def make_header(stamp: int, frame_id: str) -> Header:
+    """A header with a stamp in nanoseconds."""
+    header = Header(frame_id=frame_id)
+    set_stamp(header, stamp)
+    return header

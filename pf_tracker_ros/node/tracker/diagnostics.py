@@ -1,0 +1,162 @@
+"""The node's health on `/diagnostics`, once a second, whether images come or not."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from pf_tracker_ros.node.message_building import status_message
+from pf_tracker_ros.node.qos import DEFAULT_QOS
+from pf_tracker_ros.node.tracker.frame_rhythm import Rhythm, loss_message, rhythm
+from pf_tracker_ros.stamps import NANOSECONDS
+
+Value = str | float | int
+
+PERIOD = 1.0
+_WINDOW = 5.0
+_MOST_FRAMES = 5000
+# A camera may skip a frame now and then.
+_TOLERATED_LOSS = 0.05
+# Stamps that far from the node's time are by another clock, as those of a recording.
+_OTHER_CLOCK = 3600.0
+
+
+@dataclass(frozen=True)
+class Health:
+    """What the node knows of itself apart from its frames.
+
+    Attributes:
+        level: `DiagnosticStatus.OK`, `WARN` or `ERROR`.
+        message: One sentence for people.
+        expects_images: Whether it is a fault if none come.
+        image_topic: Of the images, empty while they are not subscribed to.
+        image_reliability: With which they are subscribed to, `reliable` or `best_effort`.
+        values: More to know, key to value.
+    """
+
+    level: bytes
+    message: str
+    expects_images: bool
+    image_topic: str
+    image_reliability: str
+    values: dict[str, Value]
+
+
+@dataclass(frozen=True)
+class _Frame:
+    arrival: float
+    stamp: int
+    age: float
+    processing: float
+
+
+class Diagnostics:
+    """Counts frames and publishes the figures of the last five seconds, and of all time.
+
+    Attributes:
+        jumps: How often time has gone back.
+        lost_share: Share of the camera's frames that did not come, 0 to 1, in the last report.
+    """
+
+    def __init__(
+        self, node: Node, health: Callable[[], Health], stale_after: Callable[[], float]
+    ) -> None:
+        """Begin to publish.
+
+        Args:
+            node: The node that publishes.
+            health: Tells how the node is.
+            stale_after: Tells after how many seconds without an image to warn.
+        """
+        self._node = node
+        self._health = health
+        self._stale_after = stale_after
+        self.jumps = 0
+        self.lost_share = 0.0
+        self._outcomes: Counter[str] = Counter()
+        self._frames: deque[_Frame] = deque(maxlen=_MOST_FRAMES)
+        self._last_arrival: float | None = None
+        self._began = time.monotonic()
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", DEFAULT_QOS)
+        # By the wall's clock: simulated time may stand still, which is worth telling.
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(PERIOD, self._publish, clock=clock)
+
+    def restart(self) -> None:
+        """Wait for images from now on, as after an activation."""
+        self._frames.clear()
+        self._last_arrival = None
+        self._began = time.monotonic()
+
+    def count(self, outcome: str, stamp: int, processing: float) -> None:
+        """Count a frame.
+
+        Args:
+            outcome: What became of it.
+            stamp: Of its header, nanoseconds; 0 if it has none.
+            processing: Seconds that it took.
+        """
+        now = time.monotonic()
+        age = self._node.get_clock().now().nanoseconds - stamp if stamp else 0
+        self._outcomes[outcome] += 1
+        self._last_arrival = now
+        self._frames.append(_Frame(now, stamp, age / NANOSECONDS, processing))
+
+    def _publish(self) -> None:
+        header = Header(stamp=self._node.get_clock().now().to_msg())
+        name = f"{self._node.get_fully_qualified_name().lstrip('/')}: tracker"
+        health = self._health()
+        now = time.monotonic()
+        while self._frames and now - self._frames[0].arrival > _WINDOW:
+            self._frames.popleft()
+        found = rhythm([frame.stamp for frame in self._frames if frame.stamp])
+        self.lost_share = found.lost_share if found else 0.0
+        level, message = health.level, health.message
+        if found and found.lost_share > _TOLERATED_LOSS:
+            level = max(level, DiagnosticStatus.WARN)
+            message = f"{message}; {self._loss(found, health)}"
+        silent = now - (self._last_arrival or self._began)
+        if health.expects_images and silent > self._stale_after():
+            level = max(level, DiagnosticStatus.WARN)
+            message = f"no image for {silent:.1f} s; {message}"
+        values = self._figures(now, found) | health.values
+        self._publisher.publish(status_message(header, name, level, message, values))
+
+    def _loss(self, found: Rhythm, health: Health) -> str:
+        return loss_message(found, self._processing(), health.image_topic, health.image_reliability)
+
+    def _processing(self) -> float:
+        """Seconds that a frame takes, on average."""
+        return sum(frame.processing for frame in self._frames) / len(self._frames)
+
+    def _figures(self, now: float, found: Rhythm | None) -> dict[str, Value]:
+        frames = list(self._frames)
+        values: dict[str, Value] = {
+            "input_rate": len(frames) / min(_WINDOW, max(now - self._began, PERIOD)),
+            "frames": self._outcomes.total(),
+        }
+        if found:
+            values["camera_rate"] = 1.0 / found.interval
+            values["lost_share"] = found.lost_share
+        if self._last_arrival is not None:
+            values["seconds_since_image"] = now - self._last_arrival
+        if frames:
+            age = sum(frame.age for frame in frames) / len(frames)
+            if abs(age) < _OTHER_CLOCK:
+                values["image_age_ms"] = 1e3 * age
+            else:
+                values["image_age_ms"] = "unknown: the stamps are by another clock"
+            values["processing_time_ms"] = 1e3 * self._processing()
+            values["processing_time_max_ms"] = 1e3 * max(frame.processing for frame in frames)
+        for outcome in ("duplicate", "late", "paused", "refused"):
+            values[f"dropped_{outcome}"] = self._outcomes[outcome]
+        values["time_jumps"] = self.jumps
+        return values

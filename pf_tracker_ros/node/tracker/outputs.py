@@ -1,0 +1,60 @@
+"""What the node publishes of each frame besides its status: box, particles, overlay, detections."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from geometry_msgs.msg import PolygonStamped
+from numpy.typing import NDArray
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import Header
+
+from pf_tracker_ros.node.message_building import box_message, image_message, particles_message
+from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, advertise
+from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE, detections_message
+from pf_tracker_ros.node.tracker.overlay import draw_overlay
+from pf_tracker_ros.tracking.estimate import Estimate
+
+
+class Outputs:
+    """The publishers of one configured node; closed, they are gone."""
+
+    def __init__(self, node: Node, report: Report) -> None:
+        """Advertise the topics.
+
+        Args:
+            node: The node that publishes.
+            report: Called with a sentence if a subscriber cannot be reached.
+        """
+        self._node = node
+        self._box = advertise(node, PolygonStamped, "~/box", profile=DEFAULT_QOS, report=report)
+        self._particles = advertise(
+            node, PointCloud2, "~/particles", profile=DEFAULT_QOS, report=report
+        )
+        self._overlay = advertise(node, Image, "~/overlay", profile=DEFAULT_QOS, report=report)
+        self._detections: Publisher | None = None
+        if DETECTIONS_TYPE:
+            self._detections = advertise(
+                node, DETECTIONS_TYPE, "~/detections", profile=DEFAULT_QOS, report=report
+            )
+
+    def publish(self, image: NDArray[Any], header: Header, estimate: Estimate | None) -> None:
+        """Publish what is known after a frame, each only where somebody listens if it costs."""
+        present = estimate is not None and estimate.state != "lost"
+        if estimate and present:
+            self._box.publish(box_message(estimate.box, header))
+        if self._detections:
+            self._detections.publish(detections_message(estimate if present else None, header))
+        if estimate and self._particles.get_subscription_count():
+            self._particles.publish(particles_message(estimate, header))
+        if self._overlay.get_subscription_count():
+            text = f"{estimate.state} {estimate.confidence:.2f}" if estimate else "no target"
+            self._overlay.publish(image_message(draw_overlay(image, estimate, text), header))
+
+    def close(self) -> None:
+        """Withdraw the topics."""
+        for publisher in (self._box, self._particles, self._overlay, self._detections):
+            if publisher:
+                self._node.destroy_publisher(publisher)

@@ -1,0 +1,84 @@
+"""What goes wrong: told once, kept until a status has shown it, counted by cause."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections import Counter, deque
+from typing import Any
+
+from pf_tracker_ros.node.images.image_decoding import ImageError
+
+LOG_INTERVAL = 5.0
+# What came over the wire may be quoted in an error, and be of any length.
+_LONGEST_ERROR = 1000
+_SHOWN_ERRORS = 5
+# Most refusals in the log within the interval, whatever they say.
+_LOGGED_ERRORS = 20
+
+
+class Reporter:
+    """Collects errors for the log, the status and the diagnostics.
+
+    Attributes:
+        last_error: The latest error, empty if there was none.
+        count: Errors so far.
+        failures: Cause to number of frames that failed of it.
+    """
+
+    def __init__(self, logger: Any) -> None:
+        """Begin without errors.
+
+        Args:
+            logger: Of the node.
+        """
+        self.last_error = ""
+        self.count = 0
+        self.failures: Counter[str] = Counter()
+        self._logger = logger
+        self._unshown: deque[str] = deque(maxlen=_SHOWN_ERRORS)
+        self._logged: dict[str, float] = {}
+        self._recent: deque[tuple[float, str]] = deque(maxlen=_LOGGED_ERRORS)
+
+    def report(self, error: str) -> None:
+        """Tell the user what was refused: in the next status, and, unless it just has, the log."""
+        error = error[:_LONGEST_ERROR]
+        self._remember(error)
+        now = time.monotonic()
+        recent = [text for moment, text in self._recent if now - moment < LOG_INTERVAL]
+        if error not in recent and len(recent) < _LOGGED_ERRORS:
+            self._recent.append((now, error))
+            self._logger.error(error)
+
+    def report_failure(self, error: Exception) -> None:
+        """Tell the user why a frame failed; the log hears of each cause only now and then."""
+        kind = type(error).__name__
+        cause = "other"
+        text = str(error)[:_LONGEST_ERROR]
+        details = text
+        if isinstance(error, ImageError):
+            cause = error.field
+            kind = f"{kind} {cause}"
+        elif isinstance(error, ValueError):
+            cause = "image_changed"
+        else:
+            text = f"unexpected {kind}: {error}"
+            details = traceback.format_exc()
+        self.failures[cause] += 1
+        self._remember(text)
+        now = time.monotonic()
+        if now - self._logged.get(kind, -LOG_INTERVAL) >= LOG_INTERVAL:
+            self._logged[kind] = now
+            self._logger.error(details)
+
+    def take_unshown(self) -> list[str]:
+        """The errors since the last call."""
+        errors = list(self._unshown)
+        self._unshown.clear()
+        return errors
+
+    def _remember(self, error: str) -> None:
+        self.last_error = error
+        self.count += 1
+        if error not in self._unshown:
+            self._unshown.append(error)

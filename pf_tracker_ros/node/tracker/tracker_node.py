@@ -1,0 +1,350 @@
+"""The ROS node `pf_tracker`: images and targets in, boxes and what the tracker knows out."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import cv2
+from diagnostic_msgs.msg import DiagnosticStatus
+from sensor_msgs.msg import CompressedImage, Image
+
+from pf_tracker_ros.node.images.decoder import ImageDecoder
+from pf_tracker_ros.node.managed_node import ManagedNode
+from pf_tracker_ros.node.message_building import Box, TargetError, estimate_values
+from pf_tracker_ros.node.override_sources import given_before
+from pf_tracker_ros.node.parameter_binding import ParameterBinding, Values
+from pf_tracker_ros.node.parameter_requests import take_whole_requests
+from pf_tracker_ros.node.qos import given_overrides
+from pf_tracker_ros.node.running import run
+from pf_tracker_ros.node.tracker.diagnostics import Diagnostics, Health
+from pf_tracker_ros.node.tracker.image_input import ImageInput
+from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
+from pf_tracker_ros.node.tracker.outputs import Outputs
+from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter
+from pf_tracker_ros.node.tracker.services import Services
+from pf_tracker_ros.node.tracker.state_log import StateLog
+from pf_tracker_ros.node.tracker.status import Status, StatusOutput
+from pf_tracker_ros.node.tracker.target_input import TargetInput
+from pf_tracker_ros.parameters import declarations
+from pf_tracker_ros.stamps import NANOSECONDS, stamp_of
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import PresetInForce, preset_parameters
+from pf_tracker_ros.tracking.session import Outcome, Session, TimePolicy
+
+
+class TrackerNode(ManagedNode):
+    """Tracks one target through the images of one topic.
+
+    Configured, it has a tracker, publishers and services; active, it subscribes. Every image is
+    answered by one status with its header, whatever became of it. A wrong parameter at start-up
+    keeps the node from tracking until it is set rightly; it stays up.
+
+    Args:
+        command_line: Of the process; it tells in which order parameters were given, which those
+            that reach the node do not.
+        **options: Of `rclpy.node.Node`.
+    """
+
+    def __init__(self, command_line: Sequence[str] = (), **options: Any) -> None:
+        super().__init__("pf_tracker", **options)
+        self._log = self.get_logger()  # type: ignore[no-untyped-call]
+        self._reporter = Reporter(self._log)
+        self._states = StateLog(self._log)
+        self._session: Session | None = None
+        self._obstacle = ""
+        self._enabled = True
+        self._outputs: Outputs | None = None
+        self._status: StatusOutput | None = None
+        self._offered: Services | None = None
+        self._targets: TargetInput | None = None
+        self._unused_overrides: set[str] = set()
+
+        # The session can change what the library alone fixes while it tracks.
+        self._tunables = {
+            name: replace(declaration, read_only=False)
+            for name, declaration in declarations(TrackerParameters).items()
+        }
+        self._binding = ParameterBinding(self, report=self._reporter.report)
+        self._binding.declare(declarations(NodeParameters))
+        self._binding.declare(
+            self._tunables,
+            preset_parameters(self._values["preset"]),
+            superseded=given_before(
+                "preset",
+                self.get_fully_qualified_name(),
+                [*command_line, *(options.get("cli_args") or ())],
+            ),
+        )
+        self._binding.listen(check=self._check, apply=self._apply, imply=self._imply)
+        take_whole_requests(self, first="preset")
+        self._preset = PresetInForce.of(self._values)
+        self._decoder = ImageDecoder(self._values["largest_image"])
+        self._images = ImageInput(self, self._on_image, self._reporter.report)
+        self._diagnostics = Diagnostics(self, self._health, lambda: self._values["stale_after"])
+        self._errors_in_health = 0
+        if self._values["autostart"]:
+            self.start()
+        else:
+            self._log.info("waiting to be configured and activated, because autostart is false")
+
+    @property
+    def _values(self) -> Values:
+        return self._binding.values
+
+    # Transitions
+
+    def configure(self) -> None:
+        """Take a tracker, the publishers and the services."""
+        self._make_session()
+        if self._obstacle and not self._values["autostart"]:
+            raise ValueError(self._obstacle)
+        report = self._reporter.report
+        self._status = StatusOutput(self, report)
+        self._outputs = Outputs(self, report)
+        self._offered = Services(self, self._stop, self._enable)
+
+    def activate(self) -> None:
+        """Subscribe to targets and images."""
+        # The executor serves what waits in this order: a target before the image it came with.
+        self._targets = TargetInput(
+            self, self._request, lambda: self._values["click_size"], self._reporter.report
+        )
+        self._subscribe()
+        self._diagnostics.restart()
+        self._report_unused_overrides()
+        name = self.get_fully_qualified_name()
+        topics = f"images on {self._images.topic}, targets on {name}/target"
+        if self._obstacle:
+            self._log.warning(f"not tracking until what is wrong is set rightly; {topics}")
+        else:
+            self._log.info(f"preset {self._preset.described}; {topics}")
+
+    def deactivate(self) -> None:
+        """Give the subscriptions up; the target is kept."""
+        self._images.close()
+        if self._targets:
+            self._targets.close()
+            self._targets = None
+
+    def clean_up(self) -> None:
+        """Give all that was taken back."""
+        self.deactivate()
+        for taken in (self._offered, self._outputs, self._status):
+            if taken:
+                taken.close()
+        self._offered = self._outputs = self._status = self._session = None
+        self._obstacle = ""
+        self._enabled = True
+
+    def _subscribe(self) -> None:
+        self._images.open(self._values["image_transport"], self._values["image_reliability"])
+
+    def _report_unused_overrides(self) -> None:
+        unused = {name for name in given_overrides(self) if not self.has_parameter(name)}
+        for name in sorted(unused - self._unused_overrides):
+            self._reporter.report(
+                f"'{name}' has no effect: there is no such topic of this node, or no such policy"
+            )
+        self._unused_overrides |= unused
+
+    # Parameters
+
+    def _imply(self, requested: Values) -> Values:
+        """A preset is taken whole."""
+        return preset_parameters(requested["preset"]) if "preset" in requested else {}
+
+    def _check(self, values: Values) -> None:
+        tunables, seed = self._tracker_values(values), values["seed"]
+        if self._session:
+            self._session.check(tunables, seed)
+        elif not (self._obstacle or self._binding.refused):
+            Session(tunables, seed)
+
+    def _apply(self, changes: Values) -> None:
+        self._preset = PresetInForce.of(self._values)
+        if "preset" in changes:
+            self._log.info(f"preset {self._preset.described}")
+        self._decoder.largest = self._values["largest_image"]
+        if self._images.topic and changes.keys() & {"image_reliability", "image_transport"}:
+            self._subscribe()
+        if self._session is None:
+            if self._status:
+                self._make_session()
+            return
+        self._session.configure(self._tracker_values(self._values), self._values["seed"])
+        self._set_up(self._session)
+        if "target_box" in changes:
+            self._request_target_box(self._session)
+
+    def _make_session(self) -> None:
+        """Make the session, unless a parameter is in the way."""
+        values = self._values
+        self._obstacle = "; ".join(self._binding.refused.values())
+        if self._obstacle:
+            return
+        try:
+            self._session = Session(self._tracker_values(values), values["seed"])
+        except ValueError as error:
+            self._obstacle = str(error)
+            self._reporter.report(self._obstacle)
+            return
+        self._set_up(self._session)
+        self._request_target_box(self._session)
+
+    def _set_up(self, session: Session) -> None:
+        values = self._values
+        session.time_policy = TimePolicy(
+            values["time_jump"], round(values["time_jump_threshold"] * NANOSECONDS)
+        )
+        session.history.limit(values["history_frames"], values["history_megabytes"])
+
+    def _request_target_box(self, session: Session) -> None:
+        box = self._values["target_box"]
+        if box:
+            session.request(box)
+        else:
+            session.withdraw()
+
+    def _tracker_values(self, values: Values) -> dict[str, Any]:
+        return {name: values[name] for name in self._tunables}
+
+    # Targets
+
+    def _request(self, box: Box, stamp: int) -> None:
+        if self._session is None:
+            raise TargetError(f"target refused: not tracking, because {self._obstacle}")
+        try:
+            self._session.request(box, stamp)
+        except ValueError as error:
+            raise TargetError(f"target refused: {error}") from error
+
+    def _stop(self) -> str:
+        had_target = self._session is not None and self._session.estimate is not None
+        if self._session:
+            self._session.stop()
+        self._states.forget()
+        return self._told("stopped; waiting for a target" if had_target else "there was no target")
+
+    def _enable(self, enabled: bool) -> str:
+        self._enabled = enabled
+        return self._told("tracking goes on" if enabled else "paused; images are not looked at")
+
+    def _told(self, outcome: str) -> str:
+        """What came of a service call, which whoever reads the log wants to know as well."""
+        self._log.info(outcome)
+        return outcome
+
+    # Images
+
+    def _on_image(self, message: Image | CompressedImage) -> None:
+        began = time.perf_counter()
+        frame = "refused"
+        try:
+            frame = self._process(message)
+        except Exception as error:
+            if not self.context.ok():
+                return
+            self._reporter.report_failure(error)
+        elapsed = time.perf_counter() - began
+        self._diagnostics.count(frame, stamp_of(message.header), elapsed)
+        if self._status:
+            status = self._current_status(frame)
+            self._status.publish(message.header, status, self._reporter, elapsed)
+
+    def _process(self, message: Image | CompressedImage) -> str:
+        if not self._enabled:
+            return "paused"
+        image = self._decoder.decode(message)
+        outcome = Outcome("waiting", None)
+        if self._session:
+            outcome = self._session.process(image, stamp_of(message.header))
+        if outcome.refused_target:
+            self._reporter.report(outcome.refused_target)
+        self._log_progress(outcome)
+        if self._outputs and outcome.frame not in ("duplicate", "late"):
+            self._outputs.publish(image, message.header, outcome.estimate)
+        return outcome.frame
+
+    def _log_progress(self, outcome: Outcome) -> None:
+        if outcome.jumped_back:
+            self._diagnostics.jumps += 1
+            self._log.warning(
+                f"time went back by {outcome.jumped_back:.3f} s: {self._values['time_jump']}",
+                throttle_duration_sec=LOG_INTERVAL,
+            )
+        if outcome.estimate is None:
+            return
+        if outcome.frame == "started":
+            box = ", ".join(f"{value:g}" for value in outcome.estimate.box)
+            self._log.info(f"tracking a target from the box ({box}) on")
+            self._states.forget()
+        self._states.tell(outcome.estimate)
+
+    # What the node tells of itself
+
+    def _current_status(self, frame: str) -> Status:
+        session = self._session
+        return Status(
+            frame=frame,
+            estimate=session.estimate if session else None,
+            requested_stamp=session.requested_stamp if session else None,
+            obstacle=self._obstacle,
+            enabled=self._enabled,
+            preset=self._preset.summary,
+            lost_share=self._diagnostics.lost_share,
+        )
+
+    def _health(self) -> Health:
+        status = self._current_status("")
+        level, message = status.level, status.description
+        active = bool(self._images.topic)
+        if not active:
+            level, message = DiagnosticStatus.OK, f"{self.lifecycle_state}, not tracking"
+            if self._binding.refused:
+                level = DiagnosticStatus.ERROR
+                message += f": {'; '.join(self._binding.refused.values())}"
+        errors = self._reporter.count - self._errors_in_health
+        self._errors_in_health = self._reporter.count
+        if errors and level == DiagnosticStatus.OK:
+            level, message = DiagnosticStatus.WARN, self._reporter.last_error
+        values: dict[str, str | float | int] = {
+            f"refused_{cause}": count for cause, count in self._reporter.failures.items()
+        }
+        values |= {
+            "lifecycle": self.lifecycle_state,
+            "image_topic": self._images.topic,
+            "image_reliability": self._images.reliability,
+            "preset": status.preset,
+            "state": status.state,
+        }
+        if status.estimate:
+            values |= estimate_values(status.estimate)
+        values["last_error"] = self._reporter.last_error
+        return Health(
+            level,
+            message,
+            expects_images=active and self._enabled,
+            image_topic=self._images.topic,
+            image_reliability=self._images.reliability,
+            values=values,
+        )
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the tracker node until it is told to stop.
+
+    Args:
+        arguments: The command line with the program's name, by default that of the process.
+    """
+    # The tracker looks at small regions: more threads make it no faster and keep other cores busy.
+    cv2.setNumThreads(1)
+    run(partial(TrackerNode, sys.argv if arguments is None else arguments), arguments)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,298 @@
+"""What happens to each frame: which start the target, which are tracked, which are dropped.
+
+Knows stamps and arrays, not messages.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.parameters import build, declarations
+from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.tracking.estimate import Estimate
+from pf_tracker_ros.tracking.frame_history import Frame, FrameHistory
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.tracker import Tracker
+
+Box = tuple[float, float, float, float]
+FrameOutcome = Literal["started", "tracked", "duplicate", "late", "waiting"]
+
+# A frame that is older than the last one by at most this came late; by more, time began anew, as
+# when a bag starts again.
+LATE_WITHIN = NANOSECONDS
+
+# So many late frames in a row are no stragglers: a recording shorter than that begins again.
+_MOST_LATE = 10
+
+# A target's frame may have been lost on the way; one so much later stands in for it.
+_SUBSTITUTE_WITHIN = NANOSECONDS
+
+# A target is not drawn on a frame that far ahead; a tool has stamped it with the wrong clock.
+_LONGEST_WAIT = 60 * NANOSECONDS
+
+_FIXED_WHILE_TRACKING = frozenset(
+    name for name, declaration in declarations(TrackerParameters).items() if declaration.read_only
+)
+
+
+@dataclass(frozen=True)
+class TimePolicy:
+    """What to do when time jumps back.
+
+    Attributes:
+        on_jump: "keep" goes on with the target as it is, "restart" starts again on the box that
+            the target was first drawn with, "wait" forgets the target.
+        late_within: Nanoseconds that a frame may be older than the last one and only be late.
+    """
+
+    on_jump: str = "keep"
+    late_within: int = LATE_WITHIN
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one frame.
+
+    Attributes:
+        frame: "started" or "tracked"; "duplicate" or "late" if it was dropped; "waiting" while
+            there is no target.
+        estimate: The latest estimate, None while there is no target.
+        refused_target: Why the target that this frame should have started was refused, or empty.
+        jumped_back: Seconds by which time went back with this frame, 0 if it did not.
+        caught_up: Frames from the history that a target was followed through up to this one.
+    """
+
+    frame: FrameOutcome
+    estimate: Estimate | None
+    refused_target: str = ""
+    jumped_back: float = 0.0
+    caught_up: int = 0
+
+
+@dataclass(frozen=True)
+class _RequestedTarget:
+    box: Box
+    stamp: int
+
+
+@dataclass(frozen=True)
+class _Sighting:
+    """A frame with the target in it, to learn the target from again."""
+
+    frame: Frame
+    box: Box
+
+
+class Session:
+    """Feeds frames with stamps to a tracker.
+
+    Stamps are in nanoseconds; 0 means unknown.
+
+    Attributes:
+        time_policy: What to do when time jumps back; may be replaced at any time.
+        history: The frames that a target can still be started on.
+
+    Args:
+        parameters: Full name to value of the tracker's tunables.
+        seed: As for `Tracker`.
+
+    Raises:
+        ParameterError: A parameter is not allowed, or they contradict each other.
+    """
+
+    def __init__(self, parameters: Mapping[str, Any], seed: int) -> None:
+        self.time_policy = TimePolicy()
+        self.history = FrameHistory()
+        self._seed = seed
+        self._tracker = Tracker(build(TrackerParameters, parameters), seed)
+        self._requested: _RequestedTarget | None = None
+        self._first_box: Box | None = None
+        self._sighting: _Sighting | None = None
+        self._last_stamp = 0
+        self._late_in_a_row = 0
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """The latest estimate, None while there is no target."""
+        return self._tracker.estimate
+
+    @property
+    def requested_stamp(self) -> int | None:
+        """Stamp of the frame that a requested target waits for, None if there is no such target."""
+        return self._requested.stamp if self._requested else None
+
+    def check(self, parameters: Mapping[str, Any], seed: int) -> None:
+        """Try what `configure` would do, and change nothing.
+
+        Raises:
+            ValueError: As `configure`.
+        """
+        self._reconfigured(parameters, seed)
+
+    def configure(self, parameters: Mapping[str, Any], seed: int) -> None:
+        """Change parameters, all or none, keeping the target; the seed counts from the next one.
+
+        A parameter that the library fixes while there is a target, such as the motion model, takes
+        a tracker of its own: it learns the target again from where it was last seen.
+
+        Raises:
+            ValueError: A parameter is not allowed, they contradict each other, or the target
+                cannot be learned with them.
+        """
+        tracker = self._reconfigured(parameters, seed)
+        if tracker.started and self._sighting:
+            self._tracker = tracker
+            self._last_stamp = self._sighting.frame.stamp
+        else:
+            self._tracker.set_parameters(parameters)
+        self._seed = seed
+
+    def _reconfigured(self, parameters: Mapping[str, Any], seed: int) -> Tracker:
+        """A tracker with these parameters; it has the target if that must be learned again."""
+        tracker = Tracker(build(TrackerParameters, parameters), seed)
+        before, after = self._tracker.parameters, tracker.parameters
+        changed = {name for name in after if after[name] != before[name]}
+        if self._sighting and self._tracker.started and changed & _FIXED_WHILE_TRACKING:
+            image = self._sighting.frame.image
+            tracker.start(image, _within(self._sighting.box, image))
+        return tracker
+
+    def request(self, box: Box, stamp: int = 0) -> None:
+        """Start on a target with the frame of this stamp, or else the first one after it.
+
+        Args:
+            box: (x, y, width, height), pixels.
+            stamp: Of the frame that the box was drawn on; 0 for the next frame.
+
+        Raises:
+            ValueError: The stamp is by another clock than those of the frames.
+        """
+        ahead = stamp - self._last_stamp
+        if stamp and self._last_stamp and ahead > _LONGEST_WAIT:
+            raise ValueError(
+                f"its stamp is {ahead / NANOSECONDS:.0f} s after that of the last frame, from "
+                "another clock; allowed: the stamp of a frame, or 0 for the next one"
+            )
+        self._requested = _RequestedTarget(box, stamp)
+
+    def withdraw(self) -> None:
+        """Forget a requested target that has not been started."""
+        self._requested = None
+
+    def stop(self) -> None:
+        """Forget the target, and a requested one."""
+        self.withdraw()
+        self._tracker.stop()
+        self._sighting = None
+
+    def process(self, image: NDArray[np.generic], stamp: int) -> Outcome:
+        """Take one frame.
+
+        Args:
+            image: As for `Tracker.update`.
+            stamp: When it was taken.
+
+        Returns:
+            What became of it.
+
+        Raises:
+            ValueError: The tracker refuses the image; the target is kept.
+        """
+        frame = Frame(image, stamp)
+        refused_target = ""
+        if self._requested and (stamp == 0 or stamp >= self._requested.stamp):
+            requested, self._requested = self._requested, None
+            try:
+                return self._start(self._frames_of(requested, frame), requested.box)
+            except ValueError as error:
+                refused_target = f"target refused: {error}"
+        return self._follow(frame, refused_target)
+
+    def _frames_of(self, requested: _RequestedTarget, frame: Frame) -> list[Frame]:
+        """The frame that the target was drawn on and all since, the last being this one."""
+        if requested.stamp in (0, frame.stamp) or frame.stamp == 0:
+            return [frame]
+        kept = [past for past in self.history.since(requested.stamp) if past.stamp < frame.stamp]
+        frames = [*kept, frame]
+        behind = frames[0].stamp - requested.stamp
+        # What was dropped before time went back says nothing of the frames since.
+        is_dropped = requested.stamp <= self.history.dropped_until < frame.stamp
+        if behind > _SUBSTITUTE_WITHIN or is_dropped:
+            raise ValueError(
+                f"it was drawn on a frame from {behind / NANOSECONDS:.3f} s before the oldest one "
+                f"here; allowed: one of the last {len(kept) + 1} frames (parameters "
+                "'history_frames' and 'history_megabytes'), or stamp 0 for the next frame"
+            )
+        return frames
+
+    def _start(self, frames: list[Frame], box: Box) -> Outcome:
+        # A tracker of its own for each target: the one before stays as it is if this is refused.
+        tracker = Tracker(build(TrackerParameters, self._tracker.parameters), self._seed)
+        estimate = tracker.start(frames[0].image, box)
+        sighting = _Sighting(frames[0], box)
+        for before, frame in itertools.pairwise(frames):
+            estimate = tracker.update(frame.image, (frame.stamp - before.stamp) / NANOSECONDS)
+            if estimate.state == "tracking":
+                sighting = _Sighting(frame, estimate.box)
+        self._tracker, self._sighting, self._first_box = tracker, sighting, box
+        self._take(frames[-1])
+        return Outcome("started", estimate, caught_up=len(frames) - 1)
+
+    def _follow(self, frame: Frame, refused_target: str) -> Outcome:
+        known = frame.stamp != 0 and self._last_stamp != 0
+        elapsed = frame.stamp - self._last_stamp
+        if not self._tracker.started:
+            self._take(frame)
+            return Outcome("waiting", None, refused_target)
+        if known and elapsed == 0:
+            return Outcome("duplicate", self.estimate, refused_target)
+        if known and elapsed < 0:
+            self._late_in_a_row += 1
+            stragglers = self._late_in_a_row < _MOST_LATE
+            if elapsed >= -self.time_policy.late_within and stragglers:
+                return Outcome("late", self.estimate, refused_target)
+            return self._jump_back(frame, -elapsed / NANOSECONDS, refused_target)
+        return self._track(frame, elapsed / NANOSECONDS if known else None, refused_target)
+
+    def _jump_back(self, frame: Frame, seconds: float, refused_target: str) -> Outcome:
+        policy = self.time_policy.on_jump
+        if policy == "restart" and self._first_box:
+            try:
+                outcome = self._start([frame], self._first_box)
+            except ValueError as error:
+                refused_target = f"target refused: {error}"
+            else:
+                return Outcome("started", outcome.estimate, refused_target, seconds)
+        if policy == "keep":
+            outcome = self._track(frame, None, refused_target)
+            return Outcome("tracked", outcome.estimate, refused_target, seconds)
+        self.stop()
+        self._take(frame)
+        return Outcome("waiting", None, refused_target, seconds)
+
+    def _track(self, frame: Frame, interval: float | None, refused_target: str) -> Outcome:
+        estimate = self._tracker.update(frame.image, interval)
+        if estimate.state == "tracking":
+            self._sighting = _Sighting(frame, estimate.box)
+        self._take(frame)
+        return Outcome("tracked", estimate, refused_target)
+
+    def _take(self, frame: Frame) -> None:
+        self._last_stamp = frame.stamp
+        self._late_in_a_row = 0
+        self.history.add(frame.image, frame.stamp)
+
+
+def _within(box: Box, image: NDArray[np.generic]) -> Box:
+    """The box as near to it as a target in this image may be: an estimate may exceed the image."""
+    (x, y, width, height), (rows, columns) = box, image.shape[:2]
+    center_x = min(max(x + width / 2, 0.0), float(columns))
+    center_y = min(max(y + height / 2, 0.0), float(rows))
+    width, height = min(max(width, 1.0), float(columns)), min(max(height, 1.0), float(rows))
+    return center_x - width / 2, center_y - height / 2, width, height

@@ -1,0 +1,306 @@
+from array import array
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sensor_msgs.msg import Image
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.node.images.decoder import ImageDecoder
+from pf_tracker_ros.node.images.image_decoding import ENCODINGS, LARGEST_SIDE, ImageError, decode
+
+
+def message(data, width, height, step, encoding, *, is_bigendian=0):
+    return Image(
+        width=width,
+        height=height,
+        step=step,
+        encoding=encoding,
+        is_bigendian=is_bigendian,
+        data=array("B", data),
+    )
+
+
+def test_rgb8_and_bgr8_of_the_same_colors_decode_alike():
+    rgb = decode(message([255, 0, 10, 1, 2, 3], 2, 1, 6, "rgb8"))
+    bgr = decode(message([10, 0, 255, 3, 2, 1], 2, 1, 6, "bgr8"))
+    assert rgb.tolist() == bgr.tolist() == [[[10, 0, 255], [3, 2, 1]]]
+
+
+def test_mono8_keeps_its_gray_values():
+    image = decode(message([1, 2, 3, 4, 5, 6], 3, 2, 3, "mono8"))
+    assert image.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert image.dtype == np.uint8
+
+
+@pytest.mark.parametrize(("is_bigendian", "data"), [(0, [0x34, 0x12]), (1, [0x12, 0x34])])
+def test_mono16_honors_its_byte_order(is_bigendian, data):
+    image = decode(message(data, 1, 1, 2, "mono16", is_bigendian=is_bigendian))
+    assert image.tolist() == [[0x1234]]
+    assert image.dtype == np.uint16
+    assert image.dtype.isnative
+
+
+@pytest.mark.parametrize(("encoding", "pixel_size"), [("bgr8", 3), ("mono8", 1), ("mono16", 2)])
+@pytest.mark.parametrize("padding", [1, 5])
+def test_padding_of_rows_is_left_out(encoding, pixel_size, padding):
+    width, height = 4, 3
+    rows = np.arange(height * width * pixel_size, dtype=np.uint8).reshape(height, -1)
+    padded = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
+    step = padded.shape[1]
+    expected = decode(message(rows.tobytes(), width, height, rows.shape[1], encoding))
+    image = decode(message(padded.tobytes(), width, height, step, encoding))
+    assert np.array_equal(image, expected)
+    assert image.flags.aligned
+
+
+def test_bgr8_is_a_read_only_view_of_the_data():
+    received = message(range(12), 2, 2, 6, "bgr8")
+    image = decode(received)
+    assert np.shares_memory(image, np.frombuffer(received.data, np.uint8))
+    assert not image.flags.writeable
+
+
+def test_data_after_the_last_row_is_ignored():
+    assert decode(message([7, 8, 9], 2, 1, 2, "mono8")).tolist() == [[7, 8]]
+
+
+# Rows of bytes, and bytes in a row, of an image of 50 x 40 px.
+ROWS = {"nv21": 60, "nv24": 120}
+BYTES = {
+    "16": 2,
+    "32": 4,
+    "bgr8": 3,
+    "rgb8": 3,
+    "8UC3": 3,
+    "bgra8": 4,
+    "rgba8": 4,
+    "yu": 2,
+    "uy": 2,
+}
+
+
+def layout(encoding):
+    rows = ROWS.get(encoding, 40)
+    return rows, 50 * next((count for key, count in BYTES.items() if key in encoding), 1)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("padding", [0, 6])
+def test_the_tracker_takes_what_is_decoded(encoding, noise, padding):
+    rows, row = layout(encoding)
+    # Padding follows each row, also where it is one of colors.
+    data = noise(height=rows, width=row + padding, channels=1).tobytes()
+    decoder = ImageDecoder(largest=1)
+    image = decoder.decode(message(data, 50, 40, row + padding, encoding))
+    assert image.shape[:2] == (40, 50)
+    tracker = Tracker.from_preset("li2007")
+    tracker.start(image, (10, 10, 20, 20))
+    tracker.update(image)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_one_byte_less_than_the_layout_needs_is_refused(encoding):
+    rows, row = layout(encoding)
+    decode(message(bytes(rows * row), 50, 40, row, encoding))
+    with pytest.raises(ImageError, match=f"at least {rows * row}"):
+        decode(message(bytes(rows * row - 1), 50, 40, row, encoding))
+
+
+@pytest.mark.parametrize(
+    ("encoding", "data"),
+    [
+        ("8UC3", [10, 20, 30]),
+        ("bgra8", [10, 20, 30, 255]),
+        ("rgba8", [30, 20, 10, 0]),
+        ("rgb8", [30, 20, 10]),
+    ],
+)
+def test_color_comes_out_as_blue_green_red(encoding, data):
+    assert decode(message(data, 1, 1, len(data), encoding)).tolist() == [[[10, 20, 30]]]
+
+
+@pytest.mark.parametrize("encoding", ["bgr8", "8UC3", "mono8", "8UC1", "mono16", "16UC1"])
+def test_what_needs_no_conversion_is_not_copied(encoding):
+    received = message(range(48), 4, 2, 24, encoding)
+    assert np.shares_memory(decode(received), np.frombuffer(received.data, np.uint8))
+
+
+# ITU-R BT.601, video levels: (Y, U, V) of colors as (B, G, R).
+COLORS = {
+    (235, 128, 128): (255, 255, 255),
+    (16, 128, 128): (0, 0, 0),
+    (82, 90, 240): (0, 0, 255),
+    (145, 54, 34): (0, 255, 0),
+    (41, 240, 110): (255, 0, 0),
+}
+
+
+def yuv_layouts(y, u, v):
+    """The data of a uniform image of 4 x 2 px, and its step, in each layout."""
+    uyvy, yuyv = bytes([u, y, v, y]) * 4, bytes([y, u, y, v]) * 4
+    return {
+        "yuv422": (uyvy, 8),
+        "uyvy": (uyvy, 8),
+        "yuv422_yuy2": (yuyv, 8),
+        "yuyv": (yuyv, 8),
+        "nv21": (bytes([y] * 8 + [v, u] * 2), 4),
+        "nv24": (bytes([y] * 8 + [u, v] * 8), 4),
+    }
+
+
+@pytest.mark.parametrize("encoding", yuv_layouts(0, 0, 0))
+def test_yuv_comes_out_in_the_colors_of_the_standard(encoding):
+    for yuv, color in COLORS.items():
+        data, step = yuv_layouts(*yuv)[encoding]
+        image = decode(message(data, 4, 2, step, encoding))
+        assert image.shape == (2, 4, 3)
+        assert np.abs(image.astype(int) - color).max() <= 3
+
+
+@pytest.mark.parametrize(
+    ("encoding", "width", "height", "field"),
+    [
+        ("yuv422", 3, 2, "width"),
+        ("yuyv", 1, 1, "width"),
+        ("nv21", 3, 2, "width"),
+        ("nv21", 2, 3, "height"),
+        ("bayer_rggb8", 2, 8, "width"),
+        ("bayer_bggr16", 8, 2, "height"),
+    ],
+)
+def test_sides_that_a_layout_does_not_have_are_refused(encoding, width, height, field):
+    with pytest.raises(ImageError, match=f"its {field} is . px; allowed in {encoding}: "):
+        decode(message(bytes(200), width, height, 16, encoding))
+
+
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+def test_a_bayer_pattern_comes_out_in_its_color(pattern):
+    values = {"r": 200, "g": 100, "b": 50}
+    tile = np.array([values[letter] for letter in pattern]).reshape(2, 2)
+    mosaic = np.tile(tile, (4, 4))
+    image = decode(message(mosaic.astype(np.uint8).tobytes(), 8, 8, 8, f"bayer_{pattern}8"))
+    assert (image == (50, 100, 200)).all()
+    for order in ("<", ">"):
+        data = (mosaic * 256).astype(f"{order}u2").tobytes()
+        received = message(data, 8, 8, 16, f"bayer_{pattern}16", is_bigendian=order == ">")
+        gray = decode(received)
+        # The weights of the luminance.
+        expected = 256 * (0.299 * 200 + 0.587 * 100 + 0.114 * 50)
+        assert gray.dtype == np.uint16
+        assert gray[2:-2, 2:-2] == pytest.approx(expected, rel=0.01)
+
+
+def floats(values, order="<", stamp=0):
+    values = np.asarray(values, f"{order}f4")
+    height, width = values.shape
+    received = message(
+        values.tobytes(), width, height, 4 * width, "32FC1", is_bigendian=order == ">"
+    )
+    received.header.stamp.sec = stamp
+    return received
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (290.0, 310.0), (-1e30, 1e30)])
+def test_floats_of_any_range_become_evenly_spaced_grays(order, low, high):
+    ramp = np.linspace(low, high, 64).reshape(8, 8)
+    image = ImageDecoder(1).decode(floats(ramp, order))
+    assert image.dtype == np.uint8
+    steps = np.diff(image.ravel().astype(int))
+    assert image.max() - image.min() > 120
+    assert steps.min() >= steps.max() - 1 > 0
+
+
+def test_floats_that_are_no_numbers_are_black_and_outliers_leave_the_range_alone():
+    values = np.random.default_rng(0).uniform(20, 30, (40, 50))
+    clean = ImageDecoder(1).decode(floats(values))
+    values[3, 3:8] = [np.nan, np.inf, -np.inf, 1e9, -1e9]
+    image = ImageDecoder(1).decode(floats(values))
+    assert image[3, 3:8].tolist() == [0, 255, 0, 255, 0]
+    assert np.abs(np.delete(image - clean.astype(int), 3, axis=0)).max() <= 5
+    nothing = ImageDecoder(1).decode(floats(np.full((4, 4), np.nan)))
+    assert not nothing.any()
+
+
+def test_the_range_of_floats_follows_slowly():
+    values = np.random.default_rng(0).uniform(20, 30, (40, 50))
+    decoder = ImageDecoder(1)
+    first = decoder.decode(floats(values, stamp=100)).astype(int)
+    soon = decoder.decode(floats(values + 1, stamp=101)).astype(int)
+    # A tenth of the change has been made up for after a tenth of the time constant.
+    assert (soon - first).mean() == pytest.approx(0.9 * 255 / 15, rel=0.05)
+    late = decoder.decode(floats(values + 1, stamp=160)).astype(int)
+    assert np.abs(late - first).max() <= 1
+
+
+MALFORMED = {
+    "empty data": (message([], 4, 2, 12, "bgr8"), "data", "0 bytes", "at least 24"),
+    "short data": (message(range(23), 4, 2, 12, "bgr8"), "data", "23 bytes", "at least 24"),
+    "short step": (message(range(24), 4, 2, 11, "bgr8"), "step", "11 bytes", "at least 12"),
+    "no step": (message(range(24), 4, 2, 0, "bgr8"), "step", "0 bytes", "at least 12"),
+    "no width": (message([], 0, 2, 0, "mono8"), "width", "0 px", f"1 to {LARGEST_SIDE}"),
+    "no height": (message([], 4, 0, 4, "mono8"), "height", "0 px", f"1 to {LARGEST_SIDE}"),
+    "huge width": (
+        message(range(24), 2**32 - 1, 1, 2**32 - 1, "mono8"),
+        "width",
+        "4294967295 px",
+        f"1 to {LARGEST_SIDE}",
+    ),
+    "huge but allowed sides": (
+        message(range(24), 30000, 30000, 90000, "bgr8"),
+        "data",
+        "24 bytes",
+        "at least 2700000000",
+    ),
+    "unknown encoding": (message(range(24), 4, 2, 12, "bgr9"), "encoding", "'bgr9'", "mono8, rgb8"),
+    "no encoding": (message(range(24), 4, 2, 12, ""), "encoding", "''", "mono8, rgb8"),
+    "encoding in capitals": (message(range(24), 4, 2, 12, "BGR8"), "encoding", "'BGR8'", "bgr8"),
+}
+
+
+@pytest.mark.parametrize("name", MALFORMED)
+def test_a_malformed_message_is_refused_with_field_value_and_what_is_allowed(name):
+    malformed, field, found, allowed = MALFORMED[name]
+    with pytest.raises(ImageError) as refusal:
+        decode(malformed)
+    assert refusal.value.field == field
+    assert f"its {field} " in str(refusal.value)
+    assert found in str(refusal.value).partition("allowed")[0]
+    assert allowed in str(refusal.value).partition("allowed")[2]
+
+
+SIDES = st.integers(0, 12) | st.integers(0, 2**32 - 1)
+
+
+@settings(deadline=None)
+@given(
+    st.builds(
+        Image,
+        data=st.binary(max_size=300).map(lambda data: array("B", data)),
+        width=SIDES,
+        height=SIDES,
+        step=st.integers(0, 40) | st.integers(0, 2**32 - 1),
+        encoding=st.sampled_from(sorted(ENCODINGS)) | st.text(max_size=300),
+        is_bigendian=st.integers(0, 255),
+    )
+)
+def test_any_message_gives_an_image_of_its_size_or_a_refusal(received):
+    try:
+        image = decode(received)
+    except ImageError as error:
+        refusal = str(error)
+    else:
+        refusal = ""
+        assert image.shape[:2] == (received.height, received.width)
+        assert image.nbytes <= 3 * len(received.data)
+    assert not refusal or refusal.startswith("image refused: its ")
+    assert len(refusal) < 400
+
+
+def test_byte_order_is_not_asked_of_bytes():
+    little, big = (
+        decode(message([1, 2, 3], 1, 1, 3, "bgr8", is_bigendian=order)) for order in (0, 1)
+    )
+    assert little.tolist() == big.tolist()

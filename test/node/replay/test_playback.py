@@ -1,0 +1,118 @@
+"""The playback's clock, without ROS."""
+
+import threading
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pf_tracker_ros.node.replay.playback import TOLERATED_LAG, Playback, Stopped
+
+MILLISECOND = 1_000_000
+
+
+def play(playback, times, rate):
+    """Wait for all times in turn and return when each was due, in seconds from the first."""
+    due = []
+    for item_time in times:
+        playback.wait_until_due(item_time, rate)
+        due.append(time.monotonic())
+    return [moment - due[0] for moment in due]
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    st.lists(st.integers(0, 30), min_size=1, max_size=4),
+    st.floats(0.5, 10.0),
+)
+def test_no_item_comes_before_its_time(gaps, rate):
+    times = [5 * MILLISECOND]
+    for gap in gaps:
+        times.append(times[-1] + gap * MILLISECOND)
+    due = play(Playback(), times, lambda: rate)
+    for moment, item_time in zip(due, times, strict=True):
+        # The first item may have been noted late, by what the tolerated lag allows at most.
+        assert moment >= (item_time - times[0]) * 1e-9 / rate - TOLERATED_LAG
+
+
+def test_the_pace_is_kept_on_the_whole():
+    times = [index * 20 * MILLISECOND for index in range(10)]
+    due = play(Playback(), times, lambda: 2.0)
+    assert due[-1] >= 0.08
+
+
+def test_without_a_rate_everything_is_due_at_once():
+    began = time.monotonic()
+    play(Playback(), [0, 10**12, 10**15], None)
+    assert time.monotonic() - began < 5.0
+
+
+def test_time_that_goes_back_does_not_hold_anything_up():
+    began = time.monotonic()
+    play(Playback(), [10**15, 0, 1], lambda: 1.0)
+    assert time.monotonic() - began < 5.0
+
+
+def test_the_first_item_of_the_next_pass_keeps_the_distance_of_the_last_two():
+    playback = Playback()
+    playback.wait_until_due(0, lambda: 1.0)
+    playback.wait_until_due(60 * MILLISECOND, lambda: 1.0)
+    playback.begin_pass()
+    began = time.monotonic()
+    playback.wait_until_due(0, lambda: 1.0)
+    assert time.monotonic() - began >= 0.06 - TOLERATED_LAG / 2
+
+
+def test_being_late_is_told_and_not_caught_up_with():
+    playback = Playback()
+    playback.wait_until_due(0, lambda: 1.0)
+    time.sleep(0.2 + TOLERATED_LAG)
+    assert playback.wait_until_due(MILLISECOND, lambda: 1.0) >= TOLERATED_LAG
+    began = time.monotonic()
+    playback.wait_until_due(51 * MILLISECOND, lambda: 1.0)
+    assert time.monotonic() - began >= 0.04
+
+
+@pytest.mark.parametrize(
+    "wait",
+    [
+        lambda playback: playback.wait_until_due(10**15, lambda: 1.0),
+        lambda playback: playback.wait_for_answer(7, 1000.0),
+        lambda playback: playback.wait_for(lambda: False, 1000.0),
+    ],
+    ids=["due", "answer", "condition"],
+)
+@pytest.mark.parametrize("paused", [True, False])
+def test_stopping_ends_every_wait(wait, paused):
+    playback = Playback()
+    playback.wait_until_due(0, None)
+    playback.paused = paused
+    threading.Timer(0.05, playback.stop).start()
+    with pytest.raises(Stopped):
+        wait(playback)
+    with pytest.raises(Stopped):
+        wait(playback)
+
+
+def test_an_answer_counts_for_its_own_stamp_only():
+    playback = Playback()
+    playback.answer(6)
+    assert not playback.wait_for_answer(7, 0.01)
+    threading.Timer(0.05, playback.answer, (7,)).start()
+    assert playback.wait_for_answer(7, 30.0)
+    playback.forget_answer()
+    assert not playback.wait_for_answer(7, 0.01)
+
+
+def test_a_paused_item_comes_when_playing_goes_on():
+    playback = Playback(paused=True)
+    released = threading.Event()
+
+    def go_on():
+        released.set()
+        playback.paused = False
+
+    threading.Timer(0.1, go_on).start()
+    playback.wait_until_due(0, None)
+    assert released.is_set()

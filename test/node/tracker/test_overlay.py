@@ -1,0 +1,108 @@
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Estimate
+from pf_tracker_ros.node.tracker.overlay import COLORS, draw_overlay
+
+HEIGHT, WIDTH = 288, 384
+GRAY = 90
+
+
+def make_estimate(
+    state="tracking", box=(100.0, 80.0, 60.0, 50.0), centers=((130, 105),), weights=(1.0,)
+):
+    centers = np.array(centers, np.float64)
+    boxes = np.hstack([centers - [30, 25], np.tile([60.0, 50.0], (len(centers), 1))])
+    return Estimate(
+        box=box,
+        state=state,
+        confidence=0.5,
+        covariance=np.eye(2),
+        particles=boxes,
+        particle_boxes=boxes,
+        weights=np.array(weights),
+        effective_sample_size=1.0,
+        powers={"color_histogram": 0.75, "gradient_orientation": 0.25},
+    )
+
+
+@pytest.fixture
+def plain():
+    return np.full((HEIGHT, WIDTH, 3), GRAY, np.uint8)
+
+
+def white_pixels(overlay, left, top, right, bottom):
+    return int((overlay[top:bottom, left:right] == 255).all(axis=2).sum())
+
+
+@pytest.mark.parametrize("state", COLORS)
+def test_the_box_is_drawn_at_its_place_in_the_color_of_the_state(plain, state):
+    overlay = draw_overlay(plain, make_estimate(state))
+    for row, column in [(80, 130), (129, 130), (105, 100), (105, 159)]:
+        assert tuple(overlay[row, column]) == COLORS[state]
+    for row, column in [(75, 130), (135, 130), (105, 95), (105, 165), (90, 115)]:
+        assert tuple(overlay[row, column]) == (GRAY, GRAY, GRAY)
+
+
+def test_the_input_is_not_drawn_into(plain):
+    before = plain.copy()
+    plain.flags.writeable = False
+    overlay = draw_overlay(plain, make_estimate(), "tracking 0.50")
+    assert np.array_equal(plain, before)
+    assert not np.shares_memory(overlay, plain)
+
+
+def test_a_heavier_particle_is_a_larger_box_around_its_center(plain):
+    estimate = make_estimate(
+        box=(300.0, 200.0, 60.0, 50.0),
+        centers=((50, 50), (100, 50), (150, 50)),
+        weights=(0.1, 0.3, 0.6),
+    )
+    overlay = draw_overlay(plain, estimate)
+    light, medium, heavy = (white_pixels(overlay, x - 20, 30, x + 20, 70) for x in (50, 100, 150))
+    assert 0 < light < medium < heavy
+    rows, columns = np.nonzero((overlay[30:70, 130:170] == 255).all(axis=2))
+    assert rows.mean() + 30 == pytest.approx(50, abs=1)
+    assert columns.mean() + 130 == pytest.approx(150, abs=1)
+
+
+def test_the_text_stands_at_the_top_left(plain):
+    overlay = draw_overlay(plain, None, "no target")
+    changed = np.argwhere((overlay != plain).any(axis=2))
+    assert len(changed) > 50
+    assert changed[:, 0].max() < 40
+    assert np.array_equal(draw_overlay(plain, None), plain)
+
+
+def test_gray_becomes_the_same_gray_in_color():
+    gray = np.arange(HEIGHT * WIDTH, dtype=np.uint32).astype(np.uint8).reshape(HEIGHT, WIDTH)
+    overlay = draw_overlay(gray, None)
+    assert overlay.shape == (HEIGHT, WIDTH, 3)
+    assert (overlay == gray[..., None]).all()
+
+
+def test_16_bits_are_stretched_over_8_without_reversing_any_order():
+    thermal = np.linspace(20000, 21000, HEIGHT * WIDTH).astype(np.uint16).reshape(HEIGHT, WIDTH)
+    gray = draw_overlay(thermal, None)[..., 0].ravel().astype(int)
+    assert gray[0] == 0
+    assert gray[-1] == 255
+    assert (np.diff(gray) >= 0).all()
+    assert len(np.unique(gray)) > 200
+
+
+def test_a_constant_16_bit_image_can_be_drawn():
+    overlay = draw_overlay(np.full((20, 30), 30000, np.uint16), None)
+    assert overlay.shape == (20, 30, 3)
+
+
+@pytest.mark.parametrize(
+    "box", [(-1e9, -1e9, 10.0, 10.0), (1e12, 50.0, 5.0, 5.0), (-1e9, -1e9, 2e9, 2e9)]
+)
+def test_a_box_whose_edges_are_far_outside_leaves_the_image_alone(plain, box):
+    estimate = make_estimate(box=box, centers=((-1e9, 1e9),))
+    assert np.array_equal(draw_overlay(plain, estimate), plain)
+
+
+def test_the_smallest_image_can_be_drawn_into():
+    overlay = draw_overlay(np.zeros((1, 1), np.uint8), make_estimate(), "tracking")
+    assert overlay.shape == (1, 1, 3)

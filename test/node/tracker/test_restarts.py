@@ -1,0 +1,185 @@
+"""Processes that are killed, stopped and started again in the middle of things."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.footage import BagWriter
+
+REPOSITORY = Path(__file__).resolve().parents[3]
+DEADLINE = 20.0
+# Ten runs are made by hand.
+RUNS = int(os.environ.get("PF_TRACKER_RUNS", "2"))
+REPLAY = "pf_tracker_ros.node.replay.replay_node"
+
+
+def tracker(graph, box, *more):
+    return graph.process(
+        *("-p", "preset:=li2007", "-p", "track.occluded_below:=0.0", "-p", "seed:=4"),
+        *("-p", "image_reliability:=reliable", "-p", f"target_box:={box}", *more),
+    )
+
+
+def corners(message):
+    first, _, opposite, _ = message.polygon.points
+    return first.x, first.y, opposite.x, opposite.y
+
+
+def test_a_node_that_was_killed_is_replaced_by_one_that_tracks(graph, client, images, box):
+    for _ in range(2):
+        process = tracker(graph, box)
+        client.meet()
+        client.boxes.clear()
+        client.show(images[0], client.at(0))
+        client.show(images[1], client.at(1))
+        client.box_at(client.at(1))
+        process.kill()
+        process.wait(DEADLINE)
+        client.statuses.clear()
+        # What is dead looks alive to DDS until its lease ends; frames go out all the same.
+        client.images.publish(client.message(images[2], client.at(2)))
+
+
+def test_a_publisher_that_was_killed_is_replaced_by_one_that_is_tracked(
+    graph, client, images, box, moving_square_sequence
+):
+    tracker(graph, box, "-p", "time_jump:=restart")
+    client.meet()
+    source = ("-p", f"source:={moving_square_sequence}", "-p", "rate:=10.0", "-p", "loop:=true")
+    for _ in range(2):
+        client.boxes.clear()
+        replay = graph.process(*source, module=REPLAY)
+        client.wait_for(lambda: len(client.boxes) > 5, "boxes")
+        replay.kill()
+        replay.wait(DEADLINE)
+    # Its own publisher has been there all along.
+    assert client.show(images[0], client.at(0)).values["frame"] in ("started", "tracked")
+
+
+@pytest.fixture
+def bag(tmp_path, moving_square):
+    """The moving square as a bag, its frames at uneven times."""
+    path = tmp_path / "square.mcap"
+    with BagWriter(path) as writer:
+        writer.add_topic("/image", "sensor_msgs/msg/Image")
+        for index, image in enumerate(moving_square.images):
+            writer.write_image("/image", 10**12 + index * 40_000_000 + index % 3 * 1_000, image)
+    return path
+
+
+def test_the_same_bag_gives_the_same_bits_in_every_run_and_in_the_library(
+    graph, client, images, box, bag
+):
+    runs = []
+    for _ in range(RUNS):
+        client.boxes.clear()
+        client.statuses.clear()
+        process = tracker(graph, [], "-p", "particles:=60")
+        client.meet()
+        graph.process(
+            *("-p", f"source:={bag}", "-p", "lockstep:=true", "-p", f"target_box:={box}"),
+            module=REPLAY,
+        )
+        client.wait_for(lambda: len(client.boxes) == len(images), "boxes", 2 * DEADLINE)
+        runs.append([corners(message) for message in client.boxes])
+        process.send_signal(signal.SIGINT)
+        assert process.wait(DEADLINE) == 0
+    assert all(run == runs[0] for run in runs)
+
+    fed = Tracker.from_preset(
+        "li2007", seed=4, parameters={"particles": 60, "track.occluded_below": 0.0}
+    )
+    stamps = [10**12 + index * 40_000_000 + index % 3 * 1_000 for index in range(len(images))]
+    boxes = [fed.start(images[0], box).box]
+    for index in range(1, len(images)):
+        dt = (stamps[index] - stamps[index - 1]) / 1e9
+        boxes.append(fed.update(images[index], dt).box)
+    expected = [
+        tuple(float(np.float32(value)) for value in (x, y, x + width, y + height))
+        for x, y, width, height in boxes
+    ]
+    assert runs[0] == expected
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_at_any_moment_of_a_busy_life_ends_with_code_0(graph, client, images, number):
+    for delay in (0.0, 0.02):
+        process = tracker(graph, [20, 30, 24, 24], "-p", "particles:=2000")
+        client.meet()
+        end = time.monotonic() + delay
+        index = 0
+        while time.monotonic() < end or index < 3:
+            client.images.publish(client.message(images[index % 20], client.at(index)))
+            index += 1
+        process.send_signal(number)
+        output, _ = process.communicate(timeout=DEADLINE)
+        assert process.returncode == 0, (delay, output)
+        assert "Traceback" not in output
+        client.statuses.clear()
+        client.wait_for(lambda: client.count_publishers("/pf_tracker/status") == 0, "end")
+
+
+def catches_signals(process):
+    """Whether a process has handlers for both signals."""
+    lines = Path(f"/proc/{process.pid}/status").read_text().splitlines()
+    (caught,) = [int(line.split()[1], 16) for line in lines if line.startswith("SigCgt")]
+    return all(caught >> (number - 1) & 1 for number in (signal.SIGINT, signal.SIGTERM))
+
+
+@pytest.mark.parametrize("executable", ["tracker", "replay"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_an_executable_is_still_importing_ends_it_with_code_0(
+    ros_domain, executable, number
+):
+    command = f"import sys; from pf_tracker_ros.commands import {executable} as run; "
+    process = subprocess.Popen(
+        [sys.executable, "-c", command + "sys.exit(run())"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=REPOSITORY,
+    )
+    end = time.monotonic() + DEADLINE
+    while not catches_signals(process):
+        assert time.monotonic() < end
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=DEADLINE)
+    assert (process.returncode, "Traceback" in output) == (0, False), output
+
+
+def test_nodes_in_namespaces_and_a_remapped_one_do_not_touch_each_other(graph, images, box):
+    left = graph.client(namespace="/left")
+    right = graph.client(namespace="/right")
+    quick = {"image_reliability": "reliable", "preset": "li2007", "particles": 20}
+    graph.tracker(left, namespace="/left", target_box=box, **quick)
+    graph.tracker(right, namespace="/right", **quick | {"particles": 30})
+    remapped = graph.tracker(
+        cli_args=[
+            *("--ros-args", "-r", "image:=/front/image_raw", "-r", "__node:=front_tracker"),
+            *("-r", "~/status:=/front/status"),
+        ],
+        **quick,
+    )
+    first = left.show(images[0], left.at(0))
+    assert (first.name, first.values["frame"]) == ("/left/pf_tracker", "started")
+    other = right.show(images[0], right.at(0))
+    assert (other.name, other.values["frame"]) == ("/right/pf_tracker", "waiting")
+    right.point_at([0.0, 0.0, 20.0, 20.0])
+    assert right.show(images[1], right.at(1)).values["particles"] == "30"
+    assert left.show(images[1], left.at(1)).values["particles"] == "20"
+    left.set_parameters(particles=25)
+    left.show(images[2], left.at(2))
+    assert left.show(images[3], left.at(3)).values["particles"] == "25"
+    assert right.show(images[2], right.at(2)).values["particles"] == "30"
+    assert {status.name for status in left.statuses} == {"/left/pf_tracker"}
+    assert {status.name for status in right.statuses} == {"/right/pf_tracker"}
+    names = {endpoint.topic_name for endpoint in (*remapped.publishers, *remapped.subscriptions)}
+    assert {"/front/image_raw", "/front/status", "/front_tracker/box"} <= names
+    assert not names & {"/image", "/pf_tracker/box", "/pf_tracker/status"}

@@ -1,0 +1,315 @@
+"""Whatever comes over the wire: a live node survives it, says so once, and tracks on."""
+
+import math
+import os
+from array import array
+from pathlib import Path
+
+import numpy as np
+from geometry_msgs.msg import Point32, PointStamped, Polygon, PolygonStamped
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from rclpy.duration import Duration
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Image
+from std_srvs.srv import SetBool, Trigger
+
+from pf_tracker_ros.node.images.image_decoding import ENCODINGS
+from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
+from pf_tracker_ros.parameters import declarations
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import preset_parameters
+
+# A long run is made by hand, with as many cases as this says.
+CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
+QUICK = {
+    "preset": "li2007",
+    "particles": 20,
+    "track__occluded_below": 0.0,
+    "image_reliability": "reliable",
+}
+DECLARATIONS = declarations(NodeParameters) | declarations(TrackerParameters)
+
+
+def cases(bounded):
+    """Settings for a property that is tried on a live node."""
+    return settings(
+        max_examples=CASES or bounded,
+        deadline=None,
+        suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+    )
+
+
+def test_a_fault_that_repeats_is_logged_once(graph, client, images, box, capfd):
+    graph.tracker(client, target_box=box, **QUICK)
+    client.show(images[0], client.at(0))
+    short = client.message(images[0], client.at(1))
+    short.data = array("B", bytes(5))
+    for _ in range(30):
+        assert client.send(short).level == "ERROR"
+        assert client.show(images[0][:50], client.at(1)).level == "ERROR"
+    client.show(images[1], client.at(2))
+    log = capfd.readouterr().err
+    assert log.count("its data has 5 bytes") == 1
+    assert log.count("start again to change") == 1
+
+
+def test_refusals_without_end_do_not_fill_the_log(graph, client, images, capfd):
+    graph.tracker(client, **QUICK)
+    for number in range(60):
+        client.send_target([(number, number)])
+        client.send_target([(1, 1), (1, 1), (1, 1)])
+        reason = client.set_parameters(particles=-number).reason
+        assert reason
+    client.show(images[0], client.at(0))
+    log = capfd.readouterr().err
+    assert log.count("its 3 points span 0 x 0 px") == 1
+    assert log.count("parameter 'particles' is -7;") == 1
+    assert log.count("[ERROR]") <= 20
+
+
+def test_many_targets_and_images_at_once_leave_the_last_target_tracked(
+    graph, client, images, moving_square
+):
+    graph.tracker(client, **QUICK)
+    for index in range(20):
+        message = PolygonStamped()
+        x, y, width, height = (float(value) for value in moving_square.boxes[index])
+        message.polygon.points = [Point32(x=x, y=y), Point32(x=x + width, y=y + height)]
+        client.targets.publish(message)
+        client.images.publish(client.message(images[index], client.at(index)))
+    client.wait_for(lambda: [s for s in client.statuses if s.stamp == client.at(19)], "last")
+    client.point_at(moving_square.boxes[0])
+    assert client.show(images[0], client.at(30)).values["frame"] == "started"
+    status = client.show(images[1], client.at(31))
+    assert (status.level, status.values["frame"]) == ("OK", "tracked")
+
+
+def test_weights_that_all_vanish_and_boxes_without_bounds_are_survived(graph, client, images, box):
+    wild = {
+        "preset": "default",
+        "motion__size_noise": 10.0,
+        "motion__position_noise": 50.0,
+        "color_histogram__sharpness": 1000.0,
+    }
+    graph.tracker(client, target_box=box, **QUICK | wild)
+    client.show(images[0], client.at(0))
+    generator = np.random.default_rng(0)
+    for index in range(1, 40):
+        image = generator.integers(0, 255, images[0].shape, dtype=np.uint8) * (index % 3 > 0)
+        status = client.show(image.astype(np.uint8), client.at(25 * index))
+        assert status.values["frame"] == "tracked"
+        points = client.box_at(client.at(25 * index)).polygon.points
+        assert all(math.isfinite(point.x) and math.isfinite(point.y) for point in points)
+        assert points[2].x - points[0].x > 0.0
+        assert math.isfinite(float(status.values["covariance_xx"]))
+    calm = {"motion__size_noise": 0.1, "motion__position_noise": 0.5}
+    assert client.set_parameters(**calm).successful
+    client.point_at(box)
+    assert client.show(images[0], client.at(0)).values["frame"] == "started"
+    assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
+
+
+def test_an_image_takes_no_more_memory_than_it_brings(graph, client, images):
+    graph.tracker(client, **QUICK)
+    before = _peak_bytes()
+    for encoding in ENCODINGS:
+        for sides in ((32_000, 32_000), (2**31, 2**31), (32_000, 2)):
+            message = Image(width=sides[0], height=sides[1], encoding=encoding)
+            message.step, message.data = min(8 * sides[0], 2**32 - 1), array("B", bytes(1000))
+            message.header.stamp.sec = 1
+            assert client.send(message).values["frame"] == "refused"
+    assert _peak_bytes() - before < 30_000_000
+
+
+def test_a_target_takes_no_more_memory_than_a_box_needs(graph, client, images, box):
+    graph.tracker(client, **QUICK)
+    before = _peak_bytes()
+    corners = [Point32(x=1.0, y=2.0)] * 400_000
+    client.targets.publish(PolygonStamped(polygon=Polygon(points=corners)))
+    assert client.targets.wait_for_all_acked(Duration(seconds=10))
+    status = client.show(images[0], client.at(0))
+    assert status.level == "WARN"
+    assert "its message has 4800" in status.message
+    assert "allowed: up to 65536" in status.message
+    # What DDS itself holds of it on its way, twice in this process, but no object a point.
+    assert _peak_bytes() - before < 60_000_000
+    client.point_at(box)
+    assert client.show(images[0], client.at(1)).values["frame"] == "started"
+
+
+def _peak_bytes():
+    lines = Path("/proc/self/status").read_text().splitlines()
+    (line,) = [line for line in lines if line.startswith("VmHWM")]
+    return 1024 * int(line.split()[1])
+
+
+# Any messages in any order
+
+UINT32 = st.integers(0, 2**32 - 1)
+STAMPS = st.tuples(st.integers(-(2**31), 2**31 - 1), UINT32) | st.tuples(
+    st.integers(0, 3), st.integers(0, 10**9 - 1)
+)
+COORDINATES = st.floats(width=32) | st.floats(-50, 200, width=32)
+IMAGES = st.tuples(
+    st.just("image"),
+    st.fixed_dictionaries(
+        {
+            "data": st.binary(max_size=64).map(lambda data: array("B", data)),
+            "width": UINT32 | st.integers(0, 9),
+            "height": UINT32 | st.integers(0, 9),
+            "step": UINT32 | st.integers(0, 40),
+            "encoding": st.sampled_from(sorted(ENCODINGS))
+            | st.text(
+                st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=9
+            ),
+            "is_bigendian": st.integers(0, 255),
+        }
+    ),
+    STAMPS,
+)
+PICTURES = st.tuples(st.just("picture"), st.integers(0, 19), STAMPS)
+TARGETS = st.tuples(
+    st.just("target"), st.lists(st.tuples(COORDINATES, COORDINATES), max_size=4), STAMPS
+)
+CLICKS = st.tuples(st.just("click"), st.tuples(st.floats(), st.floats()), STAMPS)
+SERVICES = st.tuples(st.sampled_from(["stop", "pause", "go on"]), st.none(), st.none())
+
+
+def valid(declaration):
+    if declaration.choices:
+        return st.sampled_from(declaration.choices)
+    if declaration.type is bool:
+        return st.booleans()
+    # No more particles than a test has time for.
+    most = 200 if declaration.name == "particles" else declaration.maximum
+    if declaration.type is int:
+        return st.integers(int(declaration.minimum), int(most))
+    number = st.floats(declaration.minimum, most)
+    return number if declaration.type is float else st.lists(number, min_size=4, max_size=4)
+
+
+def parameters(names, value):
+    return st.lists(st.sampled_from(names).flatmap(value), min_size=1, max_size=3)
+
+
+ANY_VALUE = (
+    st.integers(-(2**63), 2**63 - 1)
+    | st.floats()
+    | st.booleans()
+    | st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=9)
+    | st.lists(st.floats(), min_size=1, max_size=5)
+)
+NAMES = sorted(set(DECLARATIONS) - {"image_transport", "image_reliability", "autostart"})
+SETS = st.tuples(
+    st.just("parameters"),
+    parameters(NAMES, lambda name: st.tuples(st.just(name), ANY_VALUE))
+    | parameters(NAMES, lambda name: st.tuples(st.just(name), valid(DECLARATIONS[name]))),
+    st.none(),
+)
+EVENTS = st.one_of(IMAGES, PICTURES, TARGETS, CLICKS, SERVICES, SETS)
+
+
+class Sender:
+    """Sends events to a tracker without waiting for what comes of them."""
+
+    def __init__(self, client, images):
+        self._client, self._images = client, images
+        self._clicks = client.create_publisher(PointStamped, "pf_tracker/click", 1)
+        self._stop = client.create_client(Trigger, "pf_tracker/stop")
+        self._enable = client.create_client(SetBool, "pf_tracker/enable")
+        for service in (self._stop, self._enable):
+            client.wait_for(service.service_is_ready, "service")
+
+    def send(self, kind, content, stamp):
+        if kind == "image":
+            message = Image(**content)
+        elif kind == "picture":
+            message = self._client.message(self._images[content], 0)
+        elif kind == "target":
+            message = PolygonStamped()
+            message.polygon.points = [Point32(x=x, y=y) for x, y in content]
+        elif kind == "click":
+            message = PointStamped()
+            message.point.x, message.point.y = content
+        elif kind == "parameters":
+            self.set(content)
+            return
+        else:
+            service, request = {
+                "stop": (self._stop, Trigger.Request()),
+                "pause": (self._enable, SetBool.Request(data=False)),
+                "go on": (self._enable, SetBool.Request(data=True)),
+            }[kind]
+            self._client.call(service.call_async, request)
+            return
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        publisher = {"target": self._client.targets, "click": self._clicks}
+        publisher.get(kind, self._client.images).publish(message)
+
+    def set(self, values):
+        parameters = [Parameter(name, value=value) for name, value in values]
+        request = self._client.parameters.set_parameters_atomically
+        return self._client.call(request, parameters)
+
+
+def calm():
+    """Every parameter at its default, or at what is quick."""
+    values = {
+        name: declaration.default
+        for name, declaration in DECLARATIONS.items()
+        if name in NAMES or name == "target_box"
+    }
+    values |= preset_parameters("li2007") | {"preset": "li2007"}
+    values |= {"particles": 20, "track.occluded_below": 0.0}
+    return [
+        (name, list(value) if isinstance(value, tuple) else value) for name, value in values.items()
+    ]
+
+
+def test_after_any_messages_in_any_order_the_next_target_is_tracked(graph, client, images, box):
+    graph.tracker(client, **QUICK)
+    sender = Sender(client, images)
+
+    @cases(40)
+    @given(st.lists(EVENTS, max_size=12))
+    def check(events):
+        for event in events:
+            sender.send(*event)
+        sender.send("go on", None, None)
+        sender.send("stop", None, None)
+        assert sender.set(calm()).result.successful
+        # Behind all that waits in the queue.
+        client.show(images[0], client.at(1000))
+        client.statuses.clear()
+        client.boxes.clear()
+        client.point_at(box)
+        assert client.show(images[0], client.at(0)).values["frame"] == "started"
+        assert client.show(images[1], client.at(1)).values["frame"] in ("tracked", "duplicate")
+
+    check()
+
+
+def test_any_parameter_values_are_taken_or_refused_and_the_target_is_kept(
+    graph, client, images, box
+):
+    graph.tracker(client, target_box=box, **QUICK)
+    sender = Sender(client, images)
+    client.show(images[0], client.at(0))
+    names = st.sampled_from(NAMES)
+    wrong = names.flatmap(lambda name: st.tuples(st.just(name), ANY_VALUE))
+    right = names.flatmap(lambda name: st.tuples(st.just(name), valid(DECLARATIONS[name])))
+
+    @cases(40)
+    @given(st.lists(wrong | right, min_size=1, max_size=3, unique_by=lambda item: item[0]))
+    def check(values):
+        result = sender.set(values).result
+        assert result.successful or result.reason
+        client.statuses.clear()
+        client.boxes.clear()
+        status = client.show(images[1], 0)
+        assert status.values["frame"] in ("tracked", "started")
+        assert sender.set([*calm(), ("target_box", box)]).result.successful
+        assert client.show(images[0], 0).values["frame"] == "started"
+
+    check()

@@ -1,0 +1,49 @@
+"""The last state is in the log, however the states change."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from pf_tracker_ros.node import state_log
+from pf_tracker_ros.node.tracker.state_log import StateLog
+
+
+@pytest.fixture
+def log(monkeypatch):
+    """A log of states with a clock that the test sets, and the lines that it wrote."""
+    lines, clock = [], SimpleNamespace(now=100.0)
+    monkeypatch.setattr(state_log.time, "monotonic", lambda: clock.now)
+    states = StateLog(SimpleNamespace(info=lines.append))
+
+    def tell(seconds, *names):
+        for name in names:
+            clock.now += seconds
+            states.tell(SimpleNamespace(state=name, confidence=0.5))
+
+    return SimpleNamespace(tell=tell, lines=lines, forget=states.forget)
+
+
+def test_each_change_is_told(log):
+    log.tell(2.0, "tracking", "occluded", "occluded", "lost", "tracking")
+    assert log.lines == [
+        "tracking -> occluded, confidence 0.50",
+        "occluded -> lost, confidence 0.50",
+        "lost -> tracking, confidence 0.50",
+    ]
+
+
+def test_a_flicker_is_told_once_a_second_and_the_state_after_it_always(log):
+    log.tell(0.04, *["occluded", "tracking"] * 50, "tracking")
+    assert 3 <= len(log.lines) <= 5
+    log.tell(0.04, *["tracking"] * 30)
+    assert log.lines[-1].startswith("occluded -> tracking")
+    told = len(log.lines)
+    log.tell(0.04, *["tracking"] * 100)
+    assert len(log.lines) == told
+
+
+def test_another_target_begins_tracked(log):
+    log.tell(2.0, "occluded")
+    log.forget()
+    log.tell(2.0, "tracking", "occluded")
+    assert len(log.lines) == 2

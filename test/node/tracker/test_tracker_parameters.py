@@ -1,0 +1,218 @@
+"""The node's parameters, at start-up and at run time, over the parameter services."""
+
+import math
+
+import pytest
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter, parameter_value_to_python
+
+from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
+from pf_tracker_ros.parameters import declarations
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
+
+QUICK = {"particles": 20, "track__occluded_below": 0.0, "image_reliability": "reliable"}
+DECLARATIONS = declarations(NodeParameters) | declarations(TrackerParameters)
+
+
+def get(client, *names):
+    response = client.call(client.parameters.get_parameters, list(names))
+    return [parameter_value_to_python(value) for value in response.values]
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_every_tunable_is_a_parameter_with_the_value_of_the_preset(graph, client, preset):
+    graph.tracker(client, preset=preset)
+    names = list(declarations(TrackerParameters))
+    expected = preset_parameters(preset)
+    assert dict(zip(names, get(client, *names), strict=True)) == expected
+
+
+def test_every_parameter_is_described_and_every_float_has_a_range(graph, client):
+    graph.tracker(client)
+    response = client.call(client.parameters.describe_parameters, list(DECLARATIONS))
+    assert len(response.descriptors) == len(DECLARATIONS)
+    for descriptor in response.descriptors:
+        declaration = DECLARATIONS[descriptor.name]
+        assert descriptor.description.startswith(declaration.description)
+        assert declaration.unit in descriptor.description
+        # What the library fixes while it tracks, the node can change: it learns the target again.
+        assert descriptor.read_only == (descriptor.name == "autostart")
+        if descriptor.type == Parameter.Type.DOUBLE.value:
+            (limits,) = descriptor.floating_point_range
+            assert (limits.from_value, limits.to_value) == (
+                declaration.minimum,
+                declaration.maximum,
+            )
+
+
+def test_a_value_of_the_user_comes_over_the_preset(graph, client, images, box):
+    graph.tracker(client, preset="li2007", target_box=box, **QUICK | {"particles": 31})
+    status = client.show(images[0], client.at(0))
+    assert status.values["particles"] == "31"
+    assert get(client, "particles", "motion.model") == [31, "constant_velocity"]
+
+
+REFUSED = {
+    "out of range": ("particles", 0, 20, "int, 1 to 100000"),
+    "not a number": ("motion__position_noise", math.nan, 0.5, "float, 0 to 50"),
+    "infinite": ("track__lost_after", math.inf, 2.0, "float, 0 to 3600"),
+    "of the wrong type": ("particles", "many", 20, "int, 1 to 100000"),
+    "no choice": ("resampling__scheme", "fair", "systematic", "'stratified'"),
+    "no model": ("motion__model", "straight", "constant_velocity", "'constant_velo"),
+    "a list too short": ("target_box", [1.0, 2.0], [20.0, 30.0, 24.0, 24.0], "0 or 4 numbers"),
+    "no preset of that name": ("preset", "lee2007", "li2007", "'default' or 'li2007'"),
+    "a seed below zero": ("seed", -1, 1, "int, 0 to"),
+}
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_a_wrong_parameter_keeps_the_node_up_but_idle_until_it_is_set_rightly(
+    graph, client, images, kind
+):
+    name, wrong, right, allowed = REFUSED[kind]
+    box = [20.0, 30.0, 24.0, 24.0]
+    graph.tracker(client, **{"target_box": box, **QUICK, name: wrong})
+    for index in range(2):
+        status = client.show(images[0], client.at(index))
+        assert (status.level, status.values["state"]) == ("ERROR", "idle")
+        for text in (status.message, status.values["last_error"]):
+            assert f"parameter '{name.replace('__', '.')}' is {wrong!r}" in text
+            assert allowed in text
+    client.point_at(box)
+    status = client.show(images[0], client.at(2))
+    assert "target refused: not tracking" in status.message
+    assert not client.boxes
+
+    assert client.set_parameters(**{name: right}).successful
+    status = client.show(images[1], client.at(3))
+    assert (status.level, status.values["frame"]) == ("OK", "started")
+    client.box_at(client.at(3))
+
+
+def test_all_wrong_parameters_are_named_at_once(graph, client, images, box):
+    graph.tracker(client, **QUICK | {"particles": -5, "seed": 1.5, "target_box": box})
+    message = client.show(images[0], client.at(0)).message
+    assert message.startswith("not tracking: ")
+    assert message.count("parameter 'particles' is -5") == 1
+    assert message.count("parameter 'seed' is 1.5") == 1
+    client.set_parameters(seed=1)
+    message = client.show(images[0], client.at(1)).message
+    assert message.startswith("not tracking: parameter 'particles' is -5")
+    assert "'seed'" not in message
+    client.set_parameters(particles=5)
+    status = client.show(images[0], client.at(2))
+    assert (status.level, status.message) == ("OK", "tracking")
+
+
+def test_a_preset_corrected_at_run_time_is_taken_whole(graph, client, images, box, capfd):
+    graph.tracker(client, preset="lee2007", target_box=box, **QUICK)
+    log = capfd.readouterr().err
+    assert "parameter 'preset' is 'lee2007'" in log
+    assert "not tracking until what is wrong is set rightly; images on /image" in log
+    assert "preset default" not in log
+    assert client.set_parameters(preset="li2007").successful
+    status = client.show(images[0], client.at(0))
+    assert (status.values["preset"], status.values["particles"]) == ("li2007", "60")
+    names = list(declarations(TrackerParameters))
+    expected = preset_parameters("li2007")
+    assert dict(zip(names, get(client, *names), strict=True)) == expected
+
+
+def test_a_parameter_that_does_not_exist_is_reported_and_does_not_stop_the_tracker(
+    graph, client, images, box
+):
+    graph.tracker(client, target_box=box, particels=50, **QUICK)
+    status = client.show(images[0], client.at(0))
+    assert (status.level, status.values["frame"]) == ("WARN", "started")
+    assert "no parameter 'particels' (did you mean 'particles'?)" in status.message
+
+
+def test_a_change_at_run_time_takes_effect_in_the_next_frame_without_losing_the_target(
+    graph, client, images, box
+):
+    graph.tracker(client, target_box=box, **QUICK)
+    client.show(images[0], client.at(0))
+    assert client.set_parameters(particles=33, motion__position_noise=1).successful
+    client.show(images[1], client.at(1))
+    status = client.show(images[2], client.at(2))
+    assert (status.values["frame"], status.values["particles"]) == ("tracked", "33")
+
+
+def test_a_refused_set_changes_nothing_and_is_shown(graph, client, images, box):
+    graph.tracker(client, target_box=box, **QUICK)
+    client.show(images[0], client.at(0))
+    for wrong in ({"particles": 0}, {"track__lost_after": math.nan}, {"resampling__scheme": ""}):
+        result = client.set_parameters(**{"motion__position_noise": 3.0, **wrong})
+        assert not result.successful
+        assert result.reason
+    assert get(client, "motion.position_noise", "particles") == [
+        preset_parameters("default")["motion.position_noise"],
+        20,
+    ]
+    status = client.show(images[1], client.at(1))
+    assert (status.level, status.values["frame"]) == ("WARN", "tracked")
+    assert "parameter 'resampling.scheme' is ''" in status.message
+    assert client.show(images[2], client.at(2)).level == "OK"
+
+
+def test_an_endless_value_is_not_repeated_endlessly(graph, client, images):
+    graph.tracker(client, **QUICK)
+    assert not client.set_parameters(resampling__scheme="x" * 1_000_000).successful
+    status = client.show(images[0], client.at(0))
+    assert "parameter 'resampling.scheme' is 'xxx" in status.message
+    assert len(status.message) < 2000
+
+
+def test_what_is_fixed_while_the_node_runs_is_refused_at_run_time(graph, client):
+    graph.tracker(client, **QUICK)
+    result = client.set_parameters(autostart=True)
+    assert not result.successful
+    assert "autostart" in result.reason
+
+
+def test_a_target_box_set_at_run_time_starts_and_an_empty_one_calls_it_off(
+    graph, client, images, box
+):
+    graph.tracker(client, **QUICK)
+    client.set_parameters(target_box=[int(value) for value in box])
+    client.set_parameters(target_box=Parameter("target_box", Parameter.Type.DOUBLE_ARRAY, []))
+    assert client.show(images[0], client.at(0)).values["frame"] == "waiting"
+    client.set_parameters(target_box=[int(value) for value in box])
+    assert client.show(images[0], client.at(1)).values["frame"] == "started"
+
+
+def test_the_reliability_can_change_at_run_time(graph, client, images, box):
+    node = graph.tracker(client, target_box=box, **QUICK)
+    client.show(images[0], client.at(0))
+    client.set_parameters(image_reliability="best_effort")
+    (endpoint,) = node.get_subscriptions_info_by_topic("/image")
+    assert endpoint.qos_profile.reliability.name == "BEST_EFFORT"
+    client.set_parameters(image_reliability="reliable")
+    client.wait_for(lambda: client.images.get_subscription_count() == 1, "one subscription")
+    assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
+
+
+def test_a_new_seed_counts_from_the_next_target(graph, client, images, box):
+    graph.tracker(client, target_box=box, **QUICK)
+    last = []
+    for seed in (0, 1, 0):
+        client.boxes.clear()
+        client.set_parameters(seed=seed)
+        client.point_at(box)
+        client.show_all(images[:3])
+        last.append(client.box_at(client.at(2)).polygon)
+    assert last[0] == last[2] != last[1]
+
+
+def test_a_request_of_no_known_type_does_not_end_the_node(graph, images):
+    client = graph.client()
+    process = graph.process("-p", "image_reliability:=reliable")
+    service = client.create_client(SetParameters, "pf_tracker/set_parameters")
+    client.wait_for(service.service_is_ready, "parameter service")
+    broken = ParameterMessage(name="particles")
+    broken.value.type = 200
+    service.call_async(SetParameters.Request(parameters=[broken]))
+    assert client.set_parameters(particles=40).successful
+    assert process.poll() is None

@@ -1,0 +1,358 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.tracking.presets import preset_parameters
+from pf_tracker_ros.tracking.session import LATE_WITHIN, Session, TimePolicy
+
+SECOND = 1_000_000_000
+START = 1_000 * SECOND
+PARAMETERS = preset_parameters("li2007") | {"particles": 20}
+
+
+@pytest.fixture
+def images(moving_square):
+    return moving_square.images
+
+
+@pytest.fixture
+def box(moving_square):
+    return tuple(moving_square.boxes[0])
+
+
+@pytest.fixture
+def session():
+    return Session(PARAMETERS, seed=3)
+
+
+@pytest.fixture
+def started(session, images, box):
+    session.request(box)
+    assert session.process(images[0], START).frame == "started"
+    return session
+
+
+def library(images, box, intervals):
+    """Estimates of the library alone, fed with the images after the first."""
+    tracker = Tracker.from_preset("li2007", seed=3, parameters={"particles": 20})
+    tracker.start(images[0], box)
+    pairs = zip(images[1:], intervals, strict=True)
+    return [tracker.update(image, interval) for image, interval in pairs]
+
+
+def same(first, second):
+    return first.box == second.box and np.array_equal(first.particles, second.particles)
+
+
+def test_without_a_target_frames_wait(session, images):
+    outcome = session.process(images[0], START)
+    assert (outcome.frame, outcome.estimate) == ("waiting", None)
+
+
+def test_the_interval_is_the_difference_of_the_stamps(started, images, box):
+    stamps = [START + 20_000_000, START + 100_000_000, START + 5 * SECOND]
+    outcomes = [started.process(images[i + 1], stamp) for i, stamp in enumerate(stamps)]
+    expected = library(images[:4], box, [0.02, 0.08, 4.9])
+    assert all(
+        same(outcome.estimate, estimate)
+        for outcome, estimate in zip(outcomes, expected, strict=True)
+    )
+
+
+def test_a_frame_with_the_stamp_of_the_last_one_is_not_tracked_again(started, images, box):
+    first = started.process(images[1], START + SECOND)
+    again = started.process(images[2], START + SECOND)
+    assert again.frame == "duplicate"
+    assert again.estimate is first.estimate
+    after = started.process(images[3], START + 2 * SECOND)
+    assert same(after.estimate, library(images[[0, 1, 3]], box, [1.0, 1.0])[-1])
+
+
+def test_a_late_frame_is_dropped_and_does_not_move_the_clock(started, images, box):
+    late = started.process(images[5], START - LATE_WITHIN)
+    assert (late.frame, late.estimate.box) == ("late", box)
+    after = started.process(images[1], START + 40_000_000)
+    assert same(after.estimate, library(images[:2], box, [0.04])[0])
+
+
+def test_time_that_begins_anew_goes_on_at_the_nominal_interval(started, images, box):
+    again = started.process(images[1], START - LATE_WITHIN - 1)
+    assert again.frame == "tracked"
+    after = started.process(images[2], START - LATE_WITHIN - 1 + SECOND // 2)
+    assert same(after.estimate, library(images[:3], box, [None, 0.5])[-1])
+
+
+def test_frames_without_stamps_are_tracked_at_the_nominal_interval(session, images, box):
+    session.request(box)
+    outcomes = [session.process(image, 0) for image in images[:4]]
+    assert [outcome.frame for outcome in outcomes] == ["started", *["tracked"] * 3]
+    assert same(outcomes[-1].estimate, library(images[:4], box, [None] * 3)[-1])
+
+
+def test_one_frame_without_a_stamp_leaves_two_nominal_intervals(started, images, box):
+    for image, stamp in zip(images[1:4], [0, START + SECOND, START + 2 * SECOND], strict=True):
+        outcome = started.process(image, stamp)
+    assert same(outcome.estimate, library(images[:4], box, [None, None, 1.0])[-1])
+
+
+def test_a_target_waits_for_the_first_frame_that_is_not_before_it(session, images, box):
+    session.request(box, START + SECOND)
+    assert session.requested_stamp == START + SECOND
+    assert session.process(images[0], START + SECOND - 1).frame == "waiting"
+    assert session.process(images[0], START + SECOND + 1).frame == "started"
+    assert session.requested_stamp is None
+
+
+def test_a_target_that_waits_does_not_hold_up_the_last_one(started, images, box):
+    started.request((0.0, 0.0, 30.0, 30.0), START + 2 * SECOND)
+    assert started.process(images[1], START + SECOND).frame == "tracked"
+    outcome = started.process(images[2], START + 2 * SECOND)
+    assert (outcome.frame, outcome.estimate.box) == ("started", (0.0, 0.0, 30.0, 30.0))
+
+
+def test_a_withdrawn_target_is_not_started(session, images, box):
+    session.request(box)
+    session.withdraw()
+    assert session.process(images[0], START).frame == "waiting"
+
+
+def test_a_refused_target_leaves_the_last_one_tracked(started, images, box):
+    started.request((1000.0, 0.0, 10.0, 10.0))
+    outcome = started.process(images[1], START + 40_000_000)
+    assert outcome.frame == "tracked"
+    assert "1000" in outcome.refused_target
+    assert "outside the image" in outcome.refused_target
+    assert same(outcome.estimate, library(images[:2], box, [0.04])[0])
+
+
+def test_a_refused_target_without_another_leaves_the_session_waiting(session, images):
+    session.request((1000.0, 0.0, 10.0, 10.0))
+    assert session.process(images[0], START).frame == "waiting"
+
+
+def test_an_image_of_another_size_is_refused_and_does_not_move_the_clock(started, images, box):
+    with pytest.raises(ValueError, match="start again"):
+        started.process(images[1][:50], START + 20_000_000)
+    after = started.process(images[1], START + 40_000_000)
+    assert same(after.estimate, library(images[:2], box, [0.04])[0])
+
+
+def test_each_target_begins_the_random_sequence_anew(started, images, box):
+    started.process(images[1], START + SECOND)
+    started.request(box)
+    started.process(images[0], START + 2 * SECOND)
+    outcome = started.process(images[1], START + 3 * SECOND)
+    assert same(outcome.estimate, library(images[:2], box, [1.0])[0])
+
+
+def test_a_new_seed_counts_from_the_next_target(started, images, box):
+    started.configure(PARAMETERS, seed=4)
+    same_seed = started.process(images[1], START + SECOND)
+    assert same(same_seed.estimate, library(images[:2], box, [1.0])[0])
+    started.request(box)
+    started.process(images[0], START + 2 * SECOND)
+    other_seed = started.process(images[1], START + 3 * SECOND)
+    assert not same(other_seed.estimate, same_seed.estimate)
+
+
+def test_parameters_change_under_way(started, images):
+    started.configure(PARAMETERS | {"particles": 33}, seed=3)
+    started.process(images[1], START + SECOND)
+    assert len(started.process(images[2], START + 2 * SECOND).estimate.weights) == 33
+
+
+def test_a_refused_change_changes_nothing(started, images, box):
+    with pytest.raises(ValueError, match="particles"):
+        started.configure(PARAMETERS | {"motion.position_noise": 3.0, "particles": 0}, seed=3)
+    after = started.process(images[1], START + 40_000_000)
+    assert same(after.estimate, library(images[:2], box, [0.04])[0])
+
+
+# Time that jumps back
+
+
+def jumped(images, box, policy, late_within=SECOND):
+    session = Session(PARAMETERS, seed=3)
+    session.time_policy = TimePolicy(policy, late_within)
+    session.request(box)
+    session.process(images[0], START)
+    session.process(images[1], START + 40_000_000)
+    return session, session.process(images[2], START - 5 * SECOND)
+
+
+def test_after_a_jump_back_keep_goes_on(images, box):
+    _, outcome = jumped(images, box, "keep")
+    assert (outcome.frame, outcome.jumped_back) == ("tracked", 5.04)
+    assert same(outcome.estimate, library(images[:3], box, [0.04, None])[-1])
+
+
+def test_after_a_jump_back_restart_begins_with_the_first_box(images, box):
+    session, outcome = jumped(images, box, "restart")
+    assert (outcome.frame, outcome.jumped_back) == ("started", 5.04)
+    assert outcome.estimate.box == box
+    after = session.process(images[3], START - 5 * SECOND + 40_000_000)
+    assert same(after.estimate, library(images[2:4], box, [0.04])[-1])
+
+
+def test_after_a_jump_back_wait_forgets_the_target(images, box):
+    session, outcome = jumped(images, box, "wait")
+    assert (outcome.frame, outcome.estimate, outcome.jumped_back) == ("waiting", None, 5.04)
+    assert session.process(images[3], START - 4 * SECOND).frame == "waiting"
+
+
+def test_the_threshold_decides_between_late_and_jumped(images, box):
+    assert jumped(images, box, "wait", 6 * SECOND)[1].frame == "late"
+    assert jumped(images, box, "wait", 5 * SECOND)[1].frame == "waiting"
+
+
+def test_a_restart_on_an_image_that_the_box_does_not_fit_waits(images, box):
+    session, _ = jumped(images, box, "restart")
+    outcome = session.process(images[0][:20, :20], START - 20 * SECOND)
+    assert (outcome.frame, outcome.estimate) == ("waiting", None)
+    assert "larger than the image" in outcome.refused_target
+
+
+def test_a_recording_shorter_than_the_threshold_that_loops_is_followed(started, images):
+    for index in range(1, 20):
+        started.process(images[index], START + index * 40_000_000)
+    frames = [started.process(images[i], START + i * 40_000_000).frame for i in range(12)]
+    assert frames == ["late"] * 9 + ["tracked"] * 3
+
+
+# Targets on frames that have gone by
+
+
+@pytest.fixture
+def watching(session, images):
+    """A session without a target that has seen ten frames, 40 ms apart."""
+    session.history.limit(frames=8, megabytes=10.0)
+    for index in range(10):
+        session.process(images[index], START + index * 40_000_000)
+    return session
+
+
+def test_a_target_on_a_past_frame_is_followed_up_to_now(watching, images, box, moving_square):
+    drawn = tuple(moving_square.boxes[6])
+    watching.request(drawn, START + 6 * 40_000_000)
+    outcome = watching.process(images[10], START + 10 * 40_000_000)
+    assert (outcome.frame, outcome.caught_up) == ("started", 4)
+    assert same(outcome.estimate, library(images[6:11], drawn, [0.04] * 4)[-1])
+    after = watching.process(images[11], START + 11 * 40_000_000)
+    assert same(after.estimate, library(images[6:12], drawn, [0.04] * 5)[-1])
+
+
+def test_a_target_on_a_frame_that_was_lost_starts_on_the_one_after_it(watching, images, box):
+    watching.request(box, START + 6 * 40_000_000 - 1)
+    outcome = watching.process(images[10], START + 10 * 40_000_000)
+    assert (outcome.frame, outcome.caught_up) == ("started", 4)
+
+
+def test_a_target_on_a_frame_that_is_no_longer_kept_is_refused(watching, images, box):
+    watching.request(box, START + 40_000_000)
+    outcome = watching.process(images[10], START + 10 * 40_000_000)
+    assert (outcome.frame, outcome.estimate) == ("waiting", None)
+    assert "0.040 s before the oldest one here" in outcome.refused_target
+    assert "one of the last 9 frames" in outcome.refused_target
+    assert "history_frames" in outcome.refused_target
+
+
+def test_a_target_from_long_before_the_first_frame_is_refused(session, images, box):
+    session.request(box, START)
+    outcome = session.process(images[0], START + SECOND + 1)
+    assert outcome.frame == "waiting"
+    assert "1.000 s before the oldest one here" in outcome.refused_target
+
+
+def test_a_target_stamped_by_another_clock_is_refused(watching, box):
+    with pytest.raises(ValueError, match=r"is 3600 s after that of the last frame"):
+        watching.request(box, START + 9 * 40_000_000 + 3600 * SECOND)
+    assert watching.requested_stamp is None
+
+
+def test_a_target_can_be_set_right_on_a_past_frame_while_another_is_tracked(
+    started, images, box, moving_square
+):
+    started.history.limit(frames=8, megabytes=10.0)
+    for index in range(1, 6):
+        started.process(images[index], START + index * 40_000_000)
+    drawn = tuple(moving_square.boxes[3])
+    started.request(drawn, START + 3 * 40_000_000)
+    outcome = started.process(images[6], START + 6 * 40_000_000)
+    assert (outcome.frame, outcome.caught_up) == ("started", 3)
+    assert same(outcome.estimate, library(images[3:7], drawn, [0.04] * 3)[-1])
+
+
+def test_a_stopped_session_waits_for_the_next_target(started, images, box):
+    started.request(box, START + SECOND)
+    started.stop()
+    assert started.estimate is None
+    assert started.process(images[1], START + SECOND).frame == "waiting"
+    started.request(box)
+    assert started.process(images[1], START + 2 * SECOND).frame == "started"
+
+
+# Parameters that the library fixes while there is a target
+
+
+def test_another_model_learns_the_target_where_it_was_last_seen(started, images, box):
+    outcome = started.process(images[1], START + 40_000_000)
+    started.configure(preset_parameters("zhang2015"), seed=3)
+    after = started.process(images[2], START + 80_000_000)
+    tracker = Tracker.from_preset("zhang2015", seed=3)
+    tracker.start(images[1], outcome.estimate.box)
+    assert same(after.estimate, tracker.update(images[2], 0.04))
+
+
+def test_a_hidden_target_is_learned_from_before_it_was_hidden(session, images, box):
+    hiding = PARAMETERS | {"track.occluded_below": 0.9, "track.recovered_above": 0.9}
+    session.configure(hiding, seed=3)
+    session.request(box)
+    session.process(images[0], START)
+    for index in range(1, 4):
+        outcome = session.process(np.zeros_like(images[0]), START + index * 40_000_000)
+        assert outcome.estimate.state == "occluded"
+    session.configure(preset_parameters("default"), seed=3)
+    after = session.process(images[4], START + 160_000_000)
+    tracker = Tracker.from_preset("default", seed=3)
+    tracker.start(images[0], box)
+    assert same(after.estimate, tracker.update(images[4], 0.16))
+
+
+@pytest.mark.parametrize(
+    "estimated", [(-30.0, 20.0, 220.0, 50.0), (150.0, 118.0, 40.0, 40.0), (20.0, 20.0, 0.5, 300.0)]
+)
+def test_a_target_that_outgrew_the_image_can_be_learned_again(started, images, estimated):
+    # An estimate is bounded by the motion model, a new target by the image as well.
+    started._sighting = replace(started._sighting, box=estimated)
+    started.configure(preset_parameters("zhang2015"), seed=0)
+    assert started.process(images[0], START + SECOND).frame == "tracked"
+
+
+def test_a_change_that_contradicts_itself_changes_nothing(started, images, box):
+    wrong = preset_parameters("default") | {"proposal.kalman_share": 0.5}
+    for attempt in (started.check, started.configure):
+        with pytest.raises(ValueError, match=r"kalman_share.*constant_velocity_and_size"):
+            attempt(wrong, 3)
+    after = started.process(images[1], START + 40_000_000)
+    assert same(after.estimate, library(images[:2], box, [0.04])[0])
+
+
+def test_a_check_changes_nothing(started, images, box):
+    started.check(preset_parameters("default"), 9)
+    after = started.process(images[1], START + 40_000_000)
+    assert same(after.estimate, library(images[:2], box, [0.04])[0])
+
+
+def test_a_loop_that_loses_its_first_frame_starts_the_target_on_the_second(session, images, box):
+    # Longer than the history, so that frames of the first pass have been dropped.
+    session.history.limit(4, 64.0)
+    stamps = [START + index * 40_000_000 for index in range(60)]
+    session.request(box, stamps[0])
+    for index, stamp in enumerate(stamps):
+        session.process(images[index % 4], stamp)
+    session.request(box, stamps[0])
+    outcome = session.process(images[1], stamps[1])
+    assert (outcome.frame, outcome.refused_target) == ("started", "")
+    assert outcome.estimate.box == box

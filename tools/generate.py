@@ -1,0 +1,158 @@
+"""Writes what follows from the declared parameters: the preset files and their table.
+
+`make generate` writes `config/<preset>.yaml` for each preset, and `docs/parameters.md`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
+from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
+from pf_tracker_ros.parameters import Declaration, declarations
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
+
+_COMMAND = "make generate"
+_LINE_LENGTH = 100
+_INDENT = " " * 4
+_NODE = declarations(NodeParameters)
+
+
+def generated_files() -> dict[str, str]:
+    """Path in the repository to text, for every generated file."""
+    files = {f"config/{preset}.yaml": _preset_file(preset) for preset in PRESETS}
+    files["docs/parameters.md"] = _parameter_tables()
+    return files
+
+
+def _preset_file(preset: str) -> str:
+    """A ROS parameter file that sets the preset, and names every other parameter in a comment."""
+    values = {name: declaration.default for name, declaration in _NODE.items()}
+    values |= preset_parameters(preset)
+    lines = [
+        f"# Parameters of the tracker node: the preset {preset}. To change a value, copy the file,",
+        "# take away the # in front of the parameter's name, and use the copy with",
+        "#   ros2 run pf_tracker_ros tracker --ros-args --params-file FILE",
+        f"# (Written by `{_COMMAND}`.)",
+        "/**:",
+        "  ros__parameters:",
+    ]
+    for name, declaration in (_NODE | declarations(TrackerParameters)).items():
+        fixed = "fixed while the node runs" if name in _NODE else "a change learns the target again"
+        comment = f"{declaration.description} {_allowed(declaration, fixed)}."
+        lines += textwrap.wrap(
+            comment,
+            _LINE_LENGTH,
+            initial_indent=f"{_INDENT}# ",
+            subsequent_indent=f"{_INDENT}# ",
+            break_on_hyphens=False,
+        )
+        if name == "preset":
+            lines.append(f"{_INDENT}{name}: {_yaml(preset)}")
+        else:
+            lines.append(f"{_INDENT}#{name}: {_yaml(values[name])}")
+    return "\n".join(lines) + "\n"
+
+
+def _parameter_tables() -> str:
+    presets = {preset: preset_parameters(preset) for preset in PRESETS}
+    sections = [
+        "# Parameters",
+        f"Written by `{_COMMAND}` from the declarations in the code.",
+        "What changes at run time does so with `ros2 param set`, all or nothing; the rest is fixed "
+        "once the node runs.",
+        "## The node `pf_tracker`",
+        "A wrong value at start-up keeps the node from tracking, not from running: the log and "
+        "`~/status` say what is wrong, and it goes on as soon as every such parameter, also one "
+        "that is otherwise fixed, has been set rightly.",
+        _table(_NODE),
+        "## The tracker",
+        "The same names in the node and in the library (`Tracker.from_preset`); one column for "
+        "each preset, of which `default` applies if none is chosen. All change at run time in the "
+        "node; those marked *learns again* make it learn the target again where it was last seen, "
+        "and are fixed in the library while there is a target.",
+        _table(declarations(TrackerParameters), presets, read_only="learns again"),
+        "## The replay publisher `replay`",
+        _table(declarations(ReplayParameters)),
+    ]
+    return "\n\n".join(sections) + "\n"
+
+
+def _table(
+    known: Mapping[str, Declaration],
+    presets: Mapping[str, Mapping[str, Any]] | None = None,
+    read_only: str = "no",
+) -> str:
+    columns = presets or {
+        "default": {name: declaration.default for name, declaration in known.items()}
+    }
+    titles = ["name", "type", *(f"`{column}`" if presets else column for column in columns)]
+    rows = [[*titles, "allowed", "unit", "at run time", "description"]]
+    rows.append(["---"] * len(rows[0]))
+    for name, declaration in known.items():
+        values = [f"`{_yaml(column[name])}`" for column in columns.values()]
+        at_run_time = read_only if declaration.read_only else "yes"
+        rows.append(
+            [
+                f"`{name}`",
+                declaration.type_name,
+                *values,
+                declaration.allowed,
+                declaration.unit,
+                at_run_time,
+                declaration.description,
+            ]
+        )
+    return "\n".join(_row(row) for row in rows)
+
+
+def _row(cells: Iterable[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _allowed(declaration: Declaration, fixed: str) -> str:
+    unit = f" [{declaration.unit}]" if declaration.unit else ""
+    note = f"; {fixed}" if declaration.read_only else ""
+    return f"Allowed: {declaration.type_name}, {declaration.allowed}{unit}{note}"
+
+
+def _yaml(value: Any) -> str:
+    """A value as YAML that ROS reads back with the same type."""
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_yaml(element) for element in value) + "]"
+    if isinstance(value, float):
+        text = repr(value)
+        # Without a point, readers of YAML disagree on whether 1e-05 is a number.
+        return text.replace("e", ".0e") if "e" in text and "." not in text else text
+    return json.dumps(value)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Write the generated files and print their paths."""
+    parser = argparse.ArgumentParser(description="Write the preset files and their table.")
+    parser.add_argument(
+        "directory", nargs="?", type=Path, default=Path(), help="the repository, by default here"
+    )
+    directory: Path = parser.parse_args(arguments).directory
+    if not (directory / "pf_tracker_ros").is_dir():
+        parser.error(f"{directory.resolve()} is not the repository: no folder pf_tracker_ros in it")
+    for path in _write(directory):
+        print(path)
+
+
+def _write(directory: Path) -> Iterator[Path]:
+    for name, text in generated_files().items():
+        path = directory / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        yield path
+
+
+if __name__ == "__main__":
+    main()
