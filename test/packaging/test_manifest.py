@@ -152,8 +152,8 @@ def test_what_the_tests_import_is_declared(manifest):
     # Packaging comes with pytest; the demo's and the benchmarks' modules are of this repository.
     own = {
         path.stem
-        for folder in ("demo", "benchmarks")
-        for path in (REPOSITORY / folder).glob("*.py")
+        for folder in ("demo", "benchmarks", "tools")
+        for path in (REPOSITORY / folder).iterdir()
     }
     assert keys(imported("test") - OPTIONAL) - {"packaging"} - own <= declared
 

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pf_tracker_ros.node import state_log
+from pf_tracker_ros.node.tracker import state_log
 from pf_tracker_ros.node.tracker.state_log import StateLog
 
 
