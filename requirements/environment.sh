@@ -56,7 +56,8 @@ then
     create
 fi
 echo "Installing $requirements into $directory (one to three minutes)"
-"$directory/bin/python" -m pip install --quiet --disable-pip-version-check \
+# What comes as sources becomes a wheel with every pip, and so a list of its files is left.
+"$directory/bin/python" -m pip install --quiet --disable-pip-version-check --use-pep517 \
     --requirement "$requirements"
 "$directory/bin/python" -m pip install --quiet --disable-pip-version-check \
     --no-deps --no-build-isolation --editable .

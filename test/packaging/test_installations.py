@@ -156,10 +156,11 @@ print(pf_tracker_ros.__version__)
     assert version == __version__
 
 
-def test_without_an_opencv_evaluate_says_how_to_get_one(without_opencv):
-    outcome = without_opencv.call("evaluate", "--help")
+@pytest.mark.parametrize("executable", ["evaluate", "tracker", "replay"])
+def test_without_an_opencv_the_executables_say_how_to_get_one(without_opencv, executable):
+    outcome = without_opencv.call(executable)
     assert outcome.returncode == 2
-    assert outcome.stderr.startswith("evaluate: error: OpenCV is missing: pip install")
+    assert outcome.stderr.startswith(f"{executable}: error: OpenCV is missing: pip install")
     assert len(outcome.stderr.splitlines()) == 1
 
 
