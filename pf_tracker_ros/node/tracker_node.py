@@ -323,7 +323,7 @@ class TrackerNode(ManagedNode):
         }
         if status.estimate:
             values |= estimate_values(status.estimate)
-        values["last_error"] = self._reporter.last_error
+        values |= self._reporter.values()
         return Health(
             level,
             message,
