@@ -137,6 +137,10 @@ class ReplayNode(Node):
         self.create_service(SetBool, "~/pause", self._on_pause)
 
     @property
+    def _rate(self) -> float:
+        return float(self._binding.values["rate"])
+
+    @property
     def has_begun(self) -> bool:  # noqa: D102
         return self._thread is not None
 
@@ -211,15 +215,17 @@ class ReplayNode(Node):
         """The item with the stamp that it goes out with."""
         if self._source.has_time or self._fixed.lockstep or self._fixed.publish_clock:
             return item
-        return item.delayed(self._played_stamps.delay_of(item.stamp))
+        return item.delayed(self._played_stamps.delay_of(item.stamp, self._rate))
 
     def _wait_until_due(self, item: ReplayItem) -> None:
-        rate = None if self._fixed.lockstep else lambda: self._binding.values["rate"]
-        lag = self._playback.wait_until_due(item.time, rate)
+        lag = self._playback.wait_until_due(
+            item.time, None if self._fixed.lockstep else lambda: self._rate
+        )
         if lag > 0:
+            self._played_stamps.follow_clock()
             self._log.warning(
                 f"fell {lag:.2f} s behind the source's time at frame {self._published}; "
-                f"the rate of {self._binding.values['rate']:g} is too high for this machine",
+                f"the rate of {self._rate:g} is too high for this machine",
                 throttle_duration_sec=_WARNING_INTERVAL,
             )
 

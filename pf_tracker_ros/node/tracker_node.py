@@ -20,7 +20,7 @@ from pf_tracker_ros.node.managed_node import ManagedNode
 from pf_tracker_ros.node.message_building import Box, TargetError, estimate_values
 from pf_tracker_ros.node.node_parameters import NodeParameters
 from pf_tracker_ros.node.outputs import Outputs
-from pf_tracker_ros.node.override_sources import given_before
+from pf_tracker_ros.node.override_sources import files_superseded_by
 from pf_tracker_ros.node.parameter_binding import ParameterBinding, Values
 from pf_tracker_ros.node.parameter_requests import take_whole_requests
 from pf_tracker_ros.node.qos import given_overrides
@@ -73,7 +73,7 @@ class TrackerNode(ManagedNode):
         self._binding.declare(
             self._tunables,
             preset_parameters(self._values["preset"]),
-            superseded=given_before(
+            superseded=files_superseded_by(
                 "preset",
                 self.get_fully_qualified_name(),
                 [*command_line, *(options.get("cli_args") or ())],
