@@ -24,7 +24,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 from pf_tracker_ros.launching import PACKAGE, Given, argument
 
-TEXTS = ("source", "bag_topic")
+TEXTS = ("bag_topic",)
 FLAGS = ("loop", "start_paused", "lockstep", "target_from_ground_truth", "publish_clock")
 # Handed on to the tracker as they are.
 FOR_THE_TRACKER = (
@@ -54,7 +54,8 @@ def start_replay(context: LaunchContext) -> list[Node | GroupAction]:
         namespace=given.text("namespace") or None,
         parameters=[parameters],
         remappings=[("image", image), ("image/compressed", f"{image}/compressed")],
-        arguments=given.log_arguments(),
+        # Not as a parameter: so the launch ends at once if it cannot be played.
+        arguments=[given.text("source"), *given.log_arguments()],
         additional_env=given.environment(),
         output="screen",
         emulate_tty=True,

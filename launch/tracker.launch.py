@@ -12,8 +12,9 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from pf_tracker_ros.launching import PACKAGE, Given, argument
+from pf_tracker_ros.tracking.presets import PRESETS
 
-TEXTS = ("preset", "image_reliability", "image_transport")
+TEXTS = ("image_reliability", "image_transport")
 
 
 def start_tracker(context: LaunchContext) -> list[Node]:
@@ -23,13 +24,14 @@ def start_tracker(context: LaunchContext) -> list[Node]:
     for name in TEXTS:
         if given.text(name):
             parameters[name] = ParameterValue(given.text(name), value_type=str)
+    if preset := given.choice("preset", PRESETS):
+        parameters["preset"] = preset
     if not given.flag("autostart"):
         parameters["autostart"] = False
     if given.text("seed"):
         parameters["seed"] = given.number("seed", int)
     if box := given.box("target_box"):
         parameters["target_box"] = box
-    files = [given.text("params_file")] if given.text("params_file") else []
     return [
         Node(
             package=PACKAGE,
@@ -37,7 +39,7 @@ def start_tracker(context: LaunchContext) -> list[Node]:
             name="pf_tracker",
             namespace=given.text("namespace") or None,
             # What comes later wins, so an argument wins over the file.
-            parameters=[*files, parameters],
+            parameters=[*given.file("params_file"), parameters],
             remappings=[("image", given.text("image"))],
             arguments=given.log_arguments(),
             additional_env=given.environment(),

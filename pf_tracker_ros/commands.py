@@ -59,6 +59,8 @@ def replay() -> int:
         "the same as the parameter source",
     )
     source = parser.read(sys.argv[1:]).source
+    if source is not None and not _is_unicode(source):
+        parser.error(f"the name {source!a} is not UTF-8, which ROS needs; rename it")
     _require_opencv("replay")
     from pf_tracker_ros.node.replay.replay_node import main
 
@@ -68,9 +70,21 @@ def replay() -> int:
 def evaluate() -> int:
     """Run the command `evaluate`, and return its exit code."""
     _require_opencv("evaluate")
-    from pf_tracker_ros.evaluation.__main__ import main
+    try:
+        from pf_tracker_ros.evaluation.__main__ import main
+    except KeyboardInterrupt:
+        print("evaluate: interrupted", file=sys.stderr)
+        return 130
 
     return main()
+
+
+def _is_unicode(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _require_opencv(command: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,28 @@ class Given:
             raise ValueError(
                 f"argument {name}:={text}; allowed: a number, {kind.__name__}"
             ) from None
+
+    def file(self, name: str) -> list[str]:
+        """An argument that is the path of a file; empty is no file.
+
+        Raises:
+            ValueError: There is no such file.
+        """
+        text = self.text(name)
+        if text and not Path(text).expanduser().is_file():
+            raise ValueError(f"argument {name}:={text}; there is no such file")
+        return [str(Path(text).expanduser())] if text else []
+
+    def choice(self, name: str, choices: Collection[str]) -> str:
+        """An argument that is one of some words; empty is none of them.
+
+        Raises:
+            ValueError: It is something else.
+        """
+        text = self.text(name)
+        if text and text not in choices:
+            raise ValueError(f"argument {name}:={text}; allowed: {', '.join(choices)}")
+        return text
 
     def box(self, name: str) -> list[float]:
         """An argument that is four numbers, with or without brackets; empty is no box.

@@ -1,5 +1,6 @@
 """What the executables do with arguments that are not for ROS."""
 
+import os
 import subprocess
 import sys
 
@@ -50,7 +51,19 @@ def test_an_argument_that_ros_would_have_to_be_given_is_refused_with_how(name, a
     assert cure in line
 
 
+def test_replay_ends_if_the_path_cannot_be_played(ros_domain):
+    outcome = run("replay", "nowhere.mcap")
+    assert outcome.returncode == 2
+    assert "not playing: there is no nowhere.mcap; accepted are" in outcome.stderr
+
+
 def test_replay_takes_a_path(ros_domain, moving_square_sequence):
     outcome = run("replay", moving_square_sequence, "--ros-args", "-p", "rate:=100.0")
     assert outcome.returncode == 0, outcome.stderr
     assert "published 20 frames of moving_square" in outcome.stderr
+
+
+def test_a_path_that_is_not_utf_8_is_refused():
+    outcome = run("replay", os.fsdecode(b"v\xe4.mp4"))
+    assert outcome.returncode == 2
+    assert "is not UTF-8, which ROS needs; rename it" in outcome.stderr

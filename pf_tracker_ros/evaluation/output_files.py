@@ -26,14 +26,14 @@ class OutputFile:
         """
         self._path = path
         self.error: str | None = None
-        if path.is_dir():
-            raise EvaluationError(f"{path} is a folder; allowed: a file to write")
-        if not path.parent.is_dir():
-            raise EvaluationError(f"no folder {path.parent} to write {path.name} into")
-        if path.exists() and not path.is_file():
-            # To put a file in its place would do away with a device.
-            raise EvaluationError(f"{path} is no regular file; allowed: a file to write")
         try:
+            if path.is_dir():
+                raise EvaluationError(f"{path} is a folder; allowed: a file to write")
+            if not path.parent.is_dir():
+                raise EvaluationError(f"no folder {path.parent} to write {path.name} into")
+            if path.exists() and not path.is_file():
+                # To put a file in its place would do away with a device.
+                raise EvaluationError(f"{path} is no regular file; allowed: a file to write")
             if path.exists():
                 path.open("r+b").close()
             with _workplace(path) as draft:

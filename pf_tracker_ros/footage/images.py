@@ -69,9 +69,11 @@ def read_image(path: Path) -> NDArray[Any]:
     Raises:
         FootageError: The file does not decode, or has another depth.
     """
-    image = cv2.imread(str(path), _READ_FLAGS)
+    check_file(path, "image")
+    # Not by its name, which OpenCV takes as UTF-8 alone.
+    octets = np.fromfile(path, dtype=np.uint8)
+    image = cv2.imdecode(octets, _READ_FLAGS) if octets.size else None
     if image is None:
-        check_file(path, "image")
         raise FootageError(
             f"image {path} cannot be decoded; accepted are {', '.join(IMAGE_SUFFIXES)}"
         )

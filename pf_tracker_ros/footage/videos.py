@@ -93,7 +93,14 @@ class VideoFootage:
         except OSError as error:
             raise unreadable(self._path, "video", error) from error
         # An absolute path is never taken for the address of a stream.
-        capture = cv2.VideoCapture(str(self._path.absolute()))
+        name = str(self._path.absolute())
+        try:
+            name.encode()
+        except UnicodeEncodeError as error:
+            raise FootageError(
+                f"video {name!a} has a name that OpenCV cannot take; rename it, in UTF-8"
+            ) from error
+        capture = cv2.VideoCapture(name)
         if not capture.isOpened():
             raise FootageError(f"{self._path} is not a video that OpenCV can open; {_ACCEPTED}")
         if capture.get(cv2.CAP_PROP_FOURCC) == _TERMINAL_CODEC:

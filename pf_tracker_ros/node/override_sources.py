@@ -1,8 +1,8 @@
 """In which order parameters were given at start-up: rcl hands them over merged.
 
-Each `--params-file` is one source, and all `-p name:=value` together are the last one, as a user
-means them: what is given beside a file comes over the file. (So does a launch file's dictionary of
-parameters, which reaches the node as a file of its own behind those that it names.)
+A preset replaces the values of the parameter files before it, and of those alone: what the command
+line names by `-p` is meant beside it, and a file behind it comes over it. (A launch file's
+dictionary of parameters reaches the node as a file, behind those that the launch file names.)
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import itertools
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -21,8 +21,8 @@ _VALUE_OPTIONS = ("-p", "--param")
 _WILDCARDS = {"*": "/[^/]+", "**": "(?:/[^/]+)*"}
 
 
-def given_before(name: str, node_name: str, command_line: Sequence[str]) -> set[str]:
-    """What was given at start-up before `name` was given for the last time, and not since.
+def files_superseded_by(name: str, node_name: str, command_line: Sequence[str]) -> set[str]:
+    """What parameter files give only before `name` is given for the last time.
 
     Args:
         name: Of the parameter.
@@ -30,27 +30,31 @@ def given_before(name: str, node_name: str, command_line: Sequence[str]) -> set[
         command_line: With the arguments between `--ros-args` and `--`.
 
     Returns:
-        Full names of parameters; none if `name` was not given, or by something else than the
-        command line and its files.
+        Full names of parameters that the command line does not give by `-p`; none if `name` was not
+        given. Of a file that is no regular one, which rcl alone could read, nothing is known.
     """
     sources = list(_sources(node_name, command_line))
-    last = max((index for index, source in enumerate(sources) if name in source), default=0)
-    return set().union(*sources[:last]) - set().union(*sources[last:])
+    last = max((index for index, source in enumerate(sources) if name in source.names), default=0)
+    kept = {one for source in sources[last:] for one in source.names}
+    kept |= {one for source in sources if not source.is_file for one in source.names}
+    return {one for source in sources[:last] for one in source.names} - kept
 
 
-def _sources(node_name: str, command_line: Sequence[str]) -> Iterator[set[str]]:
-    """Full names of the parameters that each source gives to a node."""
-    arguments = list(_ros_arguments(command_line))
-    named: set[str] = set()
-    for option, value in itertools.pairwise(arguments):
+class _Source(NamedTuple):
+    names: set[str]
+    is_file: bool
+
+
+def _sources(node_name: str, command_line: Sequence[str]) -> Iterator[_Source]:
+    """The names of a node's parameters that each argument of the command line gives, in order."""
+    for option, value in itertools.pairwise(_ros_arguments(command_line)):
         if option in _FILE_OPTIONS:
-            yield set(_names_in_file(Path(value), node_name))
+            yield _Source(set(_names_in_file(Path(value), node_name)), is_file=True)
         elif option in _VALUE_OPTIONS:
             # Of one node alone: node:name:=value.
             node, _, name = value.partition(":=")[0].rpartition(":")
-            if not node or f"/{node_name}".endswith(f"/{node.strip('/')}"):
-                named.add(name)
-    yield named
+            if not node or re.fullmatch(_expression(node), node_name):
+                yield _Source({name}, is_file=False)
 
 
 def _ros_arguments(command_line: Sequence[str]) -> Iterator[str]:
@@ -63,6 +67,9 @@ def _ros_arguments(command_line: Sequence[str]) -> Iterator[str]:
 
 
 def _names_in_file(path: Path, node_name: str) -> Iterator[str]:
+    # A pipe is empty once rcl has read it, and opening it again may never end.
+    if not path.is_file():
+        return
     # rcl has read the file before, so whatever cannot be read here does not concern parameters.
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))

@@ -196,7 +196,7 @@ class ParameterBinding:
                 converted.append(ros_parameter(declaration, value))
             except ParameterError as error:
                 self._report(str(error))
-                converted.append(parameter)
+                converted.append(_of_declared_type(declaration, parameter))
             if declaration.read_only and self._locked:
                 self._report(
                     f"parameter '{parameter.name}' is fixed while the node runs; "
@@ -252,6 +252,14 @@ class ParameterBinding:
         close = difflib.get_close_matches(name, self._declarations, n=1)
         guess = f"did you mean '{close[0]}'?" if close else f"there are: {sorted(self.values)}"
         return f"there is no parameter '{name}' ({guess})"
+
+
+def _of_declared_type(declaration: Declaration, parameter: Parameter) -> Parameter:
+    """Whole numbers as floats in a list of floats: rclpy would complain of their type alone."""
+    is_list_of_floats = _ROS_TYPES[declaration.type] == Parameter.Type.DOUBLE_ARRAY
+    if not (is_list_of_floats and parameter.type_ == Parameter.Type.INTEGER_ARRAY):
+        return parameter
+    return ros_parameter(declaration, tuple(float(element) for element in parameter.value))
 
 
 def _checked(declaration: Declaration, parameter: Parameter) -> Any:

@@ -1,12 +1,15 @@
+import os
 import random
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pf_tracker_ros.footage import FootageError, open_footage
-from pf_tracker_ros.footage.images import natural_order
+from pf_tracker_ros.footage.images import natural_order, read_image
 
 file_names = st.text(st.sampled_from("aZ09-_. ") | st.characters(codec="utf-8"), max_size=8)
 
@@ -83,3 +86,19 @@ def test_an_image_that_does_not_decode_is_named(tmp_path, pictures, write_images
     next(frames)
     with pytest.raises(FootageError, match=r"2\.png cannot be decoded"):
         next(frames)
+
+
+def test_names_that_are_not_utf_8_are_read(tmp_path):
+    picture = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xe4.png"))
+    path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
+    np.testing.assert_array_equal(read_image(path), picture)
+    (frame,) = open_footage(tmp_path).frames()
+    np.testing.assert_array_equal(frame.image, picture)
+
+
+def test_a_video_whose_name_is_not_utf_8_is_refused(tmp_path):
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xe4.mp4"))
+    path.write_bytes(bytes(100))
+    with pytest.raises(FootageError, match="rename it, in UTF-8"):
+        open_footage(path)

@@ -1,9 +1,11 @@
 """A preset that is given beside a file, or in a later one, is taken whole."""
 
+import os
+
 import pytest
 from rclpy.parameter import parameter_value_to_python
 
-from pf_tracker_ros.node.override_sources import given_before
+from pf_tracker_ros.node.override_sources import files_superseded_by
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
@@ -26,13 +28,19 @@ right:
 /*/other:
   ros__parameters: {preset: zhang_bo}
 """
-OWN_NAMES = {"particles", "motion.position_noise", "click_size"}
+MORE = """\
+/**:
+  ros__parameters: {motion.position_noise: 0.8, click_size: 9.0}
+"""
+OTHER_NAMES = {"motion.position_noise", "click_size"}
+OWN_NAMES = {"particles", *OTHER_NAMES}
 
 
 @pytest.fixture
 def files(tmp_path):
     paths = {}
-    for name, text in {"own": OWN, "others": OTHERS, "broken": "a: [", "list": "- 1"}.items():
+    texts = {"own": OWN, "others": OTHERS, "more": MORE, "broken": "a: [", "list": "- 1"}
+    for name, text in texts.items():
         path = tmp_path / f"{name}.yaml"
         path.write_text(text)
         paths[name] = str(path)
@@ -44,22 +52,30 @@ def files(tmp_path):
     [
         ("/pf_tracker", "--params-file {own}", set()),
         ("/pf_tracker", "--params-file {own} -p preset:=li2007", OWN_NAMES),
-        ("/pf_tracker", "-p preset:=li2007 --params-file {own}", OWN_NAMES),
+        ("/pf_tracker", "-p preset:=li2007 --params-file {own}", set()),
+        (
+            "/pf_tracker",
+            "--params-file {own} -p preset:=li2007 --params-file {more}",
+            {"particles"},
+        ),
+        ("/pf_tracker", "--params-file {own} -p particles:=5 -p preset:=li2007", OTHER_NAMES),
         (
             "/pf_tracker",
             "--params-file {own} -p preset:=li2007 --param particles:=5",
-            OWN_NAMES - {"particles"},
+            OTHER_NAMES,
         ),
         ("/pf_tracker", "--params-file {own} -p particles:=5", set()),
         ("/pf_tracker", "--params-file {own} --params-file {others}", set()),
         (
             "/left/pf_tracker",
             "--params-file {own} --params-file {others}",
-            OWN_NAMES - {"particles"},
+            OTHER_NAMES,
         ),
         ("/right/pf_tracker", "--params-file {own} --params-file {others}", OWN_NAMES),
         ("/pf_tracker", "--params-file {own} -p pf_tracker:preset:=li2007", OWN_NAMES),
         ("/pf_tracker", "--params-file {own} -p camera:preset:=li2007", set()),
+        ("/left/pf_tracker", "--params-file {own} -p pf_tracker:preset:=li2007", set()),
+        ("/left/pf_tracker", "--params-file {own} -p left/pf_tracker:preset:=li2007", OWN_NAMES),
         ("/pf_tracker", "--params-file {own} -- -p preset:=li2007", set()),
         ("/pf_tracker", "--params-file {broken} --params-file {list} -p preset:=li2007", set()),
         ("/pf_tracker", "--params-file /nowhere -p preset:=li2007 -p", set()),
@@ -67,12 +83,12 @@ def files(tmp_path):
 )
 def test_what_was_given_before_the_preset_is_known(files, node, arguments, before):
     command_line = ["tracker", "--ros-args", *arguments.format(**files).split()]
-    assert given_before("preset", node, command_line) == before
+    assert files_superseded_by("preset", node, command_line) == before
 
 
 def test_what_is_not_for_ros_is_left_alone(files):
     command_line = ["tracker", "--params-file", files["own"], "-p", "preset:=li2007"]
-    assert given_before("preset", "/pf_tracker", command_line) == set()
+    assert files_superseded_by("preset", "/pf_tracker", command_line) == set()
 
 
 @pytest.mark.parametrize(
@@ -98,3 +114,10 @@ def test_a_process_takes_the_preset_of_its_command_line_whole(
     assert values == preset_parameters(preset) | changes | {"click_size": 12.0}
     count = {0: "", 1: ", 1 value changed", 2: ", 2 values changed"}[len(changes)]
     assert client.show(images[0], client.at(0)).values["preset"] == preset + count
+
+
+def test_a_pipe_that_rcl_has_read_is_not_waited_for(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    command_line = ["tracker", "--ros-args", "--params-file", str(pipe), "-p", "preset:=li2007"]
+    assert files_superseded_by("preset", "/pf_tracker", command_line) == set()

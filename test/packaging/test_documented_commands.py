@@ -78,8 +78,8 @@ README = [
     Elsewhere("rosdep install --from-paths src --ignore-src", "installs packages on the machine"),
     Ends("colcon build --packages-select pf_tracker_ros", "1 package finished"),
     Ends("source install/setup.bash"),
-    Elsewhere("python3 -m venv .venv", INSTALLED),
-    Elsewhere(".venv/bin/pip install '.[ros]'", INSTALLED),
+    Elsewhere("python3 -m venv ~/pf_tracker", INSTALLED),
+    Elsewhere("~/pf_tracker/bin/pip install '.[ros,evaluation]'", INSTALLED),
     GoesOn(f"{RUN} tracker --ros-args -r image:=/camera/image_raw", node="/pf_tracker"),
     GoesOn(
         f"{RUN} replay drive.mcap --ros-args -r image:=/camera/image_raw -p loop:=true "
@@ -99,7 +99,6 @@ README = [
         node="/pf_tracker",
         ends=(f"{LAUNCH} replay",),
     ),
-    Elsewhere("pip install '.[evaluation,opencv]'", INSTALLED),
     Ends(
         "evaluate sequences --preset default --seeds 3 --output result.json --plot success.png",
         "moving_square",

@@ -144,11 +144,27 @@ def test_a_replay_alone_starts_no_tracker(shell, drive):
 
 
 @pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ("source:=none.mcap", "not playing: there is no none.mcap"),
+        ("source:=drive.mcap bag_topic:=/nose", "has no image topic /nose"),
+    ],
+)
+def test_a_recording_that_cannot_be_played_ends_the_launch(shell, drive, arguments, told):
+    with shell.started(f"{REPLAY} {arguments}") as launch:
+        launch.wait(40.0)
+    assert told in launch.output
+    assert "was required: shutting down" in launch.output
+
+
+@pytest.mark.parametrize(
     ("given", "told"),
     [
         ("use_sim_time:=perhaps", "argument use_sim_time:=perhaps; allowed: true or false"),
         ("seed:=some", "argument seed:=some; allowed: a number, int"),
         ("target_box:=[1,2]", "argument target_box:=[1,2]; allowed: [x, y, width, height]"),
+        ("params_file:=none.yaml", "argument params_file:=none.yaml; there is no such file"),
+        ("preset:=lee2007", "argument preset:=lee2007; allowed: default, li2007, zhang2015"),
     ],
 )
 def test_a_wrong_argument_ends_the_launch_with_the_reason(shell, given, told):

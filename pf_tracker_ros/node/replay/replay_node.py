@@ -48,6 +48,8 @@ _IMAGE_DEPTH = 10
 # With its history full, Fast DDS asks for the acknowledgment with each message; else every 3 s.
 _TARGET_DEPTH = 1
 _ACKNOWLEDGE_TIMEOUT = 5.0
+# Whoever runs already has been discovered by then; nobody else is waited for without a target.
+_DISCOVERY_TIMEOUT = 2.0
 _WARNING_INTERVAL = 5.0
 
 
@@ -62,6 +64,7 @@ class ReplayNode(Node):
 
     Attributes:
         exit_code: 1 once the source has failed while it was played, else 0.
+        has_begun: Whether it plays, or has played, its source.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -134,6 +137,14 @@ class ReplayNode(Node):
             )
         self.create_service(SetBool, "~/pause", self._on_pause)
 
+    @property
+    def _rate(self) -> float:
+        return float(self._binding.values["rate"])
+
+    @property
+    def has_begun(self) -> bool:  # noqa: D102
+        return self._thread is not None
+
     def destroy_node(self) -> None:
         """End the playback, then the node."""
         if self._thread is not None:
@@ -205,15 +216,17 @@ class ReplayNode(Node):
         """The item with the stamp that it goes out with."""
         if self._source.has_time or self._fixed.lockstep or self._fixed.publish_clock:
             return item
-        return item.delayed(self._played_stamps.delay_of(item.stamp))
+        return item.delayed(self._played_stamps.delay_of(item.stamp, self._rate))
 
     def _wait_until_due(self, item: ReplayItem) -> None:
-        rate = None if self._fixed.lockstep else lambda: self._binding.values["rate"]
-        lag = self._playback.wait_until_due(item.time, rate)
+        lag = self._playback.wait_until_due(
+            item.time, None if self._fixed.lockstep else lambda: self._rate
+        )
         if lag > 0:
+            self._played_stamps.follow_clock()
             self._log.warning(
                 f"fell {lag:.2f} s behind the source's time at frame {self._published}; "
-                f"the rate of {self._binding.values['rate']:g} is too high for this machine",
+                f"the rate of {self._rate:g} is too high for this machine",
                 throttle_duration_sec=_WARNING_INTERVAL,
             )
 
@@ -239,7 +252,12 @@ class ReplayNode(Node):
         return True
 
     def _wait_for_tracker(self) -> None:
-        """Wait until those are there whom lockstep and the target are meant for."""
+        """Wait until those are there whom lockstep and the target are meant for.
+
+        Without either, wait a moment for somebody to take the images.
+        """
+        images = self._image_publisher
+        self._playback.wait_for(lambda: images.get_subscription_count() > 0, _DISCOVERY_TIMEOUT)
         while missing := self._missing():
             if not self._playback.wait_for(lambda: not self._missing(), _WARNING_INTERVAL):
                 self._log.warning(f"waiting for {' and '.join(missing)}")
@@ -251,7 +269,9 @@ class ReplayNode(Node):
             publishers.append(self._image_publisher)
         for publisher in publishers:
             if publisher.get_subscription_count() == 0:
-                missing.append(f"a subscriber of {publisher.topic_name}")
+                compressed = publisher.msg_type is CompressedImage
+                hint = " (tracker: image_transport:=compressed)" if compressed else ""
+                missing.append(f"a subscriber of {publisher.topic_name}{hint}")
         if self._fixed.lockstep:
             status_topic = self._status_subscription.topic_name
             if self.count_publishers(status_topic) == 0:
@@ -312,17 +332,22 @@ def main(arguments: list[str] | None = None, source: str | None = None) -> int:
 
     Args:
         arguments: The command line with the program's name, by default that of the process.
-        source: In place of the parameter `source`.
+        source: In place of the parameter `source`; if it cannot be played, this returns at once.
 
     Returns:
-        The exit code: 0 at the end or when stopped, 1 if the source failed while it was played.
+        The exit code: 0 at the end or when stopped, 1 if the source failed while it was played, 2
+        if `source` could not be.
     """
     nodes: list[ReplayNode] = []
 
     def create() -> ReplayNode:
         given = [] if source is None else [Parameter("source", value=source)]
-        nodes.append(ReplayNode(parameter_overrides=given))
-        return nodes[0]
+        node = ReplayNode(parameter_overrides=given)
+        nodes.append(node)
+        if source is not None and not node.has_begun:
+            node.exit_code = 2
+            node.context.try_shutdown()
+        return node
 
     run(create, arguments)
     return nodes[0].exit_code if nodes else 0

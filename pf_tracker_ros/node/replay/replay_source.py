@@ -118,7 +118,7 @@ class BagSource:
     def __init__(self, bag: ImageBag) -> None:
         """Replay the images of `bag`."""
         self._bag = bag
-        self.name = bag.name
+        self.name = f"{bag.name} ({bag.image_topic})"
         self.image_type = CompressedImage if bag.image_type == COMPRESSED_IMAGE_TYPE else Image
         self.count = bag.image_count or None
         self.has_ground_truth = bag.ground_truth_topic is not None

@@ -15,7 +15,7 @@ from std_msgs.msg import Header
 
 from pf_tracker_ros.node.message_building import status_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS
-from pf_tracker_ros.node.tracker.frame_rhythm import Rhythm, loss_message, rhythm
+from pf_tracker_ros.node.tracker.frame_rhythm import Rhythm, loss_message, overload_message, rhythm
 from pf_tracker_ros.stamps import NANOSECONDS
 
 Value = str | float | int
@@ -25,6 +25,8 @@ _WINDOW = 5.0
 _MOST_FRAMES = 5000
 # A camera may skip a frame now and then.
 _TOLERATED_LOSS = 0.05
+# A node that is busy for so much of its time passes frames over.
+_OVERLOAD = 0.95
 # Stamps that far from the node's time are by another clock, as those of a recording.
 _OTHER_CLOCK = 3600.0
 
@@ -81,6 +83,7 @@ class Diagnostics:
         self._stale_after = stale_after
         self.jumps = 0
         self.lost_share = 0.0
+        self._was_lossy = False
         self._outcomes: Counter[str] = Counter()
         self._frames: deque[_Frame] = deque(maxlen=_MOST_FRAMES)
         self._last_arrival: float | None = None
@@ -117,12 +120,19 @@ class Diagnostics:
         now = time.monotonic()
         while self._frames and now - self._frames[0].arrival > _WINDOW:
             self._frames.popleft()
-        found = rhythm([frame.stamp for frame in self._frames if frame.stamp])
+        found = self._rhythm(health)
         self.lost_share = found.lost_share if found else 0.0
+        # Twice in a row: a camera that changes its rate looks lossy for a moment.
+        was_lossy, self._was_lossy = self._was_lossy, self.lost_share > _TOLERATED_LOSS
+        is_lossy = was_lossy and self._was_lossy
         level, message = health.level, health.message
-        if found and found.lost_share > _TOLERATED_LOSS:
+        if self._is_overloaded():
             level = max(level, DiagnosticStatus.WARN)
-            message = f"{message}; {self._loss(found, health)}"
+            message = f"{message}; {overload_message(self._processing())}"
+        elif found and is_lossy:
+            level = max(level, DiagnosticStatus.WARN)
+            loss = loss_message(found, health.image_topic, health.image_reliability)
+            message = f"{message}; {loss}"
         silent = now - (self._last_arrival or self._began)
         if health.expects_images and silent > self._stale_after():
             level = max(level, DiagnosticStatus.WARN)
@@ -130,8 +140,19 @@ class Diagnostics:
         values = self._figures(now, found) | health.values
         self._publisher.publish(status_message(header, name, level, message, values))
 
-    def _loss(self, found: Rhythm, health: Health) -> str:
-        return loss_message(found, self._processing(), health.image_topic, health.image_reliability)
+    def _rhythm(self, health: Health) -> Rhythm | None:
+        """That of the only camera; the stamps of several would be taken for one's."""
+        if not health.expects_images or self._node.count_publishers(health.image_topic) > 1:
+            return None
+        stamped = [frame for frame in self._frames if frame.stamp]
+        return rhythm([frame.stamp for frame in stamped], [frame.arrival for frame in stamped])
+
+    def _is_overloaded(self) -> bool:
+        if len(self._frames) < 2:
+            return False
+        span = self._frames[-1].arrival - self._frames[0].arrival
+        busy = sum(frame.processing for frame in self._frames) - self._frames[0].processing
+        return busy > _OVERLOAD * span
 
     def _processing(self) -> float:
         """Seconds that a frame takes, on average."""

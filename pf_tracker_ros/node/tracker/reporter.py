@@ -22,6 +22,7 @@ class Reporter:
 
     Attributes:
         last_error: The latest error, empty if there was none.
+        last_error_at: When it came, by `time.monotonic`.
         count: Errors so far.
         failures: Cause to number of frames that failed of it.
     """
@@ -33,6 +34,7 @@ class Reporter:
             logger: Of the node.
         """
         self.last_error = ""
+        self.last_error_at = 0.0
         self.count = 0
         self.failures: Counter[str] = Counter()
         self._logger = logger
@@ -71,6 +73,13 @@ class Reporter:
             self._logged[kind] = now
             self._logger.error(details)
 
+    def values(self) -> dict[str, str | float]:
+        """The latest error under the keys that status and diagnostics use, with its age."""
+        values: dict[str, str | float] = {"last_error": self.last_error}
+        if self.last_error:
+            values["seconds_since_error"] = round(time.monotonic() - self.last_error_at, 3)
+        return values
+
     def take_unshown(self) -> list[str]:
         """The errors since the last call."""
         errors = list(self._unshown)
@@ -78,7 +87,7 @@ class Reporter:
         return errors
 
     def _remember(self, error: str) -> None:
-        self.last_error = error
+        self.last_error, self.last_error_at = error, time.monotonic()
         self.count += 1
         if error not in self._unshown:
             self._unshown.append(error)

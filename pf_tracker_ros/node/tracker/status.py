@@ -107,7 +107,7 @@ class StatusOutput:
         values["processing_time_ms"] = 1e3 * elapsed
         values["lost_share"] = status.lost_share
         values["preset"] = status.preset
-        values["last_error"] = reporter.last_error
+        values |= reporter.values()
         name = self._node.get_fully_qualified_name()
         self._publisher.publish(status_message(header, name, level, "; ".join(errors), values))
 

@@ -16,7 +16,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from pf_tracker_ros.node.images.decoder import ImageDecoder
 from pf_tracker_ros.node.managed_node import ManagedNode
 from pf_tracker_ros.node.message_building import Box, TargetError, estimate_values
-from pf_tracker_ros.node.override_sources import given_before
+from pf_tracker_ros.node.override_sources import files_superseded_by
 from pf_tracker_ros.node.parameter_binding import ParameterBinding, Values
 from pf_tracker_ros.node.parameter_requests import take_whole_requests
 from pf_tracker_ros.node.qos import given_overrides
@@ -74,7 +74,7 @@ class TrackerNode(ManagedNode):
         self._binding.declare(
             self._tunables,
             preset_parameters(self._values["preset"]),
-            superseded=given_before(
+            superseded=files_superseded_by(
                 "preset",
                 self.get_fully_qualified_name(),
                 [*command_line, *(options.get("cli_args") or ())],
@@ -324,7 +324,7 @@ class TrackerNode(ManagedNode):
         }
         if status.estimate:
             values |= estimate_values(status.estimate)
-        values["last_error"] = self._reporter.last_error
+        values |= self._reporter.values()
         return Health(
             level,
             message,

@@ -1,6 +1,7 @@
 """The node's health on /diagnostics."""
 
 import itertools
+import time
 
 import pytest
 
@@ -78,23 +79,26 @@ def test_a_wrong_parameter_is_an_error(graph, client):
 def test_lost_frames_are_told_with_the_cure(graph, images):
     camera = graph.client(reliability="BEST_EFFORT")
     graph.tracker(camera, preset="li2007", image_reliability="best_effort")
-    numbers = itertools.count()
+    began, shown = time.monotonic(), -1
 
     def report():
+        nonlocal shown
         # Each third frame never comes; of the others, best effort may lose some more.
-        number = next(numbers)
-        camera.images.publish(camera.message(images[0], camera.at(number + number // 2)))
+        index = int((time.monotonic() - began) / 0.04)
+        if index > shown and index % 3 != 2:
+            camera.images.publish(camera.message(images[0], camera.at(index)))
+        shown = index
         return [h for h in camera.health if "lost on the way" in h.message]
 
     told = camera.wait_for(report, "report of lost frames")[0]
     assert told.level == "WARN"
     assert "frames on /image are lost on the way, which best effort allows" in told.message
-    assert float(told.values["lost_share"]) >= 0.25
+    assert float(told.values["lost_share"]) > 0.2
     assert float(told.values["camera_rate"]) == pytest.approx(25.0, rel=0.1)
     status = camera.wait_for(
         lambda: [s for s in camera.statuses if s.values["lost_share"] != "0.0"], "status"
     )[0]
-    assert float(status.values["lost_share"]) >= 0.25
+    assert float(status.values["lost_share"]) > 0.2
 
 
 def test_stamps_by_another_clock_have_no_age(graph, client, images):
@@ -102,3 +106,27 @@ def test_stamps_by_another_clock_have_no_age(graph, client, images):
     client.show(images[0], 1_000_000_000)
     report = health(client, lambda h: h.values["frames"] == "1")
     assert report.values["image_age_ms"] == "unknown: the stamps are by another clock"
+
+
+def test_a_node_that_is_always_busy_says_so(graph, client, images, box):
+    graph.tracker(client, preset="li2007", particles=20_000, target_box=box)
+    numbers = itertools.count()
+
+    def told():
+        client.images.publish(client.message(images[0], client.at(next(numbers))))
+        return [h for h in client.health if "frames are passed over" in h.message]
+
+    report = client.wait_for(told, "report of overload")[0]
+    assert report.level == "WARN"
+    assert "take a cheaper preset, fewer particles or smaller images" in report.message
+
+
+def test_a_node_that_takes_no_images_has_lost_none(graph, images):
+    camera = graph.client()
+    node = graph.tracker(camera, **QUICK)
+    for number in (0, 1, 3, 4, 6, 7, 9, 10, 12, 13, 15, 16, 18, 19):
+        camera.show(images[0], camera.at(number))
+    node.trigger_deactivate()
+    report = health(camera, lambda h: h.values["lifecycle"] == "inactive")
+    assert "lost_share" not in report.values
+    assert report.message == "inactive, not tracking"
