@@ -1,10 +1,11 @@
 """Quality of service of a live node: defaults, overrides, and mismatches that are told."""
 
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PolygonStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import CompressedImage, Image
 
 QUICK = {"particles": 20, "image_reliability": "reliable"}
 
@@ -24,6 +25,14 @@ def reliability(node, topic="/image"):
     return [endpoint.qos_profile.reliability.name for endpoint in endpoints]
 
 
+def lossy_camera(graph):
+    """A camera with best effort in a context of its own."""
+    camera = rclpy.create_node("lossy", context=graph.context())
+    quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    camera.create_publisher(Image, "image", quality)
+    return camera
+
+
 def test_images_are_asked_for_reliably_until_a_camera_offers_less(graph):
     node = graph.tracker()
     quality = endpoint(node, "/image")
@@ -36,10 +45,11 @@ def test_images_come_as_reliably_as_all_cameras_offer_them(graph, images):
     node = graph.tracker(reliable)
     assert reliable.show(images[0], reliable.at(0)).values["frame"] == "waiting"
     assert reliability(node) == ["RELIABLE"]
-    lossy = graph.client(reliability="BEST_EFFORT")
-    lossy.wait_for(lambda: reliability(node) == ["BEST_EFFORT"], "best effort")
-    lossy.wait_for(lossy.images.get_subscription_count, "match")
-    lossy.destroy_publisher(lossy.images)
+    lossy = lossy_camera(graph)
+    reliable.wait_for(lambda: reliability(node) == ["BEST_EFFORT"], "best effort")
+    # As a process that ends: of a publisher that goes alone, the graph may not hear.
+    lossy.destroy_node()
+    lossy.context.shutdown()
     reliable.wait_for(lambda: reliability(node) == ["RELIABLE"], "reliable again")
     reliable.destroy_publisher(reliable.images)
     reliable.wait_for(lambda: not node.count_publishers("/image"), "no camera")
