@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-REPOSITORY = Path(__file__).resolve().parents[2]
+REPOSITORY = Path(__file__).resolve().parents[3]
 LAUNCH_FILES = sorted((REPOSITORY / "launch").glob("*.launch.py"))
 DECLARING = ("DeclareLaunchArgument", "argument")
 # What the methods of `Given` read that are called without a name.
