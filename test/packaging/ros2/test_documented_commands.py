@@ -67,6 +67,7 @@ POLYGON = (
     'geometry_msgs/msg/PolygonStamped "{polygon: {points: [{x: 293, y: 97}, {x: 408, y: 179}]}}"'
 )
 RUN, LAUNCH = "ros2 run pf_tracker_ros", "ros2 launch pf_tracker_ros"
+TARGET_TAKEN = "tracking a target from the box (293, 97, 115, 82) on"
 SHARE = "$(ros2 pkg prefix --share pf_tracker_ros)"
 
 README = [
@@ -91,7 +92,7 @@ README = [
     Ends("ros2 param set /pf_tracker preset li2007", "Set parameter successful"),
     GoesOn(
         f'{LAUNCH} replay.launch.py source:=drive.mcap target_box:="[293, 97, 115, 82]"',
-        box="/pf_tracker/box",
+        prints=TARGET_TAKEN,
         ends=(f"{RUN} tracker", f"{RUN} replay"),
     ),
     GoesOn(
@@ -139,7 +140,7 @@ NODE = [
     GoesOn(
         f"{LAUNCH} replay.launch.py source:=rosbag2_2026_01_01 bag_topic:=/camera/image_raw "
         'lockstep:=true target_box:="[293, 97, 115, 82]"',
-        box="/pf_tracker/box",
+        prints=TARGET_TAKEN,
         ends=(f"{LAUNCH} tracker", "ros2 bag"),
     ),
 ]

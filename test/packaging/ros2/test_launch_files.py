@@ -116,15 +116,16 @@ def values(status):
     return {item.key: item.value for item in status.status[0].values}
 
 
-def test_a_replay_is_tracked_and_ends_with_its_recording(shell, heard, messages, drive):
+def test_a_replay_is_tracked_and_ends_with_its_recording(shell, drive):
     with shell.started(f"{REPLAY} source:={drive} {TARGET} rate:=2.0 seed:=3") as launch:
-        status = heard(
-            messages["status"], "/pf_tracker/status", lambda m: values(m)["frame"] == "tracked"
-        )
-        assert values(status)["preset"] == "default"
         assert launch.wait(60.0) == 0
-    assert "published 100 frames of drive" in launch.output
-    assert "was required: shutting down" in launch.output
+    for told in (
+        "preset default; images on /image",
+        "tracking a target from the box (293, 97, 115, 82) on",
+        "published 100 frames of drive (/camera/image_raw)",
+        "was required: shutting down",
+    ):
+        assert told in launch.output
 
 
 def test_every_flag_is_taken_as_python_and_yaml_write_it(shell, heard, messages, drive):
