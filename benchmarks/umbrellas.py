@@ -20,7 +20,6 @@ import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -34,94 +33,15 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from scenes import UmbrellaScene
-from scenes.umbrellas import FRAME_INTERVAL, REGION
+from scenes.umbrellas import FRAME_INTERVAL
+from umbrella_runs import PAPER_FRAMES, SETTINGS, Run, Setting
 from umbrellas_report import print_table, write_csv, write_frames, write_plot, write_table
 
-from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation.metrics import center_errors, overlap
 
 RESULTS = Path(__file__).resolve().parent / "results"
-PRESET = "li2007"
-PAPER_FRAMES = (20, 96, 122, 159)
-"""The frames of the paper's Fig. 3, counted from 1."""
 SECOND = 25
 """Frames in one second."""
-
-
-@dataclass(frozen=True)
-class Setting:
-    """One of the paper's experiments.
-
-    Attributes:
-        name: For the tables.
-        alpha: Power of the color cue; the texture cue has the rest.
-        particles: Number of particles.
-    """
-
-    name: str
-    alpha: float
-    particles: int
-
-    def tracker(self, seed: int, overrides: Mapping[str, Any]) -> Tracker:
-        """The preset's tracker in this setting, other parameters changed by `overrides`.
-
-        Raises:
-            ValueError: A parameter is part of the setting, does not exist or is not allowed.
-        """
-        parameters = {
-            "particles": self.particles,
-            "color_histogram.power": self.alpha,
-            "gradient_orientation.power": 1.0 - self.alpha,
-        }
-        for name in sorted(parameters.keys() & overrides.keys()):
-            raise ValueError(
-                f"parameter '{name}' is what the settings differ in; allowed: all but "
-                f"{', '.join(parameters)}"
-            )
-        return Tracker.from_preset(PRESET, seed=seed, parameters={**parameters, **overrides})
-
-
-SETTINGS = (
-    Setting("color alone, N = 60", 1.0, 60),
-    Setting("color + texture, N = 30", 0.6, 30),
-    Setting("color + texture, N = 60", 0.6, 60),
-)
-
-
-@dataclass(frozen=True)
-class Run:
-    """One setting on one scene.
-
-    Attributes:
-        setting: Name of the setting.
-        seed: Of the scene and of the tracker.
-        outcome: "held", "switched" or "lost", as `outcome` has it.
-        errors: (frames,) distance of the estimate's center from the target's, px.
-        error_before: Median of the errors in the second before the umbrellas' boxes first touch.
-        jitter: As `jitter` has it, px.
-        milliseconds: Median CPU time of one update.
-        snapshots: Per frame of `PAPER_FRAMES`: estimated box (4,), particles' boxes (N, 4) and
-            weights (N,).
-    """
-
-    setting: str
-    seed: int
-    outcome: str
-    errors: NDArray[np.float64]
-    error_before: float
-    jitter: float
-    milliseconds: float
-    snapshots: tuple[tuple[NDArray[np.float64], ...], ...]
-
-    @property
-    def true_switch(self) -> bool:
-        """Whether it switched from the target, not from somewhere it had strayed to before."""
-        return self.outcome == "switched" and self.error_before <= REGION / 2
-
-    @property
-    def mean_error(self) -> float:
-        """Center error averaged over the frames, px."""
-        return float(self.errors.mean())
 
 
 def outcome(
@@ -303,7 +223,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     write_table(options.output / "umbrellas.md", runs, overrides)
     write_csv(options.output / "umbrellas.csv", runs)
     write_plot(options.output / "umbrellas.png", runs)
-    write_frames(options.output / "umbrellas_frames.png", runs, PAPER_FRAMES)
+    write_frames(options.output / "umbrellas_frames.png", runs)
     print(f"{time.monotonic() - started:.0f} s; files in {options.output}")
     return 0
 

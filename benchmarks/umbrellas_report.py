@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import intervals
@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 from scenes import UmbrellaScene
-
-if TYPE_CHECKING:
-    from umbrellas import Run
+from umbrella_runs import PAPER_FRAMES, Run
 
 HEADINGS = (
     "setting",
@@ -89,16 +87,11 @@ def write_plot(path: Path, runs: Sequence[Run]) -> None:
     figure.savefig(path, dpi=120)
 
 
-def write_frames(path: Path, runs: Sequence[Run], frames: Sequence[int]) -> None:
-    """Draw estimates and particles into frames of one scene, one row a setting.
+def write_frames(path: Path, runs: Sequence[Run]) -> None:
+    """Draw estimates and particles into the paper's frames of one scene, one row a setting.
 
     The scene is the first in which color alone switched at the meeting and the other settings held;
     without one, the first of all.
-
-    Args:
-        path: The image file.
-        runs: All runs.
-        frames: The frames of the runs' snapshots, counted from 1.
     """
     settings = _by_setting(runs)
     scenes = list(zip(*settings.values(), strict=True))
@@ -111,9 +104,9 @@ def write_frames(path: Path, runs: Sequence[Run], frames: Sequence[int]) -> None
     scene = UmbrellaScene(chosen[0].seed)
     figure = Figure(figsize=(15.0, 5.8), layout="constrained")
     figure.suptitle(f"Scene {chosen[0].seed}: estimate (large) and particles (size by weight)")
-    axes = figure.subplots(len(chosen), len(frames), squeeze=False)
+    axes = figure.subplots(len(chosen), len(PAPER_FRAMES), squeeze=False)
     for row, run in zip(axes, chosen, strict=True):
-        for cell, number, snapshot in zip(row, frames, run.snapshots, strict=True):
+        for cell, number, snapshot in zip(row, PAPER_FRAMES, run.snapshots, strict=True):
             image = _with_boxes(scene.render(number - 1), *snapshot)
             cell.imshow(image[210:430, 110:660, ::-1])
             cell.set(xticks=[], yticks=[], title=f"{run.setting}, frame {number}")
