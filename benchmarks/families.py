@@ -16,7 +16,6 @@ import functools
 import os
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 # One thread also for the linear algebra, which reads this when NumPy is imported.
@@ -28,7 +27,7 @@ from arguments import at_least
 from scene_footage import SceneFootage
 from scenes import ClutteredStreet
 from scenes.clutter import FRAME_INTERVAL
-from tracker_families import FAMILIES, FamilyTracker
+from tracker_families import FAMILIES
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import (
@@ -39,38 +38,15 @@ from pf_tracker_ros.evaluation import (
     read_sequences,
 )
 from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
-from pf_tracker_ros.evaluation.runner import Box, Image, OnProgress
+from pf_tracker_ros.evaluation.runner import OnProgress
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError
 
 PRESET = "zhang_bo"
 
 
-@dataclass(frozen=True)
-class FamilyAnswer:
-    """A family's box as the evaluation wants it; a family never says that the target is lost."""
-
-    box: Box
-    state: str = "tracking"
-
-
-class FamilyAdapter:
-    """A tracker of a family as one that can be evaluated."""
-
-    def __init__(self, family: type[FamilyTracker], seed: int) -> None:
-        self._tracker = family(seed)
-
-    def start(self, image: Image, box: Box) -> None:
-        """Start on the first frame."""
-        self._tracker.start(image, box)
-
-    def update(self, image: Image, _dt: float | None) -> FamilyAnswer:
-        """Track into the next frame."""
-        return FamilyAnswer(self._tracker.update(image))
-
-
 TRACKERS: Mapping[str, MakeTracker] = {
-    **{name: functools.partial(FamilyAdapter, family) for name, family in FAMILIES.items()},
+    **FAMILIES,
     PRESET: functools.partial(Tracker.from_preset, PRESET),
 }
 """What is compared: a name, and what makes the tracker from a seed."""

@@ -11,7 +11,7 @@ from peer_trackers.opencv_trackers import (
     KernelizedCorrelation,
     NanoTrack,
 )
-from peer_trackers.peer import PeerAnswer, PeerTracker
+from peer_trackers.peer import PeerTracker
 
 PEERS: tuple[type[PeerTracker], ...] = (
     ChannelSpatialReliability,
@@ -22,4 +22,4 @@ PEERS: tuple[type[PeerTracker], ...] = (
 )
 """Those that need no files of their own; `NanoTrack` does."""
 
-__all__ = ["PEERS", "ChannelSpatialReliability", "NanoTrack", "PeerAnswer", "PeerTracker"]
+__all__ = ["PEERS", "ChannelSpatialReliability", "NanoTrack", "PeerTracker"]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from color_image_tracker import Array, Box, Image
 from numpy.typing import NDArray
 
-from peer_trackers.peer import Box, Image, PeerTracker
+from peer_trackers.peer import PeerTracker
 
 _PARTICLES = 100
 # Standard deviation of a step: of the center in sides of the box, of the scale in parts of it.
@@ -30,7 +31,7 @@ class ColorParticleFilter(PeerTracker):
     name = "color particle filter"
     is_random = True
 
-    def _start(self, image: Image, box: Box) -> None:
+    def _learn(self, image: Image, box: Array) -> None:
         self._generator = np.random.default_rng(self._seed)
         x, y, width, height = box
         self._size = np.array([width, height])
@@ -38,7 +39,7 @@ class ColorParticleFilter(PeerTracker):
         self._states = np.tile(first, (_PARTICLES, 1))
         self._reference = self._histogram(cv2.cvtColor(image, cv2.COLOR_BGR2HSV), first)
 
-    def _update(self, image: Image) -> Box:
+    def _find(self, image: Image, box: Array) -> Box:
         hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
         self._predict(image.shape[1], image.shape[0])
         weights = np.empty(_PARTICLES)

@@ -9,8 +9,10 @@ import importlib.util
 from typing import Any
 
 import cv2
+from color_image_tracker import Array, Box, Image
+from numpy.typing import ArrayLike
 
-from peer_trackers.peer import Box, Image, PeerTracker
+from peer_trackers.peer import PeerTracker
 
 
 class DlibCorrelation(PeerTracker):
@@ -25,19 +27,19 @@ class DlibCorrelation(PeerTracker):
             return ""
         return "pip install dlib-bin, or use `make bench`"
 
-    def _start(self, image: Image, box: Box) -> None:
+    def _learn(self, image: Image, box: Array) -> None:
         import dlib
 
         self._tracker = dlib.correlation_tracker()
         self._tracker.start_track(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), rectangle(box))
 
-    def _update(self, image: Image) -> Box:
+    def _find(self, image: Image, box: Array) -> Box:
         self._tracker.update(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
         found = self._tracker.get_position()
         return found.left(), found.top(), found.width(), found.height()
 
 
-def rectangle(box: Box) -> Any:
+def rectangle(box: ArrayLike) -> Any:
     """A box as a rectangle of dlib, which ends with its last pixel."""
     import dlib
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from color_image_tracker import Array, Box, Image
 from tracker_families import machine_learning
 
-from peer_trackers.peer import Box, Image, PeerTracker
+from peer_trackers.peer import PeerTracker
 
 
 class MultipleInstanceLearning(PeerTracker):
@@ -13,9 +14,9 @@ class MultipleInstanceLearning(PeerTracker):
     name = "MIL"
     is_random = True
 
-    def _start(self, image: Image, box: Box) -> None:
+    def _learn(self, image: Image, box: Array) -> None:
         self._tracker = machine_learning.MultipleInstanceLearning(self._seed)
         self._tracker.start(image, box)
 
-    def _update(self, image: Image) -> Box:
-        return self._tracker.update(image)
+    def _find(self, image: Image, box: Array) -> Box:
+        return self._tracker.update(image).box

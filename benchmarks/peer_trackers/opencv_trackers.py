@@ -8,8 +8,9 @@ from typing import Any, ClassVar
 
 import cv2
 import numpy as np
+from color_image_tracker import Array, Box, Image
 
-from peer_trackers.peer import Box, Image, PeerTracker
+from peer_trackers.peer import PeerTracker
 from pf_tracker_ros.evaluation import EvaluationError
 
 
@@ -37,7 +38,7 @@ class OpenCvTracker(PeerTracker):
     def _create(self) -> Any:
         """A tracker that has not started."""
 
-    def _start(self, image: Image, box: Box) -> None:
+    def _learn(self, image: Image, box: Array) -> None:
         x, y, width, height = box
         near = np.rint((x, y)).astype(int)
         far = np.maximum(np.rint((x + width, y + height)).astype(int), near + 1)
@@ -47,7 +48,7 @@ class OpenCvTracker(PeerTracker):
         except cv2.error as error:
             raise ValueError(f"OpenCV's {self.name} refuses: {error}") from error
 
-    def _update(self, image: Image) -> Box | None:
+    def _find(self, image: Image, box: Array) -> Box | None:
         try:
             found, (x, y, width, height) = self._tracker.update(image)
         except cv2.error:
@@ -116,7 +117,7 @@ class NanoTrack(OpenCvTracker):
             if not file.is_file():
                 raise EvaluationError(f"no file '{file}'; {allowed}")
         try:
-            self._start(image, (140.0, 100.0, 40.0, 40.0))
+            self._learn(image, np.array([140.0, 100.0, 40.0, 40.0]))
             self._tracker.update(image)
         except (ValueError, cv2.error) as error:
             raise EvaluationError(f"OpenCV cannot track with {files}; {allowed}") from error

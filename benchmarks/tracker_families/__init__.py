@@ -2,7 +2,7 @@
 
 They are built from OpenCV's functions in the spirit of their families; Zhang Bo cites a paper for
 each and gives neither code nor parameters. All follow `FamilyTracker`: `start(image, box)`, then
-`update(image) -> box`.
+`update(image)`, which answers with the box.
 """
 
 from collections.abc import Mapping

@@ -1,82 +1,33 @@
-"""What all families share: the interface, and the rules for the box."""
+"""What all families share: the rules for the box, and how parts of images are taken and matched."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from typing import Any
 
 import cv2
 import numpy as np
+from color_image_tracker import Array, Box, ColorImageTracker, Image
 from numpy.typing import ArrayLike, NDArray
-
-from pf_tracker_ros.tracking.image import check_box, check_image, gray_range, to_8_bit
-
-Image = NDArray[np.uint8]
-Array = NDArray[np.float64]
-Box = tuple[float, float, float, float]
 
 # Bounds of a box's width and height, over those it was started with.
 _SIZE_RANGE = (0.3, 4.0)
 
 
-class FamilyTracker(ABC):
+class FamilyTracker(ColorImageTracker):
     """Follows one target by the means of one family.
 
-    A family learns the target from the first image and finds it in each later one. A frame in which
-    it finds nothing keeps the last box. Whatever it finds, the box's center stays in the image and
-    its size between 0.3 and 4 times the first. The same seed and images give the same boxes.
+    Whatever it finds, the box's center stays in the image and its size between 0.3 and 4 times the
+    first. The same seed and images give the same boxes.
 
     Args:
         seed: Seed of everything random.
     """
 
-    def __init__(self, seed: int = 0) -> None:
-        self._seed = seed
-
     def start(self, image: NDArray[Any], box: ArrayLike) -> Box:
-        """Take a target.
-
-        Args:
-            image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
-            box: (x, y, width, height) in pixels, its center in the image.
-
-        Raises:
-            ValueError: The image or the box is not usable.
-        """
-        check_image(image)
-        self._box = np.array(check_box(box, (image.shape[1], image.shape[0])))
-        self._shape = image.shape
-        self._gray_range = gray_range(image)
-        self._first_size = self._box[2:].copy()
-        self._learn(self._color(image), self._box.copy())
-        return self._answer()
-
-    def update(self, image: NDArray[Any]) -> Box:
-        """The target's box in the next image, of the same size and kind as the first.
-
-        Raises:
-            ValueError: The image is not usable or of another size or kind.
-        """
-        check_image(image)
-        if image.shape != self._shape:
-            raise ValueError(f"image is {image.shape}; allowed: as the first one, {self._shape}")
-        color = self._color(image)
-        found = self._find(color, self._box.copy())
-        if found is not None and np.isfinite(found).all():
-            self._box = self._within_reach(found, color)
-        return self._answer()
-
-    @abstractmethod
-    def _learn(self, image: Image, box: Array) -> None:
-        """Learn the target from the first image, (H, W, 3), where it has the box, (4,)."""
-
-    @abstractmethod
-    def _find(self, image: Image, box: Array) -> Array | None:
-        """The target's box in an image where it was before in `box`; None if it is not found."""
-
-    def _color(self, image: NDArray[Any]) -> Image:
-        shown = to_8_bit(image, self._gray_range)
-        return cv2.cvtColor(shown, cv2.COLOR_GRAY2BGR) if shown.ndim == 2 else shown
+        """See `ColorImageTracker.start`."""
+        first = super().start(image, box)
+        self._first_size = np.array(first[2:])
+        return first
 
     def _within_reach(self, box: Array, image: Image) -> Array:
         image_size = np.array([image.shape[1], image.shape[0]], float)
@@ -84,10 +35,6 @@ class FamilyTracker(ABC):
         most = np.minimum(_SIZE_RANGE[1] * self._first_size, image_size)
         size = np.clip(box[2:], least, most)
         return box_around(np.clip(center_of(box), 0.0, image_size), size)
-
-    def _answer(self) -> Box:
-        x, y, width, height = self._box.tolist()
-        return x, y, width, height
 
 
 def center_of(box: Array) -> Array:

@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from color_image_tracker import Array, Image
 from numpy.typing import NDArray
 
-from tracker_families.family import Array, FamilyTracker, Image, box_around, center_of, to_gray
+from tracker_families.family import FamilyTracker, box_around, center_of, to_gray
 
 _POINTS = 60
 _GRID = 7

@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from color_image_tracker import Array, Image
 from numpy.typing import NDArray
 
-from tracker_families.family import Array, FamilyTracker, Image, box_around, center_of, to_gray
+from tracker_families.family import FamilyTracker, box_around, center_of, to_gray
 
 _HISTORY = 300
 # Squared distance from a Gaussian, in variances, from which on a pixel is foreground.

@@ -11,8 +11,9 @@ import ctypes
 
 import cv2
 import numpy as np
+from color_image_tracker import Array, Image
 
-from tracker_families.family import Array, FamilyTracker, Image, box_around, center_of
+from tracker_families.family import FamilyTracker, box_around, center_of
 
 _C_LIBRARY = ctypes.CDLL(None)
 # In a box of a few pixels OpenCV looks for features that fit in without end.

@@ -11,11 +11,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from color_image_tracker import Array, Image
 
 from tracker_families.family import (
-    Array,
     FamilyTracker,
-    Image,
     box_around,
     center_of,
     resample,

@@ -15,9 +15,10 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
+from color_image_tracker import Array, Image
 from numpy.typing import NDArray
 
-from tracker_families.family import Array, FamilyTracker, Image, box_around, center_of
+from tracker_families.family import FamilyTracker, box_around, center_of
 
 _PARTICLES = 50
 _FLIGHTS = 3

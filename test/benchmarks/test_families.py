@@ -52,7 +52,7 @@ def footage():
 
 def track(tracker, images, box):
     boxes = [tracker.start(images[0], box)]
-    boxes += [tracker.update(image) for image in images[1:]]
+    boxes += [tracker.update(image).box for image in images[1:]]
     return np.array(boxes)
 
 
@@ -124,7 +124,7 @@ def test_the_seed_decides_all_also_beside_another_tracker(families, name, footag
     other.start(images[0], true_boxes[0])
     for image in images[1:12]:
         other.update(image)
-        boxes.append(one.update(image))
+        boxes.append(one.update(image).box)
     np.testing.assert_array_equal(alone, boxes)
 
 
@@ -170,6 +170,10 @@ def test_images_and_boxes_that_cannot_be_used_are_refused(families, footage):
     tracker.start(images[0], true_boxes[0])
     with pytest.raises(ValueError, match="allowed: as the first one"):
         tracker.update(images[0][:100])
+    gray = images[0][..., 0].copy()
+    tracker.start(gray, true_boxes[0])
+    with pytest.raises(ValueError, match=r"uint16; allowed: as the first one, .* uint8"):
+        tracker.update(gray.astype(np.uint16))
 
 
 def test_center_rmse_by_hand(command):

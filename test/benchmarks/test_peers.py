@@ -107,6 +107,17 @@ def test_another_seed_gives_other_boxes(installed, name, moving_square):
     ).any()
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_images_unlike_the_first_are_refused(installed, name, moving_square):
+    tracker = installed(name)(0)
+    gray = moving_square.images[0][..., 0].copy()
+    tracker.start(gray, moving_square.boxes[0])
+    for other in (gray[:100], moving_square.images[0], gray.astype(np.uint16)):
+        with pytest.raises(ValueError, match=r"allowed: as the first one, \(120, 160\) uint8"):
+            tracker.update(other)
+    assert tracker.update(gray).state == "tracking"
+
+
 def test_a_rectangle_of_dlib_is_the_box_it_was_made_from(benchmark, installed):
     """Its rectangles hold their last pixel: a slip would show as a box one pixel too large."""
     installed("dlib correlation")

@@ -1,0 +1,100 @@
+"""What the families' trackers and other people's have in common."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pf_tracker_ros.tracking.image import check_box, check_image, gray_range, to_8_bit
+
+Image = NDArray[np.uint8]
+Array = NDArray[np.float64]
+Box = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class BoxAnswer:
+    """What a tracker says of a frame, as the evaluation wants it.
+
+    Attributes:
+        box: (x, y, width, height) in pixels; the last one while lost.
+        state: "tracking", or "lost" where the tracker gives no box.
+    """
+
+    box: Box
+    state: str
+
+
+class ColorImageTracker(ABC):
+    """Follows one target in color images of 8 bit, whatever the footage is.
+
+    It learns the target from the first image and finds it in each later one. A frame in which it
+    finds nothing keeps the last box.
+
+    Args:
+        seed: Seed of everything random.
+    """
+
+    def __init__(self, seed: int = 0) -> None:
+        self._seed = seed
+
+    def start(self, image: NDArray[Any], box: ArrayLike) -> Box:
+        """Take a target, and return its box.
+
+        Args:
+            image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
+            box: (x, y, width, height) in pixels, its center in the image.
+
+        Raises:
+            ValueError: The image or the box is not usable, or the tracker refuses them.
+        """
+        check_image(image)
+        self._box = np.array(check_box(box, (image.shape[1], image.shape[0])))
+        self._kind = image.shape, image.dtype
+        self._gray_range = gray_range(image)
+        self._learn(self._color(image), self._box.copy())
+        return self._last_box()
+
+    def update(self, image: NDArray[Any], _dt: float | None = None) -> BoxAnswer:
+        """Track into the next image, of the same size and kind as the first; time is not used.
+
+        Raises:
+            ValueError: The image is not usable or of another size or kind.
+        """
+        check_image(image)
+        if (image.shape, image.dtype) != self._kind:
+            shape, depth = self._kind
+            raise ValueError(
+                f"image is {image.shape} {image.dtype}; allowed: as the first one, {shape} {depth}"
+            )
+        color = self._color(image)
+        found = self._find(color, self._box.copy())
+        if found is None or not np.isfinite(found).all():
+            return BoxAnswer(self._last_box(), "lost")
+        self._box = self._within_reach(np.asarray(found, np.float64), color)
+        return BoxAnswer(self._last_box(), "tracking")
+
+    @abstractmethod
+    def _learn(self, image: Image, box: Array) -> None:
+        """Learn the target from the first image, (H, W, 3), where it has the box, (4,)."""
+
+    @abstractmethod
+    def _find(self, image: Image, box: Array) -> ArrayLike | None:
+        """The target's box in an image where it was before in `box`; None if it is not found."""
+
+    def _within_reach(self, box: Array, image: Image) -> Array:
+        """The box to answer with, from the one that was found; here it is taken as it is."""
+        return box
+
+    def _color(self, image: NDArray[Any]) -> Image:
+        shown = to_8_bit(image, self._gray_range)
+        return cv2.cvtColor(shown, cv2.COLOR_GRAY2BGR) if shown.ndim == 2 else shown
+
+    def _last_box(self) -> Box:
+        x, y, width, height = self._box.tolist()
+        return x, y, width, height
