@@ -1,6 +1,10 @@
+import contextlib
+import tempfile
+from pathlib import Path
+
 import pytest
 
-from pf_tracker_ros.footage import FootageError, is_bag, open_bag
+from pf_tracker_ros.footage import FootageError, bag_reading, is_bag, open_bag
 
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
@@ -139,7 +143,47 @@ def test_a_message_that_is_not_cdr_is_refused(tmp_path, write_bag):
         list(open_bag(path).images())
 
 
-def test_reading_may_end_early(tmp_path, write_bag, rows):
-    images = open_bag(write_bag(tmp_path / "talk", rows)).images()
-    next(images)
+def open_files(folder):
+    """What this process holds open of a folder."""
+    links = Path("/proc/self/fd").iterdir()
+    paths = (path for link in links for path in [_target(link)] if path.is_relative_to(folder))
+    return sorted(path.name for path in paths)
+
+
+def _target(link):
+    # The one that lists them is gone by now.
+    with contextlib.suppress(OSError):
+        return link.readlink()
+    return link
+
+
+def noting(function, results):
+    """The function, which adds what it returns to a list."""
+
+    def call(*arguments):
+        results.append(function(*arguments))
+        return results[-1]
+
+    return call
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="only Linux tells the open files")
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_reading_that_ends_early_lets_go_of_its_files(
+    tmp_path, write_bag, rows, monkeypatch, kind
+):
+    bag = open_bag(write_bag(tmp_path / "talk", rows, *kind))
+    # A bag compressed by file is read from a copy in the folder for temporary files.
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    before = sorted(tmp_path.rglob("*"))
+    # Held here, or the end of the readers would close their files whoever forgot to.
+    readers = []
+    monkeypatch.setattr(bag_reading, "_open", noting(bag_reading._open, readers))
+    images = bag.images()
+    first = next(images)
+    assert readers
+    assert open_files(tmp_path)
     images.close()
+    assert open_files(tmp_path) == []
+    assert sorted(tmp_path.rglob("*")) == before
+    assert next(bag.images()) == first
