@@ -52,7 +52,11 @@ def image_quality(reliability: str) -> QoSProfile:
 
 
 class BareSubscriber(Node):
-    """Answers every image with its header, and does nothing else."""
+    """Answers every image with its header, and does nothing else.
+
+    Args:
+        reliability: Of its subscription, one of `RELIABILITIES`.
+    """
 
     def __init__(self, reliability: str) -> None:
         super().__init__("bare")
@@ -75,7 +79,11 @@ class Figures:
 
 
 class Camera(Node):
-    """Publishes frames at an even rate and notes when each is answered."""
+    """Publishes frames at an even rate and notes when each is answered.
+
+    Args:
+        reliability: Of the images, one of `RELIABILITIES`.
+    """
 
     def __init__(self, reliability: str) -> None:
         super().__init__("camera")

@@ -87,7 +87,11 @@ class Figures:
 
 
 class Camera(Node):
-    """Publishes frames and receives boxes."""
+    """Publishes frames and receives boxes.
+
+    Args:
+        answering_node: Name of the node whose boxes and status it receives.
+    """
 
     def __init__(self, answering_node: str) -> None:
         super().__init__("camera")

@@ -67,6 +67,9 @@ class Life(Node):
     Attributes:
         faults: Kind of fault to how often it was made.
         failures: Kind of failure to how often it was seen.
+
+    Args:
+        seed: Of the faults that it makes.
     """
 
     def __init__(self, seed: int) -> None:

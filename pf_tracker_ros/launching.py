@@ -17,10 +17,13 @@ _FLAGS = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no"
 
 
 class Given:
-    """The arguments of a launch file as they were given, or their defaults."""
+    """The arguments of a launch file as they were given, or their defaults.
+
+    Args:
+        context: Of the launch that is under way.
+    """
 
     def __init__(self, context: LaunchContext) -> None:
-        """Read from the launch that is under way."""
         self._context = context
 
     def text(self, name: str) -> str:

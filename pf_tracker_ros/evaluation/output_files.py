@@ -16,14 +16,15 @@ class OutputFile:
 
     Attributes:
         error: Why the last writing failed, in a sentence; None if it did not.
+
+    Args:
+        path: The file; whether it can be written is tried at once.
+
+    Raises:
+        EvaluationError: It cannot be written; the message says why.
     """
 
     def __init__(self, path: Path) -> None:
-        """Make sure that it can be written.
-
-        Raises:
-            EvaluationError: It cannot; the message says why.
-        """
         self._path = path
         self.error: str | None = None
         try:

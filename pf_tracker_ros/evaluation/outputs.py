@@ -17,7 +17,17 @@ from pf_tracker_ros.evaluation.results import SequenceResult
 
 
 class Outputs:
-    """The files that were asked for."""
+    """The files that were asked for; whether they can be written is tried at once.
+
+    Args:
+        document: JSON file of the results; None for none.
+        plot: Image file of the success plot; None for none.
+        preset: The preset that is evaluated.
+        parameters: Where it differs from the preset.
+
+    Raises:
+        EvaluationError: One cannot be written, or the plot's format is unknown.
+    """
 
     def __init__(
         self,
@@ -26,17 +36,6 @@ class Outputs:
         preset: str,
         parameters: Mapping[str, Any],
     ) -> None:
-        """Make sure that they can be written.
-
-        Args:
-            document: JSON file of the results; None for none.
-            plot: Image file of the success plot; None for none.
-            preset: The preset that is evaluated.
-            parameters: Where it differs from the preset.
-
-        Raises:
-            EvaluationError: One cannot be written, or the plot's format is unknown.
-        """
         self._preset = preset
         self._parameters = parameters
         self._document = None if document is None else OutputFile(document)

@@ -17,14 +17,16 @@ _STORAGE_BY_SUFFIX = {".mcap": "mcap", ".db3": "sqlite3"}
 
 
 class Rosbag2Reader:
-    """A bag read by `rosbag2_py`; see `BagReader`."""
+    """A bag read by `rosbag2_py`; see `BagReader`.
+
+    Args:
+        path: The bag, opened at once.
+
+    Raises:
+        ImportError: `rosbag2_py` is not installed.
+    """
 
     def __init__(self, path: Path) -> None:
-        """Open the bag.
-
-        Raises:
-            ImportError: `rosbag2_py` is not installed.
-        """
         import rosbag2_py  # type: ignore[import-not-found,unused-ignore]
 
         self._library = rosbag2_py

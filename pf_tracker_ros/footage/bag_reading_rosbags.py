@@ -9,14 +9,16 @@ from pf_tracker_ros.footage.bag_reading import BagTopic
 
 
 class RosbagsReader:
-    """A bag read by `rosbags`; see `BagReader`."""
+    """A bag read by `rosbags`; see `BagReader`.
+
+    Args:
+        path: The bag, opened at once.
+
+    Raises:
+        ImportError: `rosbags` is not installed.
+    """
 
     def __init__(self, path: Path) -> None:
-        """Open the bag.
-
-        Raises:
-            ImportError: `rosbags` is not installed.
-        """
         from rosbags.rosbag2 import Reader
 
         self._reader = Reader(path)

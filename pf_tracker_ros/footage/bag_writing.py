@@ -30,17 +30,15 @@ class BagWriter:
 
     A path that ends in `.mcap` becomes a single file, any other a rosbag2 folder with
     metadata.yaml.
+
+    Args:
+        path: Where it will be once finished.
+
+    Raises:
+        FootageError: Something is there already, or the package rosbags is missing.
     """
 
     def __init__(self, path: str | Path) -> None:
-        """Begin a bag.
-
-        Args:
-            path: Where it will be once finished.
-
-        Raises:
-            FootageError: Something is there already, or the package rosbags is missing.
-        """
         try:
             from rosbags.rosbag2 import StoragePlugin, Writer
             from rosbags.typesys import Stores, get_typestore

@@ -88,20 +88,21 @@ def read_image(path: Path) -> NDArray[Any]:
 
 
 class ImageFolderFootage:
-    """The images of a folder, in natural order of their names."""
+    """The images of a folder, in natural order of their names.
+
+    The first image is read at once, so that errors show.
+
+    Args:
+        folder: The folder.
+        frame_rate: Frames a second; images do not tell.
+
+    Raises:
+        FootageError: There are no images, or the first one cannot be read.
+    """
 
     ground_truth = None
 
     def __init__(self, folder: Path, *, frame_rate: float = DEFAULT_FRAME_RATE) -> None:
-        """List the folder and read its first image.
-
-        Args:
-            folder: The folder.
-            frame_rate: Frames a second; images do not tell.
-
-        Raises:
-            FootageError: There are no images, or the first one cannot be read.
-        """
         self._paths: Sequence[Path] = image_paths(folder)
         if not self._paths:
             raise FootageError(

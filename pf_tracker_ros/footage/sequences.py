@@ -32,16 +32,15 @@ IMAGE_FOLDER = "img"
 
 
 class SequenceFootage:
-    """Frames with a ground-truth box for each."""
+    """Frames with a ground-truth box for each.
+
+    Args:
+        frames: Where the pictures come from, as many as there are boxes.
+        name: Name of the sequence.
+        ground_truth: (frames, 4) boxes; a row of NaN where the target is absent.
+    """
 
     def __init__(self, frames: Footage, name: str, ground_truth: NDArray[np.float64]) -> None:
-        """Join frames and boxes.
-
-        Args:
-            frames: Where the pictures come from, as many as there are boxes.
-            name: Name of the sequence.
-            ground_truth: (frames, 4) boxes; a row of NaN where the target is absent.
-        """
         self._frames = frames
         self.name = name
         self.frame_count: int | None = len(ground_truth)

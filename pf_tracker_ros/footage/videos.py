@@ -26,6 +26,17 @@ class VideoFootage:
 
     The frame rate is the file's; stamps are index x interval, not the container's, so that they
     are the same with every decoder.
+
+    The first frame is decoded at once, so that errors show.
+
+    Args:
+        path: The file.
+        first_frame: Where to begin, counted from 0.
+        frame_count: How many frames there must be from there; None reads to the end.
+        frame_rate: Frames a second, used if the file does not tell.
+
+    Raises:
+        FootageError: The file cannot be read, or is not a video that OpenCV can decode.
     """
 
     ground_truth = None
@@ -38,17 +49,6 @@ class VideoFootage:
         frame_count: int | None = None,
         frame_rate: float = DEFAULT_FRAME_RATE,
     ) -> None:
-        """Open the video and decode its first frame, so that errors show at once.
-
-        Args:
-            path: The file.
-            first_frame: Where to begin, counted from 0.
-            frame_count: How many frames there must be from there; None reads to the end.
-            frame_rate: Frames a second, used if the file does not tell.
-
-        Raises:
-            FootageError: The file cannot be read, or is not a video that OpenCV can decode.
-        """
         check_file(path, "video")
         self._path = path
         self._first_frame = first_frame

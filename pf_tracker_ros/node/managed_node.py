@@ -17,15 +17,13 @@ class ManagedNode(LifecycleNode):
     rclpy swallows what a transition raises. Here a ValueError says why the transition cannot be:
     it is logged, and the node stays in the state that it was in. Anything else is an error of the
     program: it is logged with its traceback, and the node is cleaned up.
+
+    Args:
+        name: Of the node.
+        **options: Of `rclpy.node.Node`.
     """
 
     def __init__(self, name: str, **options: Any) -> None:
-        """Begin unconfigured.
-
-        Args:
-            name: Of the node.
-            **options: Of `rclpy.node.Node`.
-        """
         super().__init__(name, **options)
         # rclpy answers a transition that the state does not have with an exception, that is, not.
         service = self._service_change_state

@@ -23,14 +23,12 @@ class ImageDecoder:
 
     Attributes:
         largest: Most pixels of a compressed image.
+
+    Args:
+        largest: Most pixels of a compressed image.
     """
 
     def __init__(self, largest: int) -> None:
-        """Begin without a range.
-
-        Args:
-            largest: Most pixels of a compressed image.
-        """
         self.largest = largest
         self._range: tuple[float, float] | None = None
         self._stamp = 0.0

@@ -33,6 +33,10 @@ class ImageError(ValueError):
 
     Attributes:
         field: The message's field that is wrong, for example `step`.
+
+    Args:
+        field: As the attribute.
+        problem: What is wrong, for the message.
     """
 
     def __init__(self, field: str, problem: str) -> None:

@@ -21,14 +21,12 @@ class Playback:
     """The clock of a playback: a thread waits in it, others pause, stop or answer.
 
     Every wait ends early with `Stopped` once `stop` is called.
+
+    Args:
+        paused: Whether to begin paused.
     """
 
     def __init__(self, *, paused: bool = False) -> None:
-        """Begin, with nothing due yet.
-
-        Args:
-            paused: Whether to begin paused.
-        """
         self._changed = threading.Condition()
         self._paused = paused
         self._stopped = False

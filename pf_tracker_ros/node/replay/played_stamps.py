@@ -11,14 +11,12 @@ class PlayedStamps:
     The intervals between frames are those of the source at the rate at which it is played. Only
     after a pause, where the player fell behind and where the source begins again do the stamps
     follow the clock anew; they never go back.
+
+    Args:
+        now: Tells the time in nanoseconds.
     """
 
     def __init__(self, now: Callable[[], int]) -> None:
-        """Begin with the next frame.
-
-        Args:
-            now: Tells the time in nanoseconds.
-        """
         self._now = now
         self._follows_clock = True
         self._gap = 0

@@ -25,15 +25,13 @@ class Prefetch(Generic[Item]):
 
     An error of the source is raised where the item that it replaces would have come. The source
     is opened, read and closed in the one thread.
+
+    Args:
+        items: What to read.
+        depth: How many items at most wait to be taken.
     """
 
     def __init__(self, items: Generator[Item, None, None], depth: int = 4) -> None:
-        """Start reading.
-
-        Args:
-            items: What to read.
-            depth: How many items at most wait to be taken.
-        """
         self._items = items
         self._queue: queue.Queue[Item | _End] = queue.Queue(maxsize=depth)
         self._closing = threading.Event()

@@ -65,14 +65,12 @@ class ReplayNode(Node):
     Attributes:
         exit_code: 1 once the source has failed while it was played, else 0.
         has_begun: Whether it plays, or has played, its source.
+
+    Args:
+        **options: Of `rclpy.node.Node`.
     """
 
     def __init__(self, **options: Any) -> None:
-        """Declare the parameters, open the source and begin.
-
-        Args:
-            **options: Of `rclpy.node.Node`.
-        """
         super().__init__("replay", **options)
         self._log = self.get_logger()  # type: ignore[no-untyped-call]
         self.exit_code = 0

@@ -111,12 +111,15 @@ def open_replay_source(parameters: ReplayParameters) -> ReplaySource:
 
 
 class BagSource:
-    """The images of a bag, as the bytes that were recorded."""
+    """The images of a bag, as the bytes that were recorded.
+
+    Args:
+        bag: What is replayed.
+    """
 
     has_time = True
 
     def __init__(self, bag: ImageBag) -> None:
-        """Replay the images of `bag`."""
         self._bag = bag
         self.name = f"{bag.name} ({bag.image_topic})"
         self.image_type = CompressedImage if bag.image_type == COMPRESSED_IMAGE_TYPE else Image
@@ -130,13 +133,17 @@ class BagSource:
 
 
 class FootageSource:
-    """Frames of a video, a folder of images or a sequence, made into messages."""
+    """Frames of a video, a folder of images or a sequence, made into messages.
+
+    Args:
+        footage: What is replayed.
+        frame_id: For the headers.
+    """
 
     image_type = Image
     has_time = False
 
     def __init__(self, footage: Footage, frame_id: str) -> None:
-        """Replay `footage` with `frame_id` in the headers."""
         self._footage = footage
         self._frame_id = frame_id
         self.name = footage.name

@@ -66,18 +66,16 @@ class Diagnostics:
     Attributes:
         jumps: How often time has gone back.
         lost_share: Share of the camera's frames that did not come, 0 to 1, in the last report.
+
+    Args:
+        node: The node that publishes.
+        health: Tells how the node is.
+        stale_after: Tells after how many seconds without an image to warn.
     """
 
     def __init__(
         self, node: Node, health: Callable[[], Health], stale_after: Callable[[], float]
     ) -> None:
-        """Begin to publish.
-
-        Args:
-            node: The node that publishes.
-            health: Tells how the node is.
-            stale_after: Tells after how many seconds without an image to warn.
-        """
         self._node = node
         self._health = health
         self._stale_after = stale_after

@@ -35,9 +35,16 @@ class ImageInput:
     With the reliability `auto` it asks for what all publishers offer, and follows them as they come
     and go. Before any is there it expects reliable ones.
 
+    It begins closed.
+
     Attributes:
         topic: Name of the topic, empty while closed.
         reliability: In force, `reliable` or `best_effort`.
+
+    Args:
+        node: The node that subscribes.
+        receive: Called with each message, an Image or a CompressedImage.
+        report: Called with a sentence if a publisher and the subscription cannot match.
     """
 
     def __init__(
@@ -46,13 +53,6 @@ class ImageInput:
         receive: Callable[[Any], None],
         report: Callable[[str], None],
     ) -> None:
-        """Begin closed.
-
-        Args:
-            node: The node that subscribes.
-            receive: Called with each message, an Image or a CompressedImage.
-            report: Called with a sentence if a publisher and the subscription cannot match.
-        """
         self.reliability = "reliable"
         self._node = node
         self._receive = receive

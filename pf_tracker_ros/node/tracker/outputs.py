@@ -19,15 +19,14 @@ from pf_tracker_ros.tracking.estimate import Estimate
 
 
 class Outputs:
-    """The publishers of one configured node; closed, they are gone."""
+    """The publishers of one configured node; closed, they are gone.
+
+    Args:
+        node: The node that publishes.
+        report: Called with a sentence if a subscriber cannot be reached.
+    """
 
     def __init__(self, node: Node, report: Report) -> None:
-        """Advertise the topics.
-
-        Args:
-            node: The node that publishes.
-            report: Called with a sentence if a subscriber cannot be reached.
-        """
         self._node = node
         self._box = advertise(node, PolygonStamped, "~/box", profile=DEFAULT_QOS, report=report)
         self._particles = advertise(

@@ -25,14 +25,12 @@ class Reporter:
         last_error_at: When it came, by `time.monotonic`.
         count: Errors so far.
         failures: Cause to number of frames that failed of it.
+
+    Args:
+        logger: Of the node.
     """
 
     def __init__(self, logger: Any) -> None:
-        """Begin without errors.
-
-        Args:
-            logger: Of the node.
-        """
         self.last_error = ""
         self.last_error_at = 0.0
         self.count = 0

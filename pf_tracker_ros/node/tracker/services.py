@@ -9,16 +9,15 @@ from std_srvs.srv import SetBool, Trigger
 
 
 class Services:
-    """`~/stop` forgets the target, `~/enable` pauses and goes on."""
+    """`~/stop` forgets the target, `~/enable` pauses and goes on.
+
+    Args:
+        node: The node that offers them.
+        stop: Forgets the target and tells in a sentence what came of it.
+        enable: Goes on (true) or pauses, and tells the same.
+    """
 
     def __init__(self, node: Node, stop: Callable[[], str], enable: Callable[[bool], str]) -> None:
-        """Offer the services.
-
-        Args:
-            node: The node that offers them.
-            stop: Forgets the target and tells in a sentence what came of it.
-            enable: Goes on (true) or pauses, and tells the same.
-        """
         self._node = node
 
         def on_stop(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -12,14 +12,15 @@ _INTERVAL = 1.0
 
 
 class StateLog:
-    """Logs changes of the state, the last of them always, within a second."""
+    """Logs changes of the state, the last of them always, within a second.
+
+    It begins with a target that is tracked.
+
+    Args:
+        logger: Of the node.
+    """
 
     def __init__(self, logger: Any) -> None:
-        """Begin with a target that is tracked.
-
-        Args:
-            logger: Of the node.
-        """
         self._logger = logger
         self._told = "tracking"
         self._told_at = -_INTERVAL

@@ -77,10 +77,14 @@ class Status:
 
 
 class StatusOutput:
-    """The topic `~/status`."""
+    """The topic `~/status`.
+
+    Args:
+        node: The node that publishes.
+        report: Called with a sentence if a subscriber cannot be reached.
+    """
 
     def __init__(self, node: Node, report: Report) -> None:
-        """Advertise the topic; see `Outputs`."""
         self._node = node
         self._publisher = advertise(
             node, DiagnosticArray, "~/status", profile=LATCHED_QOS, report=report

@@ -31,7 +31,15 @@ def box_of_click(message: PointStamped, size: float) -> Box:
 
 
 class TargetInput:
-    """The subscriptions to targets while they are open."""
+    """The subscriptions to targets while they are open.
+
+    Args:
+        node: The node that subscribes.
+        request: Called with the box and the stamp in nanoseconds of the frame that it was
+            drawn on; raises TargetError to refuse it.
+        click_size: Tells the side of the square around a click, in pixels.
+        report: Called with the reason for each target that is refused.
+    """
 
     def __init__(
         self,
@@ -40,15 +48,6 @@ class TargetInput:
         click_size: Callable[[], float],
         report: Report,
     ) -> None:
-        """Subscribe.
-
-        Args:
-            node: The node that subscribes.
-            request: Called with the box and the stamp in nanoseconds of the frame that it was
-                drawn on; raises TargetError to refuse it.
-            click_size: Tells the side of the square around a click, in pixels.
-            report: Called with the reason for each target that is refused.
-        """
         self._node = node
         self._request = request
         self._click_size = click_size

@@ -1,0 +1,73 @@
+"""The arguments of a constructor are told of in one place: the docstring of its class."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+FOLDERS = ("pf_tracker_ros", "benchmarks")
+# Their constructors tell of their arguments themselves.
+EXCEPTIONS = {
+    "pf_tracker_ros/node/parameter_binding.py",
+    "pf_tracker_ros/tracking/frame_history.py",
+}
+
+
+def constructors(path):
+    """The classes of a file that have a constructor of their own, each with it."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ClassDef):
+            for member in node.body:
+                if isinstance(member, ast.FunctionDef) and member.name == "__init__":
+                    yield node, member
+
+
+def names_of_arguments(constructor):
+    arguments = constructor.args
+    yield from (each.arg for each in [*arguments.posonlyargs, *arguments.args][1:])
+    yield from (each.arg for each in arguments.kwonlyargs)
+    yield from (f"*{each.arg}" for each in [arguments.vararg] if each)
+    yield from (f"**{each.arg}" for each in [arguments.kwarg] if each)
+
+
+def faults(path):
+    for owner, constructor in constructors(path):
+        if ast.get_docstring(constructor):
+            yield f"{owner.name}.__init__ has a docstring of its own"
+        if not owner.name.startswith("_"):
+            _, _, told = (ast.get_docstring(owner) or "").partition("\nArgs:\n")
+            names = [line.partition(":")[0].strip() for line in told.splitlines()]
+            for name in names_of_arguments(constructor):
+                if name not in names:
+                    yield f"the docstring of {owner.name} does not tell of {name}"
+
+
+FILES = [
+    str(path.relative_to(REPOSITORY))
+    for folder in FOLDERS
+    for path in sorted((REPOSITORY / folder).rglob("*.py"))
+    if any(constructors(path))
+]
+
+
+@pytest.mark.parametrize("file", [file for file in FILES if file not in EXCEPTIONS])
+def test_the_class_tells_of_its_constructor(file):
+    assert list(faults(REPOSITORY / file)) == []
+
+
+def test_what_is_looked_for_is_found(tmp_path):
+    path = tmp_path / "odd.py"
+    path.write_text(
+        "class Odd:\n"
+        "    'An odd one.\\n\\nArgs:\\n    told: A number.\\n'\n"
+        "    def __init__(self, told, silent=0, *, least=0, **options):\n"
+        "        'Make it.'\n"
+    )
+    assert list(faults(path)) == [
+        "Odd.__init__ has a docstring of its own",
+        "the docstring of Odd does not tell of silent",
+        "the docstring of Odd does not tell of least",
+        "the docstring of Odd does not tell of **options",
+    ]
+    assert set(FILES) >= EXCEPTIONS
