@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from typing import NoReturn
 
 from pf_tracker_ros.opencv import require_opencv
+from pf_tracker_ros.ros_arguments import split_ros_arguments
 from pf_tracker_ros.signals import hold_signals
 
 _TRACKER_EXAMPLES = """\
@@ -110,7 +111,8 @@ class _Parser(argparse.ArgumentParser):
 
     def read(self, command_line: Sequence[str]) -> argparse.Namespace:
         """Parse a command line without the program's name; its ROS arguments are left out."""
-        options, unknown = self.parse_known_args(list(_not_for_ros(command_line)))
+        own, _ = split_ros_arguments(command_line)
+        options, unknown = self.parse_known_args(own)
         if unknown:
             self.error(
                 f"there is no argument {' '.join(unknown)}; parameters are given to ROS: "
@@ -120,17 +122,6 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: error: {message} ({self.prog} --help tells more)\n")
-
-
-def _not_for_ros(command_line: Sequence[str]) -> Iterator[str]:
-    is_for_ros = False
-    for argument in command_line:
-        if argument == "--ros-args":
-            is_for_ros = True
-        elif is_for_ros:
-            is_for_ros = argument != "--"
-        else:
-            yield argument
 
 
 def _as_parameters(unknown: Sequence[str]) -> Iterator[str]:

@@ -15,6 +15,8 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from pf_tracker_ros.ros_arguments import split_ros_arguments
+
 _FILE_OPTIONS = ("--params-file",)
 _VALUE_OPTIONS = ("-p", "--param")
 # rcl's wildcards for parts of a node's name: any one, and any number of them.
@@ -47,7 +49,8 @@ class _Source(NamedTuple):
 
 def _sources(node_name: str, command_line: Sequence[str]) -> Iterator[_Source]:
     """The names of a node's parameters that each argument of the command line gives, in order."""
-    for option, value in itertools.pairwise(_ros_arguments(command_line)):
+    _, arguments = split_ros_arguments(command_line)
+    for option, value in itertools.pairwise(arguments):
         if option in _FILE_OPTIONS:
             yield _Source(set(_names_in_file(Path(value), node_name)), is_file=True)
         elif option in _VALUE_OPTIONS:
@@ -55,15 +58,6 @@ def _sources(node_name: str, command_line: Sequence[str]) -> Iterator[_Source]:
             node, _, name = value.partition(":=")[0].rpartition(":")
             if not node or re.fullmatch(_expression(node), node_name):
                 yield _Source({name}, is_file=False)
-
-
-def _ros_arguments(command_line: Sequence[str]) -> Iterator[str]:
-    is_for_ros = False
-    for argument in command_line:
-        if argument in ("--ros-args", "--"):
-            is_for_ros = argument == "--ros-args"
-        elif is_for_ros:
-            yield argument
 
 
 def _names_in_file(path: Path, node_name: str) -> Iterator[str]:
