@@ -1,4 +1,4 @@
-"""Fixtures for all tests: real sequences, a drawn sequence, a ROS domain of one's own."""
+"""Fixtures for all tests: real and drawn sequences, bags, a ROS domain of one's own."""
 
 import itertools
 import json
@@ -84,6 +84,68 @@ def write_sequence(tmp_path):
 def moving_square_sequence(write_sequence, moving_square):
     """The moving square as a sequence folder."""
     return write_sequence("moving_square", moving_square.images, moving_square.boxes)
+
+
+@pytest.fixture(scope="session")
+def typestore():
+    """The message types of rosbags, which a ROS from apt does not have: skips without it."""
+    pytest.importorskip("rosbags")
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+@pytest.fixture(scope="session")
+def make_stamped(typestore):
+    """Serialize a message with a header, without the code under test."""
+    types = typestore.types
+
+    def make(message_type, stamp, *, little_endian=True, **fields):
+        seconds, nanoseconds = divmod(stamp, 10**9)
+        time = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
+        header = types["std_msgs/msg/Header"](stamp=time, frame_id="lens")
+        message = types[message_type](header=header, **fields)
+        return bytes(typestore.serialize_cdr(message, message_type, little_endian=little_endian))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def make_polygon(typestore):
+    """A polygon with corners (x, y), a field for `make_stamped`."""
+    types = typestore.types
+
+    def make(*corners):
+        points = [types["geometry_msgs/msg/Point32"](x=x, y=y, z=0.0) for x, y in corners]
+        return types["geometry_msgs/msg/Polygon"](points=points)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def write_bag(typestore):
+    """Write (topic, type, log time, message) rows into a bag of the given kind; returns its path.
+
+    A row without a message makes its topic known and no more.
+    """
+
+    def write(path, rows, storage="MCAP", compression="NONE"):
+        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+        writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage])
+        writer.set_compression(CompressionMode[compression], CompressionFormat.ZSTD)
+        with writer:
+            connections = {}
+            for topic, message_type, log_time, message in rows:
+                if (topic, message_type) not in connections:
+                    connections[topic, message_type] = writer.add_connection(
+                        topic, message_type, typestore=typestore
+                    )
+                if message is not None:
+                    writer.write(connections[topic, message_type], log_time, message)
+        return path
+
+    return write
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,5 @@
 """Small recordings of every kind, written without the code under test."""
 
-import functools
 import os
 import signal
 import tempfile
@@ -10,15 +9,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-
-
-@functools.cache
-def typestore():
-    """The message types of rosbags, which a ROS from apt does not have: skips without it."""
-    pytest.importorskip("rosbags")
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS2_JAZZY)
 
 
 @pytest.fixture
@@ -59,18 +49,12 @@ def write_images():
 
 
 @pytest.fixture
-def make_message():
+def make_message(make_stamped, make_polygon):
     """Serialize a message of the common interfaces with a stamp in nanoseconds."""
-    types = typestore().types
-
-    def header(stamp):
-        seconds, nanoseconds = divmod(stamp, 10**9)
-        time = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
-        return types["std_msgs/msg/Header"](stamp=time, frame_id="lens")
 
     def make(message_type, stamp, *, little_endian=True):
         fields = {
-            "sensor_msgs/msg/Image": lambda: {
+            "sensor_msgs/msg/Image": {
                 "height": 2,
                 "width": 3,
                 "encoding": "mono8",
@@ -78,43 +62,15 @@ def make_message():
                 "step": 3,
                 "data": np.arange(6, dtype=np.uint8) + stamp % 50,
             },
-            "sensor_msgs/msg/CompressedImage": lambda: {
+            "sensor_msgs/msg/CompressedImage": {
                 "format": "jpeg",
                 "data": np.arange(5, dtype=np.uint8),
             },
-            "geometry_msgs/msg/PolygonStamped": lambda: {
-                "polygon": types["geometry_msgs/msg/Polygon"](
-                    points=[types["geometry_msgs/msg/Point32"](x=1.0, y=2.0, z=0.0)]
-                )
-            },
-        }[message_type]()
-        message = types[message_type](header=header(stamp), **fields)
-        return bytes(typestore().serialize_cdr(message, message_type, little_endian=little_endian))
+            "geometry_msgs/msg/PolygonStamped": {"polygon": make_polygon((1.0, 2.0))},
+        }[message_type]
+        return make_stamped(message_type, stamp, little_endian=little_endian, **fields)
 
     return make
-
-
-@pytest.fixture
-def write_bag():
-    """Write (topic, type, log time, message) rows into a bag of the given kind."""
-
-    def write(path: Path, rows, storage="MCAP", compression="NONE") -> Path:
-        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-
-        writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage])
-        writer.set_compression(CompressionMode[compression], CompressionFormat.ZSTD)
-        with writer:
-            connections = {}
-            for topic, message_type, log_time, message in rows:
-                if (topic, message_type) not in connections:
-                    connections[topic, message_type] = writer.add_connection(
-                        topic, message_type, typestore=typestore()
-                    )
-                if message is not None:
-                    writer.write(connections[topic, message_type], log_time, message)
-        return path
-
-    return write
 
 
 @pytest.fixture

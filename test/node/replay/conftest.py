@@ -1,7 +1,6 @@
 """The replay publisher, and in the tracker's place a node of the test that hears it over DDS."""
 
 import contextlib
-import functools
 import threading
 import time
 from dataclasses import dataclass
@@ -26,15 +25,6 @@ from pf_tracker_ros.node.replay.replay_node import ReplayNode
 
 DEADLINE = 30.0
 EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
-
-
-@functools.cache
-def typestore():
-    """The message types of rosbags, which a ROS from apt does not have: skips without it."""
-    pytest.importorskip("rosbags")
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS2_JAZZY)
 
 
 class StandIn(Node):
@@ -200,28 +190,20 @@ class Recordings:
     """Messages and bags written without the code under test.
 
     Attributes:
+        message: The fixture `make_stamped`.
         stamps: Stamps of the images in `rows`.
         rows: (topic, type, log time, message): an image for each stamp, recorded 5 ns later.
     """
 
-    def __init__(self, folder):
-        self.folder = folder
+    def __init__(self, path, make_stamped, make_polygon, write_bag):
+        self.path = path
+        self.message = make_stamped
+        self.make_polygon = make_polygon
+        self.write_bag = write_bag
         self.stamps = [2_000_000_000, 2_040_000_000, 2_080_000_000, 2_120_000_000]
         self.rows = [
             ("/eye", "sensor_msgs/msg/Image", stamp + 5, self.image(stamp)) for stamp in self.stamps
         ]
-
-    @staticmethod
-    def message(message_type, stamp, *, little_endian=True, **fields):
-        """A serialized message with a header."""
-        types = typestore().types
-        seconds, nanoseconds = divmod(stamp, 10**9)
-        time_type = types["builtin_interfaces/msg/Time"]
-        header = types["std_msgs/msg/Header"](
-            stamp=time_type(sec=seconds, nanosec=nanoseconds), frame_id="lens"
-        )
-        message = types[message_type](header=header, **fields)
-        return bytes(typestore().serialize_cdr(message, message_type, little_endian=little_endian))
 
     def image(self, stamp, *, little_endian=True):
         """A small image that depends on its stamp."""
@@ -238,32 +220,17 @@ class Recordings:
         )
 
     def polygon(self, stamp):
-        types = typestore().types
-        corners = [types["geometry_msgs/msg/Point32"](x=x, y=1.0, z=0.0) for x in (1.0, 2.0)]
-        shape = types["geometry_msgs/msg/Polygon"](points=corners)
+        shape = self.make_polygon((1.0, 1.0), (2.0, 1.0))
         return self.message("geometry_msgs/msg/PolygonStamped", stamp, polygon=shape)
 
-    def write(self, rows=None, storage="MCAP", compression="NONE"):
+    def write(self, rows=None, *kind):
         """Write rows, by default `rows`, into a bag of the given kind and return its path."""
-        path = self.folder / "bag"
-        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-
-        writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage])
-        writer.set_compression(CompressionMode[compression], CompressionFormat.ZSTD)
-        with writer:
-            connections = {}
-            for topic, message_type, log_time, message in rows or self.rows:
-                if topic not in connections:
-                    connections[topic] = writer.add_connection(
-                        topic, message_type, typestore=typestore()
-                    )
-                writer.write(connections[topic], log_time, message)
-        return path
+        return self.write_bag(self.path, rows or self.rows, *kind)
 
 
 @pytest.fixture
-def recordings(tmp_path):
-    return Recordings(tmp_path)
+def recordings(tmp_path, make_stamped, make_polygon, write_bag):
+    return Recordings(tmp_path / "bag", make_stamped, make_polygon, write_bag)
 
 
 @dataclass(frozen=True)
