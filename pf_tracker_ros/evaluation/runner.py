@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.evaluation.ground_truth import count_mismatch, usable_ground_truth
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceResult
 from pf_tracker_ros.footage import Footage
+from pf_tracker_ros.stamps import NANOSECONDS
 
 Image = NDArray[Any]
 Box = tuple[float, float, float, float]
@@ -106,7 +107,7 @@ def evaluate_sequence(
                         tracker.start(image, _as_box(true_boxes[0]))
                         boxes[run, 0] = true_boxes[0]
                         continue
-                    dt = (frame.stamp - last_stamp) * 1e-9
+                    dt = (frame.stamp - last_stamp) / NANOSECONDS
                     before = time.process_time()
                     answer = tracker.update(image, dt)
                     cpu_seconds[run, index - 1] = time.process_time() - before

@@ -19,6 +19,8 @@ from pf_tracker_ros.evaluation import (
     read_sequences,
 )
 from pf_tracker_ros.footage import Frame
+from pf_tracker_ros.tracking.presets import preset_parameters
+from pf_tracker_ros.tracking.session import Session
 
 TARGET = (10.0, 10.0, 10.0, 10.0)
 # Apart from TARGET, center 40 px away.
@@ -318,6 +320,23 @@ def test_same_seed_gives_the_same_bits(two_sequences):
     assert np.array_equal(first.boxes, again.boxes)
     assert np.array_equal(first.lost, again.lost)
     assert not np.array_equal(first.boxes[0], first.boxes[1])
+
+
+def test_boxes_are_those_of_a_session_to_the_bit(moving_square):
+    # A clock that is read late by up to 1 ms: intervals of many digits.
+    late = np.random.default_rng(5).integers(0, 1_000_000, len(moving_square.images))
+    stamps = (1_700_000_000 * 10**9 + 33_333_333 * np.arange(len(late)) + late).tolist()
+    footage = DrawnFootage(moving_square.boxes, stamps=stamps)
+    footage.images = moving_square.images
+    result = evaluate_sequence(footage, partial(Tracker.from_preset, "default"), [4])
+
+    session = Session(preset_parameters("default"), seed=4)
+    session.request(tuple(moving_square.boxes[0]), stamps[0])
+    outcomes = [session.process(frame.image, frame.stamp) for frame in footage.frames()]
+    assert [outcome.frame for outcome in outcomes] == ["started"] + ["tracked"] * (len(stamps) - 1)
+    assert not result.lost.any()
+    boxes = np.array([outcome.estimate.box for outcome in outcomes])
+    np.testing.assert_array_equal(result.boxes[0], boxes)
 
 
 def test_seeds_side_by_side_are_the_seeds_alone(two_sequences):
