@@ -10,11 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pf_tracker_ros.tracking.image import check_box, check_image, gray_range, to_8_bit
+from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.frames.gray_range import gray_range, to_8_bit
+from pf_tracker_ros.tracking.input_checks import check_box, check_image
 
 Image = NDArray[np.uint8]
 Array = NDArray[np.float64]
-Box = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)

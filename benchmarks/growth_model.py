@@ -108,7 +108,7 @@ def extended_kalman(measurements: Array, seed: int) -> Array:
     for index, measurement in enumerate(measurements):
         belief = _foreseen(belief, index + 1)
         state = belief.mean
-        belief = belief.corrected(
+        belief = belief.correct(
             [measurement], [state / 10], [[MEASUREMENT_VARIANCE]], expected=state**2 / 20
         )
         estimates[index] = belief.mean[0]
@@ -146,11 +146,11 @@ def _particle_filter(measurements: Array, seed: int, share: float) -> Array:
             proposed = propose_from_transition(particles.states, transition, generator)
         error = measurement - proposed.states[:, 0] ** 2 / 20
         log_likelihood = -0.5 * error**2 / MEASUREMENT_VARIANCE
-        particles = particles.moved(proposed.states).reweighted(proposed.log_ratio + log_likelihood)
+        particles = particles.move(proposed.states).reweight(proposed.log_ratio + log_likelihood)
         if share > 0.0:
             # A cloud that fell into one point would claim to have no error at all.
             error_covariance = particles.covariance + 1e-6
-            belief = belief.corrected(particles.mean, np.eye(1), error_covariance)
+            belief = belief.correct(particles.mean, np.eye(1), error_covariance)
         estimates[index] = particles.mean[0]
         particles = resampler.resample(particles, PARTICLES, generator)
     return estimates
@@ -158,7 +158,7 @@ def _particle_filter(measurements: Array, seed: int, share: float) -> Array:
 
 def _foreseen(belief: Gaussian, step: int) -> Gaussian:
     state = belief.mean
-    return belief.predicted(
+    return belief.predict(
         [[growth_slope(float(state[0]))]], [[STATE_VARIANCE]], mean=growth(state, step)
     )
 

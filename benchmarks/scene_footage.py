@@ -9,7 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.footage import Frame
+from pf_tracker_ros.footage.base import frame_stamp
+from pf_tracker_ros.frames import Frame
 
 
 class Scene(Sized, Protocol):
@@ -50,4 +51,4 @@ class SceneFootage:
     def frames(self) -> Iterator[Frame]:
         """The frames; each call starts from the first."""
         for index, image in enumerate(self._images):
-            yield Frame(round(index * self.nominal_interval * 1e9), image)
+            yield Frame(image, frame_stamp(index, self.nominal_interval))

@@ -4,6 +4,9 @@ A group of tunables is a frozen dataclass whose fields are made by `declared`, w
 default, the description, the unit and the range. Groups nest: the field `particles` of the group
 `filter` has the full name `filter.particles`. From the declarations follow the checks at start-up
 and at run time, the ROS descriptors, the preset files and the table in `docs/parameters.md`.
+
+Some tunables choose a part by its name, such as the motion model. What only that part reads is
+declared beside it by `chosen`, and exists while the part is chosen.
 """
 
 from __future__ import annotations
@@ -11,20 +14,23 @@ from __future__ import annotations
 import dataclasses
 import math
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 Group = TypeVar("Group")
 
 _METADATA_KEY = "declaration"
+_CHOSEN_KEY = "chosen"
 _TYPE_NAMES = {
     bool: "bool",
     int: "int",
     float: "float",
     str: "string",
     tuple[float, ...]: "list of floats",
+    tuple[str, ...]: "list of strings",
 }
+_ELEMENTS = {tuple[float, ...]: float, tuple[str, ...]: str}
 
 
 class ParameterError(ValueError):
@@ -37,15 +43,17 @@ class Declaration:
 
     Attributes:
         name: Full name, groups separated by dots.
-        type: `bool`, `int`, `float`, `str` or `tuple[float, ...]`.
+        type: `bool`, `int`, `float`, `str`, `tuple[float, ...]` or `tuple[str, ...]`.
         default: Value when nothing else is given.
         description: One sentence: what it does, and when to change it.
         unit: Unit of the value, empty where it has none.
         minimum: Smallest allowed number, inclusive; of each element for a list; -inf for others.
         maximum: Largest allowed number, inclusive; of each element for a list; inf for others.
-        choices: Allowed strings; empty allows any.
+        choices: Allowed strings; empty allows any. A list of strings holds each at most once.
         lengths: Allowed lengths of a list; empty allows any.
         read_only: Whether it is fixed once the tracker or node has started.
+        only_with: What else must be chosen for it to exist, for example
+            "motion.model 'affine'"; empty where it always does.
     """
 
     name: str
@@ -58,6 +66,7 @@ class Declaration:
     choices: tuple[str, ...] = ()
     lengths: tuple[int, ...] = ()
     read_only: bool = False
+    only_with: str = ""
 
     @property
     def type_name(self) -> str:
@@ -68,7 +77,8 @@ class Declaration:
     def allowed(self) -> str:
         """The allowed values in words, for error messages and tables."""
         if self.choices:
-            return " or ".join(f"'{choice}'" for choice in self.choices)
+            listed = " or ".join(f"'{choice}'" for choice in self.choices)
+            return f"each at most once, {listed}" if self.type == tuple[str, ...] else listed
         if self.type is bool:
             return "true or false"
         if self.type is str:
@@ -92,18 +102,24 @@ class Declaration:
             ParameterError: The value has another type or is not allowed; the message names the
                 parameter, the value and what is allowed.
         """
-        if self.type == tuple[float, ...]:
+        if self.type in _ELEMENTS:
             if isinstance(value, str) or not isinstance(value, Sequence):
                 raise self._refusal(value)
-            converted: Any = tuple(self._number(element, float, value) for element in value)
-            if self.lengths and len(converted) not in self.lengths:
+            converted = tuple(self._element(one, _ELEMENTS[self.type], value) for one in value)
+            is_repeated = self.choices and len(set(converted)) < len(converted)
+            if is_repeated or (self.lengths and len(converted) not in self.lengths):
                 raise self._refusal(value)
             return converted
-        if self.type in (int, float):
-            return self._number(value, self.type, value)
-        if not isinstance(value, self.type) or (self.choices and value not in self.choices):
+        return self._element(value, self.type, value)
+
+    def _element(self, element: Any, element_type: type, value: Any) -> Any:
+        """The element of a list, or a value that is none, in its type."""
+        if element_type in (int, float):
+            return self._number(element, element_type, value)
+        is_allowed = not self.choices or element in self.choices
+        if not isinstance(element, element_type) or not is_allowed:
             raise self._refusal(value)
-        return value
+        return element
 
     def _number(self, element: Any, number_type: type, value: Any) -> Any:
         integral = isinstance(element, int) and not isinstance(element, bool)
@@ -129,17 +145,19 @@ def declared(
     unit: str = "",
     minimum: float = -math.inf,
     maximum: float = math.inf,
-    choices: Sequence[str] = (),
+    choices: Collection[str] = (),
     lengths: Sequence[int] = (),
     read_only: bool = False,
 ) -> Any:
     """Declare one tunable as a field of a frozen dataclass; arguments as in `Declaration`.
 
+    Choices may be a collection that still grows, such as a `Registry`.
+
     Raises:
         TypeError: A number without both ends of its range; the range keeps out NaN and infinity.
     """
     numeric = isinstance(default, int | float | tuple) and not isinstance(default, bool)
-    if numeric and not (math.isfinite(minimum) and math.isfinite(maximum)):
+    if numeric and not choices and not (math.isfinite(minimum) and math.isfinite(maximum)):
         raise TypeError(f"a number needs a range: {description}")
     return dataclasses.field(
         default=default,
@@ -150,7 +168,7 @@ def declared(
                 "unit": unit,
                 "minimum": minimum,
                 "maximum": maximum,
-                "choices": tuple(choices),
+                "choices": choices,
                 "lengths": tuple(lengths),
                 "read_only": read_only,
             }
@@ -163,60 +181,138 @@ def group(group_type: type[Group]) -> Group:
     return dataclasses.field(default_factory=group_type)
 
 
-def declarations(group_type: type, prefix: str = "") -> dict[str, Declaration]:
-    """All tunables of a group and of the groups inside it, in order of declaration.
+# Under which name each chosen group stands, "" for that of the group around it, to its type.
+Groups = Mapping[str, type]
+
+
+def chosen(by: str, groups: Callable[[Any], Groups]) -> Any:
+    """Declare the tunables that exist only with some values of another one, as a field.
+
+    The field holds the built groups by the same names.
 
     Args:
-        group_type: A frozen dataclass whose fields were made by `declared` and `group`.
+        by: The other one's name, counted from the group around the field.
+        groups: From its value to the groups that it brings.
+    """
+    return dataclasses.field(
+        default_factory=dict, metadata={_CHOSEN_KEY: {"by": by, "groups": groups}}
+    )
+
+
+def declarations(
+    group_type: type, values: Mapping[str, Any] | None = None, prefix: str = ""
+) -> dict[str, Declaration]:
+    """All tunables that there are with some values, in order of declaration.
+
+    A choice among one is none, and not listed.
+
+    Args:
+        group_type: A frozen dataclass whose fields were made by `declared`, `group` and `chosen`.
+        values: Full name to value, which tells what is chosen; the default of what is not named.
         prefix: Put in front of each name, with its dot.
 
     Returns:
         Full name to declaration.
+
+    Raises:
+        ParameterError: A value that chooses is not allowed.
     """
     types = typing.get_type_hints(group_type)
     found: dict[str, Declaration] = {}
     for field in dataclasses.fields(group_type):
         name = prefix + field.name
         if _METADATA_KEY in field.metadata:
-            found[name] = Declaration(
-                name=name, type=types[field.name], **field.metadata[_METADATA_KEY]
-            )
+            declaration = _declaration(name, types[field.name], field)
+            if len(declaration.choices) != 1:
+                found[name] = declaration
+        elif _CHOSEN_KEY in field.metadata:
+            chooser = found[prefix + field.metadata[_CHOSEN_KEY]["by"]]
+            value = chooser.validate((values or {}).get(chooser.name, chooser.default))
+            for own, of_part in field.metadata[_CHOSEN_KEY]["groups"](value).items():
+                found.update(declarations(of_part, values, _extended(prefix, own)))
         else:
-            found.update(declarations(types[field.name], prefix=f"{name}."))
+            found.update(declarations(types[field.name], values, prefix=f"{name}."))
     return found
+
+
+def all_declarations(group_type: type) -> dict[str, Declaration]:
+    """All tunables that can be, whatever is chosen; `only_with` says with what.
+
+    Args:
+        group_type: As for `declarations`.
+    """
+    found = declarations(group_type)
+    needs: dict[str, str] = {}
+    for chooser in _choosers(group_type):
+        there = {
+            choice: declarations(group_type, {chooser.name: _choosing(chooser, choice)})
+            for choice in chooser.choices
+        }
+        for of_choice in there.values():
+            found |= {name: one for name, one in of_choice.items() if name not in found}
+        for name in found:
+            choices = [choice for choice, of_choice in there.items() if name in of_choice]
+            if 0 < len(choices) < len(there):
+                listed = " or ".join(f"'{choice}'" for choice in choices)
+                needs[name] = f"{chooser.name} {listed}"
+    return {
+        name: dataclasses.replace(declaration, only_with=needs.get(name, ""))
+        for name, declaration in found.items()
+    }
 
 
 def build(group_type: type[Group], values: Mapping[str, Any]) -> Group:
     """Build a group from full names and values; what is not named keeps its default.
 
     Args:
-        group_type: A frozen dataclass whose fields were made by `declared` and `group`.
+        group_type: A frozen dataclass whose fields were made by `declared`, `group` and `chosen`.
         values: Full name to value.
 
     Returns:
         The group, every value checked.
 
     Raises:
-        ParameterError: A name is not declared or a value is not allowed.
+        ParameterError: A name is not declared with these values, or a value is not allowed.
     """
-    known = declarations(group_type)
+    known = declarations(group_type, values)
     for name in values:
         if name not in known:
-            raise ParameterError(f"no parameter '{name}'; there are: {', '.join(known)}")
-    checked = {name: known[name].validate(value) for name, value in values.items()}
+            raise ParameterError(why_unknown(group_type, name, values))
+    checked = {name: one.validate(values.get(name, one.default)) for name, one in known.items()}
     return typing.cast(Group, _assemble(group_type, checked, prefix=""))
 
 
-def _assemble(group_type: Any, checked: Mapping[str, Any], prefix: str) -> Any:
-    types = typing.get_type_hints(group_type)
-    arguments = {}
-    for field in dataclasses.fields(group_type):
-        name = prefix + field.name
-        if _METADATA_KEY not in field.metadata:
-            arguments[field.name] = _assemble(types[field.name], checked, prefix=f"{name}.")
-        elif name in checked:
-            arguments[field.name] = checked[name]
-    return group_type(**arguments)
+def changed(
+    group_type: type, before: Mapping[str, Any], changes: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Values after a change: what the change no longer lets exist is left out.
+
+    Args:
+        group_type: As for `build`.
+        before: Full name to value.
+        changes: Full name to value.
+
+    Raises:
+        ParameterError: A value that chooses is not allowed.
+    """
+    known = declarations(group_type, {**before, **changes})
+    return {name: value for name, value in before.items() if name in known} | dict(changes)
+
+
+def why_unknown(group_type: type, name: str, values: Mapping[str, Any]) -> str:
+    """Why there is no tunable of a name with these values, and what to do, as a sentence.
+
+    A group type may tell in `former_names` what became of names that it has no more: full name to
+    another that is to be used, or to a reason.
+    """
+    former = getattr(group_type, "former_names", {})
+    every = all_declarations(group_type)
+    if name in former:
+        instead = f"use '{former[name]}'" if former[name] in every else former[name]
+        return f"no parameter '{name}'; {instead}"
+    if name in every:
+        return f"no parameter '{name}' here; it needs {every[name].only_with}"
+    return f"no parameter '{name}'; there are: {', '.join(declarations(group_type, values))}"
 
 
 def flatten(values: Any, prefix: str = "") -> dict[str, Any]:
@@ -226,7 +322,60 @@ def flatten(values: Any, prefix: str = "") -> dict[str, Any]:
         value = getattr(values, field.name)
         name = prefix + field.name
         if _METADATA_KEY in field.metadata:
-            flat[name] = value
+            if len(_choices(field)) != 1:
+                flat[name] = value
+        elif _CHOSEN_KEY in field.metadata:
+            for own, part in value.items():
+                flat.update(flatten(part, _extended(prefix, own)))
         else:
             flat.update(flatten(value, prefix=f"{name}."))
     return flat
+
+
+def _declaration(name: str, value_type: Any, field: dataclasses.Field[Any]) -> Declaration:
+    declaration = Declaration(name=name, type=value_type, **field.metadata[_METADATA_KEY])
+    return dataclasses.replace(declaration, choices=_choices(field))
+
+
+def _choices(field: dataclasses.Field[Any]) -> tuple[str, ...]:
+    return tuple(field.metadata[_METADATA_KEY]["choices"])
+
+
+def _choosing(chooser: Declaration, choice: str) -> Any:
+    return (choice,) if chooser.type == tuple[str, ...] else choice
+
+
+def _choosers(group_type: type, prefix: str = "") -> Iterator[Declaration]:
+    """The tunables that decide which others there are."""
+    types = typing.get_type_hints(group_type)
+    known = declarations(group_type, prefix=prefix)
+    for field in dataclasses.fields(group_type):
+        if _CHOSEN_KEY in field.metadata:
+            yield known[prefix + field.metadata[_CHOSEN_KEY]["by"]]
+        elif _METADATA_KEY not in field.metadata:
+            yield from _choosers(types[field.name], f"{prefix}{field.name}.")
+
+
+def _extended(prefix: str, own: str) -> str:
+    return f"{prefix}{own}." if own else prefix
+
+
+def _assemble(group_type: Any, checked: Mapping[str, Any], prefix: str) -> Any:
+    types = typing.get_type_hints(group_type)
+    arguments: dict[str, Any] = {}
+    for field in dataclasses.fields(group_type):
+        name = prefix + field.name
+        if _METADATA_KEY in field.metadata:
+            if name in checked:
+                arguments[field.name] = checked[name]
+        elif _CHOSEN_KEY in field.metadata:
+            groups = field.metadata[_CHOSEN_KEY]["groups"]
+            arguments[field.name] = {
+                own: _assemble(of_part, checked, _extended(prefix, own))
+                for own, of_part in groups(
+                    checked[prefix + field.metadata[_CHOSEN_KEY]["by"]]
+                ).items()
+            }
+        else:
+            arguments[field.name] = _assemble(types[field.name], checked, prefix=f"{name}.")
+    return group_type(**arguments)

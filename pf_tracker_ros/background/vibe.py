@@ -11,6 +11,7 @@ universal background subtraction algorithm for video sequences".
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.background.camera_motion import CameraMotion
+from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.parameters import declared
 
-Box = tuple[float, float, float, float]
 BackgroundStatus = Literal["still", "warped", "restarted"]
 
 # No scene has more foreground than this share: then the camera has moved, or the light changed.
@@ -41,48 +42,6 @@ _RIGHT, _DOWN = np.array(
 class BackgroundParameters:
     """The background model."""
 
-    samples: int = declared(
-        20,
-        "Sample values that the model keeps of a pixel (N).",
-        minimum=2,
-        maximum=100,
-        read_only=True,
-    )
-    radius: int = declared(
-        20,
-        "A sample matches a pixel when no channel differs by more than this (R).",
-        unit="gray levels",
-        minimum=0,
-        maximum=254,
-        read_only=True,
-    )
-    matches: int = declared(
-        2,
-        "Samples that must match for a pixel to count as background (U_min).",
-        minimum=1,
-        maximum=100,
-        read_only=True,
-    )
-    update_every: int = declared(
-        16,
-        "A background pixel updates its samples, and a neighbor's, once in so many frames on "
-        "average.",
-        minimum=1,
-        maximum=10_000,
-        read_only=True,
-    )
-    reduction: int = declared(
-        2,
-        "Whole number of image pixels that one pixel of the model averages along each axis.",
-        minimum=1,
-        maximum=16,
-        read_only=True,
-    )
-    color: bool = declared(
-        False,
-        "Whether the model keeps colors; without, it keeps brightness at a third of the cost.",
-        read_only=True,
-    )
     moving_camera: bool = declared(
         False,
         "Whether the camera may move: its motion is then estimated in every frame, and the model "
@@ -120,11 +79,19 @@ class BackgroundModel:
         image: (H, W, 3) uint8 BGR or (H, W) uint8 first frame, which initializes the model.
         parameters: As declared.
         generator: Source of all randomness.
-        hole: (x, y, width, height) in image pixels of what is known not to be background, such as
-            the target; the model there begins with a continuation of what is around it, so that
-            the target leaves no ghost behind.
+        holes: Boxes of what is known not to be background, such as targets; the model there begins
+            with a continuation of what is around them, so that they leave no ghosts behind.
+        samples: Values that the model keeps of a pixel (N).
+        radius: A sample matches a pixel when no channel differs by more gray levels than this (R).
+        matches: Samples that must match for a pixel to count as background (U_min).
+        update_every: A background pixel updates its samples, and a neighbor's, once in so many
+            frames on average.
+        reduction: Whole number of image pixels that one pixel of the model averages along each
+            axis.
+        color: Whether the model keeps colors; without, it keeps brightness at a third of the cost.
 
     Attributes:
+        reduction: Image pixels that one pixel of the mask stands for along each axis.
         status: What the last update did about the camera. "still": nothing, the camera stood still
             or is declared to. "warped": moved the model along. "restarted": the camera's motion
             could not be told, so that the model begins anew with this frame, and the foreground
@@ -136,33 +103,40 @@ class BackgroundModel:
         image: NDArray[np.uint8],
         parameters: BackgroundParameters,
         generator: np.random.Generator,
-        hole: Box | None = None,
+        holes: Sequence[Box] = (),
+        *,
+        samples: int = 20,
+        radius: int = 20,
+        matches: int = 2,
+        update_every: int = 16,
+        reduction: int = 2,
+        color: bool = True,
     ) -> None:
-        self._parameters = parameters
+        self.reduction = reduction
+        self._samples = samples
+        self._radius = radius
+        self._matches = matches
+        self._update_every = update_every
+        self._color = color
         self._generator = generator
         planes = self._planes(image)
         self._camera = CameraMotion(_gray(planes)) if parameters.moving_camera else None
         self._alignment = np.eye(3)
-        self._begin(planes, hole)
+        self._begin(planes, holes)
         self.status: BackgroundStatus = "still"
         self.state = BackgroundState("learning")
-
-    @property
-    def reduction(self) -> int:
-        """Image pixels that one pixel of the mask stands for along each axis."""
-        return self._parameters.reduction
 
     @property
     def samples(self) -> NDArray[np.uint8]:
         """(N, channels, h, w) copy of the model."""
         return self._model.copy()
 
-    def update(self, image: NDArray[np.uint8], hole: Box | None = None) -> NDArray[np.uint8]:
+    def update(self, image: NDArray[np.uint8], holes: Sequence[Box] = ()) -> NDArray[np.uint8]:
         """Tell foreground from background, then learn the background.
 
         Args:
             image: As the first, of the same size.
-            hole: As for the first image, should the model begin anew with this one.
+            holes: As for the first image, should the model begin anew with this one.
 
         Returns:
             (h, w) uint8, 255 for foreground, 0 for background; h and w are those of the image
@@ -171,7 +145,7 @@ class BackgroundModel:
         planes = self._planes(image)
         self.status = self._follow_camera(planes)
         if self.status == "restarted":
-            self._begin(planes, hole)
+            self._begin(planes, holes)
             self.state = BackgroundState("off", _UNKNOWN_MOTION)
             return np.zeros(planes.shape[1:], np.uint8)
         foreground = self._foreground(planes)
@@ -179,25 +153,25 @@ class BackgroundModel:
         self._age += 1
         if cv2.countNonZero(foreground) <= _LARGEST_FOREGROUND * foreground.size:
             self._changed_for = 0
-            young = self._age < self._parameters.update_every
+            young = self._age < self._update_every
             self.state = BackgroundState("learning" if young else "ready")
             return foreground
         self.state = BackgroundState("off", _ALL_CHANGED)
         self._changed_for += 1
-        if self._changed_for >= self._parameters.update_every:
-            self._begin(planes, hole)
+        if self._changed_for >= self._update_every:
+            self._begin(planes, holes)
         return foreground
 
-    def _begin(self, planes: NDArray[np.uint8], hole: Box | None) -> None:
-        self._model = self._fresh(self._filled(planes, hole) if hole else planes)
+    def _begin(self, planes: NDArray[np.uint8], holes: Sequence[Box]) -> None:
+        self._model = self._fresh(self._filled(planes, holes) if holes else planes)
         self._age = 0
         self._changed_for = 0
 
     def _planes(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """(channels, h, w) the image as the model sees it."""
-        if image.ndim == 3 and not self._parameters.color:
+        if image.ndim == 3 and not self._color:
             image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        reduction = self._parameters.reduction
+        reduction = self.reduction
         if reduction > 1:
             size = (-(-image.shape[1] // reduction), -(-image.shape[0] // reduction))
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
@@ -220,9 +194,9 @@ class BackgroundModel:
                 start = channel * height
                 cv2.max(largest, difference[start : start + height], dst=largest)
             # 255 where it matches, which is -1 for bytes that wrap: the count goes up by 1.
-            cv2.threshold(largest, self._parameters.radius, 255, cv2.THRESH_BINARY_INV, dst=largest)
+            cv2.threshold(largest, self._radius, 255, cv2.THRESH_BINARY_INV, dst=largest)
             matches -= largest
-        fewest = self._parameters.matches
+        fewest = self._matches
         return cv2.threshold(matches, fewest - 1, 255, cv2.THRESH_BINARY_INV)[1]
 
     def _learn(self, planes: NDArray[np.uint8], foreground: NDArray[np.uint8]) -> None:
@@ -257,9 +231,9 @@ class BackgroundModel:
         Gaps between successes are geometric, exponential ones in whole pixels: far fewer random
         numbers than one a pixel.
         """
-        if self._parameters.update_every == 1:
+        if self._update_every == 1:
             return np.arange(pixels)
-        chance = 1.0 / self._parameters.update_every
+        chance = 1.0 / self._update_every
         expected = pixels * chance
         gaps = self._generator.standard_exponential(
             int(expected + 6 * np.sqrt(expected) + 10), dtype=np.float32
@@ -268,13 +242,14 @@ class BackgroundModel:
         places = np.cumsum(gaps.astype(np.intp) + 1) - 1
         return places[: np.searchsorted(places, pixels)]
 
-    def _filled(self, planes: NDArray[np.uint8], hole: Box) -> NDArray[np.uint8]:
-        """The planes with the hole painted over from its surroundings."""
-        x, y, width, height = (side / self._parameters.reduction for side in hole)
+    def _filled(self, planes: NDArray[np.uint8], holes: Sequence[Box]) -> NDArray[np.uint8]:
+        """The planes with the holes painted over from their surroundings."""
         mask = np.zeros(planes.shape[1:], np.uint8)
-        left, top = max(math.floor(x), 0), max(math.floor(y), 0)
-        right, bottom = max(math.ceil(x + width), 0), max(math.ceil(y + height), 0)
-        mask[top:bottom, left:right] = 255
+        for hole in holes:
+            x, y, width, height = (side / self.reduction for side in hole)
+            left, top = max(math.floor(x), 0), max(math.floor(y), 0)
+            right, bottom = max(math.ceil(x + width), 0), max(math.ceil(y + height), 0)
+            mask[top:bottom, left:right] = 255
         return np.stack([cv2.inpaint(plane, mask, 3, cv2.INPAINT_TELEA) for plane in planes])
 
     def _fresh(self, planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -292,7 +267,7 @@ class BackgroundModel:
         padded = np.stack([cv2.copyMakeBorder(p, 1, 1, 1, 1, cv2.BORDER_REPLICATE) for p in planes])
         rows, columns = np.divmod(pixels, planes.shape[2])
         corners = rows * padded.shape[2] + columns
-        drawn = np.empty((self._parameters.samples, len(planes), len(pixels)), np.uint8)
+        drawn = np.empty((self._samples, len(planes), len(pixels)), np.uint8)
         for samples in drawn:
             step = self._generator.integers(0, 9, len(pixels))
             places = corners + step // 3 * padded.shape[2] + step % 3

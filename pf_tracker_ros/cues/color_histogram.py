@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Cue, Match, declared_power
-from pf_tracker_ros.cues.maps import FrameMaps
+from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep, declared_power
+from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import declared
 
 # 8 bits number the boxes of one calcHist call, and the colors on one page of a template.
@@ -29,25 +29,13 @@ class ColorHistogramParameters:
     """The color histogram cue."""
 
     power: float = declared_power(0.6, symbol="alpha_k")
-    levels: int = declared(
-        16,
-        "Steps that each of red, green and blue is divided into.",
-        minimum=2,
-        maximum=32,
-        read_only=True,
-    )
     sharpness: float = declared(
         20.0,
         "How fast the likelihood falls with the squared Bhattacharyya distance (lambda).",
         minimum=0.0,
         maximum=1000.0,
     )
-    foreground_only: bool = declared(
-        False,
-        "Whether all pixels of the background count as one color more, so that only the moving "
-        "foreground is told by its colors; switches the background model on.",
-        read_only=True,
-    )
+    keep: float = declared_keep(0.9, symbol="beta")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +43,9 @@ class ColorTemplate:
     """The colors of the target.
 
     Attributes:
-        histogram: (levels^3,) share of each color, numbered as in `FrameMaps.color_bins`, and with
-            `foreground_only` one more, the share of the background. They sum to the share of the
-            box that is inside the image.
+        histogram: (levels^3,) share of each color, numbered as in `Region.color_bins`, and where
+            the background is set apart one more, its share. They sum to the share of the box that
+            is inside the image.
         smallest_share: Share of one pixel of the box.
     """
 
@@ -82,70 +70,55 @@ class ColorTemplate:
         return tuple(pages)
 
 
+@CUES.register("color_histogram", ColorHistogramParameters)
 class ColorHistogram(Cue):
     """RGB histogram against a template histogram by their Bhattacharyya distance.
 
-    Pixels outside the image match nothing; a gray image counts as R = G = B. With
-    `foreground_only`, the background takes part as one color, whatever its pixels look like: so it
-    cannot be taken for the target, and a box must hold as much of it as the target's did.
+    Pixels outside the image match nothing; a gray image counts as R = G = B.
 
     Args:
-        parameters: Levels, sharpness and whether to set the background apart.
+        parameters: Sharpness, and how slowly the template changes.
+        levels: Steps that each of red, green and blue is divided into, at most 32.
     """
 
-    def __init__(self, parameters: ColorHistogramParameters) -> None:
-        self._levels = parameters.levels
+    def __init__(self, parameters: ColorHistogramParameters, *, levels: int = 16) -> None:
+        self._levels = levels
         self._sharpness = parameters.sharpness
-        self._foreground_only = parameters.foreground_only
-        self._background_color = self._levels**3
+        self._keep = parameters.keep
 
-    def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> ColorTemplate:
+    def learn(self, region: Region, box: NDArray[np.float64]) -> ColorTemplate:
         """See `Cue.learn`."""
-        top, _, left, _ = maps.padding
-        region_box = maps.region_boxes(box[None])
+        top, _, left, _ = region.padding
+        region_box = region.region_boxes(box[None])
         columns, rows = _grid(region_box[0, 2:])
         x, y = _corners(region_box, columns, rows)[0] - (left, top)
-        bins = self._bins(maps)
+        bins = self._bins(region)
         inside = bins[max(y, 0) : max(y + rows, 0), max(x, 0) : max(x + columns, 0)]
-        counts = np.bincount(
-            inside.ravel(), minlength=self._background_color + self._foreground_only
-        ).astype(np.float32)
+        counts = np.bincount(inside.ravel(), minlength=self._colors).astype(np.float32)
         return ColorTemplate(counts / np.float32(rows * columns), 1.0 / (rows * columns))
 
     def log_likelihood(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], template: ColorTemplate
+        self, region: Region, boxes: NDArray[np.float64], template: ColorTemplate
     ) -> NDArray[np.float64]:
         """See `Cue.log_likelihood`; source: Li et al. 2007, equation (6)."""
-        return -self._sharpness * self.squared_distance(maps, boxes, template)
+        return -self._sharpness * self.squared_distance(region, boxes, template)
 
     def match(self, seen: ColorTemplate, template: ColorTemplate) -> Match:
-        """See `Cue.match`; the similarity is the Bhattacharyya coefficient.
+        """See `Cue.match`; the similarity is the Bhattacharyya coefficient."""
+        coefficient = min(float(np.sqrt(seen.histogram * template.histogram).sum()), 1.0)
+        return Match(-self._sharpness * (1.0 - coefficient), coefficient)
 
-        With `foreground_only` it is that of the target's colors alone, as a share of what a perfect
-        match has: a box full of background is not like the target.
-        """
-        roots = np.sqrt(seen.histogram * template.histogram)
-        coefficient = min(float(roots.sum()), 1.0)
-        similarity = coefficient
-        if self._foreground_only:
-            perfect = float(template.histogram[:-1].sum())
-            similarity = min(float(roots[:-1].sum()) / perfect, 1.0) if perfect > 0.0 else 1.0
-        return Match(-self._sharpness * (1.0 - coefficient), similarity)
+    @property
+    def _colors(self) -> int:
+        """How many numbers `_bins` has."""
+        return self._levels**3
 
-    def _bins(self, maps: FrameMaps) -> NDArray[np.uint16]:
-        """(h, w) number of each pixel's color; without a foreground mask, none is background."""
-        bins = maps.color_bins(self._levels)
-        foreground = maps.foreground_pixels if self._foreground_only else None
-        if foreground is None:
-            return bins
-        background_color = np.uint16(self._background_color)
-        return maps.shared(
-            ("foreground color bins", self._levels),
-            lambda: np.where(foreground, bins, background_color),
-        )
+    def _bins(self, region: Region) -> NDArray[np.uint16]:
+        """(h, w) number of each pixel's color."""
+        return region.color_bins(self._levels)
 
     def squared_distance(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], template: ColorTemplate
+        self, region: Region, boxes: NDArray[np.float64], template: ColorTemplate
     ) -> NDArray[np.float64]:
         """(N,) squared Bhattacharyya distances d^2, 0 to 1, of (N, 4) boxes from the template.
 
@@ -154,22 +127,67 @@ class ColorHistogram(Cue):
 
         Source: Li et al. 2007, equations (4) and (5).
         """
-        region_boxes = maps.region_boxes(boxes)
+        region_boxes = region.region_boxes(boxes)
         coefficient = np.zeros(len(boxes))
         for number, (labels_of_colors, root) in enumerate(template.pages):
 
             def label_pixels(table: NDArray[np.uint8] = labels_of_colors) -> NDArray[np.uint8]:
-                return maps.padded(table.take(self._bins(maps)))
+                return region.padded(table.take(self._bins(region)))
 
-            labels = maps.shared((template, number), label_pixels)
+            labels = region.shared((template, number), label_pixels)
             coefficient += _root_coefficient(labels, region_boxes, root)
         return 1.0 - np.minimum(coefficient, 1.0)
 
-    def blend(self, template: ColorTemplate, seen: ColorTemplate, keep: float) -> ColorTemplate:
+    def blend(self, template: ColorTemplate, seen: ColorTemplate) -> ColorTemplate:
         """See `Cue.blend`; source: Li et al. 2007, equation (9)."""
-        blended = np.float32(keep) * template.histogram + np.float32(1.0 - keep) * seen.histogram
+        old, new = np.float32(self._keep), np.float32(1.0 - self._keep)
+        blended = old * template.histogram + new * seen.histogram
         _, kept = cv2.threshold(blended, _FADED * seen.smallest_share, 0.0, cv2.THRESH_TOZERO)
         return ColorTemplate(kept.ravel(), seen.smallest_share)
+
+
+@CUES.register("foreground_color_histogram", ColorHistogramParameters)
+class ForegroundColorHistogram(ColorHistogram):
+    """Histogram in which all of the background is one color, whatever its pixels look like.
+
+    So the background cannot be taken for the target, and a box must hold as much of it as the
+    target's did. Without a background model, no pixel is background.
+
+    Args:
+        parameters: As for `ColorHistogram`.
+        levels: As for `ColorHistogram`.
+
+    Source: Zhang Bo, section 2 (the foreground is extracted before its colors are counted).
+    """
+
+    needs_foreground = True
+
+    def match(self, seen: ColorTemplate, template: ColorTemplate) -> Match:
+        """See `Cue.match`; the similarity is that of the target's colors alone.
+
+        It is a share of what a perfect match has: a box full of background is not like the target.
+        """
+        roots = np.sqrt(seen.histogram * template.histogram)
+        perfect = float(template.histogram[:-1].sum())
+        return Match(
+            -self._sharpness * (1.0 - min(float(roots.sum()), 1.0)),
+            min(float(roots[:-1].sum()) / perfect, 1.0) if perfect > 0.0 else 1.0,
+        )
+
+    @property
+    def _colors(self) -> int:
+        return self._levels**3 + 1
+
+    def _bins(self, region: Region) -> NDArray[np.uint16]:
+        """(h, w) number of each pixel's color, the last one for the background."""
+        bins, foreground = super()._bins(region), region.foreground_pixels
+        if foreground is None:
+            return bins
+        background_color = np.uint16(self._levels**3)
+        return region.shared(
+            ("foreground color bins", self._levels),
+            lambda: np.where(foreground, bins, background_color),
+        )
 
 
 def _root_coefficient(

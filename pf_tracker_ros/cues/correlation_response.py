@@ -4,7 +4,7 @@ The filter's answers to the window around the prediction, at a few sizes of it, 
 frame, and each particle reads them at its center and size: any number of particles costs nearly the
 same.
 
-Sources: as in `correlation_filter` and `window_features`.
+Sources: as in `correlation_filter` and in the features.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from pf_tracker_ros.cues.correlation_filter import (
     spectrum,
     train,
 )
-from pf_tracker_ros.cues.cue import Match, SearchableCue, declared_power
-from pf_tracker_ros.cues.maps import FrameMaps
-from pf_tracker_ros.cues.window_features import CELL_PIXELS, window_features
-from pf_tracker_ros.cues.windows import Crop
+from pf_tracker_ros.cues.cue import CUES, Match, SearchableCue, declared_power
+from pf_tracker_ros.cues.features import FEATURES, Features
+from pf_tracker_ros.frames import Region
+from pf_tracker_ros.frames.windows import read_window
 from pf_tracker_ros.parameters import declared
 
 # Places along each side of a cell at which the response is computed.
@@ -49,7 +49,13 @@ _SMALLEST = 1e-9
 class CorrelationResponseParameters:
     """The correlation response cue."""
 
-    power: float = declared_power(0.0)
+    power: float = declared_power(0.5)
+    features: str = declared(
+        "gradients_and_colors",
+        "What the filter looks at.",
+        choices=FEATURES,
+        read_only=True,
+    )
     window: float = declared(
         4.0,
         "Side of the square window around the target that the filter is trained in; a larger one "
@@ -59,54 +65,11 @@ class CorrelationResponseParameters:
         maximum=8.0,
         read_only=True,
     )
-    cells: int = declared(
-        40,
-        "Cells along each side of the window, each of 4 x 4 pixels once the window is brought to "
-        "that resolution; an odd number counts as the even one above.",
-        minimum=16,
-        maximum=64,
-        read_only=True,
-    )
-    sizes: int = declared(
-        3,
-        "Sizes of the window that are compared each frame, around that of the prediction; an even "
-        "number counts as the odd one above. 1 says nothing about the target's size.",
-        minimum=1,
-        maximum=9,
-        read_only=True,
-    )
-    size_step: float = declared(
-        1.02,
-        "Factor from one of these sizes to the next.",
-        minimum=1.001,
-        maximum=1.5,
-        read_only=True,
-    )
     sharpness: float = declared(
-        80.0,
+        100.0,
         "How fast the likelihood falls as the response does.",
         minimum=0.0,
         maximum=1000.0,
-    )
-    memory: float = declared(
-        300.0,
-        "Weight of the filter's change from one frame to the next (mu); more adapts slower.",
-        minimum=0.0,
-        maximum=10000.0,
-    )
-    training_interval: int = declared(
-        3,
-        "Frames from one training of the filter to the next, each counting for all of them; fewer "
-        "trainings cost less.",
-        minimum=1,
-        maximum=100,
-    )
-    settling_frames: int = declared(
-        25,
-        "Frames, from the first on, in which the filter is trained each time, and over which the "
-        "weight of its memory grows to the full one: the first views say most.",
-        minimum=1,
-        maximum=10000,
     )
 
 
@@ -135,11 +98,11 @@ class View(NamedTuple):
     """Where to look in the frame at hand: training the filter costs too much for every frame.
 
     Attributes:
-        maps: Of that frame.
+        region: Of that frame.
         box: (4,) x, y, width, height in pixels.
     """
 
-    maps: FrameMaps
+    region: Region
     box: NDArray[np.float64]
 
 
@@ -157,41 +120,63 @@ class _Window(NamedTuple):
     side: float
 
 
+@CUES.register("correlation_response", CorrelationResponseParameters)
 class CorrelationResponse(SearchableCue):
     """Response of a regularized correlation filter, against that to the window it was trained on.
 
     Args:
-        parameters: Window, training and sharpness.
+        parameters: Features, window and sharpness.
+        cells: Along each side of the window, even; each has as many pixels as the features ask for,
+            once the window is brought to that resolution.
+        sizes: Of the window that are compared each frame, around that of the prediction, odd; 1
+            says nothing about the target's size.
+        size_step: Factor from one of these sizes to the next.
+        memory: Weight of the filter's change from one frame to the next (mu); more adapts slower.
+        training_interval: Frames from one training of the filter to the next, each counting for all
+            of them.
+        settling_frames: Frames, from the first on, in which the filter is trained each time, and
+            over which the weight of its memory grows to the full one: the first views say most.
     """
 
-    def __init__(self, parameters: CorrelationResponseParameters) -> None:
+    def __init__(
+        self,
+        parameters: CorrelationResponseParameters,
+        *,
+        cells: int = 40,
+        sizes: int = 3,
+        size_step: float = 1.02,
+        memory: float = 300.0,
+        training_interval: int = 3,
+        settling_frames: int = 25,
+    ) -> None:
+        self._features: Features = FEATURES[parameters.features]()
         self._window = parameters.window
-        self._cells = parameters.cells + parameters.cells % 2
-        self._steps = np.arange(parameters.sizes // 2 * 2 + 1) - parameters.sizes // 2
-        self._log_step = math.log(parameters.size_step)
+        self._cells = cells
+        self._steps = np.arange(sizes) - sizes // 2
+        self._log_step = math.log(size_step)
         self._sharpness = parameters.sharpness
-        self._interval = parameters.training_interval
-        self._settling = parameters.settling_frames
-        self._memory = parameters.memory
+        self._interval = training_interval
+        self._settling = settling_frames
+        self._memory = memory
 
-    def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> CorrelationTemplate:
+    def learn(self, region: Region, box: NDArray[np.float64]) -> CorrelationTemplate:
         """See `Cue.learn`."""
-        pixels = self._pixels(maps, box, gray=False)
+        pixels = self._pixels(region, box, gray=False)
         colored = pixels.ndim == 3 and float(np.ptp(pixels, axis=2).mean()) >= _LEAST_COLOR
-        window = self._around(maps, box, colored)
+        window = self._around(region, box, colored)
         width, height = (float(side) * self._cells / window.side for side in box[2:])
         trained = train(window.spectrum, (width, height), None, 0.0)
         return CorrelationTemplate(
             trained, _reference(trained, window.spectrum), (width, height), colored
         )
 
-    def observe(self, maps: FrameMaps, box: NDArray[np.float64]) -> View:
+    def observe(self, region: Region, box: NDArray[np.float64]) -> View:
         """See `Cue.observe`."""
-        return View(maps, box)
+        return View(region, box)
 
     def adopt(self, seen: View) -> CorrelationTemplate:
         """See `Cue.adopt`."""
-        return self.learn(seen.maps, seen.box)
+        return self.learn(seen.region, seen.box)
 
     def log_likelihood_of(
         self, strength: NDArray[np.float64], template: CorrelationTemplate
@@ -209,28 +194,28 @@ class CorrelationResponse(SearchableCue):
         Source: Bolme, Beveridge, Draper, Lui 2010, "Visual object tracking using adaptive
         correlation filters", section 3.5 (the peak-to-sidelobe ratio).
         """
-        value = float(self.strength(seen.maps, seen.box[None], template)[0])
-        values, _ = self._responses(seen.maps, template)[len(self._steps) // 2]
+        value = float(self.strength(seen.region, seen.box[None], template)[0])
+        values, _ = self._responses(seen.region, template)[len(self._steps) // 2]
         peak = max(float(values.max()), _SMALLEST)
         stands_out = _odds(_EVEN_CLUTTER * peak / max(float(values.std()), _SMALLEST))
         is_there = _odds(peak / template.reference / _EVEN_LEVEL)
         return Match(-self._sharpness * (1.0 - value), stands_out * is_there)
 
     def strength(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], template: CorrelationTemplate
+        self, region: Region, boxes: NDArray[np.float64], template: CorrelationTemplate
     ) -> NDArray[np.float64]:
         """See `SearchableCue.strength`: the responses at the centers of the boxes, 0 to 1.
 
-        The windows are around `FrameMaps.place`. Between their sizes a box's response is
+        The windows are around `Region.place`. Between their sizes a box's response is
         interpolated; beyond them it is that of the next.
         """
-        responses = self._responses(maps, template)
+        responses = self._responses(region, template)
         # A view may answer more than the one that was learned; still no place beats the best.
         full = max(template.reference, *(float(values.max()) for values, _ in responses))
         centers = boxes[:, :2] + boxes[:, 2:] / 2
         read = np.stack([_read(values, window, centers) for values, window in responses])
         if len(responses) > 1:
-            sizes = boxes[:, 2] * boxes[:, 3] / (maps.place[2] * maps.place[3])
+            sizes = boxes[:, 2] * boxes[:, 3] / (region.place[2] * region.place[3])
             steps = np.log(sizes) / (2 * self._log_step) - self._steps[0]
             below = np.clip(steps.astype(np.intp), 0, len(responses) - 2)
             share = np.clip(steps - below, 0.0, 1.0)
@@ -241,52 +226,52 @@ class CorrelationResponse(SearchableCue):
         return np.clip(read / full, 0.0, 1.0)
 
     def _responses(
-        self, maps: FrameMaps, template: CorrelationTemplate
+        self, region: Region, template: CorrelationTemplate
     ) -> list[tuple[NDArray[np.float32], _Window]]:
         """The response map of each size, and where its window is."""
-        key = self._window, self._cells, len(self._steps), self._log_step, template.colored
-        windows = maps.shared(
-            ("correlation windows", *key),
+        windows = region.shared(
+            (self, template.colored),
             lambda: [
-                self._around(maps, maps.place, template.colored, math.exp(step * self._log_step))
+                self._around(
+                    region, region.place, template.colored, math.exp(step * self._log_step)
+                )
                 for step in self._steps
             ],
         )
         samples = _REFINEMENT * self._cells
-        return maps.shared(
+        return region.shared(
             ("correlation responses", template),
             lambda: [
                 (response(template.filter, window.spectrum, samples), window) for window in windows
             ],
         )
 
-    def blend(self, template: CorrelationTemplate, seen: View, keep: float) -> CorrelationTemplate:
-        """See `Cue.blend`; the filter's own memory takes the place of `keep`."""
+    def blend(self, template: CorrelationTemplate, seen: View) -> CorrelationTemplate:
+        """See `Cue.blend`; the filter's memory holds it near what it was."""
         learned = replace(template, frames=template.frames + 1, waiting=template.waiting + 1)
         settled = min(template.frames / self._settling, 1.0)
         interval = self._interval if settled == 1.0 else 1
         if learned.waiting < interval:
             return learned
-        window = self._around(seen.maps, seen.box, template.colored)
+        window = self._around(seen.region, seen.box, template.colored)
         memory = settled * self._memory / interval
         trained = train(window.spectrum, template.target_cells, template.filter, memory)
         reference = _reference(trained, window.spectrum)
         return replace(learned, filter=trained, reference=reference, waiting=0)
 
     def _around(
-        self, maps: FrameMaps, box: NDArray[np.float64], colored: bool, factor: float = 1.0
+        self, region: Region, box: NDArray[np.float64], colored: bool, factor: float = 1.0
     ) -> _Window:
-        pixels = self._pixels(maps, box, gray=not colored, factor=factor)
+        pixels = self._pixels(region, box, gray=not colored, factor=factor)
         center, side = box[:2] + box[2:] / 2, self._side(box, factor)
-        return _Window(spectrum(window_features(pixels)), center, side)
+        return _Window(spectrum(self._features.extract(pixels)), center, side)
 
     def _pixels(
-        self, maps: FrameMaps, box: NDArray[np.float64], *, gray: bool, factor: float = 1.0
+        self, region: Region, box: NDArray[np.float64], *, gray: bool, factor: float = 1.0
     ) -> NDArray[np.uint8]:
         """The window around a (4,) box."""
         center, side = box[:2] + box[2:] / 2, self._side(box, factor)
-        sides, pixels = np.array([side, side]), CELL_PIXELS * self._cells
-        return Crop(maps.image, center, sides, pixels, gray).window(center, sides, pixels)
+        return read_window(region.frame, center, side, self._features.stride * self._cells, gray)
 
     def _side(self, box: NDArray[np.float64], factor: float) -> float:
         return self._window * factor * math.sqrt(box[2] * box[3])

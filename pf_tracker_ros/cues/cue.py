@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.maps import FrameMaps
+from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import declared
+from pf_tracker_ros.registry import Registry
 
 
 def declared_power(default: float, symbol: str = "") -> float:
@@ -29,6 +30,23 @@ def declared_power(default: float, symbol: str = "") -> float:
     return power
 
 
+def declared_keep(default: float, symbol: str = "") -> float:
+    """The parameter of cues whose template is a mean: how slowly it follows the target.
+
+    Args:
+        default: 0 to 1.
+        symbol: The paper's symbol for it, empty where it has none.
+    """
+    named = f" ({symbol})" if symbol else ""
+    keep: float = declared(
+        default,
+        f"Share of the old template that an update keeps{named}.",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    return keep
+
+
 class Match(NamedTuple):
     """How well one box fits a template.
 
@@ -46,56 +64,52 @@ class Cue(Protocol):
 
     A cue is stateless: it is configured once, and the templates that it learns are values that the
     target owns. To freeze a template is not to replace it.
+
+    Attributes:
+        looks_in_one_size: Whether it looks at every box in the size of `Region.place`.
+        judges: Whether its similarity tells the target from other things, and not only from
+            nothing.
+        needs_foreground: Whether it reads `Frame.foreground`.
     """
+
+    looks_in_one_size: ClassVar[bool] = False
+    judges: ClassVar[bool] = True
+    needs_foreground: ClassVar[bool] = False
 
     @property
     def reach(self) -> float:
-        """How far beyond each side of a box the cue reads the maps, in box sides."""
+        """How far beyond each side of a box the cue reads the region, in box sides."""
         return 0.0
 
-    @property
-    def looks_in_one_size(self) -> bool:
-        """Whether the cue looks at every box in the size of `FrameMaps.place`."""
-        return False
-
-    @property
-    def steady_keep(self) -> float | None:
-        """Share of the template that every tracked frame keeps, whatever its likelihood.
-
-        None leaves it to the trusted frames and to their common share, `TemplateParameters`.
-        """
-        return None
-
-    @property
-    def judges(self) -> bool:
-        """Whether the similarity tells the target from other things, and not only from nothing."""
-        return True
-
-    def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> Any:
+    def learn(self, region: Region, box: NDArray[np.float64]) -> Any:
         """The template of what is in a (4,) box (x, y, width, height), pixels."""
 
-    def observe(self, maps: FrameMaps, box: NDArray[np.float64]) -> Any:
+    def observe(self, region: Region, box: NDArray[np.float64]) -> Any:
         """What is in a (4,) box of the frame at hand, for `match` and `blend`.
 
         The template that `learn` gives, unless a cue can put off work that not every frame needs;
         what it gives then is of use in this frame only.
         """
-        return self.learn(maps, box)
+        return self.learn(region, box)
 
     def adopt(self, seen: Any) -> Any:
         """The template of what was observed, for a cue that has none yet."""
         return seen
 
     def log_likelihood(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], template: Any
+        self, region: Region, boxes: NDArray[np.float64], template: Any
     ) -> NDArray[np.float64]:
         """(N,) log p(Z | X), at most 0, of (N, 4) boxes of any size; 0 is a perfect match."""
 
     def match(self, seen: Any, template: Any) -> Match | None:
         """How well the one box that was observed fits; None if the cue cannot tell."""
 
-    def blend(self, template: Any, seen: Any, keep: float) -> Any:
-        """The template `keep * template + (1 - keep) * seen`."""
+    def blend(self, template: Any, seen: Any) -> Any:
+        """The template moved towards what was observed, as far as the cue's parameters say."""
+
+
+# Each cue registers itself; its parameters have at least a `power`, see `declared_power`.
+CUES = Registry[Cue]("cue")
 
 
 @runtime_checkable
@@ -106,7 +120,7 @@ class SearchableCue(Cue, Protocol):
     """
 
     def strength(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], template: Any
+        self, region: Region, boxes: NDArray[np.float64], template: Any
     ) -> NDArray[np.float64]:
         """(N,) how much of the target there is at (N, 4) boxes, at most 1."""
 
@@ -116,7 +130,7 @@ class SearchableCue(Cue, Protocol):
         """(N,) log p(Z | X), at most 0, of (N,) strengths."""
 
     def log_likelihood(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], template: Any
+        self, region: Region, boxes: NDArray[np.float64], template: Any
     ) -> NDArray[np.float64]:
         """See `Cue.log_likelihood`."""
-        return self.log_likelihood_of(self.strength(maps, boxes, template), template)
+        return self.log_likelihood_of(self.strength(region, boxes, template), template)

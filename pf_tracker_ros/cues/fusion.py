@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.cues.cue import Cue, Match, SearchableCue
-from pf_tracker_ros.cues.maps import FrameMaps
+from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import ParameterError, declared
 
 # Name of a cue to its template.
@@ -28,6 +28,11 @@ _LARGEST_DISTRACTION = 2.0
 # However little a cue tells at the moment, it keeps this share of its power, and never gets more
 # than this multiple of it.
 _LEAST_POWER, _MOST_POWER = 0.15, 2.0
+# Share of each frame in what is known of how well a cue tells the target.
+_ADAPTATION_RATE = 0.1
+# Frames, from the first on, over which the confidence that learning asks for rises from 0: few
+# views do not yet tell what the target looks like in the next one.
+_SETTLING_FRAMES = 40
 
 
 @dataclass(frozen=True)
@@ -35,17 +40,11 @@ class FusionParameters:
     """How the cues' powers follow what each can tell."""
 
     adaptation: float = declared(
-        0.0,
+        1.5,
         "How strongly the powers move to the cues that tell the target from what is around it "
         "(those that can search); 0 keeps the powers as they are.",
         minimum=0.0,
         maximum=10.0,
-    )
-    adaptation_rate: float = declared(
-        0.1,
-        "Share of each frame in what is known of how well a cue tells the target.",
-        minimum=0.0,
-        maximum=1.0,
     )
 
 
@@ -66,19 +65,6 @@ class TemplateParameters:
         minimum=0.0,
         maximum=1.0,
     )
-    settling_frames: int = declared(
-        40,
-        "Frames, from the first on, over which that confidence rises from 0: few views do not yet "
-        "tell what the target looks like in the next one.",
-        minimum=1,
-        maximum=10000,
-    )
-    keep: float = declared(
-        0.9,
-        "Share of the old template that an update keeps (beta).",
-        minimum=0.0,
-        maximum=1.0,
-    )
 
     def confidence_asked(self, frames: int) -> float:
         """The least confidence that lets the templates be updated, 0 to 1.
@@ -86,10 +72,10 @@ class TemplateParameters:
         Args:
             frames: For which the target has been followed.
         """
-        return self.confident_above * min(frames / self.settling_frames, 1.0)
+        return self.confident_above * min(frames / _SETTLING_FRAMES, 1.0)
 
 
-def distraction(at_target: Mapping[str, float], beside: Strengths) -> Distraction:
+def measure_distraction(at_target: Mapping[str, float], beside: Strengths) -> Distraction:
     """Each cue's largest strength beside the target over that at the target.
 
     Args:
@@ -104,8 +90,9 @@ def distraction(at_target: Mapping[str, float], beside: Strengths) -> Distractio
     }
 
 
-def smoothed_distraction(before: Distraction, now: Distraction, rate: float) -> Distraction:
-    """The distraction of this frame mixed into that of the frames before by a rate from 0 to 1."""
+def smooth_distraction(before: Distraction, now: Distraction) -> Distraction:
+    """The distraction of this frame mixed into that of the frames before."""
+    rate = _ADAPTATION_RATE
     return {
         name: rate * value + (1.0 - rate) * before.get(name, value) for name, value in now.items()
     }
@@ -149,21 +136,26 @@ class CueFusion:
         return max(cue.reach for cue in self._cues.values())
 
     @property
+    def needs_foreground(self) -> bool:
+        """Whether any of the cues asks for the foreground."""
+        return any(cue.needs_foreground for cue in self._cues.values())
+
+    @property
     def looks_in_one_size(self) -> bool:
-        """Whether any of the cues looks at every box in the size of `FrameMaps.place`."""
+        """Whether any of the cues looks at every box in the size of `Region.place`."""
         return any(cue.looks_in_one_size for cue in self._cues.values())
 
-    def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> Templates:
+    def learn(self, region: Region, box: NDArray[np.float64]) -> Templates:
         """Each cue's template of what is in a (4,) box."""
-        return {name: cue.learn(maps, box) for name, cue in self._cues.items()}
+        return {name: cue.learn(region, box) for name, cue in self._cues.items()}
 
-    def observe(self, maps: FrameMaps, box: NDArray[np.float64]) -> Templates:
+    def observe(self, region: Region, box: NDArray[np.float64]) -> Templates:
         """What each cue sees in a (4,) box of the frame at hand; see `Cue.observe`."""
-        return {name: cue.observe(maps, box) for name, cue in self._cues.items()}
+        return {name: cue.observe(region, box) for name, cue in self._cues.items()}
 
     def log_likelihood(
         self,
-        maps: FrameMaps,
+        region: Region,
         boxes: NDArray[np.float64],
         templates: Templates,
         powers: Powers | None = None,
@@ -176,20 +168,20 @@ class CueFusion:
         fused = np.zeros(len(boxes))
         for name, template in self._known(templates):
             power = (powers or self.powers)[name]
-            fused += power * self._cues[name].log_likelihood(maps, boxes, template)
+            fused += power * self._cues[name].log_likelihood(region, boxes, template)
         return fused
 
     def strengths(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], templates: Templates
+        self, region: Region, boxes: NDArray[np.float64], templates: Templates
     ) -> Strengths:
         """Name of each searchable cue to its (N,) strengths at (N, 4) boxes."""
         return {
-            name: cue.strength(maps, boxes, templates[name])
+            name: cue.strength(region, boxes, templates[name])
             for name, cue in self._searchable.items()
             if name in templates
         }
 
-    def searched(
+    def search(
         self, strengths: Strengths, templates: Templates, powers: Powers
     ) -> NDArray[np.float64]:
         """(N,) log likelihoods, as far as the searchable cues know; at least one has strengths."""
@@ -199,7 +191,7 @@ class CueFusion:
             fused += powers[name] * likelihood
         return fused
 
-    def adapted(self, distraction: Distraction, adaptation: float) -> Powers:
+    def adapt(self, distraction: Distraction, adaptation: float) -> Powers:
         """The powers moved to the cues that are distracted less than the mean; they sum to 1."""
         if not distraction or adaptation == 0.0:
             return self.powers
@@ -234,29 +226,17 @@ class CueFusion:
             math.prod(match.similarity ** (power / judging) for _, power, match in judges),
         )
 
-    def updated(
-        self, templates: Templates, seen: Templates, trusted: bool, keep: float
-    ) -> Templates:
-        """The templates after a frame in which the target was tracked.
+    def update(self, templates: Templates, seen: Templates) -> Templates:
+        """The templates moved towards what was observed at a trusted estimate.
 
-        Args:
-            templates: Of the frames before.
-            seen: Observed at the estimate.
-            trusted: Whether the fused likelihood of the estimate exceeded w_Th.
-            keep: Share of the old templates that a trusted frame keeps (beta).
-
-        Returns:
-            Templates moved towards what was seen; source: Li et al. 2007, (9) and (10).
+        Source: Li et al. 2007, equations (9) and (10).
         """
-        updated = dict(templates)
-        for name, cue in self._cues.items():
-            if name not in templates:
-                updated[name] = cue.adopt(seen[name])
-            elif cue.steady_keep is not None:
-                updated[name] = cue.blend(templates[name], seen[name], cue.steady_keep)
-            elif trusted:
-                updated[name] = cue.blend(templates[name], seen[name], keep)
-        return updated
+        return {
+            name: cue.blend(templates[name], seen[name])
+            if name in templates
+            else cue.adopt(seen[name])
+            for name, cue in self._cues.items()
+        }
 
     def _known(self, templates: Templates) -> list[tuple[str, Any]]:
         return [(name, templates[name]) for name in self._cues if name in templates]

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Cue, Match, declared_power
-from pf_tracker_ros.cues.maps import FrameMaps, nearest_pixel
+from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep, declared_power
 from pf_tracker_ros.cues.matrix_product import product
+from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
 # The Gaussian weight is constant over each of so many parts of a cell along an axis.
@@ -24,36 +24,16 @@ class GradientOrientationParameters:
     """The gradient orientation vector cue."""
 
     power: float = declared_power(0.4, symbol="1 - alpha")
-    cells: int = declared(
-        4,
-        "Cells along each side of the box.",
-        minimum=1,
-        maximum=16,
-        read_only=True,
-    )
-    directions: int = declared(
-        8,
-        "Directions that the 360 degrees are divided into.",
-        minimum=2,
-        maximum=36,
-        read_only=True,
-    )
-    gaussian_width: float = declared(
-        0.5,
-        "Standard deviation of the Gaussian weight around the center of the box.",
-        unit="box sides",
-        minimum=0.05,
-        maximum=100.0,
-        read_only=True,
-    )
     sharpness: float = declared(
         20.0,
         "How fast the likelihood falls with the squared Euclidean distance (mu).",
         minimum=0.0,
         maximum=1000.0,
     )
+    keep: float = declared_keep(0.9, symbol="beta")
 
 
+@CUES.register("gradient_orientation", GradientOrientationParameters)
 class GradientOrientation(Cue):
     """Gradient orientation vector against a template vector by their Euclidean distance.
 
@@ -62,28 +42,40 @@ class GradientOrientation(Cue):
     the zero vector. The template is such a (cells^2 * directions,) vector.
 
     Args:
-        parameters: Cells, directions, Gaussian width and sharpness.
+        parameters: Sharpness, and how slowly the template changes.
+        cells: Along each side of the box.
+        directions: That the 360 degrees are divided into.
+        gaussian_width: Standard deviation of the Gaussian weight around the center of the box, box
+            sides.
     """
 
-    def __init__(self, parameters: GradientOrientationParameters) -> None:
-        self._cells = parameters.cells
-        self._directions = parameters.directions
+    def __init__(
+        self,
+        parameters: GradientOrientationParameters,
+        *,
+        cells: int = 4,
+        directions: int = 8,
+        gaussian_width: float = 0.5,
+    ) -> None:
+        self._cells = cells
+        self._directions = directions
         self._sharpness = parameters.sharpness
-        self._corner_weights = _corner_weights(parameters.cells, parameters.gaussian_width)
-        parts = _PARTS * parameters.cells
+        self._keep = parameters.keep
+        self._corner_weights = _corner_weights(cells, gaussian_width)
+        parts = _PARTS * cells
         self._fractions = np.arange(parts + 1)[:, None] / parts
 
-    def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> NDArray[np.float64]:
+    def learn(self, region: Region, box: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `Cue.learn`."""
-        sums = self._cell_sums(maps, box[None])[:, 0].astype(np.float64)
+        sums = self._cell_sums(region, box[None])[:, 0].astype(np.float64)
         length = np.linalg.norm(sums)
         return (sums / length if length > 0.0 else sums).ravel()
 
     def log_likelihood(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], template: NDArray[np.float64]
+        self, region: Region, boxes: NDArray[np.float64], template: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """See `Cue.log_likelihood`; source: Li et al. 2007, equation (7)."""
-        return -self._sharpness * self.squared_distance(maps, boxes, template)
+        return -self._sharpness * self.squared_distance(region, boxes, template)
 
     def match(self, seen: NDArray[np.float64], template: NDArray[np.float64]) -> Match:
         """See `Cue.match`; the similarity is 1 - e^2 / 2, for unit vectors their cosine."""
@@ -93,13 +85,13 @@ class GradientOrientation(Cue):
         return Match(-self._sharpness * squared_distance, similarity)
 
     def squared_distance(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], template: NDArray[np.float64]
+        self, region: Region, boxes: NDArray[np.float64], template: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """(N,) squared Euclidean distances e^2, from 0 to 2, of (N, 4) boxes from the template.
 
         |h - r|^2 = |h|^2 - 2 h.r + |r|^2, with |h| = 1, or 0 in a box without any gradient.
         """
-        sums = self._cell_sums(maps, boxes)
+        sums = self._cell_sums(region, boxes)
         reference = template.reshape(-1, self._directions)
         projection = np.einsum("cnd,cd->n", sums, reference.astype(np.float32))
         squared_length = np.einsum("cnd,cnd->n", sums, sums)
@@ -107,14 +99,14 @@ class GradientOrientation(Cue):
         cosine = projection / np.sqrt(np.where(textured, squared_length, 1.0))
         return np.maximum(textured - 2.0 * cosine + template @ template, 0.0)
 
-    def _cell_sums(self, maps: FrameMaps, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
+    def _cell_sums(self, region: Region, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
         """(cells^2, N, directions) Gaussian-weighted sums of gradient magnitude in N boxes.
 
         A cell's sum is linear in the values of the integral image at the corners of its parts, so
         all cells of all boxes are one matrix product.
         """
-        integral = maps.gradient_integral(self._directions)
-        x, y, width, height = maps.region_boxes(boxes).T
+        integral = region.gradient_integral(self._directions)
+        x, y, width, height = region.region_boxes(boxes).T
         columns = nearest_pixel(x + self._fractions * width)
         rows = nearest_pixel(y + self._fractions * height)
         corners = rows[:, None] * integral.shape[1] + columns[None]
@@ -125,10 +117,10 @@ class GradientOrientation(Cue):
         return sums.reshape(self._cells**2, len(boxes), self._directions)
 
     def blend(
-        self, template: NDArray[np.float64], seen: NDArray[np.float64], keep: float
+        self, template: NDArray[np.float64], seen: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """See `Cue.blend`; source: Li et al. 2007, equation (10)."""
-        return keep * template + (1.0 - keep) * seen
+        return self._keep * template + (1.0 - self._keep) * seen
 
 
 def _corner_weights(cells: int, gaussian_width: float) -> NDArray[np.float32]:

@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.evaluation.ground_truth import count_mismatch, usable_ground_truth
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceResult
 from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.stamps import NANOSECONDS
 
 Image = NDArray[Any]
-Box = tuple[float, float, float, float]
 
 
 class Answer(Protocol):

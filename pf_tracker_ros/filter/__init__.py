@@ -1,28 +1,25 @@
 """The particle filter: particles, motion models, proposals and resampling; no images here."""
 
-from pf_tracker_ros.filter.adaptive_number import (
-    AdaptiveNumberParameters,
-    AdaptiveResampler,
-    particles_needed,
-)
 from pf_tracker_ros.filter.affine_motion import AffineMotion
 from pf_tracker_ros.filter.foresight import KalmanForesight
 from pf_tracker_ros.filter.gaussian import Gaussian
+from pf_tracker_ros.filter.limits import LONGEST_PREDICTION
 from pf_tracker_ros.filter.motion import (
-    MODELS_WITH_CENTER_PRIOR,
-    MODELS_WITH_FORESIGHT,
     MOTION_MODELS,
-    Box,
+    ForeseenMotion,
     MotionModel,
     MotionParameters,
+    SearchableMotion,
 )
 from pf_tracker_ros.filter.particles import ParticleSet
 from pf_tracker_ros.filter.proposals import (
     CenterPrior,
     GridDensity,
+    KalmanProposalParameters,
     ProposalParameters,
     Proposed,
     SearchGrid,
+    SearchProposalParameters,
     Transition,
     propose_from_prediction,
     propose_from_search,
@@ -35,24 +32,22 @@ from pf_tracker_ros.filter.resampling import (
     Resampler,
     ResamplingParameters,
     build_resampler,
-    build_scheme,
 )
+from pf_tracker_ros.registry import import_all
 
 __all__ = [
-    "MODELS_WITH_CENTER_PRIOR",
-    "MODELS_WITH_FORESIGHT",
+    "LONGEST_PREDICTION",
     "MOTION_MODELS",
     "RESAMPLERS",
-    "AdaptiveNumberParameters",
-    "AdaptiveResampler",
     "AffineMotion",
     "BestKeepingResampler",
-    "Box",
     "CenterPrior",
     "EffectiveSampleSizeResampler",
+    "ForeseenMotion",
     "Gaussian",
     "GridDensity",
     "KalmanForesight",
+    "KalmanProposalParameters",
     "MotionModel",
     "MotionParameters",
     "ParticleSet",
@@ -61,11 +56,13 @@ __all__ = [
     "Resampler",
     "ResamplingParameters",
     "SearchGrid",
+    "SearchProposalParameters",
+    "SearchableMotion",
     "Transition",
     "build_resampler",
-    "build_scheme",
-    "particles_needed",
     "propose_from_prediction",
     "propose_from_search",
     "propose_from_transition",
 ]
+
+import_all(__name__, __path__)

@@ -7,18 +7,50 @@ the particles have not, and then moves them by it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.filter.foresight import SMALLEST_SPREAD, KalmanForesight, LinearStep
 from pf_tracker_ros.filter.gaussian import Gaussian
-from pf_tracker_ros.filter.limits import MOST_STEPS, SMALLEST_SIDE
+from pf_tracker_ros.filter.limits import MODEL_STEP, SMALLEST_SIDE, model_steps
+from pf_tracker_ros.filter.motion import (
+    MOTION_MODELS,
+    PRIOR_POSITION,
+    declared_position_noise,
+    declared_size_noise,
+    declared_velocity_noise,
+)
 from pf_tracker_ros.filter.proposals import Transition, propose_from_transition
+from pf_tracker_ros.parameters import declared
 
-if TYPE_CHECKING:
-    from pf_tracker_ros.filter.motion import Box, MotionParameters
+# Standard deviation of the velocity that the Kalman filter begins with, box sizes per second.
+_PRIOR_VELOCITY = 0.2
+
+
+@dataclass(frozen=True)
+class AffineMotionParameters:
+    """Affine motion."""
+
+    position_noise: float = declared_position_noise()
+    velocity_noise: float = declared_velocity_noise()
+    size_noise: float = declared_size_noise()
+    factor: float = declared(
+        1.0,
+        "Factor of the last offset from the first box (a): 1 keeps it, less pulls position and "
+        "size back.",
+        minimum=0.0,
+        maximum=1.5,
+    )
+    drift: tuple[float, ...] = declared(
+        (0.0, 0.0),
+        "Steady motion to the right and downwards (b, over one step).",
+        unit="box sizes per second",
+        minimum=-100.0,
+        maximum=100.0,
+        lengths=(2,),
+    )
 
 
 @dataclass(frozen=True)
@@ -36,6 +68,7 @@ class _Affine:
         return self.deviation
 
 
+@MOTION_MODELS.register("affine", AffineMotionParameters)
 class AffineMotion:
     """State (x, y, log_scale): the center in pixels, the logarithm of size over first size.
 
@@ -44,20 +77,20 @@ class AffineMotion:
     default, fades below and grows above. Where a Kalman filter runs along, b also has what the
     velocity that it believes in makes of the interval.
 
-    A step of the equation is `model_step` seconds; t steps have a^t and b (1 - a^t) / (1 - a),
+    A step of the equation is `MODEL_STEP` seconds; t steps have a^t and b (1 - a^t) / (1 - a),
     which makes two half steps one whole one.
 
     Source: Zhang Bo, equation (4).
 
     Args:
         box: (x, y, width, height) of the target in the first frame, pixels.
-        parameters: Factor, drift, noise and prior.
+        parameters: Factor, drift and noise.
     """
 
     columns: tuple[str, ...] = ("x", "y", "log_scale")
     measured_columns: int = 3
 
-    def __init__(self, box: Box, parameters: MotionParameters) -> None:
+    def __init__(self, box: Box, parameters: AffineMotionParameters) -> None:
         x, y, width, height = box
         self._first = np.array([x + width / 2, y + height / 2, 0.0])
         self._size = np.array([width, height])
@@ -66,7 +99,7 @@ class AffineMotion:
 
     def prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
         """See `MotionModel.prior`."""
-        spread = self._parameters.prior_position * self._box_size
+        spread = PRIOR_POSITION * self._box_size
         return self._first + generator.standard_normal((count, 3)) * [spread, spread, 0.0]
 
     def transition(self, interval: float, belief: NDArray[np.float64] | None = None) -> Transition:
@@ -94,12 +127,11 @@ class AffineMotion:
     def _step(self, interval: float) -> tuple[float, NDArray[np.float64]]:
         """Factor a and (3,) shift of an interval in seconds, counted from the image's corner."""
         parameters = self._parameters
-        steps = min(interval / parameters.model_step, MOST_STEPS)
-        factor = parameters.affine_factor**steps
-        one = 1.0 - parameters.affine_factor
+        steps = model_steps(interval)
+        factor = parameters.factor**steps
+        one = 1.0 - parameters.factor
         repeated = (1.0 - factor) / one if abs(one) > 1e-9 else steps
-        drift = np.array([parameters.affine_drift_x, parameters.affine_drift_y, 0.0])
-        shift = repeated * parameters.model_step * self._box_size * drift
+        shift = repeated * MODEL_STEP * self._box_size * np.array([*parameters.drift, 0.0])
         return factor, shift + (1.0 - factor) * self._first
 
     def predict(
@@ -108,10 +140,10 @@ class AffineMotion:
         """See `MotionModel.predict`; source: Zhang Bo, equation (4)."""
         return propose_from_transition(states, self.transition(interval), generator).states
 
-    def constrained(
+    def constrain(
         self, states: NDArray[np.float64], image_size: tuple[int, int]
     ) -> NDArray[np.float64]:
-        """See `MotionModel.constrained`; sides stay between `SMALLEST_SIDE` and the image's."""
+        """See `MotionModel.constrain`; sides stay between `SMALLEST_SIDE` and the image's."""
         smallest = min(1.0, float((SMALLEST_SIDE / self._size).max()))
         largest = max(1.0, float((image_size / self._size).min()))
         lower = [0.0, 0.0, np.log(smallest)]
@@ -122,13 +154,9 @@ class AffineMotion:
         sizes = np.exp(states[:, 2:]) * self._size
         return np.hstack([states[:, :2] - sizes / 2, sizes])
 
-    def center_prior(self, states: NDArray[np.float64], interval: float) -> None:
-        """See `MotionModel.center_prior`; a center follows from more than the last state."""
-        return None
-
     def foresight(self) -> KalmanForesight:
-        """The Kalman filter for the first frame: at the first box, at rest."""
-        rest = self._parameters.prior_velocity * self._box_size
+        """See `ForeseenMotion.foresight`."""
+        rest = _PRIOR_VELOCITY * self._box_size
         spread = np.array([1.0, 1.0, 0.01, rest, rest, 0.0])
         belief = Gaussian(np.concatenate([self._first, np.zeros(3)]), np.diag(spread**2))
         return KalmanForesight(belief, self)

@@ -3,18 +3,50 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.filter.foresight import SMALLEST_SPREAD, KalmanForesight, LinearStep
 from pf_tracker_ros.filter.gaussian import Gaussian
-from pf_tracker_ros.filter.limits import MOST_STEPS, limited_centers, limited_sizes
+from pf_tracker_ros.filter.limits import (
+    MODEL_STEP,
+    limited_centers,
+    limited_sizes,
+    model_steps,
+)
+from pf_tracker_ros.filter.motion import (
+    MOTION_MODELS,
+    PRIOR_POSITION,
+    PRIOR_VELOCITY,
+    declared_aspect_noise,
+    declared_position_noise,
+    declared_size_noise,
+)
 from pf_tracker_ros.filter.proposals import Transition
+from pf_tracker_ros.parameters import declared
 
-if TYPE_CHECKING:
-    from pf_tracker_ros.filter.motion import Box, MotionParameters
+
+@dataclass(frozen=True)
+class SecondOrderAutoregressiveParameters:
+    """Second-order autoregressive motion."""
+
+    position_noise: float = declared_position_noise()
+    size_noise: float = declared_size_noise()
+    aspect_noise: float = declared_aspect_noise()
+    first_coefficient: float = declared(
+        1.5,
+        "Weight of the last offset from the first box (A1).",
+        minimum=-3.0,
+        maximum=3.0,
+    )
+    second_coefficient: float = declared(
+        -0.5,
+        "Weight of the last offset but one (A2).",
+        minimum=-3.0,
+        maximum=3.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -38,6 +70,7 @@ class _Autoregression:
         return spread
 
 
+@MOTION_MODELS.register("second_order_autoregressive", SecondOrderAutoregressiveParameters)
 class SecondOrderAutoregressive:
     """State (x, y, width, height) now and one model step ago, pixels.
 
@@ -53,7 +86,7 @@ class SecondOrderAutoregressive:
 
     Args:
         box: (x, y, width, height) of the target in the first frame, pixels.
-        parameters: Coefficients, step, noise and prior.
+        parameters: Coefficients and noise.
     """
 
     columns: tuple[str, ...] = (
@@ -63,7 +96,7 @@ class SecondOrderAutoregressive:
 
     measured_columns: int = 4
 
-    def __init__(self, box: Box, parameters: MotionParameters) -> None:
+    def __init__(self, box: Box, parameters: SecondOrderAutoregressiveParameters) -> None:
         x, y, width, height = box
         self._reference = np.array([x + width / 2, y + height / 2, width, height])
         self._parameters = parameters
@@ -73,9 +106,9 @@ class SecondOrderAutoregressive:
         box_size = np.sqrt(self._reference[2:].prod())
         position, velocity = generator.standard_normal((2, count, 2)) * box_size
         states = np.tile(self._reference, (count, 2))
-        states[:, :2] += position * self._parameters.prior_position
+        states[:, :2] += position * PRIOR_POSITION
         states[:, 4:6] = states[:, :2]
-        states[:, 4:6] -= velocity * self._parameters.prior_velocity * self._parameters.model_step
+        states[:, 4:6] -= velocity * PRIOR_VELOCITY * MODEL_STEP
         return states
 
     def predict(
@@ -95,10 +128,10 @@ class SecondOrderAutoregressive:
         predicted[:, 0, 2:] += sizes * np.stack([size + aspect / 2, size - aspect / 2], axis=1)
         return predicted.reshape(-1, 8)
 
-    def constrained(
+    def constrain(
         self, states: NDArray[np.float64], image_size: tuple[int, int]
     ) -> NDArray[np.float64]:
-        """See `MotionModel.constrained`; the earlier box too, or it would pull out of the image."""
+        """See `MotionModel.constrain`; the earlier box too, or it would pull out of the image."""
         boxes = states.reshape(-1, 4)
         return np.hstack(
             [
@@ -134,24 +167,19 @@ class SecondOrderAutoregressive:
         spread = self.transition(interval).spread(reference[None])[0]
         return LinearStep(matrix, reference - matrix @ reference, spread)
 
-    def center_prior(self, states: NDArray[np.float64], interval: float) -> None:
-        """See `MotionModel.center_prior`; a center follows from more than the last state."""
-        return None
-
     def foresight(self) -> KalmanForesight:
-        """The Kalman filter for the first frame: at the first box, at rest."""
+        """See `ForeseenMotion.foresight`."""
         width, height = self._reference[2:]
-        rest = self._parameters.prior_velocity * np.sqrt(width * height)
-        earlier = max(rest * self._parameters.model_step, 1.0)
+        rest = PRIOR_VELOCITY * np.sqrt(width * height)
+        earlier = max(rest * MODEL_STEP, 1.0)
         spread = np.array([1.0, 1.0, 0.01 * width, 0.01 * height])
         spread = np.concatenate([spread, [earlier, earlier], spread[2:]])
         return KalmanForesight(Gaussian(np.tile(self._reference, 2), np.diag(spread**2)), self)
 
     def _power(self, interval: float) -> NDArray[np.float64]:
         """(2, 2) the matrix of (7) for an interval in seconds."""
-        parameters = self._parameters
-        steps = min(interval / parameters.model_step, MOST_STEPS)
-        return transition_power(parameters.first_coefficient, parameters.second_coefficient, steps)
+        first, second = self._parameters.first_coefficient, self._parameters.second_coefficient
+        return transition_power(first, second, model_steps(interval))
 
 
 def transition_power(

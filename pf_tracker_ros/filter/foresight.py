@@ -61,7 +61,7 @@ class KalmanForesight:
     belief: Gaussian
     motion: ForeseeableMotion
 
-    def proposed(
+    def propose(
         self,
         states: NDArray[np.float64],
         interval: float,
@@ -77,18 +77,18 @@ class KalmanForesight:
         """The D columns of a particle's state."""
         return self.belief.marginal(np.arange(len(self.belief.mean)) < len(self.motion.columns))
 
-    def predicted(self, interval: float) -> KalmanForesight:
+    def predict(self, interval: float) -> KalmanForesight:
         """The belief `interval` seconds later."""
         matrix, control, spread = self.motion.linear_step(interval)
         noise = np.diag(spread**2 + SMALLEST_SPREAD**2)
         mean = matrix @ self.belief.mean + control
-        return replace(self, belief=self.belief.predicted(matrix, noise, mean))
+        return replace(self, belief=self.belief.predict(matrix, noise, mean))
 
-    def corrected(
+    def correct(
         self, mean: NDArray[np.float64], covariance: NDArray[np.float64]
     ) -> KalmanForesight:
         """The belief after the particles' (D,) mean, taken as a measurement with their spread."""
         count = self.motion.measured_columns
         observation = np.eye(count, len(self.belief.mean))
         error = covariance[:count, :count] + np.diag(np.full(count, SMALLEST_SPREAD**2))
-        return replace(self, belief=self.belief.corrected(mean[:count], observation, error))
+        return replace(self, belief=self.belief.correct(mean[:count], observation, error))

@@ -46,7 +46,7 @@ class Gaussian:
         object.__setattr__(self, "mean", mean)
         object.__setattr__(self, "covariance", covariance)
 
-    def predicted(
+    def predict(
         self,
         transition: ArrayLike,
         noise: ArrayLike,
@@ -65,7 +65,7 @@ class Gaussian:
         moved = matrix @ self.mean if mean is None else np.asarray(mean, dtype=np.float64)
         return Gaussian(moved, matrix @ self.covariance @ matrix.T + np.asarray(noise))
 
-    def corrected(
+    def correct(
         self,
         measurement: ArrayLike,
         observation: ArrayLike,

@@ -1,4 +1,4 @@
-"""What keeps a state sane: centers inside the image, sizes that can be looked at."""
+"""What keeps a state sane: centers inside the image, sizes to look at, times to predict over."""
 
 from __future__ import annotations
 
@@ -7,8 +7,17 @@ from numpy.typing import ArrayLike, NDArray
 
 # Smaller boxes hold too few pixels to tell a target from its surroundings.
 SMALLEST_SIDE = 6.0
+# Seconds that one step of an equation of motion stands for, where it counts steps and not time.
+MODEL_STEP = 0.04
 # So many steps of a motion model at once are an age; more would overflow where it diverges.
-MOST_STEPS = 200.0
+_MOST_STEPS = 200.0
+# Seconds after which a prediction covers all that can be; numbers would overflow in the end.
+LONGEST_PREDICTION = 60.0
+
+
+def model_steps(interval: float) -> float:
+    """How many steps of an equation of motion an interval in seconds is, if not an age."""
+    return min(interval / MODEL_STEP, _MOST_STEPS)
 
 
 def limited_centers(

@@ -103,7 +103,7 @@ class ParticleSet:
         offsets = self.states - self.mean
         return _read_only((offsets * self.weights[:, None]).T @ offsets)
 
-    def moved(self, states: ArrayLike) -> ParticleSet:
+    def move(self, states: ArrayLike) -> ParticleSet:
         """The same weights at other (N, D) states.
 
         Raises:
@@ -114,7 +114,7 @@ class ParticleSet:
             raise ValueError(f"states have shape {moved.shape}; expected ({len(self)}, D)")
         return self._normalized(moved, self.log_weights)
 
-    def reweighted(self, log_likelihood: ArrayLike) -> ParticleSet:
+    def reweight(self, log_likelihood: ArrayLike) -> ParticleSet:
         """Multiply every weight by a likelihood, given as N logarithms, and normalize.
 
         A likelihood that leaves no particle with a positive weight says nothing about the state:
@@ -127,7 +127,7 @@ class ParticleSet:
             return self
         return ParticleSet(self.states, log_weights)
 
-    def resampled(self, indices: NDArray[np.intp]) -> ParticleSet:
+    def resample(self, indices: NDArray[np.intp]) -> ParticleSet:
         """Particles of equal weight, copies of the ones that `indices` names."""
         log_weights = np.full(len(indices), -math.log(len(indices)))
         log_weights.setflags(write=False)

@@ -11,19 +11,24 @@ methods for Bayesian filtering", section II.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from types import MappingProxyType
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.filter.gaussian import Gaussian
-from pf_tracker_ros.parameters import declared
+from pf_tracker_ros.parameters import Groups, chosen, declared
+from pf_tracker_ros.registry import NoParameters
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 # The transition prior keeps a part, so that no weight is multiplied by more than 1 / that part.
 LARGEST_SHARE = 0.95
+# Probability that the target is anywhere in what is searched, and not where its motion takes it.
+_JUMP_PROBABILITY = 0.1
 
 
 class Transition(Protocol):
@@ -52,47 +57,64 @@ class Proposed(NamedTuple):
     log_ratio: NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class ProposalParameters:
-    """Where the particles are drawn."""
+def _declared_share(drawn: str) -> float:
+    share: float = declared(
+        0.5,
+        f"Share of the particles drawn {drawn}, the rest from the transition prior.",
+        minimum=0.01,
+        maximum=LARGEST_SHARE,
+    )
+    return share
 
-    kalman_share: float = declared(
-        0.0,
-        "Share of the particles drawn around a Kalman filter's prediction, the rest from the "
-        "transition prior; 0 switches the Kalman filter off. Needs the motion model affine or "
-        "second_order_autoregressive.",
-        minimum=0.0,
-        maximum=LARGEST_SHARE,
-        read_only=True,
-    )
-    search_share: float = declared(
-        0.0,
-        "Share of the particles drawn where the cues that can search find the target likely, the "
-        "rest from the transition prior; 0 switches the search off. Needs the motion model "
-        "constant_velocity or constant_velocity_and_size.",
-        minimum=0.0,
-        maximum=LARGEST_SHARE,
-    )
-    search_window: float = declared(
+
+@dataclass(frozen=True)
+class KalmanProposalParameters:
+    """Particles drawn around a Kalman filter's prediction."""
+
+    share: float = _declared_share("around a Kalman filter's prediction")
+
+
+@dataclass(frozen=True)
+class SearchProposalParameters:
+    """Particles drawn where the cues that can search find the target likely."""
+
+    share: float = _declared_share("where the cues that can search find the target likely")
+    window: float = declared(
         3.6,
         "Side of the square around the prediction that is searched.",
         unit="box sizes",
         minimum=1.0,
         maximum=8.0,
     )
-    search_cells: int = declared(
-        48,
-        "Places along each side of that square that are compared.",
-        minimum=8,
-        maximum=200,
+
+
+PROPOSALS: Mapping[str, type] = MappingProxyType(
+    {
+        "transition": NoParameters,
+        "kalman": KalmanProposalParameters,
+        "search": SearchProposalParameters,
+    }
+)
+
+
+def _groups(method: str) -> Groups:
+    return {"": PROPOSALS[method]}
+
+
+@dataclass(frozen=True)
+class ProposalParameters:
+    """Where the particles are drawn."""
+
+    method: str = declared(
+        "transition",
+        "Where the particles are drawn: transition from the motion model alone, kalman a share "
+        "around a Kalman filter's prediction (models affine and second_order_autoregressive), "
+        "search a share where the cues that can search find the target likely (models "
+        "constant_velocity and constant_velocity_and_size).",
+        choices=PROPOSALS,
+        read_only=True,
     )
-    jump_probability: float = declared(
-        0.1,
-        "Probability that the target is anywhere in the square that is searched, and not where "
-        "its motion takes it.",
-        minimum=0.0001,
-        maximum=1.0,
-    )
+    of_method: dict[str, Any] = chosen("method", _groups)
 
 
 def propose_from_transition(
@@ -244,7 +266,7 @@ def propose_from_search(
     drawn: NDArray[np.float64],
     prior: CenterPrior,
     found: GridDensity,
-    parameters: ProposalParameters,
+    share: float,
     generator: np.random.Generator,
 ) -> Searched:
     """Move a share of the particles to where a search finds the target likely.
@@ -258,21 +280,21 @@ def propose_from_search(
         drawn: (N, 2) centers drawn from the prior, pixels.
         prior: Mean and spread.
         found: The likelihood over the grid, as a density.
-        parameters: Share and probability of a jump.
+        share: Probability, above 0 up to `LARGEST_SHARE`, that a particle is drawn from it.
         generator: Source of randomness.
 
     Source: as in this module; Okuma et al. 2004, "A boosted particle filter: multitarget detection
     and tracking", section 4 (a proposal from detections).
     """
     count = len(drawn)
-    share, jump = parameters.search_share, parameters.jump_probability
+    jump = _JUMP_PROBABILITY
     searched = generator.random(count) < share
     centers = np.where(searched[:, None], found.draw(count, generator), drawn)
 
     log_motion = _log_density(centers, prior.mean, np.broadcast_to(prior.spread, centers.shape))
     anywhere = GridDensity(found.grid, np.zeros(found.grid.count**2))
     log_jump = math.log(jump) + anywhere.log_density(centers)
-    log_prior = np.logaddexp(math.log1p(-jump) + log_motion, log_jump) if jump < 1.0 else log_jump
+    log_prior = np.logaddexp(math.log1p(-jump) + log_motion, log_jump)
     log_mixture = np.logaddexp(
         math.log(share) + found.log_density(centers), math.log1p(-share) + log_motion
     )

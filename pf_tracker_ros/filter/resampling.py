@@ -9,16 +9,15 @@ Reference: Douc, Cappe, Moulines 2005, "Comparison of resampling schemes for par
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.filter.particles import ParticleSet
-from pf_tracker_ros.parameters import declared
+from pf_tracker_ros.parameters import Groups, chosen, declared
+from pf_tracker_ros.registry import Registry
 
 
 class Resampler(Protocol):
@@ -39,6 +38,19 @@ class Resampler(Protocol):
         """
 
 
+RESAMPLERS = Registry[Resampler]("resampling scheme")
+
+
+@dataclass(frozen=True)
+class KeepingParameters:
+    """Of schemes that may pass over the particle of the largest weight."""
+
+    keep_best: bool = declared(
+        False,
+        "Let the particle of the largest weight always go on; for few particles.",
+    )
+
+
 def _invert(weights: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.intp]:
     """Indices at which the cumulative weights pass the sorted `positions` in [0, 1)."""
     cumulative = np.cumsum(weights)
@@ -47,6 +59,7 @@ def _invert(weights: NDArray[np.float64], positions: NDArray[np.float64]) -> NDA
     return np.searchsorted(cumulative, np.minimum(positions, np.nextafter(1, 0)), side="right")
 
 
+@RESAMPLERS.register("multinomial", KeepingParameters)
 class MultinomialResampler:
     """Independent draws: cumulative weights against sorted uniform numbers.
 
@@ -60,6 +73,7 @@ class MultinomialResampler:
         return _invert(weights, np.sort(generator.random(count)))
 
 
+@RESAMPLERS.register("stratified", KeepingParameters)
 class StratifiedResampler:
     """One uniform draw in each of `count` equal strata of the cumulative weights."""
 
@@ -70,6 +84,7 @@ class StratifiedResampler:
         return _invert(weights, (np.arange(count) + generator.random(count)) / count)
 
 
+@RESAMPLERS.register("systematic")
 class SystematicResampler:
     """One uniform draw, repeated at equal distances over the cumulative weights.
 
@@ -83,6 +98,7 @@ class SystematicResampler:
         return _invert(weights, (np.arange(count) + generator.random()) / count)
 
 
+@RESAMPLERS.register("residual")
 class ResidualResampler:
     """The whole part of count * weight_i for certain, the rest by independent draws."""
 
@@ -100,16 +116,6 @@ class ResidualResampler:
         residual = np.maximum(expected - copies, 0.0)
         positions = np.sort(generator.random(rest))
         return np.concatenate([certain, _invert(residual / residual.sum(), positions)])
-
-
-RESAMPLERS: Mapping[str, type[Resampler]] = MappingProxyType(
-    {
-        "systematic": SystematicResampler,
-        "stratified": StratifiedResampler,
-        "residual": ResidualResampler,
-        "multinomial": MultinomialResampler,
-    }
-)
 
 
 @dataclass(frozen=True)
@@ -138,6 +144,10 @@ class BestKeepingResampler:
         return indices
 
 
+def _groups(scheme: str) -> Groups:
+    return {"": RESAMPLERS.parameters_of(scheme)}
+
+
 @dataclass(frozen=True)
 class ResamplingParameters:
     """When and how the particles are resampled."""
@@ -145,7 +155,7 @@ class ResamplingParameters:
     scheme: str = declared(
         "systematic",
         "Resampling scheme; systematic has the least variance.",
-        choices=tuple(RESAMPLERS),
+        choices=RESAMPLERS,
     )
     threshold: float = declared(
         0.8,
@@ -154,10 +164,7 @@ class ResamplingParameters:
         minimum=0.0,
         maximum=1.0,
     )
-    keep_best: bool = declared(
-        False,
-        "Let the particle of the largest weight always go on; for few particles.",
-    )
+    of_scheme: dict[str, Any] = chosen("scheme", _groups)
 
 
 @dataclass(frozen=True)
@@ -190,15 +197,13 @@ class EffectiveSampleSizeResampler:
         enough = particles.effective_sample_size >= self.threshold * len(particles)
         if enough and self.threshold < 1.0 and count == len(particles):
             return particles
-        return particles.resampled(self.resampler.indices(particles.weights, count, generator))
+        return particles.resample(self.resampler.indices(particles.weights, count, generator))
 
 
 def build_resampler(parameters: ResamplingParameters) -> EffectiveSampleSizeResampler:
     """The resampler that the parameters describe."""
-    return EffectiveSampleSizeResampler(build_scheme(parameters), parameters.threshold)
-
-
-def build_scheme(parameters: ResamplingParameters) -> Resampler:
-    """The scheme alone, which draws whenever it is asked to."""
-    scheme: Resampler = RESAMPLERS[parameters.scheme]()
-    return BestKeepingResampler(scheme) if parameters.keep_best else scheme
+    scheme = RESAMPLERS[parameters.scheme]()
+    own = parameters.of_scheme[""]
+    if isinstance(own, KeepingParameters) and own.keep_best:
+        scheme = BestKeepingResampler(scheme)
+    return EffectiveSampleSizeResampler(scheme, parameters.threshold)

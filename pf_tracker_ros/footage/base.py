@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
 
 FIRST_STAMP = NANOSECONDS
@@ -17,19 +17,6 @@ DEFAULT_FRAME_RATE = 25.0
 
 class FootageError(ValueError):
     """A source that cannot be read; the message says what is wrong and what would be accepted."""
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """One picture of the footage.
-
-    Attributes:
-        stamp: Source time in nanoseconds, the same each time the footage is read.
-        image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
-    """
-
-    stamp: int
-    image: NDArray[Any]
 
 
 class Footage(Protocol):

@@ -15,10 +15,10 @@ from pf_tracker_ros.footage.access import check_file, entries, exists
 from pf_tracker_ros.footage.base import (
     DEFAULT_FRAME_RATE,
     FootageError,
-    Frame,
     describe,
     frame_stamp,
 )
+from pf_tracker_ros.frames import Frame
 
 IMAGE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp")
 
@@ -124,4 +124,4 @@ class ImageFolderFootage:
                     f"image {path} is {describe(image)}, but the first image of the folder is "
                     f"{expected}; all must be alike"
                 )
-            yield Frame(frame_stamp(index, self.nominal_interval), image)
+            yield Frame(image, frame_stamp(index, self.nominal_interval))

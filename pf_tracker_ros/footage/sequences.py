@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.footage.access import check_file, exists
-from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE, Footage, FootageError, Frame
+from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE, Footage, FootageError
 from pf_tracker_ros.footage.ground_truth import (
     GROUND_TRUTH_FILE,
     ground_truth_file,
@@ -26,6 +26,7 @@ from pf_tracker_ros.footage.ground_truth import (
 )
 from pf_tracker_ros.footage.images import ImageFolderFootage
 from pf_tracker_ros.footage.videos import VideoFootage
+from pf_tracker_ros.frames import Frame
 
 META_FILE = "meta.json"
 IMAGE_FOLDER = "img"

@@ -9,9 +9,10 @@ from pathlib import Path
 import cv2
 
 from pf_tracker_ros.footage.access import check_file, unreadable
-from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE, FootageError, Frame, frame_stamp
+from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE, FootageError, frame_stamp
 from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILES
 from pf_tracker_ros.footage.texts import is_text
+from pf_tracker_ros.frames import Frame
 
 _ACCEPTED = (
     "accepted are video files (mp4, avi, mkv, ...), folders of images, sequence folders and bags"
@@ -81,7 +82,7 @@ class VideoFootage:
                     if self._required_count is not None or index == 0:
                         raise self._too_short(index)
                     return
-                yield Frame(frame_stamp(index, self.nominal_interval), image)
+                yield Frame(image, frame_stamp(index, self.nominal_interval))
                 index += 1
         finally:
             capture.release()

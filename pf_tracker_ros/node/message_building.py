@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_msgs.msg import Header
 
+from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage.messages import box_corners, image_encoding
 from pf_tracker_ros.tracking.estimate import Estimate
-
-Box = tuple[float, float, float, float]
 
 PARTICLE_FIELDS = ("x", "y", "z", "width", "height", "weight")
 _FLOAT_SIZE = 4

@@ -1,86 +1,56 @@
-"""One frame of tracking: predict, weigh, estimate, judge, learn, resample."""
+"""One frame of tracking: predict, measure, judge, learn, advance."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.background import BackgroundModel
-from pf_tracker_ros.cues import FrameMaps
-from pf_tracker_ros.cues.fusion import (
-    Distraction,
-    Powers,
-    Strengths,
-    smoothed_distraction,
-)
+from pf_tracker_ros.boxes import Box, as_box
+from pf_tracker_ros.cues import CUES, CueFusion
+from pf_tracker_ros.cues.fusion import Powers, Templates
 from pf_tracker_ros.filter import (
     MOTION_MODELS,
-    AdaptiveResampler,
-    Box,
+    ForeseenMotion,
     KalmanForesight,
     MotionModel,
     ParticleSet,
     build_resampler,
-    build_scheme,
 )
-from pf_tracker_ros.tracking.all_cues import build_fusion
-from pf_tracker_ros.tracking.checks import check_proposal
+from pf_tracker_ros.filter.randomness import Randomness
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.tracking.confidence import Confidence
 from pf_tracker_ros.tracking.estimate import Estimate, FrozenPowers
+from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
+from pf_tracker_ros.tracking.judgement import Judgement
+from pf_tracker_ros.tracking.measurement import Measurement, Measurer, SearchingMeasurer
+from pf_tracker_ros.tracking.parameter_checks import check_proposal
 from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.prediction import KalmanPredictor, Prediction, Predictor
 from pf_tracker_ros.tracking.redetection import Redetector
-from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
 from pf_tracker_ros.tracking.target import Target
 from pf_tracker_ros.tracking.track_state import Track
-from pf_tracker_ros.tracking.viewing import Frame, Viewer
-
-# Seconds after which a prediction covers all that can be; numbers would overflow in the end.
-_LONGEST_PREDICTION = 60.0
 
 
-class _Weighed(NamedTuple):
-    """The particles of a frame after its measurement.
+class _Learned(NamedTuple):
+    """What a frame teaches.
 
     Attributes:
-        particles: Weighted by the frame.
-        predicted: The same before they were weighed.
-        boxes: (N, 4) of the particles.
-        mean: (D,) state that they stand for.
-        search: Where the target was looked for; None without a search.
-        strengths: What each cue found there.
+        templates: Of the target.
+        foresight: The Kalman filter, corrected where the target was seen.
     """
 
-    particles: ParticleSet
-    predicted: ParticleSet
-    boxes: NDArray[np.float64]
-    mean: NDArray[np.float64]
-    search: Search | None
-    strengths: Strengths
-
-
-class _Judged(NamedTuple):
-    """What a frame's measurement is worth.
-
-    Attributes:
-        box: (4,) of the target, pixels.
-        confidence: That the target is there, 0 to 1.
-        track: What follows for the track.
-        particles: Of this frame, as told with the box.
-        boxes: (N, 4) of them, pixels.
-    """
-
-    box: NDArray[np.float64]
-    confidence: float
-    track: Track
-    particles: ParticleSet
-    boxes: NDArray[np.float64]
+    templates: Templates
+    foresight: KalmanForesight | None
 
 
 class Follower:
-    """Follows a target from image to image, as the parameters say.
+    """Follows targets from frame to frame, as the parameters say.
+
+    It holds what is made once for all targets, such as the cues, and nothing of any of them.
 
     Args:
         parameters: Every tunable.
@@ -91,73 +61,68 @@ class Follower:
 
     def __init__(self, parameters: TrackerParameters) -> None:
         self.parameters = parameters
-        fusion = build_fusion(parameters)
-        check_proposal(parameters, fusion)
-        self._fusion = fusion
-        self._viewer = Viewer(fusion, parameters.proposal, parameters.working_size)
-        self._redetector = Redetector(
-            self._viewer,
-            fusion,
-            parameters.redetection,
-            side=parameters.proposal.search_window,
-            doubtful_below=parameters.track.occluded_below,
+        self._fusion = CueFusion(
+            {name: (CUES[name](own), own.power) for name, own in parameters.of_cues.items()}
         )
+        check_proposal(parameters, self._fusion)
+        self._predictor = Predictor()
+        self._measurer = Measurer(self._fusion, parameters.working_size)
+        self._redetector: Redetector | None = None
+        method, own = parameters.proposal.method, parameters.proposal.of_method[""]
+        if method == "kalman":
+            self._predictor = KalmanPredictor(own)
+        elif method == "search":
+            adaptation = parameters.of_search["fusion"].adaptation
+            measurer = SearchingMeasurer(self._fusion, parameters.working_size, own, adaptation)
+            self._measurer = measurer
+            self._redetector = Redetector(
+                measurer,
+                self._fusion,
+                parameters.of_search["redetection"],
+                side=own.window,
+                doubtful_below=parameters.track.occluded_below,
+            )
+        self._confidence = Confidence(parameters.track.confidence_rate)
+        self._while_hidden = WHILE_HIDDEN[parameters.track.while_hidden]()
         self._resampler = build_resampler(parameters.resampling)
-        adaptive = parameters.adaptive_number
-        self._adaptive_resampler = (
-            AdaptiveResampler(build_scheme(parameters.resampling), adaptive)
-            if adaptive.error > 0.0
-            else None
-        )
 
-    def begun(
-        self, image: NDArray[np.uint8], first_box: Box, generator: np.random.Generator
-    ) -> Target:
-        """A target in the first image.
+    @property
+    def needs_foreground(self) -> bool:
+        """Whether `Frame.foreground` is asked for."""
+        return self._fusion.needs_foreground
+
+    def begin(self, frame: Frame, first_box: Box, randomness: Randomness) -> Target:
+        """A target in its first frame.
 
         Args:
-            image: (H, W, 3) BGR or (H, W).
+            frame: That it was drawn on.
             first_box: Of the target.
-            generator: Source of randomness.
+            randomness: Its own.
         """
+        draw = randomness.generator()
         motion = self._motion(first_box)
-        image_size = image.shape[1], image.shape[0]
-        particles = ParticleSet.uniform(motion.prior(self.parameters.particles, generator))
-        particles = particles.moved(motion.constrained(particles.states, image_size))
-        boxes = np.array([first_box])
-        background = self._background(image, first_box, generator)
-        seen = _foreground(background, image, first_box)
-        frame = Frame(image, 0.0, seen, self._fusion.powers, generator)
-        search = self._viewer.search(frame, boxes[0])
-        maps = self._viewer.maps(frame, boxes, boxes[0], search)
-        templates = self._fusion.learn(maps, boxes[0])
-        distracted: Distraction = {}
-        if search:
-            own, strengths = (
-                self._fusion.strengths(maps, at, templates) for at in (boxes, search.boxes)
-            )
-            distracted = search.distraction(boxes[0], own, strengths)
+        particles = self._spread(motion, frame, draw)
+        box = np.array(first_box)
+        templates, distraction = self._measurer.learn(frame, box)
+        judged = Judgement(box, 1.0, Track(), particles, motion.boxes(particles.states))
         return Target(
             first_box=first_box,
             motion=motion,
             foresight=self._foresight(motion),
-            background=background,
             particles=particles,
             templates=templates,
-            distraction=distracted,
-            track=Track(),
+            distraction=distraction,
+            track=judged.track,
             seen_box=first_box,
             hidden_frames=0,
             followed_frames=0,
+            randomness=Randomness.of(draw),
             estimate=_estimate(
-                _Judged(boxes[0], 1.0, Track(), particles, motion.boxes(particles.states)),
-                powers=self._fusion.powers,
-                covariance=particles.covariance[:2, :2],
-                background=background,
+                judged, frame, self._fusion.powers, judged.particles.covariance[:2, :2]
             ),
         )
 
-    def reconfigured(self, target: Target) -> Target:
+    def reconfigure(self, target: Target) -> Target:
         """A target that was followed with other parameters, to be followed with these."""
         motion = self._motion(target.first_box)
         foresight = self._foresight(motion)
@@ -165,213 +130,129 @@ class Follower:
             foresight = replace(foresight, belief=target.foresight.belief)
         return replace(target, motion=motion, foresight=foresight)
 
-    def followed(
-        self,
-        target: Target,
-        image: NDArray[np.uint8],
-        interval: float,
-        generator: np.random.Generator,
-    ) -> Target:
-        """The target one image later.
+    def follow(self, target: Target, frame: Frame, interval: float) -> Target:
+        """The target one frame later.
 
         Args:
-            target: After the last image.
-            image: (H, W, 3) BGR or (H, W), as before.
+            target: After the last frame.
+            frame: The next one.
             interval: Seconds since the last one.
-            generator: Source of randomness.
-        """
-        parameters, motion = self.parameters, target.motion
-        ahead = min(interval, _LONGEST_PREDICTION)
-        # Before the background model, which draws from the same source of randomness.
-        image_size = image.shape[1], image.shape[0]
-        predicted, foresight = self._proposed(target, ahead, image_size, generator)
-        frame = Frame(
-            image,
-            ahead,
-            _foreground(target.background, image, target.estimate.box),
-            self._fusion.adapted(target.distraction, parameters.fusion.adaptation),
-            generator,
-        )
-        boxes = motion.boxes(predicted.states)
-        search = self._viewer.search(frame, predicted.weights @ boxes)
-        maps = self._viewer.maps(frame, boxes, np.asarray(target.estimate.box), search)
-        weighed = self._weighed(target, frame, predicted, maps, search)
-        box = motion.boxes(weighed.mean[None])[0]
-        seen = self._fusion.observe(maps, box)
-        match = self._fusion.match(seen, target.templates)
-        confidence = parameters.track.confidence(target.estimate.confidence, match.similarity)
-        track = target.track.after(confidence, match.similarity, interval, parameters.track)
-        templates, particles = target.templates, weighed.particles
-        if track.state == "tracking" or not parameters.track.coast:
-            trusted = math.exp(match.log_likelihood) > parameters.template.update_above
-            if match.similarity >= parameters.template.confidence_asked(target.followed_frames):
-                templates = self._fusion.updated(templates, seen, trusted, parameters.template.keep)
-            if foresight:
-                foresight = foresight.corrected(particles.mean, particles.covariance)
-        else:
-            # What is at the box is not the target: its likelihoods would pull the particles to
-            # whatever hides it. The motion model alone carries them on.
-            particles = weighed.predicted
-            box = motion.boxes(particles.mean[None])[0]
-        judged = _Judged(box, confidence, track, particles, weighed.boxes)
-        following = self._resampled(particles, weighed.boxes, generator)
-        if track.state == "lost" and parameters.track.coast:
-            # Going on from where the target was lost, every frame searches that region anew. Going
-            # on from here, the cloud and its cost would grow without end.
-            following, foresight = target.particles, target.foresight
-        is_here = match.similarity > parameters.track.recovered_above
-        if search and track.state != "tracking" and not is_here:
-            found = self._redetector.found(target, frame, box, track.state == "lost")
-            if found:
-                following = self._around(found.box, frame)
-                judged = _Judged(*found, Track(), following, motion.boxes(following.states))
 
-        estimate = _estimate(
+        Source: the steps of Li et al. 2007, section 3, Zhang et al. 2015, section 3.3, and Zhang
+        Bo, section 3.3; `docs/papers.md` names the lines.
+        """
+        draw = target.randomness.generator()
+        prediction = self._predictor.predict(target, interval, frame.size, draw)
+        measured = self._measurer.measure(target, frame, prediction, draw)
+        judged = self._judge(target, measured, interval, draw)
+        learned = self._learn(target, prediction, measured, judged)
+        return self._advance(target, measured, judged, learned, draw)
+
+    def _judge(
+        self, target: Target, measured: Measurement, interval: float, draw: np.random.Generator
+    ) -> Judgement:
+        """Whether the target is seen; if not, what is told of it, or where it is found again."""
+        similarity, thresholds = measured.match.similarity, self.parameters.track
+        confidence = self._confidence.update(target.estimate.confidence, measured.match)
+        track = target.track.advance(confidence, similarity, interval, thresholds)
+        judged = Judgement(measured.box, confidence, track, measured.particles, measured.boxes)
+        if track.state == "tracking":
+            return judged
+        judged = self._while_hidden.judge(target, measured, judged)
+        if self._redetector is None or similarity > thresholds.recovered_above:
+            return judged
+        is_lost = track.state == "lost"
+        found = self._redetector.find(target, measured, judged.box, is_lost)
+        if found is None:
+            return judged
+        motion = self._motion(as_box(found.box))
+        particles = self._spread(motion, measured.frame, draw)
+        boxes = motion.boxes(particles.states)
+        return replace(
             judged,
-            powers=frame.powers,
-            covariance=self._covariance(judged, search),
-            background=target.background,
+            box=found.box,
+            confidence=found.confidence,
+            track=Track(),
+            particles=particles,
+            boxes=boxes,
         )
-        is_tracking = judged.track.state == "tracking"
+
+    def _learn(
+        self, target: Target, prediction: Prediction, measured: Measurement, judged: Judgement
+    ) -> _Learned:
+        """Templates and Kalman filter, moved to what was seen if that is to be trusted.
+
+        Source: Li et al. 2007, equations (9) and (10), and w_Th; Zhang Bo, section 3.3.
+        """
+        templates, foresight = target.templates, prediction.foresight
+        if not judged.learns:
+            return _Learned(templates, foresight)
+        rules, match = self.parameters.template, measured.match
+        is_sure = match.similarity >= rules.confidence_asked(target.followed_frames)
+        if is_sure and math.exp(match.log_likelihood) > rules.update_above:
+            templates = self._fusion.update(templates, measured.seen)
+        if foresight:
+            foresight = foresight.correct(measured.particles.mean, measured.particles.covariance)
+        return _Learned(templates, foresight)
+
+    def _advance(
+        self,
+        target: Target,
+        measured: Measurement,
+        judged: Judgement,
+        learned: _Learned,
+        draw: np.random.Generator,
+    ) -> Target:
+        """The target as the next frame finds it, its particles resampled.
+
+        Source: Zhang et al. 2015, equation (6) and section 3.3; Zhang Bo, step 5.
+        """
+        parameters = self.parameters
+        particles, foresight = judged.particles, learned.foresight
+        particles = self._resampler.resample(particles, parameters.particles, draw)
+        is_seen = judged.track.state == "tracking"
+        if not is_seen:
+            particles, foresight = self._while_hidden.go_on(target, judged, particles, foresight)
+        # Once lost, the target may be anywhere; how long ago that was adds nothing.
+        hidden_for = min(judged.track.hidden_for, parameters.track.lost_after)
+        covariance = self._measurer.covariance(target, measured, judged, hidden_for)
+        estimate = _estimate(judged, measured.frame, measured.powers, covariance)
         return replace(
             target,
-            particles=following,
             foresight=foresight,
-            templates=templates,
-            distraction=self._distracted(target, maps, weighed),
+            particles=particles,
+            templates=learned.templates,
+            distraction=measured.distraction,
             track=judged.track,
-            seen_box=estimate.box if is_tracking else target.seen_box,
-            hidden_frames=0 if is_tracking else target.hidden_frames + 1,
+            seen_box=estimate.box if is_seen else target.seen_box,
+            hidden_frames=0 if is_seen else target.hidden_frames + 1,
             followed_frames=target.followed_frames + 1,
+            randomness=Randomness.of(draw),
             estimate=estimate,
         )
 
-    def _proposed(
-        self,
-        target: Target,
-        interval: float,
-        image_size: tuple[int, int],
-        generator: np.random.Generator,
-    ) -> tuple[ParticleSet, KalmanForesight | None]:
-        """The particles drawn for this frame, and the Kalman filter's prediction if there is one.
-
-        Source: Zhang Bo, section 3.3: the weights of particles drawn around it carry p / q.
-        """
-        particles, motion = target.particles, target.motion
-        if target.foresight is None:
-            states = motion.predict(particles.states, interval, generator)
-            return particles.moved(motion.constrained(states, image_size)), None
-        foresight = target.foresight.predicted(interval)
-        # Out of sight, nothing corrects the filter, and its prediction is no better than the prior.
-        hidden = target.track.state != "tracking"
-        share = 0.0 if hidden else self.parameters.proposal.kalman_share
-        proposed = foresight.proposed(particles.states, interval, share, generator)
-        moved = particles.moved(motion.constrained(proposed.states, image_size))
-        return moved.reweighted(proposed.log_ratio), foresight
-
-    def _weighed(
-        self,
-        target: Target,
-        frame: Frame,
-        predicted: ParticleSet,
-        maps: FrameMaps,
-        search: Search | None,
-    ) -> _Weighed:
-        """The predicted particles, a share of them moved by the search, weighed by the cues."""
-        motion, templates = target.motion, target.templates
-        log_prior = None
-        strengths: Strengths = {}
-        centers = motion.center_prior(target.particles.states, frame.interval) if search else None
-        if search and centers:
-            strengths = self._fusion.strengths(maps, search.boxes, templates)
-        # A cue that was just switched on has no template yet and can't search in this frame.
-        if search and centers and strengths:
-            found = self._fusion.searched(strengths, templates, frame.powers)
-            predicted, log_prior = search.proposed(
-                predicted, motion, centers, found, frame.generator
-            )
-        boxes = motion.boxes(predicted.states)
-        likelihood = self._fusion.log_likelihood(maps, boxes, templates, frame.powers)
-        weighted = predicted.reweighted(likelihood)
-        mean = weighted.mean
-        if log_prior is not None:
-            mean = mean_around(weighted, boxes, int(np.argmax(log_prior + likelihood)))
-        return _Weighed(weighted, predicted, boxes, mean, search, strengths)
-
-    def _distracted(self, target: Target, maps: FrameMaps, weighed: _Weighed) -> Distraction:
-        """How much of what is around the weighed mean looks like the target."""
-        if weighed.search is None:
-            return target.distraction
-        box = target.motion.boxes(weighed.mean[None])
-        own = self._fusion.strengths(maps, box, target.templates)
-        now = weighed.search.distraction(box[0], own, weighed.strengths)
-        return smoothed_distraction(target.distraction, now, self.parameters.fusion.adaptation_rate)
-
-    def _resampled(
-        self, weighted: ParticleSet, boxes: NDArray[np.float64], generator: np.random.Generator
-    ) -> ParticleSet:
-        count = self.parameters.particles
-        if self._adaptive_resampler:
-            return self._adaptive_resampler.resample(weighted, boxes, count, generator)
-        return self._resampler.resample(weighted, count, generator)
-
-    def _around(self, box: NDArray[np.float64], frame: Frame) -> ParticleSet:
-        """Particles of a target that was just found in a (4,) box."""
-        x, y, width, height = (float(value) for value in box)
-        motion = self._motion((x, y, width, height))
-        states = motion.prior(self.parameters.particles, frame.generator)
-        return ParticleSet.uniform(motion.constrained(states, frame.size))
-
-    def _covariance(self, judged: _Judged, search: Search | None) -> NDArray[np.float64]:
-        particles, box, track = judged.particles, judged.box, judged.track
-        if search is None:
-            return particles.covariance[:2, :2]
-        # Once lost, the target may be anywhere; how long ago that was adds nothing.
-        hidden_for = min(track.hidden_for, self.parameters.track.lost_after)
-        return search.covariance(
-            covariance_about(particles, box[:2] + box[2:] / 2),
-            judged.confidence,
-            None if track.state == "tracking" else hidden_for,
-            self.parameters.motion.position_noise,
-        )
+    def _spread(self, motion: MotionModel, frame: Frame, draw: np.random.Generator) -> ParticleSet:
+        """Particles around the box that a motion begins with."""
+        states = motion.prior(self.parameters.particles, draw)
+        return ParticleSet.uniform(motion.constrain(states, frame.size))
 
     def _motion(self, first_box: Box) -> MotionModel:
-        return MOTION_MODELS[self.parameters.motion.model](first_box, self.parameters.motion)
+        motion = self.parameters.motion
+        return MOTION_MODELS[motion.model](first_box, motion.of_model[""])
 
     def _foresight(self, motion: MotionModel) -> KalmanForesight | None:
-        return motion.foresight() if self.parameters.proposal.kalman_share > 0.0 else None
-
-    def _background(
-        self, image: NDArray[np.uint8], box: Box, generator: np.random.Generator
-    ) -> BackgroundModel | None:
-        parameters = self.parameters
-        if parameters.moving_foreground.power > 0.0 or parameters.color_histogram.foreground_only:
-            return BackgroundModel(image, parameters.background, generator, box)
-        return None
-
-
-def _foreground(
-    background: BackgroundModel | None, image: NDArray[np.uint8], box: Box
-) -> tuple[NDArray[np.uint8], int] | None:
-    """`FrameMaps.foreground` of the next frame, which the model learns; None if it says nothing."""
-    if background is None:
-        return None
-    mask = background.update(image, box)
-    return None if background.state.name == "off" else (mask, background.reduction)
+        if self.parameters.proposal.method != "kalman":
+            return None
+        return cast(ForeseenMotion, motion).foresight()
 
 
 def _estimate(
-    judged: _Judged,
-    *,
-    powers: Powers,
-    covariance: NDArray[np.float64],
-    background: BackgroundModel | None,
+    judged: Judgement, frame: Frame, powers: Powers, covariance: NDArray[np.float64]
 ) -> Estimate:
-    x, y, width, height = (float(value) for value in judged.box)
     judged.boxes.setflags(write=False)
     covariance.setflags(write=False)
     return Estimate(
-        box=(x, y, width, height),
+        box=as_box(judged.box),
         state=judged.track.state,
         confidence=judged.confidence,
         covariance=covariance,
@@ -380,5 +261,5 @@ def _estimate(
         weights=judged.particles.weights,
         effective_sample_size=judged.particles.effective_sample_size,
         powers=FrozenPowers(powers),
-        background=background.state if background else None,
+        background=frame.background,
     )

@@ -3,35 +3,26 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-
-@dataclass(frozen=True)
-class Frame:
-    """An image and its stamp in nanoseconds."""
-
-    image: NDArray[np.generic]
-    stamp: int
+from pf_tracker_ros.frames import Frame
 
 
 class FrameHistory:
     """Frames of one size and kind in the order of their stamps, bounded in number and bytes.
+
+    Args:
+        frames: Most frames that are kept.
+        megabytes: Most memory that their images hold, in units of 10^6 bytes.
 
     Attributes:
         dropped_until: Stamp of the last frame that was dropped for the bounds, 0 if none was.
     """
 
     def __init__(self, frames: int = 0, megabytes: float = 0.0) -> None:
-        """Begin empty.
-
-        Args:
-            frames: Most frames that are kept.
-            megabytes: Most memory that their images hold, in units of 10^6 bytes.
-        """
         self._frames: deque[Frame] = deque()
         self._bytes = 0
         self.dropped_until = 0

@@ -2,46 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 from pf_tracker_ros.background import BackgroundParameters
-from pf_tracker_ros.cues import (
-    ColorHistogramParameters,
-    CorrelationResponseParameters,
-    ForegroundProbabilityParameters,
-    FusionParameters,
-    GradientOrientationParameters,
-    MovingForegroundParameters,
-    OrientedGradientsParameters,
-    TemplateParameters,
-)
-from pf_tracker_ros.filter import (
-    AdaptiveNumberParameters,
-    MotionParameters,
-    ProposalParameters,
-    ResamplingParameters,
-)
-from pf_tracker_ros.parameters import declared, group
+from pf_tracker_ros.cues import CUES, FusionParameters, TemplateParameters
+from pf_tracker_ros.filter import MotionParameters, ProposalParameters, ResamplingParameters
+from pf_tracker_ros.parameters import Groups, chosen, declared, group
+from pf_tracker_ros.tracking.former_names import FORMER_NAMES
 from pf_tracker_ros.tracking.redetection import RedetectionParameters
-from pf_tracker_ros.tracking.track_state import TrackParameters
+from pf_tracker_ros.tracking.track_parameters import TrackParameters
+
+
+def _of_cues(names: tuple[str, ...]) -> Groups:
+    return {name: CUES.parameters_of(name) for name in names}
+
+
+def _of_background(cues: tuple[str, ...]) -> Groups:
+    needed = any(getattr(CUES[name], "needs_foreground", False) for name in cues)
+    return {"background": BackgroundParameters} if needed else {}
+
+
+def _of_search(method: str) -> Groups:
+    if method != "search":
+        return {}
+    return {"fusion": FusionParameters, "redetection": RedetectionParameters}
 
 
 @dataclass(frozen=True)
 class TrackerParameters:
     """The tracker's tunables; a preset names its values over these defaults."""
 
+    former_names: ClassVar[Mapping[str, str]] = MappingProxyType(FORMER_NAMES)
+
     particles: int = declared(
         300,
         "Number of particles; more are steadier and cost more.",
         minimum=1,
         maximum=100_000,
-    )
-    nominal_interval: float = declared(
-        0.04,
-        "Time between frames where none is given.",
-        unit="s",
-        minimum=0.0001,
-        maximum=60.0,
     )
     working_size: int = declared(
         40,
@@ -55,15 +55,14 @@ class TrackerParameters:
     motion: MotionParameters = group(MotionParameters)
     proposal: ProposalParameters = group(ProposalParameters)
     resampling: ResamplingParameters = group(ResamplingParameters)
-    adaptive_number: AdaptiveNumberParameters = group(AdaptiveNumberParameters)
-    color_histogram: ColorHistogramParameters = group(ColorHistogramParameters)
-    gradient_orientation: GradientOrientationParameters = group(GradientOrientationParameters)
-    foreground_probability: ForegroundProbabilityParameters = group(ForegroundProbabilityParameters)
-    moving_foreground: MovingForegroundParameters = group(MovingForegroundParameters)
-    background: BackgroundParameters = group(BackgroundParameters)
-    oriented_gradients: OrientedGradientsParameters = group(OrientedGradientsParameters)
-    correlation_response: CorrelationResponseParameters = group(CorrelationResponseParameters)
-    fusion: FusionParameters = group(FusionParameters)
+    cues: tuple[str, ...] = declared(
+        ("color_histogram", "gradient_orientation"),
+        "What a box is compared by; each brings parameters of its own. One that is added while a "
+        "target is tracked learns it from the next trusted frame.",
+        choices=CUES,
+    )
+    of_cues: dict[str, Any] = chosen("cues", _of_cues)
+    of_background: dict[str, Any] = chosen("cues", _of_background)
+    of_search: dict[str, Any] = chosen("proposal.method", _of_search)
     template: TemplateParameters = group(TemplateParameters)
     track: TrackParameters = group(TrackParameters)
-    redetection: RedetectionParameters = group(RedetectionParameters)

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.cues import CueFusion
 from pf_tracker_ros.parameters import declared
+from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 from pf_tracker_ros.tracking.target import Target
-from pf_tracker_ros.tracking.viewing import Frame, Viewer
 
 # Windows overlap by half, so that the target is near enough to the middle of one of them.
 _OVERLAP = 0.5
+# Confidence that what is found must exceed to be taken for the target.
+_ACCEPT_ABOVE = 0.7
 # Every how many frames the place where the target was last seen is looked at.
 _REVISIT_INTERVAL = 3
 # Steps of this share of a whole row of places visit it evenly, neighbors far apart in time.
@@ -27,19 +29,13 @@ class RedetectionParameters:
     """Looking elsewhere for a target that is out of sight."""
 
     windows: int = declared(
-        0,
+        1,
         "Windows of the image, beside the one around the last estimate, that are searched in each "
         "frame while the target is lost; each costs about as much as tracking does. While it is "
         "occluded, one around the place where it was last seen, every third frame. 0 searches "
-        "nowhere else, as does 'proposal.search_share' 0.",
+        "nowhere else.",
         minimum=0,
         maximum=100,
-    )
-    accept_above: float = declared(
-        0.7,
-        "Confidence that what is found there must exceed to be taken for the target.",
-        minimum=0.0,
-        maximum=1.0,
     )
 
 
@@ -87,37 +83,40 @@ class Redetector:
     for the target if that look is confident: a look-alike seldom stands out in both.
 
     Args:
-        viewer: Searches and makes the maps.
+        measurer: Looks into a window.
         fusion: The cues.
-        parameters: How many windows, and what is accepted.
+        parameters: How many windows.
         side: Of a window, box sizes.
         doubtful_below: Confidence of a first look below which there is no second.
     """
 
     def __init__(
         self,
-        viewer: Viewer,
+        measurer: SearchingMeasurer,
         fusion: CueFusion,
         parameters: RedetectionParameters,
         *,
         side: float,
         doubtful_below: float,
     ) -> None:
-        self._viewer = viewer
+        self._measurer = measurer
         self._fusion = fusion
         self._windows = parameters.windows
-        self._accept_above = parameters.accept_above
         self._side = side
         self._doubtful_below = doubtful_below
 
-    def found(
-        self, target: Target, frame: Frame, box: NDArray[np.float64], lost: bool
+    def find(
+        self,
+        target: Target,
+        measured: Measurement,
+        box: NDArray[np.float64],
+        lost: bool,
     ) -> Found | None:
         """The target, if it is in one of the windows whose turn it is.
 
         Args:
             target: As it was before this frame.
-            frame: At hand.
+            measured: In this frame.
             box: (4,) that was looked around already, for nothing.
             lost: Look all over the image, and not only where the target was last seen.
         """
@@ -132,24 +131,23 @@ class Redetector:
         if lost:
             side = self._side * math.sqrt(size[0] * size[1])
             before = target.hidden_frames * self._windows
-            elsewhere = window_centers(frame.size, side, before, self._windows)
+            elsewhere = window_centers(measured.frame.size, side, before, self._windows)
             centers = np.vstack([centers, elsewhere])
-        best = Found(seen, self._accept_above)
+        best = Found(seen, _ACCEPT_ABOVE)
         for center in centers:
-            look = self._look(target, frame, np.hstack([center - size / 2, size]))
+            look = self._look(target, measured, np.hstack([center - size / 2, size]))
             if look.confidence >= self._doubtful_below:
-                look = self._look(target, frame, look.box)
+                look = self._look(target, measured, look.box)
                 best = max(best, look, key=lambda found: found.confidence)
-        return best if best.confidence > self._accept_above else None
+        return best if best.confidence > _ACCEPT_ABOVE else None
 
-    def _look(self, target: Target, frame: Frame, place: NDArray[np.float64]) -> Found:
+    def _look(self, target: Target, measured: Measurement, place: NDArray[np.float64]) -> Found:
         """What is likeliest in a window around a (4,) box, and how likely it is the target."""
-        search = self._viewer.search(frame, place)
-        maps = self._viewer.maps(frame, place[None], place, search)
-        strengths = self._fusion.strengths(maps, search.boxes, target.templates) if search else {}
-        if search is None or not strengths:
+        search, region = self._measurer.look(measured.frame, place)
+        strengths = self._fusion.strengths(region, search.boxes, target.templates)
+        if not strengths:
             return Found(place, 0.0)
-        likelihood = self._fusion.searched(strengths, target.templates, frame.powers)
+        likelihood = self._fusion.search(strengths, target.templates, measured.powers)
         box = search.boxes[int(np.argmax(likelihood))]
-        seen = self._fusion.observe(maps, box)
+        seen = self._fusion.observe(region, box)
         return Found(box, self._fusion.match(seen, target.templates).similarity)

@@ -12,17 +12,19 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.fusion import Distraction, Strengths, distraction
+from pf_tracker_ros.cues.fusion import Distraction, Strengths, measure_distraction
 from pf_tracker_ros.filter import (
     CenterPrior,
     GridDensity,
     MotionModel,
     ParticleSet,
-    ProposalParameters,
     SearchGrid,
+    SearchProposalParameters,
     propose_from_search,
 )
 
+# Places along each side of the square that is searched.
+_CELLS = 48
 # Particles so near to the likeliest, in box sizes, belong to the same mode.
 _MODE_REACH = 0.25
 
@@ -43,19 +45,19 @@ class Search:
     def __init__(
         self,
         place: NDArray[np.float64],
-        parameters: ProposalParameters,
+        parameters: SearchProposalParameters,
         image_size: tuple[int, int],
     ) -> None:
-        size, cells = place[2:], parameters.search_cells
-        side = parameters.search_window * math.sqrt(size[0] * size[1])
+        size = place[2:]
+        self._side = parameters.window * math.sqrt(size[0] * size[1])
         self.place = place
-        self._grid = SearchGrid(place[:2] + size / 2, side / cells, cells)
+        self._grid = SearchGrid(place[:2] + size / 2, self._side / _CELLS, _CELLS)
         self._parameters = parameters
         self._image_size = image_size
         centers = np.clip(self._grid.centers, 0.0, image_size)
         self.boxes = np.hstack([centers - size / 2, np.broadcast_to(size, centers.shape)])
 
-    def covered(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    def cover(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(K, 4) boxes that cover all that can be looked at, given the (N, 4) predicted ones."""
         largest = np.maximum(boxes[:, 2:].max(axis=0), self.place[2:])
         spacing = self._grid.spacing
@@ -63,7 +65,7 @@ class Search:
         ends = np.clip(ends, 0.0, self._image_size)
         return np.vstack([boxes, np.hstack([ends - largest / 2, np.tile(largest, (2, 1))])])
 
-    def proposed(
+    def propose(
         self,
         predicted: ParticleSet,
         motion: MotionModel,
@@ -88,20 +90,19 @@ class Search:
             predicted.states[:, :2],
             centers,
             GridDensity(self._grid, log_likelihood),
-            self._parameters,
+            self._parameters.share,
             generator,
         )
         states = np.hstack([searched.centers, predicted.states[:, 2:]])
-        particles = predicted.moved(motion.constrained(states, self._image_size))
+        particles = predicted.move(motion.constrain(states, self._image_size))
         log_prior = predicted.log_weights + searched.log_prior
-        return particles.reweighted(searched.log_ratio), log_prior
+        return particles.reweight(searched.log_ratio), log_prior
 
     def covariance(
         self,
         within_mode: NDArray[np.float64],
         confidence: float,
-        hidden_for: float | None,
-        walk: float,
+        walk: float | None,
     ) -> NDArray[np.float64]:
         """(2, 2) covariance of the target's center about the box, px^2.
 
@@ -112,13 +113,13 @@ class Search:
         Args:
             within_mode: (2, 2) covariance of the particles' centers about the box, px^2.
             confidence: In this frame, 0 to 1.
-            hidden_for: Seconds, None while the target is tracked.
-            walk: Standard deviation of the target's walk within a second, box sizes.
+            walk: Standard deviation of the target's walk since it was last seen, box sizes; None
+                while it is tracked.
         """
-        size = math.sqrt(self.place[2] * self.place[3])
-        variance = (self._parameters.search_window * size) ** 2 / 12.0
-        if hidden_for is not None:
-            return (variance + (walk * size) ** 2 * hidden_for) * np.eye(2)
+        variance = self._side**2 / 12.0
+        if walk is not None:
+            size = math.sqrt(self.place[2] * self.place[3])
+            return (variance + (walk * size) ** 2) * np.eye(2)
         return confidence * within_mode + (1.0 - confidence) * variance * np.eye(2)
 
     def distraction(
@@ -137,7 +138,7 @@ class Search:
         centers = self.boxes[:, :2] + self.boxes[:, 2:] / 2
         apart = np.abs(centers - box[:2] - box[2:] / 2) > box[2:] / 2
         beside = apart.any(axis=1)
-        return distraction(
+        return measure_distraction(
             {name: float(strength[0]) for name, strength in own.items()},
             {name: strength[beside] for name, strength in strengths.items()},
         )

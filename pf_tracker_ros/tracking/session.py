@@ -13,14 +13,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.parameters import build, declarations
+from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.parameters import all_declarations, build
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.estimate import Estimate
-from pf_tracker_ros.tracking.frame_history import Frame, FrameHistory
+from pf_tracker_ros.tracking.frame_history import FrameHistory
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.tracker import Tracker
 
-Box = tuple[float, float, float, float]
 FrameOutcome = Literal["started", "tracked", "duplicate", "late", "waiting"]
 
 # A frame that is older than the last one by at most this came late; by more, time began anew, as
@@ -37,7 +38,9 @@ _SUBSTITUTE_WITHIN = NANOSECONDS
 _LONGEST_WAIT = 60 * NANOSECONDS
 
 _FIXED_WHILE_TRACKING = frozenset(
-    name for name, declaration in declarations(TrackerParameters).items() if declaration.read_only
+    name
+    for name, declaration in all_declarations(TrackerParameters).items()
+    if declaration.read_only
 )
 
 
@@ -157,7 +160,7 @@ class Session:
         """A tracker with these parameters; it has the target if that must be learned again."""
         tracker = Tracker(build(TrackerParameters, parameters), seed)
         before, after = self._tracker.parameters, tracker.parameters
-        changed = {name for name in after if after[name] != before[name]}
+        changed = {name for name in after if name not in before or after[name] != before[name]}
         if self._sighting and self._tracker.started and changed & _FIXED_WHILE_TRACKING:
             image = self._sighting.frame.image
             tracker.start(image, _within(self._sighting.box, image))
@@ -233,7 +236,7 @@ class Session:
 
     def _start(self, frames: list[Frame], box: Box) -> Outcome:
         # A tracker of its own for each target: the one before stays as it is if this is refused.
-        tracker = Tracker(build(TrackerParameters, self._tracker.parameters), self._seed)
+        tracker = self._tracker.empty(self._seed)
         estimate = tracker.start(frames[0].image, box)
         sighting = _Sighting(frames[0], box)
         for before, frame in itertools.pairwise(frames):

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pf_tracker_ros.background import BackgroundModel
+from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.cues.fusion import Distraction, Templates
-from pf_tracker_ros.filter import Box, KalmanForesight, MotionModel, ParticleSet
+from pf_tracker_ros.filter import KalmanForesight, MotionModel, ParticleSet
+from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.track_state import Track
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Target:
-    """All that is known of the target; a frame replaces it whole or not at all.
+    """All that is known of one target, a value: a frame makes another of it.
 
-    Only the background model learns in place: copying it would cost more than the frame.
+    Nothing in it belongs to the scene or to another target, and nothing in it changes: a target
+    that is followed again from here meets the same chances.
 
     Attributes:
         first_box: That it was started on.
         motion: How it moves.
         foresight: A Kalman filter that runs ahead of the particles; None where none is asked for.
-        background: What is around it; None where no cue asks.
         particles: Its state, as drawn for the next frame.
         templates: What it looks like.
         distraction: How much of what is around it looks like it.
@@ -29,13 +30,13 @@ class Target:
         seen_box: Its last box while it was tracked.
         hidden_frames: Frames in a row in which it was not tracked.
         followed_frames: Frames since the first one.
+        randomness: Where its own source of random numbers stands.
         estimate: As told in the last frame.
     """
 
     first_box: Box
     motion: MotionModel
     foresight: KalmanForesight | None
-    background: BackgroundModel | None
     particles: ParticleSet
     templates: Templates
     distraction: Distraction
@@ -43,4 +44,5 @@ class Target:
     seen_box: Box
     hidden_frames: int
     followed_frames: int
+    randomness: Randomness
     estimate: Estimate

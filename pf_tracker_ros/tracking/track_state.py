@@ -9,7 +9,7 @@ from pf_tracker_ros.tracking.estimate import TrackState
 
 
 @dataclass(frozen=True)
-class TrackParameters:
+class TrackThresholds:
     """When the target counts as hidden, seen again, or gone."""
 
     occluded_below: float = declared(
@@ -31,30 +31,6 @@ class TrackParameters:
         minimum=0.0,
         maximum=3600.0,
     )
-    confidence_rate: float = declared(
-        1.0,
-        "Share of each frame in the confidence while it rises; it falls at once. With less, good "
-        "looks after a doubtful one must be several.",
-        minimum=0.01,
-        maximum=1.0,
-    )
-    coast: bool = declared(
-        True,
-        "While the target is occluded, let the motion model alone carry the particles on, and "
-        "while it is lost, search anew from where that began. Otherwise the likeliest place is "
-        "followed all the time, and only the state tells that it may not be the target.",
-    )
-
-    def confidence(self, before: float, similarity: float) -> float:
-        """The confidence after a frame, 0 to 1.
-
-        Args:
-            before: The confidence after the last frame, 0 to 1.
-            similarity: What this frame alone says, 0 to 1.
-        """
-        if similarity <= before:
-            return similarity
-        return self.confidence_rate * similarity + (1.0 - self.confidence_rate) * before
 
 
 @dataclass(frozen=True)
@@ -69,8 +45,8 @@ class Track:
     state: TrackState = "tracking"
     hidden_for: float = 0.0
 
-    def after(
-        self, confidence: float, similarity: float, interval: float, parameters: TrackParameters
+    def advance(
+        self, confidence: float, similarity: float, interval: float, thresholds: TrackThresholds
     ) -> Track:
         """The track one frame later.
 
@@ -79,13 +55,13 @@ class Track:
             similarity: What that frame alone says, 0 to 1; a glimpse starts the clock again, even
                 before the confidence has risen.
             interval: Seconds since the last frame.
-            parameters: The thresholds.
+            thresholds: When it counts as hidden, seen again, or gone.
         """
-        needed = parameters.occluded_below
+        needed = thresholds.occluded_below
         if self.state != "tracking":
-            needed = max(needed, parameters.recovered_above)
+            needed = max(needed, thresholds.recovered_above)
         if confidence >= needed:
             return Track()
         hidden_for = interval + (self.hidden_for if similarity < needed else 0.0)
-        gone = hidden_for >= parameters.lost_after
+        gone = hidden_for >= thresholds.lost_after
         return Track("lost" if gone else "occluded", hidden_for)

@@ -9,34 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pf_tracker_ros.parameters import ParameterError, build, declarations, flatten
+from pf_tracker_ros.parameters import ParameterError, build, changed, declarations, flatten
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.follower import Follower
-from pf_tracker_ros.tracking.image import (
-    adapted_range,
-    check_box,
-    check_image,
-    check_interval,
-    gray_range,
-    to_8_bit,
-)
+from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_interval
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
-from pf_tracker_ros.tracking.target import Target
+from pf_tracker_ros.tracking.scene import Scene
 
-
-class _Tracked(NamedTuple):
-    """A target and the kind of images that it is in; a frame replaces both or neither.
-
-    Attributes:
-        target: In the last image.
-        image_shape: Of every image.
-        gray_range: Values of a 16-bit image that become 0 and 255; None for 8-bit ones.
-    """
-
-    target: Target
-    image_shape: tuple[int, ...]
-    gray_range: tuple[float, float] | None
+# Seconds from one frame to the next where nobody tells.
+NOMINAL_INTERVAL = 0.04
 
 
 class Tracker:
@@ -60,7 +42,6 @@ class Tracker:
     def __init__(self, parameters: TrackerParameters, seed: int = 0) -> None:
         self._seed = seed
         self._tracked: _Tracked | None = None
-        self._generator = np.random.default_rng(seed)
         with _usual_arithmetic():
             self._follower = Follower(parameters)
 
@@ -81,7 +62,7 @@ class Tracker:
         Raises:
             ParameterError: No such preset or parameter, or a value that is not allowed.
         """
-        values = preset_parameters(preset) | dict(parameters or {})
+        values = changed(TrackerParameters, preset_parameters(preset), parameters or {})
         return cls(build(TrackerParameters, values), seed)
 
     @property
@@ -92,7 +73,7 @@ class Tracker:
     @property
     def estimate(self) -> Estimate | None:
         """The last estimate, None before `start`."""
-        return self._tracked.target.estimate if self._tracked else None
+        return self._tracked.estimate if self._tracked else None
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -110,20 +91,29 @@ class Tracker:
                 read-only parameter would change while there is a target.
         """
         before = self.parameters
-        parameters = build(TrackerParameters, before | dict(values))
-        if self.started:
-            known = declarations(TrackerParameters)
+        parameters = build(TrackerParameters, changed(TrackerParameters, before, values))
+        if self._tracked:
+            known = declarations(TrackerParameters, before)
             for name, value in flatten(parameters).items():
-                if known[name].read_only and value != before[name]:
+                if name in known and known[name].read_only and value != before[name]:
                     raise ParameterError(
                         f"parameter '{name}' can't change while a target is tracked; stop first"
                     )
         with _usual_arithmetic():
             follower = Follower(parameters)
             if self._tracked:
-                target = follower.reconfigured(self._tracked.target)
-                self._tracked = self._tracked._replace(target=target)
+                self._tracked.scene.reconfigure(follower)
         self._follower = follower
+
+    def empty(self, seed: int) -> Tracker:
+        """A tracker with the same parameters and no target; what both only read is shared.
+
+        Args:
+            seed: As in the constructor.
+        """
+        tracker = object.__new__(type(self))
+        tracker._follower, tracker._seed, tracker._tracked = self._follower, seed, None
+        return tracker
 
     def start(self, image: NDArray[np.generic], box: ArrayLike) -> Estimate:
         """Take a new target.
@@ -140,15 +130,11 @@ class Tracker:
             ValueError: The image or the box is not usable; a target from before is then kept.
         """
         check_image(image)
-        height, width = image.shape[:2]
-        first_box = check_box(box, (width, height))
-        generator = np.random.default_rng(self._seed)
+        first_box = check_box(box, (image.shape[1], image.shape[0]))
         with _usual_arithmetic():
-            span = gray_range(image)
-            target = self._follower.begun(to_8_bit(image, span), first_box, generator)
-        self._generator = generator
-        self._tracked = _Tracked(target, image.shape, span)
-        return target.estimate
+            scene = Scene(self._follower, self._seed)
+            self._tracked = _Tracked(scene, scene.start(image, first_box), image.shape, image.dtype)
+        return self._tracked.estimate
 
     def stop(self) -> None:
         """Forget the target."""
@@ -172,22 +158,35 @@ class Tracker:
         if tracked is None:
             raise RuntimeError("no target: call start(image, box) first")
         check_image(image)
-        if image.shape != tracked.image_shape or (image.dtype == np.uint16) != bool(
-            tracked.gray_range
-        ):
+        if (image.shape, image.dtype) != (tracked.image_shape, tracked.image_type):
             raise ValueError(
                 f"image is {image.shape} {image.dtype}, but the target was started on "
                 f"{tracked.image_shape}; start again to change the image's size or kind"
             )
-        nominal = self._follower.parameters.nominal_interval
-        interval = nominal if dt is None else check_interval(dt)
+        interval = NOMINAL_INTERVAL if dt is None else check_interval(dt)
         with _usual_arithmetic():
-            span = adapted_range(tracked.gray_range, image, interval)
-            target = self._follower.followed(
-                tracked.target, to_8_bit(image, span), interval, self._generator
-            )
-        self._tracked = tracked._replace(target=target, gray_range=span)
-        return target.estimate
+            tracked.scene.update(image, interval)
+        return tracked.estimate
+
+
+class _Tracked(NamedTuple):
+    """The one target of a scene.
+
+    Attributes:
+        scene: That it is in.
+        number: Its id there.
+        image_shape: Of every image.
+        image_type: Of every image.
+    """
+
+    scene: Scene
+    number: int
+    image_shape: tuple[int, ...]
+    image_type: np.dtype[Any]
+
+    @property
+    def estimate(self) -> Estimate:
+        return self.scene.targets[self.number].estimate
 
 
 def _usual_arithmetic() -> np.errstate:

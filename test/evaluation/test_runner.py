@@ -48,7 +48,7 @@ class DrawnFootage:
     def frames(self):
         self.passes += 1
         for stamp, image in zip(self.stamps, self.images, strict=True):
-            yield Frame(stamp, image)
+            yield Frame(image, stamp)
 
 
 @dataclass

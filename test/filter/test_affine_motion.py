@@ -62,11 +62,11 @@ def test_the_defaults_leave_a_state_where_it_is():
 def test_the_velocity_that_the_kalman_filter_believes_in_moves_the_particles():
     motion = still()
     belief = Gaussian([120.0, 55.0, 0.0, 30.0, -20.0, 0.0], 1e-6 * np.eye(6))
-    foresight = KalmanForesight(belief, motion).predicted(0.1)
+    foresight = KalmanForesight(belief, motion).predict(0.1)
     np.testing.assert_allclose(foresight.state.mean, [123.0, 53.0, 0.0])
     states = np.array([[160.0, 63.0, 0.4], [100.0, 50.0, 0.0]])
     # None are drawn from the prediction, all from the transition prior.
-    proposed = foresight.proposed(states, 0.1, 0.0, np.random.default_rng(0))
+    proposed = foresight.propose(states, 0.1, 0.0, np.random.default_rng(0))
     np.testing.assert_allclose(proposed.states, states + [3.0, -2.0, 0.0], atol=0.01)
 
 
@@ -78,7 +78,7 @@ def test_the_scale_keeps_center_and_aspect():
 def test_centers_and_sizes_stay_in_the_image():
     motion = AffineMotion(BOX, MotionParameters())
     states = np.array([[-9.0, 900.0, 50.0], [900.0, -9.0, -50.0]])
-    boxes = motion.boxes(motion.constrained(states, (160, 90)))
+    boxes = motion.boxes(motion.constrain(states, (160, 90)))
     np.testing.assert_allclose(boxes[0, 2:], [160.0, 40.0])
     np.testing.assert_allclose(boxes[1, 2:], [24.0, 6.0])
     np.testing.assert_allclose(boxes[:, :2] + boxes[:, 2:] / 2, [[0.0, 90.0], [160.0, 0.0]])
@@ -97,11 +97,11 @@ class OneColumn:
 def test_the_kalman_filter_predicts_and_corrects_by_hand():
     # One column and its velocity: 3 px and 2 px/s, half a second on 4 px with variance 1 + 4 / 4.
     foresight = KalmanForesight(Gaussian([3.0, 2.0], np.diag([1.0, 4.0])), OneColumn())
-    ahead = foresight.predicted(0.5)
+    ahead = foresight.predict(0.5)
     np.testing.assert_allclose(ahead.state.mean, [4.0])
     np.testing.assert_allclose(ahead.belief.covariance, [[2.0, 2.0], [2.0, 4.0]], atol=1e-5)
     # Measured at 8 with variance 2: gains 2 / 4 for the position and 2 / 4 for the velocity.
-    corrected = ahead.corrected(np.array([8.0]), np.array([[2.0]]))
+    corrected = ahead.correct(np.array([8.0]), np.array([[2.0]]))
     np.testing.assert_allclose(corrected.belief.mean, [6.0, 4.0], atol=1e-4)
 
 
@@ -109,7 +109,7 @@ def test_a_steady_motion_is_foreseen():
     foresight = AffineMotion(BOX, MotionParameters()).foresight()
     for step in range(1, 30):
         at = np.array([120.0 + 3.0 * step, 55.0 - step, 0.0])
-        ahead = foresight.predicted(0.04)
-        foresight = ahead.corrected(at, np.diag([0.25, 0.25, 1e-4]))
+        ahead = foresight.predict(0.04)
+        foresight = ahead.correct(at, np.diag([0.25, 0.25, 1e-4]))
     np.testing.assert_allclose(ahead.state.mean, at, atol=0.3)
     assert foresight.belief.mean[3] == pytest.approx(75.0, rel=0.05)

@@ -137,7 +137,7 @@ def test_boxes_at_both_times_stay_sane_even_with_the_printed_coefficients_after_
     generator = np.random.default_rng(0)
     states = model.prior(50, generator)
     for _ in range(3):
-        states = model.constrained(model.predict(states, 3600.0, generator), (160, 90))
+        states = model.constrain(model.predict(states, 3600.0, generator), (160, 90))
     assert np.isfinite(states).all()
     boxes = states.reshape(-1, 4)
     assert (boxes >= [0.0, 0.0, 6.0, 6.0]).all()
@@ -148,7 +148,7 @@ def test_the_kalman_filter_goes_on_by_equation_7():
     now, earlier = REFERENCE + (10.0, -4.0, 4.0, 1.0), REFERENCE + (6.0, -2.0, 2.0, 0.0)
     model = SecondOrderAutoregressive(BOX, still(*SHIPPED))
     belief = Gaussian(np.concatenate([now, earlier]), np.diag([4.0] * 4 + [1.0] * 4))
-    ahead = KalmanForesight(belief, model).predicted(STEP)
+    ahead = KalmanForesight(belief, model).predict(STEP)
     # 1.5 (10, -4, 4, 1) - 0.5 (6, -2, 2, 0), and the box before is the one that was now.
     expected = REFERENCE + (12.0, -5.0, 5.0, 1.5)
     np.testing.assert_allclose(ahead.state.mean, np.concatenate([expected, now]))
@@ -158,7 +158,7 @@ def test_the_kalman_filter_goes_on_by_equation_7():
     np.testing.assert_allclose(np.diagonal(covariance, 4), 6.0, atol=1e-4)
     # Measured 4 px further with the same variance: half way for the box, 6 / 9.25 / 2 before.
     measured = np.concatenate([expected + 4.0, now])
-    corrected = ahead.corrected(measured, np.diag([9.25] * 8)).belief.mean
+    corrected = ahead.correct(measured, np.diag([9.25] * 8)).belief.mean
     np.testing.assert_allclose(corrected[:4], expected + 2.0, atol=1e-3)
     np.testing.assert_allclose(corrected[4:], now + 4.0 * 6.0 / 18.5, atol=1e-3)
 

@@ -10,7 +10,7 @@ def test_prediction_by_hand():
     # Position 1 and velocity 2 with variances 4 and 1, one second on: the position becomes 3 with
     # variance 4 + 1 + 0.5, the covariance with the velocity 1.
     state = Gaussian([1.0, 2.0], np.diag([4.0, 1.0]))
-    predicted = state.predicted([[1.0, 1.0], [0.0, 1.0]], np.diag([0.5, 0.25]))
+    predicted = state.predict([[1.0, 1.0], [0.0, 1.0]], np.diag([0.5, 0.25]))
     np.testing.assert_allclose(predicted.mean, [3.0, 2.0])
     np.testing.assert_allclose(predicted.covariance, [[5.5, 1.0], [1.0, 1.25]])
 
@@ -18,22 +18,22 @@ def test_prediction_by_hand():
 def test_correction_by_hand():
     # The gain is 3 / (3 + 1) for the measured column and 1 / (3 + 1) for the correlated one.
     state = Gaussian([0.0, 10.0], [[3.0, 1.0], [1.0, 2.0]])
-    corrected = state.corrected([4.0], [[1.0, 0.0]], [[1.0]])
+    corrected = state.correct([4.0], [[1.0, 0.0]], [[1.0]])
     np.testing.assert_allclose(corrected.mean, [3.0, 11.0])
     np.testing.assert_allclose(corrected.covariance, [[0.75, 0.25], [0.25, 1.75]])
 
 
 def test_nonlinear_models_pass_their_value_beside_the_jacobian():
     # x^2 / 20 at x = 10 is 5 with slope 1; 6 was measured with variance 1, so the gain is 1/2.
-    state = Gaussian([3.0], [[4.0]]).predicted([[0.5]], [[0.0]], mean=[10.0])
+    state = Gaussian([3.0], [[4.0]]).predict([[0.5]], [[0.0]], mean=[10.0])
     np.testing.assert_allclose(state.covariance, [[1.0]])
-    corrected = state.corrected([6.0], [[1.0]], [[1.0]], expected=[5.0])
+    corrected = state.correct([6.0], [[1.0]], [[1.0]], expected=[5.0])
     np.testing.assert_allclose(corrected.mean, [10.5])
     np.testing.assert_allclose(corrected.covariance, [[0.5]])
 
 
 def test_a_certain_measurement_of_a_certain_state_stays_put():
-    still = Gaussian([1.0], [[0.0]]).corrected([5.0], [[1.0]], [[1.0]])
+    still = Gaussian([1.0], [[0.0]]).correct([5.0], [[1.0]], [[1.0]])
     np.testing.assert_allclose(still.mean, [1.0])
     np.testing.assert_allclose(still.covariance, [[0.0]])
 

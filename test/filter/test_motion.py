@@ -89,7 +89,7 @@ def test_the_box_lies_around_the_center(model):
 def test_centers_stay_in_the_image(model):
     motion = model(BOX, MotionParameters(prior_position=10.0))
     states = motion.prior(500, np.random.default_rng(0))
-    constrained = motion.constrained(states, (160, 90))
+    constrained = motion.constrain(states, (160, 90))
     assert constrained[:, 0].min() == 0.0
     assert constrained[:, 0].max() == 160.0
     assert constrained[:, 1].min() == 0.0
@@ -99,11 +99,11 @@ def test_centers_stay_in_the_image(model):
 def test_sizes_neither_collapse_nor_outgrow_the_image():
     motion = ConstantVelocityAndSize(BOX, MotionParameters())
     states = np.array([[80.0, 45.0, 0.0, 0.0, 1e-9, 1e9]])
-    constrained = motion.constrained(states, (160, 90))
+    constrained = motion.constrain(states, (160, 90))
     np.testing.assert_allclose(constrained[0, 4:], [SMALLEST_SIDE, 90.0])
 
 
 def test_a_target_smaller_than_the_smallest_side_keeps_its_size():
     motion = ConstantVelocityAndSize((10.0, 10.0, 3.0, 4.0), MotionParameters())
     states = motion.prior(5, np.random.default_rng(0))
-    np.testing.assert_allclose(motion.constrained(states, (160, 90))[:, 4:], [[3.0, 4.0]] * 5)
+    np.testing.assert_allclose(motion.constrain(states, (160, 90))[:, 4:], [[3.0, 4.0]] * 5)

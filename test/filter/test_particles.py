@@ -35,30 +35,30 @@ def test_weights_sum_to_one_and_the_effective_sample_size_lies_between_one_and_n
 @given(arrays(float, 5, elements=finite_logs), st.floats(-1e6, 1e6))
 def test_a_constant_factor_of_the_likelihood_changes_nothing(log_likelihood, constant):
     particles = ParticleSet.uniform(np.arange(5.0)[:, None])
-    one = particles.reweighted(log_likelihood)
-    other = particles.reweighted(log_likelihood + constant)
+    one = particles.reweight(log_likelihood)
+    other = particles.reweight(log_likelihood + constant)
     np.testing.assert_allclose(one.weights, other.weights, atol=1e-6)
 
 
 def test_likelihoods_far_below_the_smallest_float_keep_their_ratio():
-    particles = ParticleSet.uniform(np.zeros((2, 1))).reweighted([-10_000.0, -10_000.0 + np.log(3)])
+    particles = ParticleSet.uniform(np.zeros((2, 1))).reweight([-10_000.0, -10_000.0 + np.log(3)])
     np.testing.assert_allclose(particles.weights, [0.25, 0.75])
 
 
 def test_weights_carry_over_from_one_measurement_to_the_next():
     particles = ParticleSet.uniform(np.zeros((2, 1)))
-    twice = particles.reweighted(np.log([0.2, 0.6])).reweighted(np.log([0.5, 0.5]))
+    twice = particles.reweight(np.log([0.2, 0.6])).reweight(np.log([0.5, 0.5]))
     np.testing.assert_allclose(twice.weights, [0.25, 0.75])
 
 
 @pytest.mark.parametrize("nothing", [-np.inf, np.nan])
 def test_a_likelihood_of_zero_everywhere_leaves_the_weights(nothing):
     particles = ParticleSet(np.zeros((2, 1)), np.log([0.3, 0.7]))
-    np.testing.assert_allclose(particles.reweighted([nothing, nothing]).weights, [0.3, 0.7])
+    np.testing.assert_allclose(particles.reweight([nothing, nothing]).weights, [0.3, 0.7])
 
 
 def test_a_particle_of_nan_likelihood_gets_no_weight():
-    particles = ParticleSet.uniform(np.zeros((3, 1))).reweighted([0.0, np.nan, 0.0])
+    particles = ParticleSet.uniform(np.zeros((3, 1))).reweight([0.0, np.nan, 0.0])
     np.testing.assert_allclose(particles.weights, [0.5, 0.0, 0.5])
 
 
@@ -85,16 +85,16 @@ def test_weights_of_a_wrong_shape_are_refused():
 
 def test_moved_particles_keep_their_weights_and_must_be_as_many():
     particles = ParticleSet(np.zeros((2, 1)), np.log([3.0, 1.0]))
-    moved = particles.moved([[5.0, 6.0], [7.0, 8.0]])
+    moved = particles.move([[5.0, 6.0], [7.0, 8.0]])
     np.testing.assert_allclose(moved.weights, [0.75, 0.25])
     np.testing.assert_allclose(moved.mean, [5.5, 6.5])
     for states in (np.zeros((3, 1)), np.zeros(2)):
         with pytest.raises(ValueError, match=r"expected \(2, D\)"):
-            particles.moved(states)
+            particles.move(states)
 
 
 def test_resampled_particles_have_equal_weights():
     particles = ParticleSet(np.array([[1.0], [2.0]]), np.log([3.0, 1.0]))
-    resampled = particles.resampled(np.array([1, 1, 0]))
+    resampled = particles.resample(np.array([1, 1, 0]))
     np.testing.assert_allclose(resampled.weights, 1 / 3)
     np.testing.assert_array_equal(resampled.states, [[2.0], [2.0], [1.0]])

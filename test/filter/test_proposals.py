@@ -133,7 +133,7 @@ def test_the_filter_agrees_with_an_exact_grid_filter_even_if_the_prediction_is_w
             particles.states, Walk(1.5), Gaussian([2.0], [[1.0]]), 0.5, generator
         )
         likelihood = normal(measurement, proposed.states[:, 0] ** 2 / 4, 1.0)
-        particles = particles.moved(proposed.states).reweighted(
+        particles = particles.move(proposed.states).reweight(
             proposed.log_ratio + np.log(likelihood)
         )
         mean = density @ grid
@@ -141,7 +141,7 @@ def test_the_filter_agrees_with_an_exact_grid_filter_even_if_the_prediction_is_w
         variance = density @ (grid - mean) ** 2
         assert particles.covariance[0, 0] == pytest.approx(variance, rel=0.05)
         draws = SystematicResampler().indices(particles.weights, len(particles), generator)
-        particles = particles.resampled(draws)
+        particles = particles.resample(draws)
 
 
 def test_contradictions_are_refused():

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from sensor_msgs.msg import CompressedImage, Image
 
+from pf_tracker_ros.frames.gray_range import adapt_range, gray_range, to_8_bit
 from pf_tracker_ros.node.images.compressed_decoding import decode_compressed
 from pf_tracker_ros.node.images.image_decoding import Pixels, decode
 from pf_tracker_ros.stamps import NANOSECONDS, stamp_of
-from pf_tracker_ros.tracking.image import adapted_range, gray_range, to_8_bit
 
 # A range that is as old as this has been left behind as far as it can be.
 _LONGEST_INTERVAL = 60.0
@@ -51,5 +51,5 @@ class ImageDecoder:
         stamp = stamp_of(message.header) / NANOSECONDS
         interval = min(abs(stamp - self._stamp), _LONGEST_INTERVAL)
         self._stamp = stamp
-        self._range = adapted_range(self._range, image, interval) or gray_range(image)
+        self._range = adapt_range(self._range, image, interval) or gray_range(image)
         return to_8_bit(image, self._range)

@@ -11,6 +11,7 @@ from geometry_msgs.msg import PolygonStamped
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
+from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage import (
     Footage,
     FootageError,
@@ -21,7 +22,7 @@ from pf_tracker_ros.footage import (
     open_footage,
 )
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE
-from pf_tracker_ros.node.message_building import Box, box_message, image_message
+from pf_tracker_ros.node.message_building import box_message, image_message
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.stamps import set_stamp
 

@@ -10,7 +10,8 @@ from geometry_msgs.msg import PointStamped, PolygonStamped
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
-from pf_tracker_ros.node.message_building import Box, TargetError, box_of_polygon
+from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.node.message_building import TargetError, box_of_polygon
 from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, subscribe
 from pf_tracker_ros.stamps import stamp_of
 

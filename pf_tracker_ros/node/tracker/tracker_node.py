@@ -13,9 +13,10 @@ import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import CompressedImage, Image
 
+from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.node.images.decoder import ImageDecoder
 from pf_tracker_ros.node.managed_node import ManagedNode
-from pf_tracker_ros.node.message_building import Box, TargetError, estimate_values
+from pf_tracker_ros.node.message_building import TargetError, estimate_values
 from pf_tracker_ros.node.override_sources import files_superseded_by
 from pf_tracker_ros.node.parameter_binding import ParameterBinding, Values
 from pf_tracker_ros.node.parameter_requests import take_whole_requests

@@ -1,4 +1,4 @@
-"""What a window of the image looks like, cell by cell: edge directions, colors or gray levels.
+"""Edge directions, and colors or gray levels, as channels.
 
 Sources: Felzenszwalb et al. 2010, "Object detection with discriminatively trained part-based
 models", section 6 (without the channels that tell a gradient's sign, which changes with the
@@ -15,8 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-CELL_PIXELS = 4
+from pf_tracker_ros.cues.features.features import FEATURES
 
+_CELL_PIXELS = 4
 # Over 180 degrees.
 _DIRECTIONS = 9
 _BLOCKS = 4
@@ -52,30 +53,28 @@ _NAMED_COLORS = (
 )
 
 
-def window_features(window: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """What each cell of `CELL_PIXELS` pixels holds.
+@FEATURES.register("gradients_and_colors")
+class GradientsAndColors:
+    """9 directions of gradients, 4 of texture, then 11 named colors, or 6 gray levels."""
 
-    Args:
-        window: (P, P, 3) BGR or (P, P) gray, P a multiple of `CELL_PIXELS`.
+    stride = _CELL_PIXELS
 
-    Returns:
-        (channels, P / CELL_PIXELS, P / CELL_PIXELS): 9 directions of gradients, 4 of texture, then
-        11 named colors, or 6 gray levels for a gray window.
-    """
-    cells = window.shape[0] // CELL_PIXELS
-    colored = window.ndim == 3
-    gray = cv2.cvtColor(window, cv2.COLOR_BGR2GRAY) if colored else window
-    channels = _GRADIENT_CHANNELS + (len(_NAMED_COLORS) if colored else _GRAY_LEVELS)
-    features = np.empty((channels, cells, cells), dtype=np.float32)
-    _gradient_channels(gray, features[:_GRADIENT_CHANNELS])
-    half = cv2.resize(window, (2 * cells, 2 * cells), interpolation=cv2.INTER_AREA)
-    shares = _name_shares(half) if colored else _level_shares(half)
-    rows = shares[0::2] + shares[1::2]
-    features[_GRADIENT_CHANNELS:] = (rows[:, 0::2] + rows[:, 1::2]).transpose(2, 0, 1)
-    return features
+    def extract(self, window: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """See `Features.extract`."""
+        cells = window.shape[0] // _CELL_PIXELS
+        colored = window.ndim == 3
+        gray = cv2.cvtColor(window, cv2.COLOR_BGR2GRAY) if colored else window
+        channels = _GRADIENT_CHANNELS + (len(_NAMED_COLORS) if colored else _GRAY_LEVELS)
+        features = np.empty((channels, cells, cells), dtype=np.float32)
+        _fill_gradient_channels(gray, features[:_GRADIENT_CHANNELS])
+        half = cv2.resize(window, (2 * cells, 2 * cells), interpolation=cv2.INTER_AREA)
+        shares = _name_shares(half) if colored else _level_shares(half)
+        rows = shares[0::2] + shares[1::2]
+        features[_GRADIENT_CHANNELS:] = (rows[:, 0::2] + rows[:, 1::2]).transpose(2, 0, 1)
+        return features
 
 
-def _gradient_channels(gray: NDArray[np.uint8], channels: NDArray[np.float32]) -> None:
+def _fill_gradient_channels(gray: NDArray[np.uint8], channels: NDArray[np.float32]) -> None:
     """Fill (13, rows, columns) channels."""
     _, rows, columns = channels.shape
     histogram = _direction_histogram(gray, rows, columns)
@@ -107,15 +106,15 @@ def _direction_histogram(gray: NDArray[np.uint8], rows: int, columns: int) -> ND
     histogram = sums.reshape(rows, columns, _DIRECTIONS + 1)
     # The direction after the last is the first.
     histogram[..., 0] += histogram[..., _DIRECTIONS]
-    means = histogram[..., :_DIRECTIONS].transpose(2, 0, 1) / CELL_PIXELS**2
+    means = histogram[..., :_DIRECTIONS].transpose(2, 0, 1) / _CELL_PIXELS**2
     return np.ascontiguousarray(means, dtype=np.float32)
 
 
 @cache
 def _first_bins(rows: int, columns: int) -> NDArray[np.intp]:
     """(pixels,) number of the first bin of each pixel's cell."""
-    row = np.repeat(np.arange(rows), CELL_PIXELS)
-    column = np.repeat(np.arange(columns), CELL_PIXELS)
+    row = np.repeat(np.arange(rows), _CELL_PIXELS)
+    column = np.repeat(np.arange(columns), _CELL_PIXELS)
     return ((row[:, None] * columns + column) * (_DIRECTIONS + 1)).ravel()
 
 

@@ -1,4 +1,4 @@
-"""What the cues read of one frame, each map computed once and only around the particles.
+"""What the cues read around the particles, each map computed once.
 
 N particles overlap heavily, so pixels are turned into what a cue needs once a frame, and each
 particle then only reads. A map is computed when a cue first asks for it.
@@ -15,53 +15,51 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.frames.frame import Frame
+from pf_tracker_ros.frames.tiles import Part
+
 Map = TypeVar("Map")
 Value = TypeVar("Value", bound=np.generic)
 
 # Derivatives look one pixel further than the boxes do, smoothed ones two.
 _MARGIN = 2
-# Two differences of 0, as in `FrameMaps.differences`.
+# Two differences of 0, as in `Region.differences`.
 _NO_GRADIENT = 255 * 511 + 255
 
 
-class FrameMaps:
+class Region:
     """The region of a frame that a set of boxes covers, and the maps computed from it.
 
     Pixels outside the image belong to the region too where a box reaches there: maps say what they
     hold for them.
 
     Args:
-        image: (H, W, 3) uint8 BGR or (H, W) uint8.
+        frame: The whole image.
         boxes: (N, 4) boxes (x, y, width, height) in pixels, all of which the region covers; each
             overlaps the image.
         reduction: Whole number of image pixels that one region pixel averages along each axis;
             above 1 for targets so large that full resolution would only cost time.
         reach: How far beyond each side of a box the region covers, in box sides.
-        foreground: See the attribute.
         place: See the attribute; None for the mean of the boxes. Where it is given, the region
             covers every box in its size too, for the cues that look at it so.
 
     Attributes:
-        image: The whole image.
+        frame: As given.
         place: (4,) box of the target as it is expected in this frame.
         pixels: The region inside the image, (h, w, 3) or (h, w) uint8, reduced.
-        foreground: (mask, reduction) of a background model: (h, w) uint8 over the whole image, 255
-            for foreground, and the image pixels to one of its pixels along each axis; None where
-            there is no model.
         padding: (top, bottom, left, right) region pixels outside the image.
     """
 
     def __init__(
         self,
-        image: NDArray[np.uint8],
+        frame: Frame,
         boxes: NDArray[np.float64],
         reduction: int = 1,
         reach: float = 0.0,
         *,
-        foreground: tuple[NDArray[np.uint8], int] | None = None,
         place: NDArray[np.float64] | None = None,
     ) -> None:
-        height, width = image.shape[:2]
+        width, height = frame.size
         self.place = boxes.mean(axis=0) if place is None else place
         if place is not None:
             sides = np.maximum(boxes[:, 2:], place[2:])
@@ -74,23 +72,19 @@ class FrameMaps:
             )
             for starts, sides in ((x, widths), (y, heights))
         )
-        inside_left, inside_top = max(left, 0), max(top, 0)
-        inside_right = min(right, -(-width // reduction))
-        inside_bottom = min(bottom, -(-height // reduction))
-        crop = image[
-            inside_top * reduction : inside_bottom * reduction,
-            inside_left * reduction : inside_right * reduction,
-        ]
-        if reduction > 1:
-            crop = _reduced(crop, reduction)
-        self.image = image
-        self.foreground = foreground
-        self.pixels: NDArray[np.uint8] = crop
+        inside = Part(
+            max(top, 0),
+            min(bottom, -(-height // reduction)),
+            max(left, 0),
+            min(right, -(-width // reduction)),
+        )
+        self.frame = frame
+        self.pixels: NDArray[np.uint8] = frame.view(inside, reduction)
         self.padding = (
-            inside_top - top,
-            bottom - inside_bottom,
-            inside_left - left,
-            right - inside_right,
+            inside.top - top,
+            bottom - inside.bottom,
+            inside.left - left,
+            right - inside.right,
         )
         self._corner = np.array([left, top, 0.0, 0.0])
         self._reduction = reduction
@@ -128,9 +122,9 @@ class FrameMaps:
 
         The mask has a scale of its own: the pixel of it below the center of each is asked.
         """
-        if self.foreground is None:
+        if self.frame.foreground is None:
             return None
-        mask, reduction = self.foreground
+        mask, reduction = self.frame.foreground
         corner = self._corner[:2] + (self.padding[2], self.padding[0])
         rows, columns = (
             np.minimum(
@@ -212,18 +206,6 @@ def nearest_pixel(edges: NDArray[np.float64]) -> NDArray[np.intp]:
     return (edges + 0.5).astype(np.intp)
 
 
-def _reduced(crop: NDArray[np.uint8], reduction: int) -> NDArray[np.uint8]:
-    """Means of whole blocks of reduction x reduction pixels.
-
-    Blocks are counted from the image's corner, so a block's mean does not depend on the region that
-    it was read for. One that reaches out of the image repeats the last row or column.
-    """
-    missing_rows, missing_columns = -np.array(crop.shape[:2]) % reduction
-    crop = cv2.copyMakeBorder(crop, 0, missing_rows, 0, missing_columns, cv2.BORDER_REPLICATE)
-    size = (crop.shape[1] // reduction, crop.shape[0] // reduction)
-    return cv2.resize(crop, size, interpolation=cv2.INTER_AREA)
-
-
 @cache
 def _color_table(levels: int) -> NDArray[np.uint16]:
     """(1, 256, 3) what each value of blue, green and red adds to the number of a color."""
@@ -235,7 +217,7 @@ def _color_table(levels: int) -> NDArray[np.uint16]:
 def _gradient_table(directions: int) -> NDArray[np.uint8]:
     """(511 * 511, directions) magnitude of any two 8-bit differences, in their direction's column.
 
-    Rows are numbered as in `FrameMaps.differences`. Reading the answer is faster than working it
+    Rows are numbered as in `Region.differences`. Reading the answer is faster than working it
     out, and exact on the borders between two directions, where many gradients of whole numbers lie.
     """
     differences = np.arange(-255, 256)

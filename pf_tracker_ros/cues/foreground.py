@@ -1,4 +1,4 @@
-"""Moving foreground cue: what differs from the background model, and so is not background.
+"""Foreground cue: what differs from the background model, and so is not background.
 
 A box scores by the share of foreground in it minus that in the ring around it. The cue knows no
 target: what moves looks alike to it, and a color cue beside it has to tell who is who.
@@ -14,30 +14,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Cue
-from pf_tracker_ros.cues.maps import FrameMaps
+from pf_tracker_ros.cues.cue import CUES, Cue, declared_power
+from pf_tracker_ros.frames import Foreground, Region
 from pf_tracker_ros.parameters import declared
 
 
 @dataclass(frozen=True)
-class MovingForegroundParameters:
-    """The moving foreground cue."""
+class ForegroundParameters:
+    """The foreground cue."""
 
-    power: float = declared(
-        0.0,
-        "Power of this cue in the fused likelihood; 0 switches it and the background model off. "
-        "The powers of all cues are scaled to a sum of 1.",
-        minimum=0.0,
-        maximum=1.0,
-        read_only=True,
-    )
-    ring: float = declared(
-        0.3,
-        "Width of the ring of surroundings on each side of the box.",
-        unit="box sides",
-        minimum=0.05,
-        maximum=3.0,
-    )
+    power: float = declared_power(0.25)
     sharpness: float = declared(
         20.0,
         "How fast the likelihood falls as the foreground's share in the box does, against that in "
@@ -47,45 +33,49 @@ class MovingForegroundParameters:
     )
 
 
-class MovingForeground(Cue):
+@CUES.register("foreground", ForegroundParameters)
+class ForegroundCue(Cue):
     """Share of foreground in the box minus that in the ring around it.
 
     Args:
-        parameters: Ring and sharpness.
+        parameters: Sharpness.
+        ring: Width of the ring of surroundings on each side of the box, box sides.
     """
 
-    def __init__(self, parameters: MovingForegroundParameters) -> None:
-        self._ring = parameters.ring
+    needs_foreground = True
+
+    def __init__(self, parameters: ForegroundParameters, *, ring: float = 0.3) -> None:
+        self._ring = ring
         self._sharpness = parameters.sharpness
 
-    def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> None:
+    def learn(self, region: Region, box: NDArray[np.float64]) -> None:
         """See `Cue.learn`; there is nothing to learn."""
         return None
 
     def log_likelihood(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], template: None
+        self, region: Region, boxes: NDArray[np.float64], template: None
     ) -> NDArray[np.float64]:
         """See `Cue.log_likelihood`; without a foreground mask, all boxes are alike."""
-        if maps.foreground is None:
+        if region.frame.foreground is None:
             return np.zeros(len(boxes))
-        return self._sharpness * (self.contrast(maps, boxes) - 1.0)
+        return self._sharpness * (self.contrast(region, boxes) - 1.0)
 
     def match(self, seen: None, template: None) -> None:
         """See `Cue.match`; that something moves there does not tell whether it is the target."""
         return None
 
-    def blend(self, template: None, seen: None, keep: float) -> None:
+    def blend(self, template: None, seen: None) -> None:
         """See `Cue.blend`."""
         return None
 
-    def contrast(self, maps: FrameMaps, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    def contrast(self, region: Region, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N,) share of foreground, 0 to 1, in (N, 4) boxes minus that in their rings."""
-        mask, reduction = maps.foreground or (np.zeros((1, 1), np.uint8), 1)
+        mask, reduction = region.frame.foreground or Foreground(np.zeros((1, 1), np.uint8), 1)
 
         def integrate() -> NDArray[np.int32]:
             return cv2.integral(mask, sdepth=cv2.CV_32S)
 
-        integral = maps.shared("foreground integral", integrate)
+        integral = region.frame.shared("foreground integral", integrate)
         margin = self._ring * boxes[:, 2:]
         around = np.hstack([boxes[:, :2] - margin, boxes[:, 2:] + 2 * margin])
         inside, outside = _sums(integral, boxes / reduction), _sums(integral, around / reduction)

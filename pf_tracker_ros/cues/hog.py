@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Cue, Match, declared_power
-from pf_tracker_ros.cues.maps import FrameMaps
+from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep, declared_power
+from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import declared
 
 # Cells along each side of a block, and in it; neighboring blocks share half of theirs.
@@ -28,45 +28,21 @@ _ROUNDING = 1e-3
 
 
 @dataclass(frozen=True)
-class OrientedGradientsParameters:
+class HogParameters:
     """The cue of histograms of oriented gradients (HOG)."""
 
-    power: float = declared_power(0.0)
-    cells_x: int = declared(
-        5,
-        "Cells across the box.",
-        minimum=_BLOCK,
-        maximum=32,
-        read_only=True,
-    )
-    cells_y: int = declared(
-        6,
-        "Cells down the box; more suit tall targets, fewer small ones.",
-        minimum=_BLOCK,
-        maximum=32,
-        read_only=True,
-    )
-    bins: int = declared(
-        16,
-        "Direction bins that the 180 degrees are divided into.",
-        minimum=3,
-        maximum=64,
-        read_only=True,
-    )
-    smoothing: bool = declared(
-        False,
-        "Average each pixel with its neighbors before the gradients are taken, for noisy sensors.",
-        read_only=True,
-    )
+    power: float = declared_power(1.0)
     sharpness: float = declared(
         300.0,
         "How fast the likelihood falls with half the squared Bhattacharyya distance (lambda).",
         minimum=0.0,
         maximum=1000.0,
     )
+    keep: float = declared_keep(0.995)
 
 
-class OrientedGradients(Cue):
+@CUES.register("hog", HogParameters)
+class Hog(Cue):
     """HOG descriptor against a template descriptor by their Bhattacharyya distance.
 
     The descriptor has one number for each block, cell of the block and direction bin, and sums to
@@ -75,32 +51,45 @@ class OrientedGradients(Cue):
     blocks across, bins), the cells of a block in reading order.
 
     Args:
-        parameters: Cells, bins, smoothing and sharpness.
+        parameters: Sharpness, and how slowly the template changes.
+        cells: (across, down) the box, each at least 2.
+        bins: Direction bins that the 180 degrees are divided into.
+        smoothed: Whether each pixel is averaged with its neighbors before the gradients are taken,
+            for noisy sensors.
     """
 
-    def __init__(self, parameters: OrientedGradientsParameters) -> None:
-        self._bins = parameters.bins
-        self._smoothing = parameters.smoothing
+    def __init__(
+        self,
+        parameters: HogParameters,
+        *,
+        cells: tuple[int, int] = (5, 6),
+        bins: int = 16,
+        smoothed: bool = True,
+    ) -> None:
+        self._bins = bins
+        self._smoothed = smoothed
         self._sharpness = parameters.sharpness
-        self._columns = np.arange(parameters.cells_x + 1)[:, None] / parameters.cells_x
-        self._rows = np.arange(parameters.cells_y + 1)[:, None] / parameters.cells_y
+        self._keep = parameters.keep
+        across, down = cells
+        self._columns = np.arange(across + 1)[:, None] / across
+        self._rows = np.arange(down + 1)[:, None] / down
 
-    def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> NDArray[np.float64]:
+    def learn(self, region: Region, box: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `Cue.learn`; source: Zhang et al. 2015, section 2."""
-        cells = self._cells(maps, box[None])
+        cells = self._cells(region, box[None])
         descriptor = _corners(cells) * _inverse_lengths(cells)[..., None]
         total = descriptor.sum(dtype=np.float64)
         return descriptor[..., 0, :] / np.float64(total if total > 0.0 else 1.0)
 
     def log_likelihood(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], template: NDArray[np.float64]
+        self, region: Region, boxes: NDArray[np.float64], template: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """See `Cue.log_likelihood`; source: Zhang et al. 2015, equation (9).
 
         Its constant factor 1 / sqrt(2 pi) cancels in the normalization of the weights, (11), and
         is left out, so that a perfect match has likelihood 1.
         """
-        return -0.5 * self._sharpness * self.squared_distance(maps, boxes, template)
+        return -0.5 * self._sharpness * self.squared_distance(region, boxes, template)
 
     def match(self, seen: NDArray[np.float64], template: NDArray[np.float64]) -> Match:
         """See `Cue.match`; the similarity is 1 - D."""
@@ -110,7 +99,7 @@ class OrientedGradients(Cue):
         return Match(-0.5 * self._sharpness * squared_distance, 1.0 - squared_distance**0.5)
 
     def squared_distance(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], template: NDArray[np.float64]
+        self, region: Region, boxes: NDArray[np.float64], template: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """(N,) squared Bhattacharyya distances D^2, 0 to 1, of (N, 4) boxes from the template.
 
@@ -120,7 +109,7 @@ class OrientedGradients(Cue):
 
         Source: Zhang et al. 2015, equation (8).
         """
-        cells = self._cells(maps, boxes)
+        cells = self._cells(region, boxes)
         inverse_lengths = _inverse_lengths(cells)
         total = (_corners(cells.sum(axis=-1)).sum(axis=0) * inverse_lengths).sum(axis=(0, 1))
         products = np.sqrt(cells) @ _roots_by_cell(template)
@@ -135,21 +124,21 @@ class OrientedGradients(Cue):
         return np.maximum(1.0 - coefficient, 0.0).astype(np.float64)
 
     def blend(
-        self, template: NDArray[np.float64], seen: NDArray[np.float64], keep: float
+        self, template: NDArray[np.float64], seen: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """See `Cue.blend`; with a share of 0 the template is replaced, as the paper has it."""
-        return keep * template + (1.0 - keep) * seen
+        return self._keep * template + (1.0 - self._keep) * seen
 
-    def _cells(self, maps: FrameMaps, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
+    def _cells(self, region: Region, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
         """(cells down, cells across, N, bins) sums of gradient magnitude in N boxes."""
 
         def integrate() -> NDArray[np.int32]:
-            differences = maps.differences(self._smoothing)
+            differences = region.differences(self._smoothed)
             channels = _direction_table(self._bins).take(differences, axis=0)
             return cv2.integral(channels, sdepth=cv2.CV_32S)
 
-        integral = maps.shared(("oriented gradients", self._bins, self._smoothing), integrate)
-        x, y, width, height = maps.region_boxes(boxes).T
+        integral = region.shared(("oriented gradients", self._bins, self._smoothed), integrate)
+        x, y, width, height = region.region_boxes(boxes).T
         sums = _interpolated(integral, x + self._columns * width, y + self._rows * height)
         cells = np.diff(np.diff(sums, axis=0), axis=1).astype(np.float32)
         # Interpolated sums round, and a block's length would blow up what is left of nothing.
@@ -228,7 +217,7 @@ def _missing(descriptor: NDArray[np.float64]) -> float:
 
 @cache
 def _direction_table(bins: int) -> NDArray[np.uint8]:
-    """(511 * 511, bins) shares of any two differences' magnitude, numbered as in `FrameMaps`.
+    """(511 * 511, bins) shares of any two differences' magnitude, numbered as in `Region`.
 
     Bin k is centered on k * 180 / bins degrees. A gradient t bins off the center of the nearest
     one, at most half a bin, gives it 3/4 - t^2 of its magnitude, the bin towards which it is off

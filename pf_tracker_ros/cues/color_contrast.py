@@ -1,4 +1,4 @@
-"""Foreground probability cue: colors of the target that its surroundings do not have.
+"""Color contrast cue: colors of the target that its surroundings do not have.
 
 A color histogram also counts colors that lie all around the target; here they say nothing. A box
 scores by the contrast between its inside and the ring around it, so it is drawn to the target's
@@ -19,8 +19,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Match, SearchableCue, declared_power
-from pf_tracker_ros.cues.maps import FrameMaps, nearest_pixel
+from pf_tracker_ros.cues.cue import CUES, Match, SearchableCue, declared_keep, declared_power
+from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
 # The share that inside and ring are granted of every color, so that unseen ones count as undecided.
@@ -28,47 +28,21 @@ _PRIOR_SHARE = 1e-4
 
 
 @dataclass(frozen=True)
-class ForegroundProbabilityParameters:
-    """The foreground probability cue."""
+class ColorContrastParameters:
+    """The color contrast cue."""
 
-    power: float = declared_power(0.0)
-    levels: int = declared(
-        16,
-        "Steps that each of red, green and blue is divided into.",
-        minimum=2,
-        maximum=32,
-        read_only=True,
-    )
-    ring: float = declared(
-        0.4,
-        "Width of the ring of surroundings on each side of the box.",
-        unit="box sides",
-        minimum=0.05,
-        maximum=3.0,
-        read_only=True,
-    )
-    own_size: bool = declared(
-        True,
-        "Measure each box as large as it is. Otherwise all are measured in the size that the "
-        "target is expected in, so that their contrast tells its place and leaves its size to "
-        "another cue.",
-    )
+    power: float = declared_power(0.5)
     sharpness: float = declared(
-        50.0,
+        400.0,
         "How fast the likelihood falls as the contrast between box and ring does.",
         minimum=0.0,
         maximum=1000.0,
     )
-    keep: float = declared(
-        0.92,
-        "Share of the old colors of target and surroundings that each tracked frame keeps.",
-        minimum=0.0,
-        maximum=1.0,
-    )
+    keep: float = declared_keep(0.96)
 
 
 @dataclass(frozen=True, eq=False)
-class ForegroundTemplate:
+class ContrastTemplate:
     """The colors of the target and of its surroundings.
 
     Attributes:
@@ -94,72 +68,65 @@ class ForegroundTemplate:
 Contrast = TypeVar("Contrast", np.float64, NDArray[np.float64])
 
 
-class ForegroundProbability(SearchableCue):
-    """Mean foreground probability of the box minus that of the ring around it.
+@CUES.register("color_contrast", ColorContrastParameters)
+class ColorContrast(SearchableCue):
+    """Mean probability that a pixel of the box is the target's, minus that in the ring around it.
+
+    All boxes are measured in the size that the target is expected in: so the contrast tells its
+    place, and leaves its size to another cue. Whatever has the target's colors has the contrast.
 
     Args:
-        parameters: Levels, ring and sharpness.
+        parameters: Sharpness, and how slowly the template changes.
+        levels: Steps that each of red, green and blue is divided into, at most 32.
+        ring: Width of the ring of surroundings on each side of the box, box sides.
     """
 
-    def __init__(self, parameters: ForegroundProbabilityParameters) -> None:
-        self._levels = parameters.levels
-        self._ring = parameters.ring
+    looks_in_one_size = True
+    judges = False
+
+    def __init__(
+        self, parameters: ColorContrastParameters, *, levels: int = 16, ring: float = 0.4
+    ) -> None:
+        self._levels = levels
+        self._ring = ring
         self._sharpness = parameters.sharpness
         self._keep = parameters.keep
-        self._own_size = parameters.own_size
 
     @property
     def reach(self) -> float:
         """See `Cue.reach`."""
         return self._ring
 
-    @property
-    def looks_in_one_size(self) -> bool:
-        """See `Cue.looks_in_one_size`."""
-        return not self._own_size
-
-    @property
-    def steady_keep(self) -> float:
-        """See `Cue.steady_keep`: the surroundings change with every step of the target."""
-        return self._keep
-
-    @property
-    def judges(self) -> bool:
-        """See `Cue.judges`: whatever has the target's colors has the contrast."""
-        return False
-
-    def learn(self, maps: FrameMaps, box: NDArray[np.float64]) -> ForegroundTemplate:
+    def learn(self, region: Region, box: NDArray[np.float64]) -> ContrastTemplate:
         """See `Cue.learn`."""
-        bins = maps.color_bins(self._levels)
-        top, _, left, _ = maps.padding
+        bins = region.color_bins(self._levels)
+        top, _, left, _ = region.padding
         (x0, x1), (y0, y1), (outer_x0, outer_x1), (outer_y0, outer_y1) = (
             np.maximum(edges[:, 0] - offset, 0)
             for edges, offset in zip(
-                self._edges(maps.region_boxes(box[None])), (left, top, left, top), strict=True
+                self._edges(region.region_boxes(box[None])), (left, top, left, top), strict=True
             )
         )
         inside = self._counts(bins[y0:y1, x0:x1])
         ring = self._counts(bins[outer_y0:outer_y1, outer_x0:outer_x1]) - inside
-        return ForegroundTemplate(_shares(inside), _shares(ring))
+        return ContrastTemplate(_shares(inside), _shares(ring))
 
     def strength(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], template: ForegroundTemplate
+        self, region: Region, boxes: NDArray[np.float64], template: ContrastTemplate
     ) -> NDArray[np.float64]:
         """See `SearchableCue.strength`: the contrast."""
-        if not self._own_size:
-            size = maps.place[2:]
-            boxes = np.hstack(
-                [boxes[:, :2] + (boxes[:, 2:] - size) / 2, np.broadcast_to(size, (len(boxes), 2))]
-            )
-        return self.contrast(maps, boxes, template)
+        size = region.place[2:]
+        corners = boxes[:, :2] + (boxes[:, 2:] - size) / 2
+        boxes = np.hstack([corners, np.broadcast_to(size, corners.shape)])
+        return self.contrast(region, boxes, template)
 
     def log_likelihood_of(
-        self, strength: NDArray[np.float64], template: ForegroundTemplate
+        self, strength: NDArray[np.float64], template: ContrastTemplate
     ) -> NDArray[np.float64]:
         """See `SearchableCue.log_likelihood_of`."""
         return self._log_likelihood(strength, template)
 
-    def match(self, seen: ForegroundTemplate, template: ForegroundTemplate) -> Match:
+    def match(self, seen: ContrastTemplate, template: ContrastTemplate) -> Match:
         """See `Cue.match`; the similarity is the contrast's share of the target's own."""
         contrast = np.float64((seen.inside - seen.ring) @ template.probabilities)
         share = contrast / template.contrast if template.contrast > 0.0 else 1.0
@@ -168,30 +135,28 @@ class ForegroundProbability(SearchableCue):
         )
 
     def contrast(
-        self, maps: FrameMaps, boxes: NDArray[np.float64], template: ForegroundTemplate
+        self, region: Region, boxes: NDArray[np.float64], template: ContrastTemplate
     ) -> NDArray[np.float64]:
         """(N,) contrasts, -1 to 1, of (N, 4) boxes; pixels outside the image have probability 0."""
 
         def integrate() -> NDArray[np.float64]:
-            probabilities = template.probabilities.take(maps.color_bins(self._levels))
-            return cv2.integral(maps.padded(probabilities), sdepth=cv2.CV_64F)
+            probabilities = template.probabilities.take(region.color_bins(self._levels))
+            return cv2.integral(region.padded(probabilities), sdepth=cv2.CV_64F)
 
-        integral = maps.shared(template, integrate)
-        x, y, outer_x, outer_y = self._edges(maps.region_boxes(boxes))
+        integral = region.shared(template, integrate)
+        x, y, outer_x, outer_y = self._edges(region.region_boxes(boxes))
         inside, area = _sums(integral, x, y)
         outer, outer_area = _sums(integral, outer_x, outer_y)
         return inside / area - (outer - inside) / np.maximum(outer_area - area, 1)
 
-    def blend(
-        self, template: ForegroundTemplate, seen: ForegroundTemplate, keep: float
-    ) -> ForegroundTemplate:
+    def blend(self, template: ContrastTemplate, seen: ContrastTemplate) -> ContrastTemplate:
         """See `Cue.blend`."""
-        old, new = np.float32(keep), np.float32(1.0 - keep)
-        return ForegroundTemplate(
+        old, new = np.float32(self._keep), np.float32(1.0 - self._keep)
+        return ContrastTemplate(
             old * template.inside + new * seen.inside, old * template.ring + new * seen.ring
         )
 
-    def _log_likelihood(self, contrast: Contrast, template: ForegroundTemplate) -> Contrast:
+    def _log_likelihood(self, contrast: Contrast, template: ContrastTemplate) -> Contrast:
         missing = np.maximum(template.contrast - contrast, 0.0)
         return -self._sharpness * missing
 

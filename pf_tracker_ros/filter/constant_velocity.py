@@ -1,0 +1,159 @@
+"""Constant velocity, with a box that keeps its size or one whose size walks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.filter.foresight import SMALLEST_SPREAD
+from pf_tracker_ros.filter.limits import limited_centers, limited_sizes
+from pf_tracker_ros.filter.motion import (
+    MOTION_MODELS,
+    PRIOR_POSITION,
+    PRIOR_VELOCITY,
+    declared_aspect_noise,
+    declared_position_noise,
+    declared_size_noise,
+    declared_velocity_noise,
+)
+from pf_tracker_ros.filter.proposals import CenterPrior
+
+
+@dataclass(frozen=True)
+class ConstantVelocityParameters:
+    """Constant velocity with a box of constant size."""
+
+    position_noise: float = declared_position_noise()
+    velocity_noise: float = declared_velocity_noise()
+
+
+@dataclass(frozen=True)
+class ConstantVelocityAndSizeParameters(ConstantVelocityParameters):
+    """Constant velocity with a box whose size walks."""
+
+    size_noise: float = declared_size_noise()
+    aspect_noise: float = declared_aspect_noise()
+
+
+@MOTION_MODELS.register("constant_velocity", ConstantVelocityParameters)
+class ConstantVelocity:
+    """State (x, y, vx, vy) in pixels and pixels per second; the box keeps its size.
+
+    Source: Li et al. 2007, equation (3), with Phi for an interval of any length.
+
+    Args:
+        box: (x, y, width, height) of the target in the first frame, pixels.
+        parameters: Noise.
+    """
+
+    columns: tuple[str, ...] = ("x", "y", "velocity_x", "velocity_y")
+
+    def __init__(self, box: Box, parameters: ConstantVelocityParameters) -> None:
+        x, y, width, height = box
+        self._center = np.array([x + width / 2, y + height / 2])
+        self._size = np.array([width, height])
+        self._position_noise = parameters.position_noise
+        self._noise = np.repeat([parameters.position_noise, parameters.velocity_noise], 2)
+
+    def prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
+        """See `MotionModel.prior`; source: Li et al. 2007, section 3."""
+        spread = np.sqrt(self._size.prod()) * np.repeat([PRIOR_POSITION, PRIOR_VELOCITY], 2)
+        states = generator.standard_normal((count, 4)) * spread
+        states[:, :2] += self._center
+        return states
+
+    def predict(
+        self, states: NDArray[np.float64], interval: float, generator: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """See `MotionModel.predict`; source: Li et al. 2007, equation (3)."""
+        noise = generator.standard_normal((len(states), 4))
+        noise *= np.sqrt(interval) * self._box_sizes(states)
+        noise *= self._noise
+        predicted = states.copy()
+        predicted[:, :2] += states[:, 2:4] * interval
+        predicted[:, :4] += noise
+        return predicted
+
+    def center_prior(self, states: NDArray[np.float64], interval: float) -> CenterPrior:
+        """See `SearchableMotion.center_prior`."""
+        mean = states[:, :2] + states[:, 2:4] * interval
+        spread = self.walk(interval) * self._box_sizes(states)
+        return CenterPrior(mean, np.maximum(spread, SMALLEST_SPREAD))
+
+    def walk(self, seconds: float) -> float:
+        """See `SearchableMotion.walk`."""
+        return float(self._position_noise * np.sqrt(seconds))
+
+    def constrain(
+        self, states: NDArray[np.float64], image_size: tuple[int, int]
+    ) -> NDArray[np.float64]:
+        """See `MotionModel.constrain`."""
+        constrained = states.copy()
+        constrained[:, :2] = limited_centers(states[:, :2], image_size)
+        return constrained
+
+    def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """See `MotionModel.boxes`."""
+        boxes = np.empty((len(states), 4))
+        boxes[:, 2:] = self._size
+        boxes[:, :2] = states[:, :2] - self._size / 2
+        return boxes
+
+    def _box_sizes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, 1) square roots of the boxes' areas, or one (1,) for all."""
+        return np.sqrt(self._size.prod(keepdims=True))
+
+
+@MOTION_MODELS.register("constant_velocity_and_size", ConstantVelocityAndSizeParameters)
+class ConstantVelocityAndSize(ConstantVelocity):
+    """State (x, y, vx, vy, width, height): constant velocity, the size a geometric random walk.
+
+    The logarithms of the box size and of its aspect ratio walk on their own, since a target that
+    comes nearer changes its size but seldom its shape.
+
+    Args:
+        box: (x, y, width, height) of the target in the first frame, pixels.
+        parameters: Noise.
+    """
+
+    columns: tuple[str, ...] = (*ConstantVelocity.columns, "width", "height")
+
+    def __init__(self, box: Box, parameters: ConstantVelocityAndSizeParameters) -> None:
+        super().__init__(box, parameters)
+        self._size_noise = parameters.size_noise
+        self._aspect_noise = parameters.aspect_noise
+
+    def prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
+        """See `MotionModel.prior`."""
+        sizes = np.broadcast_to(self._size, (count, 2))
+        return np.hstack([super().prior(count, generator), sizes])
+
+    def predict(
+        self, states: NDArray[np.float64], interval: float, generator: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """See `MotionModel.predict`."""
+        predicted = super().predict(states, interval, generator)
+        walk = generator.standard_normal((2, len(states))) * np.sqrt(interval)
+        log_size = self._size_noise * walk[0]
+        log_aspect = self._aspect_noise * walk[1]
+        predicted[:, 4] *= np.exp(log_size + log_aspect / 2)
+        predicted[:, 5] *= np.exp(log_size - log_aspect / 2)
+        return predicted
+
+    def constrain(
+        self, states: NDArray[np.float64], image_size: tuple[int, int]
+    ) -> NDArray[np.float64]:
+        """See `MotionModel.constrain`; sides as `limited_sizes` allows."""
+        constrained = super().constrain(states, image_size)
+        constrained[:, 4:6] = limited_sizes(states[:, 4:6], self._size, image_size)
+        return constrained
+
+    def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """See `MotionModel.boxes`."""
+        return np.hstack([states[:, :2] - states[:, 4:6] / 2, states[:, 4:6]])
+
+    def _box_sizes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.sqrt(states[:, 4:5] * states[:, 5:6])

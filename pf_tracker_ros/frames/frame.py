@@ -1,0 +1,122 @@
+"""One image of a camera, and what is made of the whole of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.background import BackgroundState
+from pf_tracker_ros.frames.gray_range import GrayRange, gray_range, to_8_bit
+from pf_tracker_ros.frames.tiles import Part, TiledImage
+
+Map = TypeVar("Map")
+
+
+class Foreground(NamedTuple):
+    """What a background model says of a frame.
+
+    Attributes:
+        mask: (h, w) uint8 over the whole image, 255 for foreground.
+        reduction: Image pixels to one of its pixels along each axis.
+    """
+
+    mask: NDArray[np.uint8]
+    reduction: int
+
+
+class Frame:
+    """One image, when it was taken, and what is made of it.
+
+    Whatever is made is made when it is first asked for, only where it is looked at, and once, for
+    however many targets: the 8-bit view, and reductions of it to a half, a third and so on.
+
+    Args:
+        image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16; not to be changed from then on.
+        stamp: When it was taken, in nanoseconds; 0 means unknown.
+        span: Values of a 16-bit image that the 8-bit view spans; None takes the image's own.
+
+    Attributes:
+        image: As given.
+        stamp: As given.
+        foreground: What a background model says of it; None where there is no model, or where it
+            says nothing.
+        background: What the model is worth in this frame; None where there is none.
+    """
+
+    def __init__(
+        self, image: NDArray[np.generic], stamp: int = 0, span: GrayRange | None = None
+    ) -> None:
+        self.image = image
+        self.stamp = stamp
+        self.foreground: Foreground | None = None
+        self.background: BackgroundState | None = None
+        self._span = span
+        self._views: dict[int, TiledImage] = {}
+        self._shared: dict[object, object] = {}
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height), pixels."""
+        return self.image.shape[1], self.image.shape[0]
+
+    @property
+    def pixels(self) -> NDArray[np.uint8]:
+        """(H, W, 3) BGR or (H, W): the whole 8-bit view."""
+        width, height = self.size
+        return self.view(Part(0, height, 0, width))
+
+    def view(self, part: Part, reduction: int = 1) -> NDArray[np.uint8]:
+        """A part of the 8-bit view, reduced by a whole factor; not to be written to.
+
+        A pixel of a reduced view is the mean of a block of reduction x reduction pixels, counted
+        from the image's corner; a block that reaches out of the image repeats the last row or
+        column.
+
+        Args:
+            part: Inside the view, in its own pixels: (H / reduction, W / reduction), rounded up.
+            reduction: At least 1.
+        """
+        if reduction == 1 and self.image.dtype == np.uint8:
+            return self.image[part.slices]  # type: ignore[return-value]
+        if reduction not in self._views:
+            height, width = (-(-side // reduction) for side in self.image.shape[:2])
+            self._views[reduction] = TiledImage(
+                (height, width, *self.image.shape[2:]),
+                (lambda within: self._reduced(within, reduction))
+                if reduction > 1
+                else self._converted,
+            )
+        return self._views[reduction].read(part)
+
+    def shared(self, key: object, compute: Callable[[], Map]) -> Map:
+        """What is stored under `key`, computed at the first call and shared by all who ask."""
+        if key not in self._shared:
+            self._shared[key] = compute()
+        return self._shared[key]  # type: ignore[return-value]
+
+    def _converted(self, part: Part) -> NDArray[np.uint8]:
+        if self._span is None:
+            self._span = gray_range(self.image)
+        return to_8_bit(self.image[part.slices], self._span)
+
+    def _reduced(self, part: Part, reduction: int) -> NDArray[np.uint8]:
+        height, width = self.image.shape[:2]
+        source = self.view(
+            Part(
+                part.top * reduction,
+                min(part.bottom * reduction, height),
+                part.left * reduction,
+                min(part.right * reduction, width),
+            )
+        )
+        missing_rows, missing_columns = -np.array(source.shape[:2]) % reduction
+        if missing_rows or missing_columns:
+            source = cv2.copyMakeBorder(
+                source, 0, missing_rows, 0, missing_columns, cv2.BORDER_REPLICATE
+            )
+        size = (part.right - part.left, part.bottom - part.top)
+        return cv2.resize(source, size, interpolation=cv2.INTER_AREA)

@@ -1,0 +1,72 @@
+"""Images that are computed where they are looked at, and there only once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Pixels along each side of a tile: few enough to compute little that nobody looks at.
+_TILE = 32
+
+
+class Part(NamedTuple):
+    """A rectangle of pixels, [top, bottom) x [left, right)."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """To take the part of an array."""
+        return slice(self.top, self.bottom), slice(self.left, self.right)
+
+
+class TiledImage:
+    """An image whose tiles are computed when a part of it is first read.
+
+    Args:
+        shape: (h, w) or (h, w, 3).
+        compute: The pixels of a part that is made of whole tiles, but at the image's end.
+    """
+
+    def __init__(
+        self, shape: tuple[int, ...], compute: Callable[[Part], NDArray[np.uint8]]
+    ) -> None:
+        self._pixels = np.empty(shape, np.uint8)
+        self._compute = compute
+        self._is_known = np.zeros((-(-shape[0] // _TILE), -(-shape[1] // _TILE)), np.bool_)
+
+    def read(self, part: Part) -> NDArray[np.uint8]:
+        """The pixels of a part inside the image, not to be written to."""
+        rows = slice(part.top // _TILE, -(-part.bottom // _TILE))
+        columns = slice(part.left // _TILE, -(-part.right // _TILE))
+        known = self._is_known[rows, columns]
+        if not known.all():
+            height, width = self._pixels.shape[:2]
+            for tiles in _unknown(known, rows.start, columns.start):
+                pixels = Part(
+                    tiles.top * _TILE,
+                    min(tiles.bottom * _TILE, height),
+                    tiles.left * _TILE,
+                    min(tiles.right * _TILE, width),
+                )
+                self._pixels[pixels.slices] = self._compute(pixels)
+            known[:] = True
+        return self._pixels[part.slices]
+
+
+def _unknown(known: NDArray[np.bool_], top: int, left: int) -> Iterator[Part]:
+    """Rectangles of tiles that together are those unknown, counted from a first row and column."""
+    rows, columns = known.shape
+    if not known.any():
+        yield Part(top, top + rows, left, left + columns)
+        return
+    for row in range(rows):
+        edges = np.flatnonzero(np.diff(known[row], prepend=True, append=True))
+        for start, end in edges.reshape(-1, 2).tolist():
+            yield Part(top + row, top + row + 1, left + start, left + end)

@@ -1,0 +1,93 @@
+"""What is done with a target while it is hidden."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Protocol
+
+from pf_tracker_ros.filter import KalmanForesight, ParticleSet
+from pf_tracker_ros.registry import Registry
+from pf_tracker_ros.tracking.judgement import Judgement
+from pf_tracker_ros.tracking.measurement import Measurement
+from pf_tracker_ros.tracking.target import Target
+
+
+class WhileHidden(Protocol):
+    """How a target that is not seen is told, and from where it is followed on."""
+
+    def judge(self, target: Target, measured: Measurement, judged: Judgement) -> Judgement:
+        """What is told in a frame in which the target is hidden.
+
+        Args:
+            target: After the last frame.
+            measured: In this one.
+            judged: What would be told if the target was seen.
+        """
+
+    def go_on(
+        self,
+        target: Target,
+        judged: Judgement,
+        particles: ParticleSet,
+        foresight: KalmanForesight | None,
+    ) -> tuple[ParticleSet, KalmanForesight | None]:
+        """From where the next frame goes on.
+
+        Args:
+            target: After the last frame.
+            judged: In this one, in which the target is hidden.
+            particles: Resampled from those that were told.
+            foresight: The Kalman filter after this frame.
+        """
+
+
+WHILE_HIDDEN = Registry[WhileHidden]("behavior while the target is hidden")
+
+
+@WHILE_HIDDEN.register("coast")
+class Coast:
+    """The motion model alone carries the particles on.
+
+    What is at the box is not the target: its likelihoods would pull the particles to whatever hides
+    it. Once the target is lost, every frame searches anew from where that began: carried on and on,
+    the cloud and its cost would grow without end.
+    """
+
+    def judge(self, target: Target, measured: Measurement, judged: Judgement) -> Judgement:
+        """See `WhileHidden.judge`."""
+        box = target.motion.boxes(measured.predicted.mean[None])[0]
+        return replace(judged, box=box, particles=measured.predicted, learns=False)
+
+    def go_on(
+        self,
+        target: Target,
+        judged: Judgement,
+        particles: ParticleSet,
+        foresight: KalmanForesight | None,
+    ) -> tuple[ParticleSet, KalmanForesight | None]:
+        """See `WhileHidden.go_on`."""
+        if judged.track.state == "lost":
+            return target.particles, target.foresight
+        return particles, foresight
+
+
+@WHILE_HIDDEN.register("follow")
+class FollowLikeliest:
+    """The likeliest place is followed all the time, and the state tells that it may be wrong.
+
+    That finds the target sooner where it comes back nearby.
+    """
+
+    def judge(self, target: Target, measured: Measurement, judged: Judgement) -> Judgement:
+        """See `WhileHidden.judge`."""
+        return judged
+
+    def go_on(
+        self,
+        target: Target,
+        judged: Judgement,
+        particles: ParticleSet,
+        foresight: KalmanForesight | None,
+    ) -> tuple[ParticleSet, KalmanForesight | None]:
+        """See `WhileHidden.go_on`."""
+        return particles, foresight

@@ -1,0 +1,219 @@
+"""What a frame says of the predicted particles: their weights, and the box that follows.
+
+`Measurer` is the papers' way: every particle is weighed where the motion took it, and the estimate
+is the mean. `SearchingMeasurer` looks all around the prediction first.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.cues import CueFusion, Match
+from pf_tracker_ros.cues.fusion import (
+    Distraction,
+    Powers,
+    Strengths,
+    Templates,
+    smooth_distraction,
+)
+from pf_tracker_ros.filter import ParticleSet, SearchableMotion, SearchProposalParameters
+from pf_tracker_ros.frames import Frame, Region
+from pf_tracker_ros.tracking.judgement import Judgement
+from pf_tracker_ros.tracking.prediction import Prediction
+from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
+from pf_tracker_ros.tracking.target import Target
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """The particles of a frame, weighed by it, and what it shows at their estimate.
+
+    Attributes:
+        frame: That was looked at.
+        predicted: The particles before they were weighed.
+        particles: The same, weighed.
+        boxes: (N, 4) of the particles, pixels.
+        box: (4,) that they stand for, pixels.
+        powers: Of the cues, in this frame.
+        seen: What each cue observes at the box.
+        match: How well that fits the templates.
+        distraction: How much of what is around has looked like the target lately.
+        search: Where the target was looked for; None without a search.
+    """
+
+    frame: Frame
+    predicted: ParticleSet
+    particles: ParticleSet
+    boxes: NDArray[np.float64]
+    box: NDArray[np.float64]
+    powers: Powers
+    seen: Templates
+    match: Match
+    distraction: Distraction
+    search: Search | None = None
+
+
+class Measurer:
+    """Weighs every particle where the motion took it; their mean is the estimate.
+
+    Args:
+        fusion: The cues.
+        working_size: See `TrackerParameters`.
+    """
+
+    def __init__(self, fusion: CueFusion, working_size: int) -> None:
+        self._fusion = fusion
+        self._working_size = working_size
+
+    def learn(self, frame: Frame, box: NDArray[np.float64]) -> tuple[Templates, Distraction]:
+        """Templates of what is in a (4,) box, and how much of what is around looks like it."""
+        region = self._region(frame, box[None], box)
+        return self._fusion.learn(region, box), {}
+
+    def measure(
+        self, target: Target, frame: Frame, prediction: Prediction, draw: np.random.Generator
+    ) -> Measurement:
+        """Weigh the particles, and look at what they stand for.
+
+        Args:
+            target: After the last frame.
+            frame: At hand.
+            prediction: For this frame.
+            draw: Source of randomness.
+
+        Source: Li et al. 2007, section 2.2; Zhang et al. 2015, equations (10) and (5).
+        """
+        predicted, templates, powers = prediction.particles, target.templates, self._fusion.powers
+        boxes = target.motion.boxes(predicted.states)
+        region = self._region(frame, boxes, np.asarray(target.estimate.box))
+        likelihood = self._fusion.log_likelihood(region, boxes, templates, powers)
+        weighed = predicted.reweight(likelihood)
+        box = target.motion.boxes(weighed.mean[None])[0]
+        seen = self._fusion.observe(region, box)
+        match = self._fusion.match(seen, templates)
+        return Measurement(frame, predicted, weighed, boxes, box, powers, seen, match, {})
+
+    def covariance(
+        self, target: Target, measured: Measurement, judged: Judgement, hidden_for: float
+    ) -> NDArray[np.float64]:
+        """(2, 2) covariance of the target's center, px^2.
+
+        Args:
+            target: After the last frame.
+            measured: In this frame.
+            judged: What is told of the target.
+            hidden_for: Seconds without a sight of it that count.
+        """
+        return judged.particles.covariance[:2, :2]
+
+    def _region(
+        self,
+        frame: Frame,
+        boxes: NDArray[np.float64],
+        target_box: NDArray[np.float64],
+        place: NDArray[np.float64] | None = None,
+    ) -> Region:
+        """What covers (N, 4) boxes, reduced as the size of a (4,) box asks for."""
+        if place is None and self._fusion.looks_in_one_size:
+            place = boxes.mean(axis=0)
+        target_size = math.sqrt(target_box[2] * target_box[3])
+        reduction = math.ceil(target_size / self._working_size)
+        return Region(frame, boxes, reduction, self._fusion.reach, place=place)
+
+
+class SearchingMeasurer(Measurer):
+    """Looks all around the prediction, and draws a share of the particles from what it finds.
+
+    The estimate is the mean of one mode, and the cues' powers follow what is found beside it.
+
+    Args:
+        fusion: The cues, some of which can search.
+        working_size: See `TrackerParameters`.
+        parameters: Where to look, and the share.
+        adaptation: How strongly the powers move, see `FusionParameters`.
+    """
+
+    def __init__(
+        self,
+        fusion: CueFusion,
+        working_size: int,
+        parameters: SearchProposalParameters,
+        adaptation: float,
+    ) -> None:
+        super().__init__(fusion, working_size)
+        self._parameters = parameters
+        self._adaptation = adaptation
+
+    def learn(self, frame: Frame, box: NDArray[np.float64]) -> tuple[Templates, Distraction]:
+        """See `Measurer.learn`."""
+        search, region = self.look(frame, box)
+        templates = self._fusion.learn(region, box)
+        found = self._fusion.strengths(region, search.boxes, templates)
+        return templates, self._distraction(region, search, found, box, templates)
+
+    def look(self, frame: Frame, place: NDArray[np.float64]) -> tuple[Search, Region]:
+        """A search around a (4,) box, and the region that it reads."""
+        search = Search(place, self._parameters, frame.size)
+        return search, self._region(frame, search.cover(place[None]), place, place)
+
+    def measure(
+        self, target: Target, frame: Frame, prediction: Prediction, draw: np.random.Generator
+    ) -> Measurement:
+        """See `Measurer.measure`; the weights carry p / q."""
+        motion = cast(SearchableMotion, target.motion)
+        templates, predicted = target.templates, prediction.particles
+        powers = self._fusion.adapt(target.distraction, self._adaptation)
+        boxes = motion.boxes(predicted.states)
+        search = Search(predicted.weights @ boxes, self._parameters, frame.size)
+        last_box = np.asarray(target.estimate.box)
+        region = self._region(frame, search.cover(boxes), last_box, search.place)
+
+        found = self._fusion.strengths(region, search.boxes, templates)
+        if not found:
+            # Cues that were just chosen have no template yet, and can't search in this frame.
+            return super().measure(target, frame, prediction, draw)
+        centers = motion.center_prior(target.particles.states, prediction.interval)
+        likelihood = self._fusion.search(found, templates, powers)
+        predicted, log_prior = search.propose(predicted, motion, centers, likelihood, draw)
+        boxes = motion.boxes(predicted.states)
+        likelihood = self._fusion.log_likelihood(region, boxes, templates, powers)
+        weighed = predicted.reweight(likelihood)
+        mean = mean_around(weighed, boxes, int(np.argmax(log_prior + likelihood)))
+        box = motion.boxes(mean[None])[0]
+
+        seen = self._fusion.observe(region, box)
+        match = self._fusion.match(seen, templates)
+        now = self._distraction(region, search, found, box, templates)
+        distraction = smooth_distraction(target.distraction, now)
+        return Measurement(
+            frame, predicted, weighed, boxes, box, powers, seen, match, distraction, search
+        )
+
+    def covariance(
+        self, target: Target, measured: Measurement, judged: Judgement, hidden_for: float
+    ) -> NDArray[np.float64]:
+        """See `Measurer.covariance`: about the box, anywhere else with what confidence lacks."""
+        if measured.search is None:
+            return super().covariance(target, measured, judged, hidden_for)
+        center = judged.box[:2] + judged.box[2:] / 2
+        within_mode = covariance_about(judged.particles, center)
+        is_hidden = judged.track.state != "tracking"
+        walk = cast(SearchableMotion, target.motion).walk(hidden_for) if is_hidden else None
+        return measured.search.covariance(within_mode, judged.confidence, walk)
+
+    def _distraction(
+        self,
+        region: Region,
+        search: Search,
+        found: Strengths,
+        box: NDArray[np.float64],
+        templates: Templates,
+    ) -> Distraction:
+        """How much of what was found beside a (4,) box looks like what is in it."""
+        own = self._fusion.strengths(region, box[None], templates)
+        return search.distraction(box, own, found)

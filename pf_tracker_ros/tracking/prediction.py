@@ -1,0 +1,89 @@
+"""Where the particles of the next frame are drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pf_tracker_ros.filter import (
+    LONGEST_PREDICTION,
+    KalmanForesight,
+    KalmanProposalParameters,
+    ParticleSet,
+)
+from pf_tracker_ros.tracking.target import Target
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """The particles before the frame is looked at.
+
+    Attributes:
+        particles: Drawn for this frame, their weights corrected for where that was.
+        interval: Seconds since the last frame, as far as a prediction reaches.
+        foresight: The Kalman filter's prediction, None where none is asked for.
+    """
+
+    particles: ParticleSet
+    interval: float
+    foresight: KalmanForesight | None = None
+
+
+class Predictor:
+    """Draws every particle from the motion model, the transition prior."""
+
+    def predict(
+        self,
+        target: Target,
+        interval: float,
+        image_size: tuple[int, int],
+        draw: np.random.Generator,
+    ) -> Prediction:
+        """The particles of the next frame.
+
+        Args:
+            target: After the last frame.
+            interval: Seconds since then.
+            image_size: (width, height), pixels.
+            draw: Source of randomness.
+
+        Source: Li et al. 2007, equation (3); Zhang et al. 2015, equation (7).
+        """
+        motion, interval = target.motion, min(interval, LONGEST_PREDICTION)
+        states = motion.predict(target.particles.states, interval, draw)
+        particles = target.particles.move(motion.constrain(states, image_size))
+        return Prediction(particles, interval)
+
+
+class KalmanPredictor(Predictor):
+    """Draws a share of the particles around a Kalman filter's prediction.
+
+    Args:
+        parameters: The share.
+    """
+
+    def __init__(self, parameters: KalmanProposalParameters) -> None:
+        self._share = parameters.share
+
+    def predict(
+        self,
+        target: Target,
+        interval: float,
+        image_size: tuple[int, int],
+        draw: np.random.Generator,
+    ) -> Prediction:
+        """See `Predictor.predict`; the weights carry p / q.
+
+        Source: Zhang Bo, section 3.3.
+        """
+        if target.foresight is None:
+            return super().predict(target, interval, image_size, draw)
+        interval = min(interval, LONGEST_PREDICTION)
+        foresight = target.foresight.predict(interval)
+        # Out of sight, nothing corrects the filter, and its prediction is no better than the prior.
+        share = self._share if target.track.state == "tracking" else 0.0
+        proposed = foresight.propose(target.particles.states, interval, share, draw)
+        states = target.motion.constrain(proposed.states, image_size)
+        particles = target.particles.move(states).reweight(proposed.log_ratio)
+        return Prediction(particles, interval, foresight)
