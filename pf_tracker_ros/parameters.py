@@ -16,6 +16,7 @@ import math
 import typing
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, TypeVar
 
 Group = TypeVar("Group")
@@ -77,7 +78,7 @@ class Declaration:
     def allowed(self) -> str:
         """The allowed values in words, for error messages and tables."""
         if self.choices:
-            listed = " or ".join(f"'{choice}'" for choice in self.choices)
+            listed = _listed(self.choices)
             return f"each at most once, {listed}" if self.type == tuple[str, ...] else listed
         if self.type is bool:
             return "true or false"
@@ -217,7 +218,7 @@ def declarations(
     Raises:
         ParameterError: A value that chooses is not allowed.
     """
-    types = typing.get_type_hints(group_type)
+    types = _types(group_type)
     found: dict[str, Declaration] = {}
     for field in dataclasses.fields(group_type):
         name = prefix + field.name
@@ -244,17 +245,26 @@ def all_declarations(group_type: type) -> dict[str, Declaration]:
     found = declarations(group_type)
     needs: dict[str, str] = {}
     for chooser in _choosers(group_type):
+        choices, takes_several = chooser.choices, chooser.type == tuple[str, ...]
         there = {
-            choice: declarations(group_type, {chooser.name: _choosing(chooser, choice)})
-            for choice in chooser.choices
+            choice: declarations(group_type, {chooser.name: (choice,) if takes_several else choice})
+            for choice in choices
         }
         for of_choice in there.values():
             found |= {name: one for name, one in of_choice.items() if name not in found}
         for name in found:
-            choices = [choice for choice, of_choice in there.items() if name in of_choice]
-            if 0 < len(choices) < len(there):
-                listed = " or ".join(f"'{choice}'" for choice in choices)
-                needs[name] = f"{chooser.name} {listed}"
+            bringing = [choice for choice in choices if name in there[choice]]
+            if 0 < len(bringing) < len(choices):
+                needs[name] = f"{chooser.name} {_listed(bringing)}"
+        if not takes_several:
+            continue
+        together = declarations(group_type, {chooser.name: choices})
+        for choice in choices:
+            others = [other for other in choices if other != choice]
+            without = declarations(group_type, {chooser.name: others})
+            for name in together.keys() - without.keys() - there[choice].keys():
+                found[name] = together[name]
+                needs[name] = f"{chooser.name} {_listed([choice])} and another"
     return {
         name: dataclasses.replace(declaration, only_with=needs.get(name, ""))
         for name, declaration in found.items()
@@ -332,6 +342,11 @@ def flatten(values: Any, prefix: str = "") -> dict[str, Any]:
     return flat
 
 
+@cache
+def _types(group_type: type) -> Mapping[str, Any]:
+    return typing.get_type_hints(group_type)
+
+
 def _declaration(name: str, value_type: Any, field: dataclasses.Field[Any]) -> Declaration:
     declaration = Declaration(name=name, type=value_type, **field.metadata[_METADATA_KEY])
     return dataclasses.replace(declaration, choices=_choices(field))
@@ -341,13 +356,13 @@ def _choices(field: dataclasses.Field[Any]) -> tuple[str, ...]:
     return tuple(field.metadata[_METADATA_KEY]["choices"])
 
 
-def _choosing(chooser: Declaration, choice: str) -> Any:
-    return (choice,) if chooser.type == tuple[str, ...] else choice
+def _listed(choices: Sequence[str]) -> str:
+    return " or ".join(f"'{choice}'" for choice in choices)
 
 
 def _choosers(group_type: type, prefix: str = "") -> Iterator[Declaration]:
     """The tunables that decide which others there are."""
-    types = typing.get_type_hints(group_type)
+    types = _types(group_type)
     known = declarations(group_type, prefix=prefix)
     for field in dataclasses.fields(group_type):
         if _CHOSEN_KEY in field.metadata:
@@ -361,7 +376,7 @@ def _extended(prefix: str, own: str) -> str:
 
 
 def _assemble(group_type: Any, checked: Mapping[str, Any], prefix: str) -> Any:
-    types = typing.get_type_hints(group_type)
+    types = _types(group_type)
     arguments: dict[str, Any] = {}
     for field in dataclasses.fields(group_type):
         name = prefix + field.name

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import CUES, Match, SearchableCue, declared_keep, declared_power
+from pf_tracker_ros.cues.cue import CUES, Match, SearchableCue, declared_keep
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
@@ -31,7 +31,6 @@ _PRIOR_SHARE = 1e-4
 class ColorContrastParameters:
     """The color contrast cue."""
 
-    power: float = declared_power(0.5)
     sharpness: float = declared(
         400.0,
         "How fast the likelihood falls as the contrast between box and ring does.",

@@ -24,7 +24,7 @@ from pf_tracker_ros.cues.correlation_filter import (
     spectrum,
     train,
 )
-from pf_tracker_ros.cues.cue import CUES, Match, SearchableCue, declared_power
+from pf_tracker_ros.cues.cue import CUES, Match, SearchableCue
 from pf_tracker_ros.cues.features import FEATURES, Features
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.frames.windows import read_window
@@ -49,7 +49,6 @@ _SMALLEST = 1e-9
 class CorrelationResponseParameters:
     """The correlation response cue."""
 
-    power: float = declared_power(0.5)
     features: str = declared(
         "gradients_and_colors",
         "What the filter looks at.",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cache
 from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -12,22 +14,25 @@ from pf_tracker_ros.parameters import declared
 from pf_tracker_ros.registry import Registry
 
 
-def declared_power(default: float, symbol: str = "") -> float:
-    """The parameter that every cue has: its power in the fused likelihood.
+@cache
+def power_group(usual: float) -> type:
+    """The group of the one tunable that a cue has beside others: its power in the fused likelihood.
 
     Args:
-        default: 0 to 1.
-        symbol: The paper's symbol for it, empty where it has none.
+        usual: Its default, 0 to 1.
     """
-    named = f" ({symbol})" if symbol else ""
-    power: float = declared(
-        default,
-        f"Power of this cue in the fused likelihood{named}; 0 switches it off. "
-        "The powers of all cues are scaled to a sum of 1.",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    return power
+
+    @dataclass(frozen=True)
+    class Power:
+        power: float = declared(
+            usual,
+            "Power of this cue in the fused likelihood; 0 switches it off. The powers of all cues "
+            "are scaled to a sum of 1.",
+            minimum=0.0,
+            maximum=1.0,
+        )
+
+    return Power
 
 
 def declared_keep(default: float, symbol: str = "") -> float:
@@ -70,11 +75,13 @@ class Cue(Protocol):
         judges: Whether its similarity tells the target from other things, and not only from
             nothing.
         needs_foreground: Whether it reads `Frame.foreground`.
+        usual_power: Power beside other cues, above 0 up to 1, where none is chosen.
     """
 
     looks_in_one_size: ClassVar[bool] = False
     judges: ClassVar[bool] = True
     needs_foreground: ClassVar[bool] = False
+    usual_power: ClassVar[float] = 0.5
 
     @property
     def reach(self) -> float:
@@ -108,7 +115,7 @@ class Cue(Protocol):
         """The template moved towards what was observed, as far as the cue's parameters say."""
 
 
-# Each cue registers itself; its parameters have at least a `power`, see `declared_power`.
+# Each cue registers itself.
 CUES = Registry[Cue]("cue")
 
 

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import CUES, Cue, declared_power
+from pf_tracker_ros.cues.cue import CUES, Cue
 from pf_tracker_ros.frames import Foreground, Region
 from pf_tracker_ros.parameters import declared
 
@@ -23,7 +23,6 @@ from pf_tracker_ros.parameters import declared
 class ForegroundParameters:
     """The foreground cue."""
 
-    power: float = declared_power(0.25)
     sharpness: float = declared(
         20.0,
         "How fast the likelihood falls as the foreground's share in the box does, against that in "
@@ -43,6 +42,7 @@ class ForegroundCue(Cue):
     """
 
     needs_foreground = True
+    usual_power = 0.25
 
     def __init__(self, parameters: ForegroundParameters, *, ring: float = 0.3) -> None:
         self._ring = ring

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep, declared_power
+from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep
 from pf_tracker_ros.cues.matrix_product import product
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
@@ -23,7 +23,6 @@ _PARTS = 2
 class GradientOrientationParameters:
     """The gradient orientation vector cue."""
 
-    power: float = declared_power(0.4, symbol="1 - alpha")
     sharpness: float = declared(
         20.0,
         "How fast the likelihood falls with the squared Euclidean distance (mu).",
@@ -48,6 +47,8 @@ class GradientOrientation(Cue):
         gaussian_width: Standard deviation of the Gaussian weight around the center of the box, box
             sides.
     """
+
+    usual_power = 0.4
 
     def __init__(
         self,

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep, declared_power
+from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import declared
 
@@ -31,7 +31,6 @@ _ROUNDING = 1e-3
 class HogParameters:
     """The cue of histograms of oriented gradients (HOG)."""
 
-    power: float = declared_power(1.0)
     sharpness: float = declared(
         300.0,
         "How fast the likelihood falls with half the squared Bhattacharyya distance (lambda).",

@@ -61,8 +61,12 @@ class Follower:
 
     def __init__(self, parameters: TrackerParameters) -> None:
         self.parameters = parameters
+        powers = {name: of_cue.power for name, of_cue in parameters.of_powers.items()}
         self._fusion = CueFusion(
-            {name: (CUES[name](own), own.power) for name, own in parameters.of_cues.items()}
+            {
+                name: (CUES[name](of_cue), powers.get(name, 1.0))
+                for name, of_cue in parameters.of_cues.items()
+            }
         )
         check_proposal(parameters, self._fusion)
         self._predictor = Predictor()

@@ -68,8 +68,7 @@ _GONE = {
         "the contrast is measured in the size that the target is expected in"
     ),
     "template.keep": (
-        "each cue has its own: 'color_histogram.keep', 'gradient_orientation.keep', 'hog.keep', "
-        "'color_contrast.keep'"
+        "each cue that learns a mean has its own, such as 'color_histogram.keep' or 'hog.keep'"
     ),
 }
 

@@ -8,12 +8,21 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from pf_tracker_ros.background import BackgroundParameters
-from pf_tracker_ros.cues import CUES, FusionParameters, TemplateParameters
+from pf_tracker_ros.cues import CUES, Cue, FusionParameters, TemplateParameters, power_group
 from pf_tracker_ros.filter import MotionParameters, ProposalParameters, ResamplingParameters
 from pf_tracker_ros.parameters import Groups, chosen, declared, group
 from pf_tracker_ros.tracking.former_names import FORMER_NAMES
 from pf_tracker_ros.tracking.redetection import RedetectionParameters
 from pf_tracker_ros.tracking.track_parameters import TrackParameters
+
+
+def _of_powers(names: tuple[str, ...]) -> Groups:
+    """The power of a single cue is 1."""
+    if len(names) < 2:
+        return {}
+    return {
+        name: power_group(getattr(CUES[name], "usual_power", Cue.usual_power)) for name in names
+    }
 
 
 def _of_cues(names: tuple[str, ...]) -> Groups:
@@ -61,6 +70,7 @@ class TrackerParameters:
         "target is tracked learns it from the next trusted frame.",
         choices=CUES,
     )
+    of_powers: dict[str, Any] = chosen("cues", _of_powers)
     of_cues: dict[str, Any] = chosen("cues", _of_cues)
     of_background: dict[str, Any] = chosen("cues", _of_background)
     of_search: dict[str, Any] = chosen("proposal.method", _of_search)
