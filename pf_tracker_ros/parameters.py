@@ -244,7 +244,7 @@ def all_declarations(group_type: type) -> dict[str, Declaration]:
     """
     found = declarations(group_type)
     needs: dict[str, str] = {}
-    for chooser in _choosers(group_type):
+    for chooser in {one.name: one for one in _choosers(group_type)}.values():
         choices, takes_several = chooser.choices, chooser.type == tuple[str, ...]
         there = {
             choice: declarations(group_type, {chooser.name: (choice,) if takes_several else choice})

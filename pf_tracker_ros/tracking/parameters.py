@@ -20,9 +20,8 @@ def _of_powers(names: tuple[str, ...]) -> Groups:
     """The power of a single cue is 1."""
     if len(names) < 2:
         return {}
-    return {
-        name: power_group(getattr(CUES[name], "usual_power", Cue.usual_power)) for name in names
-    }
+    usual = {name: getattr(CUES[name], "usual_power", Cue.usual_power) for name in names}
+    return {name: power_group(power) for name, power in usual.items()}
 
 
 def _of_cues(names: tuple[str, ...]) -> Groups:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.parameters import all_declarations, build
+from pf_tracker_ros.parameters import build, declarations
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.frame_history import FrameHistory
@@ -36,12 +36,6 @@ _SUBSTITUTE_WITHIN = NANOSECONDS
 
 # A target is not drawn on a frame that far ahead; a tool has stamped it with the wrong clock.
 _LONGEST_WAIT = 60 * NANOSECONDS
-
-_FIXED_WHILE_TRACKING = frozenset(
-    name
-    for name, declaration in all_declarations(TrackerParameters).items()
-    if declaration.read_only
-)
 
 
 @dataclass(frozen=True)
@@ -160,8 +154,12 @@ class Session:
         """A tracker with these parameters; it has the target if that must be learned again."""
         tracker = Tracker(build(TrackerParameters, parameters), seed)
         before, after = self._tracker.parameters, tracker.parameters
-        changed = {name for name in after if name not in before or after[name] != before[name]}
-        if self._sighting and self._tracker.started and changed & _FIXED_WHILE_TRACKING:
+        is_fixed = {
+            name: declaration.read_only
+            for name, declaration in declarations(TrackerParameters, after).items()
+            if name in before and after[name] != before[name]
+        }
+        if self._sighting and self._tracker.started and any(is_fixed.values()):
             image = self._sighting.frame.image
             tracker.start(image, _within(self._sighting.box, image))
         return tracker
