@@ -59,7 +59,7 @@ READING_STEP = 1 / 64
 def steepest(image):
     """The largest difference of two neighboring pixels."""
     values = image.astype(float)
-    return max(np.abs(np.diff(values, axis=axis)).max() for axis in (0, 1))
+    return max(np.abs(np.diff(values, axis=axis)).max(initial=0.0) for axis in (0, 1))
 
 
 @pytest.fixture(scope="module")
