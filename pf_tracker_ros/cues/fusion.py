@@ -229,9 +229,11 @@ class CueFusion:
     def update(self, templates: Templates, seen: Templates) -> Templates:
         """The templates moved towards what was observed at a trusted estimate.
 
+        Those of cues of power 0 stay as they are.
+
         Source: Li et al. 2007, equations (9) and (10).
         """
-        return {
+        return dict(templates) | {
             name: cue.blend(templates[name], seen[name])
             if name in templates
             else cue.adopt(seen[name])

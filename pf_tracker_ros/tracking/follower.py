@@ -132,7 +132,13 @@ class Follower:
         foresight = self._foresight(motion)
         if foresight and target.foresight:
             foresight = replace(foresight, belief=target.foresight.belief)
-        return replace(target, motion=motion, foresight=foresight)
+        # A cue that is chosen again later may have other parameters, which a template depends on.
+        templates = {
+            name: template
+            for name, template in target.templates.items()
+            if name in self.parameters.of_cues
+        }
+        return replace(target, motion=motion, foresight=foresight, templates=templates)
 
     def follow(self, target: Target, frame: Frame, interval: float) -> Target:
         """The target one frame later.
