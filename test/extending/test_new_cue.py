@@ -62,8 +62,10 @@ print(json.dumps({{
     names = [f"brightness.{name}" for name in ("power", "sharpness", "keep")]
     assert (told["with"], told["without"]) == (names, [])
     assert told["allowed"] == "0 to 10"
-    assert told["only_with"] == "cues 'brightness'"
-    assert told["unknown"].endswith("'brightness.power' here; it needs cues 'brightness'")
+    assert told["only_with"] == "cues 'brightness' and another"
+    assert told["unknown"].endswith(
+        "'brightness.power' here; it needs cues 'brightness' and another"
+    )
     assert told["wrong"].startswith("parameter 'brightness.sharpness' is 11.0; allowed: float")
 
 

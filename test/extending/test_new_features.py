@@ -46,7 +46,7 @@ print(json.dumps({{
 
 def test_with_the_file_a_tracker_follows_by_them(extended, overlaps):
     code = f"""
-chosen = {{"cues": ("correlation_response",), "correlation_response.power": 1.0}}
+chosen = {{"cues": ("correlation_response",)}}
 boxes = [
     follow(Tracker.from_preset("default", parameters=chosen | {{"{NAME}": name}}))
     for name in ("cell_means", "gradients_and_colors")

@@ -12,18 +12,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep, declared_power
+from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
 
-# What can be tuned, each with its range. Every cue has a power; the rest is the cue's own affair.
-# The full names are `brightness.power`, `brightness.sharpness` and `brightness.keep`.
+# What can be tuned, each with its range. The full names are `brightness.sharpness` and
+# `brightness.keep`; beside other cues, every cue has a power as well, here `brightness.power`.
 @dataclass(frozen=True)
 class BrightnessParameters:
     """The brightness cue."""
 
-    power: float = declared_power(0.2)
     sharpness: float = declared(
         0.1,
         "How fast the likelihood falls with the difference of the brightness.",
@@ -43,6 +42,8 @@ class Brightness(Cue):
     Args:
         parameters: Sharpness, and how slowly the template changes.
     """
+
+    usual_power = 0.2
 
     def __init__(self, parameters: BrightnessParameters) -> None:
         self._sharpness = parameters.sharpness
