@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.filter.limits import limited_centers
+from pf_tracker_ros.filter.limits import limit_centers
 from pf_tracker_ros.filter.motion import MOTION_MODELS, PRIOR_POSITION, declared_position_noise
 from pf_tracker_ros.parameters import declared
 
@@ -75,7 +75,7 @@ class RandomWalk:
         self, states: NDArray[np.float64], image_size: tuple[int, int]
     ) -> NDArray[np.float64]:
         """See `MotionModel.constrain`."""
-        return limited_centers(states, image_size)
+        return limit_centers(states, image_size)
 
     def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `MotionModel.boxes`."""
