@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.filter import ParticleSet, ProposalParameters
+from pf_tracker_ros.filter import ParticleSet, SearchProposalParameters
 from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.tracking import redetection
 from pf_tracker_ros.tracking.redetection import Redetector, window_centers
 from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
 
@@ -40,23 +41,23 @@ def off_center(box, x, y):
 def test_a_jump_is_followed_at_once_that_is_lost_without_a_search():
     """By 45 px, 1.25 box sizes, in one frame; the motion's noise is 0.12 of them."""
     found = {}
-    for share in (0.0, 0.6):
-        parameters = {"proposal.search_share": share, "track.confidence_rate": 1.0}
+    for method in ("transition", "search"):
+        parameters = {"proposal.method": method, "track.confidence_rate": 1.0}
         tracker = Tracker.from_preset("default", parameters=parameters)
         tracker.start(frame(120, 100), (120, 100, 36, 36))
         for _ in range(3):
             tracker.update(frame(120, 100))
-        found[share] = [tracker.update(frame(165, 100)) for _ in range(2)]
-    for estimate in found[0.6]:
+        found[method] = [tracker.update(frame(165, 100)) for _ in range(2)]
+    for estimate in found["search"]:
         assert off_center(estimate.box, 165, 100) < 3.0
-    assert found[0.6][1].state == "tracking"
-    assert off_center(found[0.0][0].box, 165, 100) > 15.0
+    assert found["search"][1].state == "tracking"
+    assert off_center(found["transition"][0].box, 165, 100) > 15.0
 
 
 def test_it_is_not_looked_for_elsewhere_while_it_is_here_again(monkeypatch):
     """Not even while the confidence, and so the state, has yet to rise."""
     asked = []
-    monkeypatch.setattr(Redetector, "found", lambda *arguments: asked.append(1))
+    monkeypatch.setattr(Redetector, "find", lambda *arguments: asked.append(1))
     parameters = {"track.confidence_rate": 0.05}
     tracker = Tracker.from_preset("default", parameters=parameters)
     tracker.start(frame(120, 100), (120, 100, 36, 36))
@@ -127,9 +128,10 @@ def test_without_windows_elsewhere_a_lost_target_is_found_only_where_it_was_lost
 
 
 @pytest.mark.parametrize("accept_above", [0.5, 0.7])
-def test_something_else_is_not_taken_for_a_lost_target(accept_above):
+def test_something_else_is_not_taken_for_a_lost_target(accept_above, monkeypatch):
     """Another pattern in the same colors, all over the image."""
-    tracker, _ = lost_tracker(WIDE_BACKGROUND, **{"redetection.accept_above": accept_above})
+    monkeypatch.setattr(redetection, "_ACCEPT_ABOVE", accept_above)
+    tracker, _ = lost_tracker(WIDE_BACKGROUND)
     other = cv2.rotate(TARGET, cv2.ROTATE_90_CLOCKWISE)
     for number in range(2 * WIDE_WINDOWS):
         x, y = 60 + 100 * (number % 4), 200 + 3 * number % 100
@@ -186,21 +188,6 @@ def test_the_next_windows_go_on_after_the_last_ones():
     assert np.median(steps) > 150.0
 
 
-def test_the_number_of_particles_follows_how_sure_the_place_is():
-    parameters = {"particles": 1000, "adaptive_number.error": 0.1, "adaptive_number.fewest": 40}
-    tracker = Tracker.from_preset("default", parameters=parameters)
-    tracker.start(frame(120, 100), (120, 100, 36, 36))
-    tracking, hidden = (
-        [len(tracker.update(frame(120, 100, visible)).weights) for _ in range(12)][2:]
-        for visible in (True, False)
-    )
-    assert min(tracking) >= 40
-    assert np.median(tracking) < 120
-    assert np.median(hidden) > 2 * np.median(tracking)
-    estimate = tracker.update(frame(122, 100))
-    assert len(estimate.particles) == len(estimate.particle_boxes) == len(estimate.weights)
-
-
 @pytest.mark.parametrize("hidden", [15, 16, 17])
 def test_a_target_that_returns_where_it_was_last_seen_is_found_within_three_frames(hidden):
     """Something of its colors that moves away is followed meanwhile, out of reach of a search."""
@@ -221,25 +208,23 @@ def test_a_target_that_returns_where_it_was_last_seen_is_found_within_three_fram
     assert off_center(estimate.box, 64, 58) < 3.0
 
 
-def test_a_search_can_be_switched_on_while_tracking():
-    """In the first frame after that, the cues that search have no template yet."""
-    parameters = {"color_histogram.power": 1.0, "proposal.search_share": 0.0}
-    parameters |= {"correlation_response.power": 0.0, "foreground_probability.power": 0.0}
+def test_the_cues_of_a_search_can_be_replaced_while_tracking():
+    """In the first frame after that, the one that searches has no template yet."""
+    parameters = {"cues": ("color_histogram", "color_contrast")}
     tracker = Tracker.from_preset("default", parameters=parameters)
     tracker.start(frame(120, 100), (120, 100, 36, 36))
     tracker.update(frame(122, 100))
-    powers = {"correlation_response.power": 0.5, "foreground_probability.power": 0.5}
-    tracker.set_parameters({"proposal.search_share": 0.6} | powers)
+    tracker.set_parameters({"cues": ("color_histogram", "correlation_response")})
     for step in range(3):
         estimate = tracker.update(frame(124 + 2 * step, 100))
     assert off_center(estimate.box, 128, 100) < 4.0
     assert off_center(tracker.update(frame(165, 100)).box, 165, 100) < 4.0
 
 
-@pytest.mark.parametrize("share", [0.0, 0.6])
-def test_boxes_of_very_different_sizes_are_no_error(share):
+@pytest.mark.parametrize("method", ["transition", "search"])
+def test_boxes_of_very_different_sizes_are_no_error(method):
     """All are measured in one size, which reaches further than the small ones."""
-    parameters = {"proposal.search_share": share, "motion.size_noise": 3.0}
+    parameters = {"proposal.method": method, "motion.size_noise": 3.0}
     parameters |= {"motion.position_noise": 5.0}
     tracker = Tracker.from_preset("default", parameters=parameters)
     tracker.start(frame(120, 100), (120, 100, 36, 36))
@@ -256,7 +241,7 @@ def test_powers_move_to_the_cue_that_is_not_confused():
             mixed = TARGET.reshape(-1, 3).copy()
             np.random.default_rng(0).shuffle(mixed)
             image[100:136, 190:226] = mixed.reshape(36, 36, 3)
-        tracker = Tracker.from_preset("default", parameters={"proposal.search_window": 5.0})
+        tracker = Tracker.from_preset("default", parameters={"proposal.window": 5.0})
         tracker.start(image, (120, 100, 36, 36))
         for _ in range(3):
             estimate = tracker.update(image)
@@ -265,12 +250,12 @@ def test_powers_move_to_the_cue_that_is_not_confused():
 
 
 def test_the_boxes_that_are_searched_are_centered_on_the_place_and_inside_the_image():
-    parameters = ProposalParameters(search_window=3.0, search_cells=31)
+    parameters = SearchProposalParameters(window=3.0)
     search = Search(PLACE, parameters, (320, 240))
     centers = search.boxes[:, :2] + search.boxes[:, 2:] / 2
     np.testing.assert_allclose(centers.mean(axis=0), [120.0, 100.0])
-    # Centers of 31 cells over 3 box sizes.
-    np.testing.assert_allclose(np.ptp(centers, axis=0), 3.0 * 40.0 * 30 / 31)
+    # Centers of 48 cells over 3 box sizes.
+    np.testing.assert_allclose(np.ptp(centers, axis=0), 3.0 * 40.0 * 47 / 48)
     assert (search.boxes[:, 2:] == PLACE[2:]).all()
     edge = Search(np.array([-10.0, 200.0, 40.0, 40.0]), parameters, (320, 240))
     centers = edge.boxes[:, :2] + edge.boxes[:, 2:] / 2
@@ -279,9 +264,9 @@ def test_the_boxes_that_are_searched_are_centered_on_the_place_and_inside_the_im
 
 
 def test_what_is_covered_holds_every_box_that_can_be_looked_at():
-    search = Search(PLACE, ProposalParameters(), (320, 240))
+    search = Search(PLACE, SearchProposalParameters(), (320, 240))
     boxes = np.array([[10.0, 20.0, 10.0, 90.0], [150.0, 90.0, 60.0, 20.0]])
-    covered = search.covered(boxes)
+    covered = search.cover(boxes)
     first = covered[:, :2].min(axis=0)
     last = (covered[:, :2] + covered[:, 2:]).max(axis=0)
     for looked_at in (boxes, search.boxes):
@@ -290,14 +275,14 @@ def test_what_is_covered_holds_every_box_that_can_be_looked_at():
 
 
 def test_covariance_by_hand():
-    search = Search(PLACE, ProposalParameters(search_window=3.0), (320, 240))
+    search = Search(PLACE, SearchProposalParameters(window=3.0), (320, 240))
     anywhere = 120.0**2 / 12.0
     within = np.array([[4.0, 1.0], [1.0, 2.0]])
-    seen = search.covariance(within, 0.75, None, 0.5)
+    seen = search.covariance(within, 0.75, None)
     np.testing.assert_allclose(seen, 0.75 * within + 0.25 * anywhere * np.eye(2))
-    # A random walk of 0.5 box sizes of 40 px in a second: 20 px, for 3 s.
-    hidden = search.covariance(within, 0.1, 3.0, 0.5)
-    np.testing.assert_allclose(hidden, (anywhere + 3.0 * 400.0) * np.eye(2))
+    # A walk of 1.5 box sizes of 40 px.
+    hidden = search.covariance(within, 0.1, 1.5)
+    np.testing.assert_allclose(hidden, (anywhere + 3600.0) * np.eye(2))
 
 
 def test_the_mean_of_a_mode_leaves_out_the_other():
@@ -315,13 +300,18 @@ def test_the_mean_of_a_mode_leaves_out_the_other():
     [
         (
             {"motion.model": "affine"},
-            r"'proposal.search_share' is 0.6 with the motion model 'affine'; allowed: 0, or the "
-            r"motion model 'constant_velocity'",
+            r"'proposal.method' is 'search' with the motion model 'affine'; allowed: 'transition', "
+            r"or the motion model 'constant_velocity' or 'constant_velocity_and_size'",
         ),
         (
-            {"correlation_response.power": 0.0, "foreground_probability.power": 0.0}
-            | {"color_histogram.power": 1.0},
-            r"no cue that is on can search; allowed: 0, or 'foreground_probability.power' or",
+            {"cues": ("color_histogram", "hog")},
+            r"'proposal.method' is 'search', but no cue in 'cues' with a power above 0 can "
+            r"search; allowed: 'transition' or 'kalman', or 'color_contrast' or "
+            r"'correlation_response' in 'cues'",
+        ),
+        (
+            {"cues": ("color_histogram", "color_contrast"), "color_contrast.power": 0.0},
+            r"'proposal.method' is 'search', but no cue in 'cues' with a power above 0 can",
         ),
     ],
 )

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Tracker
+from pf_tracker_ros.parameters import changed
+from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 from pf_tracker_ros.tracking.session import LATE_WITHIN, Session, TimePolicy
 
@@ -331,9 +333,9 @@ def test_a_target_that_outgrew_the_image_can_be_learned_again(started, images, e
 
 
 def test_a_change_that_contradicts_itself_changes_nothing(started, images, box):
-    wrong = preset_parameters("default") | {"proposal.kalman_share": 0.5}
+    wrong = changed(TrackerParameters, preset_parameters("default"), {"proposal.method": "kalman"})
     for attempt in (started.check, started.configure):
-        with pytest.raises(ValueError, match=r"kalman_share.*constant_velocity_and_size"):
+        with pytest.raises(ValueError, match=r"'kalman' with the .*'constant_velocity_and_size'"):
             attempt(wrong, 3)
     after = started.process(images[1], START + 40_000_000)
     assert same(after.estimate, library(images[:2], box, [0.04])[0])
