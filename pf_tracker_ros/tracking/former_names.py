@@ -68,8 +68,8 @@ _GONE = {
         "the contrast is measured in the size that the target is expected in"
     ),
     "template.keep": (
-        "each cue has its own: 'color_histogram.keep', 'gradient_orientation.keep', 'hog.keep', "
-        "'color_contrast.keep'"
+        "each cue has its own: 'color_histogram.keep', 'foreground_color_histogram.keep', "
+        "'gradient_orientation.keep', 'hog.keep', 'color_contrast.keep'"
     ),
 }
 

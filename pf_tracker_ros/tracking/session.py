@@ -160,7 +160,7 @@ class Session:
         """A tracker with these parameters; it has the target if that must be learned again."""
         tracker = Tracker(build(TrackerParameters, parameters), seed)
         before, after = self._tracker.parameters, tracker.parameters
-        changed = {name for name in after if name not in before or after[name] != before[name]}
+        changed = {name for name in before.keys() & after.keys() if after[name] != before[name]}
         if self._sighting and self._tracker.started and changed & _FIXED_WHILE_TRACKING:
             image = self._sighting.frame.image
             tracker.start(image, _within(self._sighting.box, image))
