@@ -307,6 +307,52 @@ def test_another_model_learns_the_target_where_it_was_last_seen(started, images,
     assert same(after.estimate, tracker.update(images[2], 0.04))
 
 
+@pytest.mark.parametrize(
+    ("preset", "name", "value"),
+    [
+        ("li2007", "working_size", 60),
+        ("li2007", "motion.model", "constant_velocity_and_size"),
+        ("default", "proposal.method", "transition"),
+        ("default", "correlation_response.window", 3.0),
+        ("zhang_bo", "background.moving_camera", True),
+    ],
+)
+def test_what_the_library_fixes_is_learned_again(preset, name, value, images, box):
+    before = preset_parameters(preset)
+    session = Session(before, seed=3)
+    session.request(box)
+    session.process(images[0], START)
+    outcome = session.process(images[1], START + 40_000_000)
+    after = changed(TrackerParameters, before, {name: value})
+    session.configure(after, seed=3)
+    told = session.process(images[2], START + 80_000_000).estimate
+    tracker = Tracker.from_preset(preset, seed=3, parameters={name: value})
+    tracker.start(images[1], outcome.estimate.box)
+    assert told == tracker.update(images[2], 0.04)
+
+
+@pytest.mark.parametrize("cue", ["hog", "correlation_response", "foreground"])
+def test_a_cue_is_added_without_learning_the_target_again(cue, images, box):
+    """Also one that brings parameters that are fixed from then on."""
+    before = preset_parameters("li2007")
+    changes = {"cues": (*before["cues"], cue)}
+    session = Session(before, seed=3)
+    session.request(box)
+    session.process(images[0], START)
+    session.process(images[1], START + 40_000_000)
+    session.configure(changed(TrackerParameters, before, changes), seed=3)
+    told = session.process(images[2], START + 80_000_000).estimate
+    tracker = Tracker.from_preset("li2007", seed=3)
+    tracker.start(images[0], box)
+    tracker.update(images[1], 0.04)
+    tracker.set_parameters(changes)
+    assert told == tracker.update(images[2], 0.04)
+    session.configure(before, seed=3)
+    tracker.set_parameters({"cues": before["cues"]})
+    told = session.process(images[3], START + 120_000_000).estimate
+    assert told == tracker.update(images[3], 0.04)
+
+
 def test_a_hidden_target_is_learned_from_before_it_was_hidden(session, images, box):
     hiding = PARAMETERS | {"track.occluded_below": 0.9, "track.recovered_above": 0.9}
     session.configure(hiding, seed=3)

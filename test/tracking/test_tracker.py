@@ -8,6 +8,7 @@ import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues import CUES
+from pf_tracker_ros.filter import MOTION_MODELS
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import ParameterError, build
 from pf_tracker_ros.tracking.follower import Follower
@@ -138,6 +139,35 @@ def test_same_seed_same_bits_another_seed_other_bits(preset):
     assert [e.box for e in one] == [e.box for e in same]
     np.testing.assert_array_equal(one[-1].particles, same[-1].particles)
     assert [e.box for e in one] != [e.box for e in other]
+
+
+@every_preset
+def test_a_tracker_is_a_scene_of_one_target(preset):
+    frames = walk(24)
+    images = [image for image, _ in frames[1:16]] + [BACKGROUND] * 4
+    images += [image for image, _ in frames[20:]]
+    tracker = Tracker.from_preset(preset, seed=5)
+    scene = Scene(Follower(build(TrackerParameters, PRESETS[preset])), seed=5)
+    number = scene.start(frames[0][0], tuple(map(float, frames[0][1])))
+    assert tracker.start(*frames[0]) == scene.targets[number].estimate
+    states = []
+    for image in images:
+        scene.update(image, 0.04)
+        estimate = tracker.update(image)
+        assert estimate == scene.targets[number].estimate
+        states.append(estimate.state)
+    assert {*states} == {"tracking", "occluded"}
+
+
+@every_preset
+@pytest.mark.parametrize("seed", [0, 7])
+def test_the_first_target_draws_from_the_seed_itself(preset, seed):
+    image, box = frame(100, 100)
+    estimate = Tracker.from_preset(preset, seed=seed).start(image, box)
+    parameters = build(TrackerParameters, PRESETS[preset])
+    motion = MOTION_MODELS[parameters.motion.model](box, parameters.motion.of_model[""])
+    states = motion.prior(parameters.particles, np.random.default_rng(seed))
+    np.testing.assert_array_equal(estimate.particles, motion.constrain(states, (WIDTH, HEIGHT)))
 
 
 def test_starting_again_begins_the_random_sequence_anew():
