@@ -135,6 +135,24 @@ def test_the_search_is_around_the_predicted_mean_and_its_particles_carry_p_over_
     np.testing.assert_allclose(measured.box, target.motion.boxes(mean[None])[0])
 
 
+def test_of_two_places_that_look_alike_one_is_told_and_not_the_middle(target, couple):
+    _, searching = measurers(*CUES_OF_DEFAULT)
+    x, y, side, _ = couple.first[0].astype(int)
+    image = couple.images[couple.hidden[0]].copy()
+    # On both sides of where it was.
+    places = [couple.first[0] + [right, 0.0, 0.0, 0.0] for right in (-20, 20)]
+    for place in places:
+        left = int(place[0])
+        image[y : y + side, left : left + side] = couple.images[0][y : y + side, x : x + side]
+    measured = searching.measure(target, Frame(image), prediction_for(target), generator())
+    weights = [
+        measured.particles.weights[np.abs(measured.boxes[:, 0] - place[0]) < 5.0].sum()
+        for place in places
+    ]
+    assert min(weights) > 0.02
+    assert min(np.abs(measured.box - place).max() for place in places) < 1.5
+
+
 def test_what_looks_alike_beside_the_target_is_a_distraction(target, couple):
     _, searching = measurers(*CUES_OF_DEFAULT)
     plain = couple.images[0].copy()

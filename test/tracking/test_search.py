@@ -3,14 +3,11 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.filter import ParticleSet, SearchProposalParameters
-from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.tracking import redetection
-from pf_tracker_ros.tracking.redetection import Redetector, window_centers
+from pf_tracker_ros.tracking.redetection import Redetector
 from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
 
 PLACE = np.array([100.0, 80.0, 40.0, 40.0])
@@ -139,55 +136,6 @@ def test_something_else_is_not_taken_for_a_lost_target(accept_above, monkeypatch
         assert estimate.state == "lost"
 
 
-@settings(deadline=None, max_examples=40)
-@given(
-    st.tuples(st.integers(8, 200), st.integers(8, 200)),
-    st.tuples(*[st.floats(0.0, 1.0)] * 4),
-    st.integers(0, 2**32 - 1),
-)
-def test_looking_for_a_lost_target_is_no_error_whatever_there_is(image_size, box, seed):
-    """Frames of noise, a second apart: the target counts as lost from the second one on."""
-    width, height = image_size
-    size = 1.0 + np.array(box[2:]) * (width - 1, height - 1)
-    corner = np.array(box[:2]) * (width - 1, height - 1) - size / 2
-    tracker = Tracker.from_preset("default", parameters={"redetection.windows": 3})
-    generator = np.random.default_rng(seed)
-    images = generator.integers(0, 256, (6, height, width, 3), np.uint8)
-    tracker.start(images[0], (*corner, *size))
-    for image in images[1:]:
-        estimate = tracker.update(image, 1.0)
-        assert np.isfinite([*estimate.box, estimate.confidence]).all()
-        assert np.isfinite(estimate.covariance).all()
-
-
-@settings(deadline=None)
-@given(
-    st.tuples(st.integers(1, 4000), st.integers(1, 4000)),
-    st.floats(60.0, 5000.0),
-    st.integers(0, 10**9),
-)
-def test_all_windows_are_looked_at_before_any_is_looked_at_again(image_size, side, first):
-    across, down = (int(np.ceil(length / (side / 2))) for length in image_size)
-    centers = window_centers(image_size, side, first, across * down)
-    assert len(np.unique(centers.round(6), axis=0)) == across * down
-    assert (centers > 0).all()
-    assert (centers < image_size).all()
-    # Half of their side apart at most, and so near to the borders, they leave nothing out.
-    for axis in range(2):
-        places = np.unique(centers[:, axis].round(6))
-        ends = np.concatenate([[-places[0]], places, [2 * image_size[axis] - places[-1]]])
-        assert (np.diff(ends) <= side / 2 + 1e-6).all()
-
-
-def test_the_next_windows_go_on_after_the_last_ones():
-    together = window_centers((640, 480), 100.0, 0, 10)
-    parts = [window_centers((640, 480), 100.0, first, 5) for first in (0, 5)]
-    np.testing.assert_array_equal(np.vstack(parts), together)
-    # Not one beside the other.
-    steps = np.linalg.norm(np.diff(together, axis=0), axis=1)
-    assert np.median(steps) > 150.0
-
-
 @pytest.mark.parametrize("hidden", [15, 16, 17])
 def test_a_target_that_returns_where_it_was_last_seen_is_found_within_three_frames(hidden):
     """Something of its colors that moves away is followed meanwhile, out of reach of a search."""
@@ -293,28 +241,3 @@ def test_the_mean_of_a_mode_leaves_out_the_other():
     np.testing.assert_allclose(mean_around(particles, boxes, 2), states[2])
     about = covariance_about(particles, np.array([12.0, 10.0]))
     np.testing.assert_allclose(about, [[0.2 * 4.0 + 0.5 * 68.0**2, 0.0], [0.0, 0.0]])
-
-
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        (
-            {"motion.model": "affine"},
-            r"'proposal.method' is 'search' with the motion model 'affine'; allowed: 'transition', "
-            r"or the motion model 'constant_velocity' or 'constant_velocity_and_size'",
-        ),
-        (
-            {"cues": ("color_histogram", "hog")},
-            r"'proposal.method' is 'search', but no cue in 'cues' with a power above 0 can "
-            r"search; allowed: 'transition' or 'kalman', or 'color_contrast' or "
-            r"'correlation_response' in 'cues'",
-        ),
-        (
-            {"cues": ("color_histogram", "color_contrast"), "color_contrast.power": 0.0},
-            r"'proposal.method' is 'search', but no cue in 'cues' with a power above 0 can",
-        ),
-    ],
-)
-def test_a_search_that_cannot_be_is_refused(parameters, message):
-    with pytest.raises(ParameterError, match=message):
-        Tracker.from_preset("default", parameters=parameters)

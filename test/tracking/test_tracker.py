@@ -438,12 +438,6 @@ def test_cues_are_switched_off_and_on_by_their_powers_while_tracking(only):
         assert used.keys() == {name.split(".")[0] for name, power in powers.items() if power}
 
 
-@pytest.mark.parametrize("preset", ["default", "li2007"])
-def test_without_a_cue_there_is_nothing_to_compare_by(preset):
-    with pytest.raises(ParameterError, match=r"'cues' is empty; .* at least one of .*\bhog\b"):
-        Tracker.from_preset(preset, parameters={"cues": ()})
-
-
 def test_refused_parameters_change_nothing():
     tracker = Tracker.from_preset("default")
     tracker.start(*frame(100, 100))

@@ -36,15 +36,6 @@ def test_the_same_seed_gives_the_same_bits():
     assert [estimate.box for estimate in one] == [estimate.box for estimate in other]
 
 
-def test_the_kalman_filter_needs_a_gaussian_motion_model():
-    with pytest.raises(
-        ValueError,
-        match=r"'proposal\.method' is 'kalman' with the motion model 'constant_velocity'; allowed: "
-        r"'transition', or the motion model 'affine' or 'second_order_autoregressive'",
-    ):
-        Tracker.from_preset("zhang_bo", parameters={"motion.model": "constant_velocity"})
-
-
 @pytest.mark.parametrize(
     "parameters",
     [
