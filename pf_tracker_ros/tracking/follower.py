@@ -25,7 +25,7 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.confidence import Confidence
 from pf_tracker_ros.tracking.estimate import Estimate, FrozenPowers
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
-from pf_tracker_ros.tracking.judgement import Judgement
+from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.measurement import Measurement, Measurer, SearchingMeasurer
 from pf_tracker_ros.tracking.parameter_checks import check_cues, check_proposal
 from pf_tracker_ros.tracking.parameters import TrackerParameters
@@ -105,7 +105,7 @@ class Follower:
         particles = self._spread(motion, frame, draw)
         box = np.array(first_box)
         templates, distraction = self._measurer.learn(frame, box)
-        judged = Judgement(box, 1.0, Track(), particles, motion.boxes(particles.states))
+        judged = Judgment(box, 1.0, Track(), particles, motion.boxes(particles.states))
         return Target(
             first_box=first_box,
             motion=motion,
@@ -161,12 +161,12 @@ class Follower:
 
     def _judge(
         self, target: Target, measured: Measurement, interval: float, draw: np.random.Generator
-    ) -> Judgement:
+    ) -> Judgment:
         """Whether the target is seen; if not, what is told of it, or where it is found again."""
         similarity, thresholds = measured.match.similarity, self.parameters.track
         confidence = self._confidence.update(target.estimate.confidence, measured.match)
         track = target.track.advance(confidence, similarity, interval, thresholds)
-        judged = Judgement(measured.box, confidence, track, measured.particles, measured.boxes)
+        judged = Judgment(measured.box, confidence, track, measured.particles, measured.boxes)
         if track.state == "tracking":
             return judged
         judged = self._while_hidden.judge(target, measured, judged)
@@ -189,7 +189,7 @@ class Follower:
         )
 
     def _learn(
-        self, target: Target, prediction: Prediction, measured: Measurement, judged: Judgement
+        self, target: Target, prediction: Prediction, measured: Measurement, judged: Judgment
     ) -> _Learned:
         """Templates and Kalman filter, moved to what was seen if that is to be trusted.
 
@@ -210,7 +210,7 @@ class Follower:
         self,
         target: Target,
         measured: Measurement,
-        judged: Judgement,
+        judged: Judgment,
         learned: _Learned,
         draw: np.random.Generator,
     ) -> Target:
@@ -258,7 +258,7 @@ class Follower:
 
 
 def _estimate(
-    judged: Judgement, frame: Frame, powers: Powers, covariance: NDArray[np.float64]
+    judged: Judgment, frame: Frame, powers: Powers, covariance: NDArray[np.float64]
 ) -> Estimate:
     judged.boxes.setflags(write=False)
     covariance.setflags(write=False)

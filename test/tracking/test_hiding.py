@@ -10,7 +10,7 @@ from pf_tracker_ros.filter import ParticleSet
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN, Coast, FollowLikeliest
-from pf_tracker_ros.tracking.judgement import Judgement
+from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.measurement import Measurement
 from pf_tracker_ros.tracking.track_state import Track
 
@@ -36,7 +36,7 @@ def measured(target, couple):
 
 
 def told_if_seen(measured, track):
-    return Judgement(measured.box, 0.1, track, measured.particles, measured.boxes)
+    return Judgment(measured.box, 0.1, track, measured.particles, measured.boxes)
 
 
 def test_there_are_two_ways():

@@ -10,7 +10,7 @@ from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.filter import ParticleSet, SearchProposalParameters
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.judgement import Judgement
+from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.measurement import Measurer, SearchingMeasurer
 from pf_tracker_ros.tracking.prediction import Prediction
 from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
@@ -87,7 +87,7 @@ def test_without_a_search_every_particle_is_weighed_where_it_is(target, couple):
     covariance = measurer.covariance(
         target,
         measured,
-        Judgement(measured.box, 0.1, Track("lost", 9.0), measured.particles, measured.boxes),
+        Judgment(measured.box, 0.1, Track("lost", 9.0), measured.particles, measured.boxes),
         9.0,
     )
     np.testing.assert_array_equal(covariance, measured.particles.covariance[:2, :2])
@@ -191,7 +191,7 @@ def test_while_no_cue_that_searches_has_a_template_it_is_as_without_a_search(tar
     np.testing.assert_array_equal(without.box, fallen_back.box)
     assert without.match == fallen_back.match
     assert fallen_back.search is None
-    judged = Judgement(
+    judged = Judgment(
         without.box, 0.3, Track("occluded", 1.0), fallen_back.particles, fallen_back.boxes
     )
     covariance = searching.covariance(target, fallen_back, judged, 1.0)
@@ -203,7 +203,7 @@ def test_the_covariance_of_a_search_by_hand(target, couple):
     frame = Frame(couple.images[1])
     measured = searching.measure(target, frame, prediction_for(target), generator())
     box = measured.box + [3.0, 0.0, 0.0, 0.0]
-    seen = Judgement(box, 0.75, Track(), measured.particles, measured.boxes)
+    seen = Judgment(box, 0.75, Track(), measured.particles, measured.boxes)
     size = np.sqrt(measured.search.place[2] * measured.search.place[3])
     anywhere = (WINDOW * size) ** 2 / 12.0
     within = covariance_about(measured.particles, box[:2] + box[2:] / 2)
