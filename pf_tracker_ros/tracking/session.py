@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.parameters import all_declarations, build
+from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.frame_history import FrameHistory
@@ -36,12 +36,6 @@ _SUBSTITUTE_WITHIN = NANOSECONDS
 
 # A target is not drawn on a frame that far ahead; a tool has stamped it with the wrong clock.
 _LONGEST_WAIT = 60 * NANOSECONDS
-
-_FIXED_WHILE_TRACKING = frozenset(
-    name
-    for name, declaration in all_declarations(TrackerParameters).items()
-    if declaration.read_only
-)
 
 
 @dataclass(frozen=True)
@@ -141,8 +135,8 @@ class Session:
     def configure(self, parameters: Mapping[str, Any], seed: int) -> None:
         """Change parameters, all or none, keeping the target; the seed counts from the next one.
 
-        A parameter that the library fixes while there is a target, such as the motion model, takes
-        a tracker of its own: it learns the target again from where it was last seen.
+        A change that the library forbids while there is a target, such as that of the motion model,
+        takes a tracker of its own: it learns the target again from where it was last seen.
 
         Raises:
             ValueError: A parameter is not allowed, they contradict each other, or the target
@@ -159,9 +153,7 @@ class Session:
     def _reconfigured(self, parameters: Mapping[str, Any], seed: int) -> Tracker:
         """A tracker with these parameters; it has the target if that must be learned again."""
         tracker = Tracker(build(TrackerParameters, parameters), seed)
-        before, after = self._tracker.parameters, tracker.parameters
-        changed = {name for name in before.keys() & after.keys() if after[name] != before[name]}
-        if self._sighting and self._tracker.started and changed & _FIXED_WHILE_TRACKING:
+        if self._sighting and self._tracker.forbid(tracker.parameters):
             image = self._sighting.frame.image
             tracker.start(image, _within(self._sighting.box, image))
         return tracker

@@ -227,7 +227,8 @@ def test_a_tracker_takes_a_cue_leaves_one_out_and_changes_powers(couple):
         4: ({"hog.power": 0.5}, None),
         7: ({"cues": ("correlation_response", "hog")}, None),
         10: ({"hog.power": 0.0}, {"correlation_response": 1.0}),
-        13: ({"cues": ("color_contrast",)}, {"color_contrast": 1.0}),
+        13: ({"cues": ("correlation_response", "color_contrast")}, None),
+        16: ({"cues": ("color_contrast",)}, {"color_contrast": 1.0}),
     }
     for index in range(1, len(couple.images)):
         values, powers = changes.get(index, ({}, None))
@@ -241,6 +242,32 @@ def test_a_tracker_takes_a_cue_leaves_one_out_and_changes_powers(couple):
         if powers:
             assert dict(estimate.powers) == powers
     assert not any(name.startswith("hog.") for name in tracker.parameters)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"cues": ("hog",)},
+        {"cues": ("hog", "color_contrast", "foreground")},
+        {"cues": ("hog", "color_histogram"), "color_histogram.power": 0.0},
+    ],
+)
+def test_one_of_the_cues_must_have_learned_the_target(values, couple):
+    """Else whatever hides it would be taken for it."""
+    tracker = Tracker.from_preset("li2007")
+    tracker.start(couple.images[0], couple.first[0])
+    before = tracker.parameters
+    reason = "no cue in 'cues' has learned the target .*; keep one .*, or stop first"
+    for _ in range(2):
+        with pytest.raises(ParameterError, match=reason):
+            tracker.set_parameters(values)
+        assert tracker.parameters == before
+        # Once it is in use it still has to learn, and nothing is to be learned from here.
+        tracker.set_parameters({"cues": ("color_histogram", "gradient_orientation", "hog")})
+        assert tracker.update(np.zeros_like(couple.images[0])).state == "occluded"
+        before = tracker.parameters
+    tracker.stop()
+    tracker.set_parameters(values)
 
 
 def test_a_background_model_begins_and_ends_with_the_cues_that_read_it(

@@ -353,6 +353,21 @@ def test_a_cue_is_added_without_learning_the_target_again(cue, images, box):
     assert told == tracker.update(images[3], 0.04)
 
 
+def test_cues_that_do_not_know_a_hidden_target_learn_it_from_before_it_was_hidden(
+    started, images, box
+):
+    seen = started.process(images[1], START + 40_000_000)
+    hidden = started.process(np.zeros_like(images[0]), START + 80_000_000)
+    assert (seen.estimate.state, hidden.estimate.state) == ("tracking", "occluded")
+    changes = {"cues": ("hog",)}
+    started.configure(changed(TrackerParameters, PARAMETERS, changes), seed=3)
+    after = started.process(np.zeros_like(images[0]), START + 120_000_000)
+    assert after.estimate.state == "occluded"
+    tracker = Tracker.from_preset("li2007", seed=3, parameters={"particles": 20} | changes)
+    tracker.start(images[1], seen.estimate.box)
+    assert after.estimate == tracker.update(np.zeros_like(images[0]), 0.08)
+
+
 def test_a_hidden_target_is_learned_from_before_it_was_hidden(session, images, box):
     hiding = PARAMETERS | {"track.occluded_below": 0.9, "track.recovered_above": 0.9}
     session.configure(hiding, seed=3)
