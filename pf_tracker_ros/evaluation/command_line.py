@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from pf_tracker_ros.evaluation.results import EvaluationError
-from pf_tracker_ros.parameters import Declaration, declarations
+from pf_tracker_ros.parameters import Declaration, all_declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS
 
@@ -48,7 +48,7 @@ def parse_parameters(assignments: Sequence[str], option: str = "--parameter") ->
     Raises:
         EvaluationError: A text has no `=`, or a name is given twice.
     """
-    known = declarations(TrackerParameters)
+    known = all_declarations(TrackerParameters)
     values: dict[str, Any] = {}
     for assignment in assignments:
         name, equals, text = (part.strip() for part in assignment.partition("="))
@@ -68,7 +68,10 @@ def _parse_value(declaration: Declaration, text: str) -> Any:
     try:
         if declaration.type in (int, float):
             return declaration.type(text)
-        return tuple(float(part) for part in text.removeprefix("[").removesuffix("]").split(","))
+        parts = text.removeprefix("[").removesuffix("]").split(",")
+        if declaration.type == tuple[str, ...]:
+            return tuple(part.strip() for part in parts)
+        return tuple(float(part) for part in parts)
     except ValueError:
         return text
 

@@ -20,9 +20,7 @@ def model_steps(interval: float) -> float:
     return min(interval / MODEL_STEP, _MOST_STEPS)
 
 
-def limit_centers(
-    centers: NDArray[np.float64], image_size: tuple[int, int]
-) -> NDArray[np.float64]:
+def limit_centers(centers: NDArray[np.float64], image_size: tuple[int, int]) -> NDArray[np.float64]:
     """(N, 2) centers moved into an image of (width, height)."""
     return np.minimum(np.maximum(centers, 0.0), image_size)
 

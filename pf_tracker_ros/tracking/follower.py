@@ -27,7 +27,7 @@ from pf_tracker_ros.tracking.estimate import Estimate, FrozenPowers
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
 from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.measurement import Measurement, Measurer, SearchingMeasurer
-from pf_tracker_ros.tracking.parameter_checks import check_proposal
+from pf_tracker_ros.tracking.parameter_checks import check_cues, check_proposal
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.prediction import KalmanPredictor, Prediction, Predictor
 from pf_tracker_ros.tracking.redetection import Redetector
@@ -61,6 +61,7 @@ class Follower:
 
     def __init__(self, parameters: TrackerParameters) -> None:
         self.parameters = parameters
+        check_cues(parameters)
         powers = {name: of_cue.power for name, of_cue in parameters.of_powers.items()}
         self._fusion = CueFusion(
             {
@@ -127,18 +128,23 @@ class Follower:
         )
 
     def reconfigure(self, target: Target) -> Target:
-        """A target that was followed with other parameters, to be followed with these."""
+        """A target that was followed with other parameters, to be followed with these.
+
+        A cue that is left out forgets the target: added again, it may look at other things.
+        """
         motion = self._motion(target.first_box)
         foresight = self._foresight(motion)
         if foresight and target.foresight:
             foresight = replace(foresight, belief=target.foresight.belief)
         # A cue that is chosen again later may have other parameters, which a template depends on.
-        templates = {
-            name: template
-            for name, template in target.templates.items()
-            if name in self.parameters.of_cues
-        }
-        return replace(target, motion=motion, foresight=foresight, templates=templates)
+        known = self.parameters.of_cues
+        return replace(
+            target,
+            motion=motion,
+            foresight=foresight,
+            templates={name: one for name, one in target.templates.items() if name in known},
+            distraction={name: one for name, one in target.distraction.items() if name in known},
+        )
 
     def follow(self, target: Target, frame: Frame, interval: float) -> Target:
         """The target one frame later.

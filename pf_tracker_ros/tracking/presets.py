@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from pf_tracker_ros.parameters import ParameterError, build, flatten
+from pf_tracker_ros.parameters import ParameterError, build, declarations, flatten
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 _OUTLINE_SHARPNESS = 300.0
@@ -104,7 +104,8 @@ class PresetInForce:
 
     Attributes:
         name: A key of `PRESETS`.
-        changes: Full parameter name to (value in force, value of the preset), where they differ.
+        changes: Full parameter name to (value in force, value of the preset, or the default of a
+            parameter that it has not), where they differ.
     """
 
     name: str
@@ -119,9 +120,14 @@ class PresetInForce:
         """
         name = values["preset"]
         preset = preset_parameters(name)
+        # With other parts than the preset's there are other parameters.
+        usual = {
+            parameter: preset.get(parameter, declaration.default)
+            for parameter, declaration in declarations(TrackerParameters, values).items()
+        }
         changes = {
             parameter: (values[parameter], value)
-            for parameter, value in preset.items()
+            for parameter, value in usual.items()
             if values[parameter] != value
         }
         return cls(name, changes)
