@@ -243,7 +243,7 @@ def all_declarations(group_type: type) -> dict[str, Declaration]:
     """
     found = declarations(group_type)
     needs: dict[str, str] = {}
-    for chooser in _choosers(group_type):
+    for chooser in choosers(group_type).values():
         there = {
             choice: declarations(group_type, {chooser.name: _choosing(chooser, choice)})
             for choice in chooser.choices
@@ -259,6 +259,18 @@ def all_declarations(group_type: type) -> dict[str, Declaration]:
         name: dataclasses.replace(declaration, only_with=needs.get(name, ""))
         for name, declaration in found.items()
     }
+
+
+def choosers(group_type: type) -> dict[str, Declaration]:
+    """The tunables that decide which others there are; they are always there.
+
+    Args:
+        group_type: As for `declarations`.
+
+    Returns:
+        Full name to declaration.
+    """
+    return {declaration.name: declaration for declaration in _choosers(group_type)}
 
 
 def build(group_type: type[Group], values: Mapping[str, Any]) -> Group:
@@ -346,7 +358,6 @@ def _choosing(chooser: Declaration, choice: str) -> Any:
 
 
 def _choosers(group_type: type, prefix: str = "") -> Iterator[Declaration]:
-    """The tunables that decide which others there are."""
     types = typing.get_type_hints(group_type)
     known = declarations(group_type, prefix=prefix)
     for field in dataclasses.fields(group_type):
