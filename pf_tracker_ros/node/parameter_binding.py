@@ -153,11 +153,10 @@ class ParameterBinding:
         self._node.add_on_set_parameters_callback(self._validate)
         self._node.add_post_set_parameters_callback(self._store)
         self._lock()
+        told = self.refused.keys() | self._superseded
         for name in self._overrides:
-            is_known = (
-                self._node.has_parameter(name) or name in self.refused.keys() | self._superseded
-            )
-            if not is_known and not name.startswith("qos_overrides."):
+            is_foreign = self._node.has_parameter(name) or name.startswith("qos_overrides.")
+            if name not in told and not is_foreign:
                 self._report(f"{self._why_unknown(name, self.values)}; it has no effect")
 
     def faults(self, parameters: Sequence[Parameter]) -> dict[str, str]:

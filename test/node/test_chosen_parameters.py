@@ -237,7 +237,7 @@ UNKNOWN = {
         {"engine.kind": "electric", "engine.pressure": 4.0},
         "'engine.pressure' here; it needs engine.kind 'steam'",
     ),
-    "misspelt": ({"engine.presure": 1.0}, "'engine.presure' (did you mean 'engine.pressure'?)"),
+    "misspelt": ({"engine.pressurre": 1.0}, "'engine.pressurre' (did you mean 'engine.pressure'?)"),
     "of no part": ({"wings": 2}, "there is no parameter 'wings' (there are: ['cars'"),
 }
 
