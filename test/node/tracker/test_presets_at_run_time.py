@@ -1,7 +1,7 @@
 """Parameters that change how the target is modeled, while it is tracked."""
 
 import pytest
-from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter import Parameter
 
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
@@ -13,16 +13,6 @@ RELIABLE = {"image_reliability": "reliable"}
 @pytest.fixture
 def boxes(moving_square):
     return [[float(value) for value in box] for box in moving_square.boxes]
-
-
-def get(client, *names):
-    response = client.call(client.parameters.get_parameters, list(names))
-    return [parameter_value_to_python(value) for value in response.values]
-
-
-def values_in_force(client):
-    names = list(declarations(TrackerParameters))
-    return dict(zip(names, get(client, *names), strict=True))
 
 
 def set_one_request(client, values):
@@ -37,13 +27,12 @@ def corner(message):
 
 def test_every_preset_takes_the_target_over_from_every_other(graph, client, images, boxes):
     graph.tracker(client, seed=2, **RELIABLE)
-    names = list(declarations(TrackerParameters))
     for before in PRESETS:
         for after in PRESETS:
             assert client.set_parameters(preset=before, target_box=boxes[0]).successful
             client.show_all(images[:6])
             assert client.set_parameters(preset=after).successful
-            assert dict(zip(names, get(client, *names), strict=True)) == preset_parameters(after)
+            assert client.tunables() == preset_parameters(after)
             client.boxes.clear()
             for index in range(6, 10):
                 status = client.show(images[index], client.at(index))
@@ -74,11 +63,11 @@ def test_a_preset_that_is_set_is_taken_whole_and_what_differs_from_it_is_told(
     assert client.show(images[2], client.at(2)).values["preset"] == "default, 2 values changed"
     for preset in ("zhang2015", "default"):
         assert client.set_parameters(preset=preset).successful
-        assert values_in_force(client) == preset_parameters(preset)
+        assert client.tunables() == preset_parameters(preset)
     status = client.show(images[3], client.at(3))
     assert (status.values["preset"], status.values["particles"]) == ("default", "200")
     assert client.set_parameters(preset="li2007", particles=44).successful
-    assert values_in_force(client) == preset_parameters("li2007") | {"particles": 44}
+    assert client.tunables() == preset_parameters("li2007") | {"particles": 44}
     status = client.show(images[4], client.at(4))
     assert status.values["preset"] == "li2007, 1 value changed"
     assert client.set_parameters(motion__position_noise=0.25).successful
@@ -91,10 +80,10 @@ def test_a_preset_that_is_set_is_taken_whole_and_what_differs_from_it_is_told(
 def test_a_request_of_several_parameters_is_taken_as_a_whole_in_any_order(graph, client):
     graph.tracker(client, **RELIABLE)
     # One by one, the first would be refused, and the last would undo those before it.
-    given = {"proposal.kalman_share": 0.4, "particles": 31, "preset": "zhang_bo"}
+    given = {"proposal.share": 0.4, "particles": 31, "preset": "zhang_bo"}
     assert all(result.successful for result in set_one_request(client, given))
-    expected = preset_parameters("zhang_bo") | {"proposal.kalman_share": 0.4, "particles": 31}
-    assert values_in_force(client) == expected
+    expected = preset_parameters("zhang_bo") | {"proposal.share": 0.4, "particles": 31}
+    assert client.tunables() == expected
 
 
 def test_all_values_of_a_node_can_be_given_back_to_it(graph, client):
@@ -115,62 +104,80 @@ def test_what_is_right_in_a_request_is_taken_where_something_is_wrong(graph, cli
     given = {"particles": 31, "imaginary": 1, "click_size": -1.0, "preset": "li2007"}
     results = set_one_request(client, given)
     assert [result.successful for result in results] == [True, False, False, True]
-    assert values_in_force(client) == preset_parameters("li2007") | {"particles": 31}
+    assert client.tunables() == preset_parameters("li2007") | {"particles": 31}
 
 
-def test_every_tunable_of_the_library_can_change_while_tracking(graph, client, images, boxes):
-    graph.tracker(client, target_box=boxes[0], **RELIABLE)
+def other_value(declaration, value):
+    """Another value that is allowed by itself."""
+    if declaration.type == tuple[str, ...]:
+        return (*value, next(choice for choice in declaration.choices if choice not in value))
+    if declaration.choices:
+        return next(choice for choice in declaration.choices if choice != value)
+    if declaration.type is bool:
+        return not value
+    if declaration.type is int:
+        return value + 1 if value < declaration.maximum else value - 1
+    numbers = value if declaration.type == tuple[float, ...] else (value,)
+    others = tuple(
+        0.5 * (number + min(declaration.maximum, number + 1.0))
+        if number < declaration.maximum
+        else 0.5 * (number + declaration.minimum)
+        for number in numbers
+    )
+    return others if declaration.type == tuple[float, ...] else others[0]
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_every_tunable_of_the_library_can_change_while_tracking(
+    graph, client, images, boxes, preset
+):
+    graph.tracker(client, target_box=boxes[0], preset=preset, **RELIABLE)
     client.show(images[0], client.at(0))
-    known = declarations(TrackerParameters)
-    # A model that foresees, so that any share of foresight is allowed.
-    assert client.set_parameters(motion__model="affine", proposal__search_share=0.0).successful
+    known = declarations(TrackerParameters, PRESETS[preset])
+    before = client.tunables()
+    assert before.keys() == known.keys()
+    refused = set()
     for name, declaration in known.items():
-        (value,) = get(client, name)
-        if declaration.choices:
-            other = next(choice for choice in declaration.choices if choice != value)
-        elif declaration.type is bool:
-            other = not value
-        elif declaration.type is int:
-            other = value + 1 if value < declaration.maximum else value - 1
-        elif declaration.type is float:
-            other = 0.5 * (value + min(declaration.maximum, value + 1.0))
-        else:
-            continue
+        other = other_value(declaration, before[name])
         result = client.set_parameters(**{name: other})
-        allowed = result.successful or "allowed" in result.reason
-        assert allowed, (name, result.reason)
         if result.successful:
-            assert get(client, name) == [other]
-            client.set_parameters(**{name: value})
+            assert client.get_parameters(name) == [other]
+            assert client.set_parameters(**{name: before[name]}).successful
+        else:
+            assert "allowed" in result.reason, (name, result.reason)
+            refused.add(name)
+        assert client.tunables() == before
+    # What is made for one another can only change together.
+    assert refused <= {"motion.model", "proposal.method", "cues"}
     assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
+
+
+CONTRADICTION = {"proposal__method": "kalman", "motion__model": "constant_velocity"}
+REASON = "parameter 'proposal.method' is 'kalman' with the motion model 'constant_velocity'"
 
 
 def test_values_that_contradict_each_other_are_refused_at_run_time_as_at_start_up(
     graph, client, images, boxes
 ):
-    contradiction = {"proposal__kalman_share": 0.5, "motion__model": "constant_velocity"}
-    reason = "parameter 'proposal.kalman_share' is 0.5 with the motion model 'constant_velocity'"
     graph.tracker(client, target_box=boxes[0], **RELIABLE)
     client.show(images[0], client.at(0))
-    before = get(client, "proposal.kalman_share", "motion.model")
-    result = client.set_parameters(**contradiction)
+    before = client.tunables()
+    result = client.set_parameters(**CONTRADICTION)
     assert not result.successful
-    assert reason in result.reason
-    assert get(client, "proposal.kalman_share", "motion.model") == before
+    assert REASON in result.reason
+    assert client.tunables() == before
     status = client.show(images[1], client.at(1))
     assert (status.level, status.values["frame"]) == ("WARN", "tracked")
-    assert reason in status.message
+    assert REASON in status.message
 
 
 def test_contradictory_values_at_start_up_keep_the_node_up_until_they_are_set_rightly(
     graph, client, images, boxes
 ):
-    contradiction = {"proposal__kalman_share": 0.5, "motion__model": "constant_velocity"}
-    alone = {"proposal__search_share": 0.0}
-    graph.tracker(client, target_box=boxes[0], **alone, **contradiction, **RELIABLE)
+    graph.tracker(client, target_box=boxes[0], **CONTRADICTION, **RELIABLE)
     status = client.show(images[0], client.at(0))
     assert (status.level, status.values["state"]) == ("ERROR", "idle")
-    assert "parameter 'proposal.kalman_share' is 0.5 with the motion model" in status.message
+    assert REASON in status.message
     assert client.set_parameters(motion__model="affine").successful
     assert client.show(images[0], client.at(1)).values["frame"] == "started"
 
@@ -179,7 +186,7 @@ def test_a_set_of_many_parameters_is_all_or_nothing(graph, client, images, boxes
     graph.tracker(client, target_box=boxes[0], **RELIABLE)
     client.show(images[0], client.at(0))
     names = ["preset", "particles", "motion.model", "time_jump", "click_size"]
-    before = get(client, *names)
+    before = client.get_parameters(*names)
     wrong = {
         "preset": "zhang2015",
         "particles": 77,
@@ -188,7 +195,7 @@ def test_a_set_of_many_parameters_is_all_or_nothing(graph, client, images, boxes
         "click_size": -1.0,
     }
     assert not client.set_parameters(**wrong).successful
-    assert get(client, *names) == before
+    assert client.get_parameters(*names) == before
     assert client.set_parameters(**wrong | {"click_size": 9.0}).successful
-    assert get(client, *names) == ["zhang2015", 77, "affine", "wait", 9.0]
+    assert client.get_parameters(*names) == ["zhang2015", 77, "affine", "wait", 9.0]
     assert client.show(images[1], client.at(1)).values["frame"] == "tracked"

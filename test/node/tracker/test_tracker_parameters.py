@@ -13,7 +13,12 @@ from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
 QUICK = {"particles": 20, "track__occluded_below": 0.0, "image_reliability": "reliable"}
-DECLARATIONS = declarations(NodeParameters) | declarations(TrackerParameters)
+# Beside those that every node has.
+MOST_PARAMETERS = 60
+
+
+def known_with(preset):
+    return declarations(NodeParameters) | declarations(TrackerParameters, PRESETS[preset])
 
 
 def get(client, *names):
@@ -24,17 +29,25 @@ def get(client, *names):
 @pytest.mark.parametrize("preset", PRESETS)
 def test_every_tunable_is_a_parameter_with_the_value_of_the_preset(graph, client, preset):
     graph.tracker(client, preset=preset)
-    names = list(declarations(TrackerParameters))
-    expected = preset_parameters(preset)
-    assert dict(zip(names, get(client, *names), strict=True)) == expected
+    assert client.tunables() == preset_parameters(preset)
 
 
-def test_every_parameter_is_described_and_every_float_has_a_range(graph, client):
-    graph.tracker(client)
-    response = client.call(client.parameters.describe_parameters, list(DECLARATIONS))
-    assert len(response.descriptors) == len(DECLARATIONS)
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_node_has_the_parameters_of_its_preset_and_not_too_many(graph, client, preset):
+    graph.tracker(client, preset=preset)
+    names = client.parameter_names()
+    assert sorted(names) == sorted(known_with(preset))
+    assert len(names) <= MOST_PARAMETERS
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_every_parameter_is_described_and_every_float_has_a_range(graph, client, preset):
+    graph.tracker(client, preset=preset)
+    known = known_with(preset)
+    response = client.call(client.parameters.describe_parameters, list(known))
+    assert len(response.descriptors) == len(known)
     for descriptor in response.descriptors:
-        declaration = DECLARATIONS[descriptor.name]
+        declaration = known[descriptor.name]
         assert descriptor.description.startswith(declaration.description)
         assert declaration.unit in descriptor.description
         # What the library fixes while it tracks, the node can change: it learns the target again.
@@ -45,6 +58,9 @@ def test_every_parameter_is_described_and_every_float_has_a_range(graph, client)
                 declaration.minimum,
                 declaration.maximum,
             )
+        else:
+            constraints = descriptor.additional_constraints
+            assert constraints == f"allowed: {declaration.allowed}" or declaration.type is int
 
 
 def test_a_value_of_the_user_comes_over_the_preset(graph, client, images, box):
@@ -61,6 +77,8 @@ REFUSED = {
     "of the wrong type": ("particles", "many", 20, "int, 1 to 100000"),
     "no choice": ("resampling__scheme", "fair", "systematic", "'stratified'"),
     "no model": ("motion__model", "straight", "constant_velocity", "'constant_velo"),
+    "no cue": ("cues", ["smell"], ["color_contrast"], "list of strings, each at most once"),
+    "one cue for a list": ("cues", "hog", ["color_contrast"], "list of strings, each at most once"),
     "a list too short": ("target_box", [1.0, 2.0], [20.0, 30.0, 24.0, 24.0], "0 or 4 numbers"),
     "no preset of that name": ("preset", "lee2007", "li2007", "'default' or 'li2007'"),
     "a seed below zero": ("seed", -1, 1, "int, 0 to"),
@@ -115,9 +133,7 @@ def test_a_preset_corrected_at_run_time_is_taken_whole(graph, client, images, bo
     assert client.set_parameters(preset="li2007").successful
     status = client.show(images[0], client.at(0))
     assert (status.values["preset"], status.values["particles"]) == ("li2007", "60")
-    names = list(declarations(TrackerParameters))
-    expected = preset_parameters("li2007")
-    assert dict(zip(names, get(client, *names), strict=True)) == expected
+    assert client.tunables() == preset_parameters("li2007")
 
 
 def test_a_parameter_that_does_not_exist_is_reported_and_does_not_stop_the_tracker(
