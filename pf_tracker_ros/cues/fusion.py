@@ -110,11 +110,13 @@ class CueFusion:
             power 0 is left out, so that it costs nothing.
 
     Raises:
-        ParameterError: No power is above 0.
+        ParameterError: There is no cue, or no power is above 0.
     """
 
     def __init__(self, cues: Mapping[str, tuple[Cue, float]]) -> None:
         used = {name: entry for name, entry in cues.items() if entry[1] > 0.0}
+        if not cues:
+            raise ParameterError("parameter 'cues' is empty; name at least one cue")
         if not used:
             names = ", ".join(f"'{name}.power'" for name in cues)
             raise ParameterError(f"all cues are off; at least one of {names} must be above 0")

@@ -35,8 +35,8 @@ exit codes:
 def parse_parameters(assignments: Sequence[str], option: str = "--parameter") -> dict[str, Any]:
     """Values of parameters from texts `NAME=VALUE`, read by the type that is declared.
 
-    A list is written with commas, with or without square brackets. Whether a name exists and a
-    value is allowed is for the tracker to judge, which names what would be.
+    A list is written with commas, with or without square brackets. Whether a name exists beside
+    the others and a value is allowed is for the tracker to judge, which names what would be.
 
     Args:
         assignments: The texts.
@@ -68,12 +68,17 @@ def _parse_value(declaration: Declaration, text: str) -> Any:
     try:
         if declaration.type in (int, float):
             return declaration.type(text)
-        parts = text.removeprefix("[").removesuffix("]").split(",")
-        if declaration.type == tuple[str, ...]:
-            return tuple(part.strip() for part in parts)
-        return tuple(float(part) for part in parts)
+        element = float if declaration.type == tuple[float, ...] else _unquoted
+        parts = text.removeprefix("[").removesuffix("]").strip()
+        return tuple(element(part.strip()) for part in parts.split(",")) if parts else ()
     except ValueError:
         return text
+
+
+def _unquoted(text: str) -> str:
+    """A string as it is, or as YAML has it in a list."""
+    is_quoted = len(text) > 1 and text[0] == text[-1] and text[0] in "\"'"
+    return text[1:-1] if is_quoted else text
 
 
 class _Parser(argparse.ArgumentParser):

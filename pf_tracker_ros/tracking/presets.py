@@ -104,8 +104,9 @@ class PresetInForce:
 
     Attributes:
         name: A key of `PRESETS`.
-        changes: Full parameter name to (value in force, value of the preset, or the default of a
-            parameter that it has not), where they differ.
+        changes: Full parameter name to (value in force, value of the preset), where they differ. A
+            parameter that there is not with the preset differs from its declared default; one that
+            there is with the preset alone has no value that could differ.
     """
 
     name: str
@@ -120,7 +121,6 @@ class PresetInForce:
         """
         name = values["preset"]
         preset = preset_parameters(name)
-        # With other parts than the preset's there are other parameters.
         usual = {
             parameter: preset.get(parameter, declaration.default)
             for parameter, declaration in declarations(TrackerParameters, values).items()
@@ -146,6 +146,11 @@ class PresetInForce:
         if not self.changes:
             return self.name
         changes = ", ".join(
-            f"{name} {value} instead of {usual}" for name, (value, usual) in self.changes.items()
+            f"{name} {_written(value)} instead of {_written(usual)}"
+            for name, (value, usual) in self.changes.items()
         )
         return f"{self.summary}: {changes}"
+
+
+def _written(value: Any) -> str:
+    return f"[{', '.join(map(str, value))}]" if isinstance(value, tuple) else str(value)

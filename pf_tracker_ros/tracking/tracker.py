@@ -115,7 +115,9 @@ class Tracker:
                 return f"parameter '{name}' can't change while a target is tracked; stop first"
         # Without any that knows the target, all there is would be taken for it.
         known = self._tracked.target.templates
-        if not any(name in known and values.get(f"{name}.power", 1.0) > 0.0 for name in values["cues"]):
+        if not any(
+            name in known and values.get(f"{name}.power", 1.0) > 0.0 for name in values["cues"]
+        ):
             return (
                 "no cue in 'cues' has learned the target that is tracked; keep one that has until "
                 "the others have, or stop first"
