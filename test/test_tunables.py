@@ -19,10 +19,6 @@ TOLD = ("box", "state", "confidence", "covariance", "particles")
 BESIDE = {
     # Another one does not suit the other choices of the preset.
     ("li2007", "proposal.method"): {"motion.model": "affine"},
-    # A single cue has all the power there is.
-    ("zhang2015", "hog.power"): {"cues": ("hog", "color_histogram")},
-    # Weights so uneven that they are resampled have a best one that is never passed over.
-    ("zhang2015", "resampling.keep_best"): {"resampling.threshold": 1.0},
 }
 
 

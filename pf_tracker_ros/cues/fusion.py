@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import Cue, Match, SearchableCue
+from pf_tracker_ros.cues.cue import CUES, Cue, Match, SearchableCue
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import ParameterError, declared
 
@@ -116,7 +116,9 @@ class CueFusion:
     def __init__(self, cues: Mapping[str, tuple[Cue, float]]) -> None:
         used = {name: entry for name, entry in cues.items() if entry[1] > 0.0}
         if not cues:
-            raise ParameterError("parameter 'cues' is empty; name at least one cue")
+            raise ParameterError(
+                f"parameter 'cues' is empty; allowed: at least one of {', '.join(CUES)}"
+            )
         if not used:
             names = ", ".join(f"'{name}.power'" for name in cues)
             raise ParameterError(f"all cues are off; at least one of {names} must be above 0")

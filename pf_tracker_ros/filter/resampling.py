@@ -10,13 +10,13 @@ Reference: Douc, Cappe, Moulines 2005, "Comparison of resampling schemes for par
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.filter.particles import ParticleSet
-from pf_tracker_ros.parameters import Groups, chosen, declared
+from pf_tracker_ros.parameters import declared
 from pf_tracker_ros.registry import Registry
 
 
@@ -41,16 +41,6 @@ class Resampler(Protocol):
 RESAMPLERS = Registry[Resampler]("resampling scheme")
 
 
-@dataclass(frozen=True)
-class KeepingParameters:
-    """Of schemes that may pass over the particle of the largest weight."""
-
-    keep_best: bool = declared(
-        False,
-        "Let the particle of the largest weight always go on; for few particles.",
-    )
-
-
 def _invert(weights: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.intp]:
     """Indices at which the cumulative weights pass the sorted `positions` in [0, 1)."""
     cumulative = np.cumsum(weights)
@@ -59,7 +49,7 @@ def _invert(weights: NDArray[np.float64], positions: NDArray[np.float64]) -> NDA
     return np.searchsorted(cumulative, np.minimum(positions, np.nextafter(1, 0)), side="right")
 
 
-@RESAMPLERS.register("multinomial", KeepingParameters)
+@RESAMPLERS.register("multinomial")
 class MultinomialResampler:
     """Independent draws: cumulative weights against sorted uniform numbers.
 
@@ -73,7 +63,7 @@ class MultinomialResampler:
         return _invert(weights, np.sort(generator.random(count)))
 
 
-@RESAMPLERS.register("stratified", KeepingParameters)
+@RESAMPLERS.register("stratified")
 class StratifiedResampler:
     """One uniform draw in each of `count` equal strata of the cumulative weights."""
 
@@ -144,8 +134,9 @@ class BestKeepingResampler:
         return indices
 
 
-def _groups(scheme: str) -> Groups:
-    return {"": RESAMPLERS.parameters_of(scheme)}
+@RESAMPLERS.register("multinomial_keeping_best")
+def _multinomial_keeping_best() -> Resampler:
+    return BestKeepingResampler(MultinomialResampler())
 
 
 @dataclass(frozen=True)
@@ -154,7 +145,8 @@ class ResamplingParameters:
 
     scheme: str = declared(
         "systematic",
-        "Resampling scheme; systematic has the least variance.",
+        "Resampling scheme: systematic has the least variance; multinomial_keeping_best lets the "
+        "particle of the largest weight always go on, for few particles.",
         choices=RESAMPLERS,
     )
     threshold: float = declared(
@@ -164,7 +156,6 @@ class ResamplingParameters:
         minimum=0.0,
         maximum=1.0,
     )
-    of_scheme: dict[str, Any] = chosen("scheme", _groups)
 
 
 @dataclass(frozen=True)
@@ -202,8 +193,4 @@ class EffectiveSampleSizeResampler:
 
 def build_resampler(parameters: ResamplingParameters) -> EffectiveSampleSizeResampler:
     """The resampler that the parameters describe."""
-    scheme = RESAMPLERS[parameters.scheme]()
-    own = parameters.of_scheme[""]
-    if isinstance(own, KeepingParameters) and own.keep_best:
-        scheme = BestKeepingResampler(scheme)
-    return EffectiveSampleSizeResampler(scheme, parameters.threshold)
+    return EffectiveSampleSizeResampler(RESAMPLERS[parameters.scheme](), parameters.threshold)

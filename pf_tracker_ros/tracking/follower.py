@@ -27,7 +27,7 @@ from pf_tracker_ros.tracking.estimate import Estimate, FrozenPowers
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
 from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.measurement import Measurement, Measurer, SearchingMeasurer
-from pf_tracker_ros.tracking.parameter_checks import check_cues, check_proposal
+from pf_tracker_ros.tracking.parameter_checks import check_proposal
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.prediction import KalmanPredictor, Prediction, Predictor
 from pf_tracker_ros.tracking.redetection import Redetector
@@ -61,7 +61,6 @@ class Follower:
 
     def __init__(self, parameters: TrackerParameters) -> None:
         self.parameters = parameters
-        check_cues(parameters)
         powers = {name: of_cue.power for name, of_cue in parameters.of_powers.items()}
         self._fusion = CueFusion(
             {

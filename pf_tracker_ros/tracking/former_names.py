@@ -61,15 +61,14 @@ _GONE = {
     "adaptive_number.error": _ADAPTED,
     "adaptive_number.fewest": _ADAPTED,
     "adaptive_number.bin_size": _ADAPTED,
+    "resampling.keep_best": "choose 'multinomial_keeping_best' for 'resampling.scheme'",
     "color_histogram.foreground_only": (
         "choose 'foreground_color_histogram' in place of 'color_histogram' in 'cues'"
     ),
     "foreground_probability.own_size": (
         "the contrast is measured in the size that the target is expected in"
     ),
-    "template.keep": (
-        "each cue that learns a mean has its own, such as 'color_histogram.keep' or 'hog.keep'"
-    ),
+    "template.keep": ("each cue has its own, such as 'color_histogram.keep' or 'hog.keep'"),
 }
 
 

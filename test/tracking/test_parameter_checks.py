@@ -16,13 +16,13 @@ from pf_tracker_ros.parameters import ParameterError
         ),
         (
             {"cues": ("color_histogram", "hog")},
-            r"'proposal.method' is 'search', but no cue in 'cues' with a power above 0 can "
-            r"search; allowed: 'transition' or 'kalman', or 'color_contrast' or "
+            r"'proposal.method' is 'search', but no cue in 'cues' can search "
+            r"with a power above 0; allowed: 'transition' or 'kalman', or 'color_contrast' or "
             r"'correlation_response' in 'cues'",
         ),
         (
             {"cues": ("color_histogram", "color_contrast"), "color_contrast.power": 0.0},
-            r"'proposal.method' is 'search', but no cue in 'cues' with a power above 0 can",
+            r"'proposal.method' is 'search', but no cue in 'cues' can search with a ",
         ),
     ],
 )

@@ -89,9 +89,14 @@ def test_a_parameter_of_a_part_that_is_not_chosen_is_refused(preset):
 def test_values_of_parts_that_a_change_leaves_out_go_with_them():
     values = preset_parameters("zhang2015")
     after = changed(
-        TrackerParameters, values, {"cues": ("color_histogram",), "resampling.scheme": "residual"}
+        TrackerParameters,
+        values,
+        {"cues": ("color_histogram",), "motion.model": "constant_velocity"},
     )
-    assert values.keys() - after.keys() == {*("hog.sharpness", "hog.keep", "resampling.keep_best")}
+    assert values.keys() - after.keys() == {
+        *("hog.sharpness", "hog.keep", "motion.size_noise", "motion.aspect_noise"),
+        *("motion.first_coefficient", "motion.second_coefficient"),
+    }
     built = flatten(build(TrackerParameters, after))
     assert built["color_histogram.keep"] == EVERY["color_histogram.keep"].default
 

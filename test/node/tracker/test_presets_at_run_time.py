@@ -250,7 +250,7 @@ REFUSED = {
         {"cues": ["hog"]},
         "no cue in 'cues' can search",
     ),
-    "no choice": ({"cues": []}, "parameter 'cues' is empty; name at least one cue"),
+    "no choice": ({"cues": []}, "parameter 'cues' is empty; allowed: at least one of "),
     "a wrong value of what is chosen with it": (
         {"preset": "zhang2015", "hog__sharpness": -1.0},
         "parameter 'hog.sharpness' is -1.0; allowed: float, 0 to 1000",

@@ -210,16 +210,16 @@ def test_what_is_chosen_at_start_up_brings_its_parameters(graph, client, images,
         "motion__model": "affine",
         "cues": ["hog", "color_histogram"],
     }
-    values = {"hog__sharpness": 90, "motion__drift": [1, 0], "resampling__scheme": "multinomial"}
+    values = {"hog__sharpness": 90, "motion__drift": [1, 0]}
     graph.tracker(client, target_box=box, **values, **chosen, **QUICK)
     status = client.show(images[0], client.at(0))
     assert (status.level, status.values["frame"]) == ("OK", "started")
-    names = ["cues", "hog.sharpness", "motion.drift", "resampling.keep_best", "proposal.share"]
+    names = ["cues", "hog.sharpness", "motion.drift", "motion.factor", "proposal.share"]
     assert client.get_parameters(*names) == [
         ("hog", "color_histogram"),
         90.0,
         (1.0, 0.0),
-        False,
+        1.0,
         # The preset's, whatever the method.
         0.6,
     ]
