@@ -271,6 +271,18 @@ def test_a_malformed_message_is_refused_with_field_value_and_what_is_allowed(nam
     assert allowed in str(refusal.value).partition("allowed")[2]
 
 
+@pytest.mark.parametrize(
+    "encoding",
+    ["x" * 10_000_000, "\x1b[2J\n" * 100_000, "\u202e" * 50],
+    ids=["long", "control characters", "right to left"],
+)
+def test_an_encoding_is_quoted_short_and_without_what_a_terminal_obeys(encoding):
+    with pytest.raises(ImageError) as refusal:
+        decode(message(range(24), 4, 2, 12, encoding))
+    assert len(str(refusal.value)) < 400
+    assert str(refusal.value).isprintable()
+
+
 SIDES = st.integers(0, 12) | st.integers(0, 2**32 - 1)
 
 
