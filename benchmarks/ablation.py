@@ -119,7 +119,7 @@ def variants(preset: str, particles: Sequence[int], off: Sequence[str]) -> list[
         except ParameterError as error:
             raise ParameterError(f"{variant.name}: {error}") from error
         if variant.parameters and all(
-            own[name] == value for name, value in variant.parameters.items()
+            name in own and own[name] == value for name, value in variant.parameters.items()
         ):
             raise EvaluationError(
                 f"{variant.name}: so it is in preset {preset}; allowed: another value"

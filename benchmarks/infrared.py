@@ -40,7 +40,7 @@ from pf_tracker_ros.evaluation import (
 )
 from pf_tracker_ros.footage import Footage
 
-COLOR_ALONE = {"color_histogram.power": 1.0, "gradient_orientation.power": 0.0}
+COLOR_ALONE = {"cues": ("color_histogram",)}
 TRACKERS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "zhang2015": ("zhang2015", {}),
     "li2007, color alone": ("li2007", COLOR_ALONE),

@@ -111,7 +111,7 @@ class Life(Node):
             "target long ago": lambda: self._target([(5.0, 5.0), (20.0, 20.0)], 1),
             "click no number": self._click,
             "wrong parameters": lambda: self._set(particles=-1, seed=5),
-            "contradiction": lambda: self._set(**{"proposal.kalman_share": 0.5}),
+            "contradiction": lambda: self._set(**{"proposal.method": "kalman"}),
         }
 
     def meet(self) -> None:

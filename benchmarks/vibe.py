@@ -15,9 +15,10 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 # One thread also for the linear algebra, which reads this when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -43,6 +44,9 @@ HEADINGS = (
     "detected %",
 )
 LEAST_SHARE = 0.2
+
+# Makes the model from the first image.
+BeginModel = Callable[[NDArray[Any]], BackgroundModel]
 
 
 @dataclass(frozen=True)
@@ -86,13 +90,19 @@ def count_inside(mask: NDArray[np.uint8], box: NDArray[np.float64]) -> tuple[int
     return int(np.count_nonzero(patch)), patch.size
 
 
-def measure(footage: Footage, parameters: BackgroundParameters, skip: int) -> Outcome:
-    """Run the model over a sequence and judge all frames with a target but the first `skip`."""
+def measure(footage: Footage, begin: BeginModel, skip: int) -> Outcome:
+    """Run a model over a sequence and judge all frames with a target but the first `skip`.
+
+    Args:
+        footage: The sequence.
+        begin: Makes the model.
+        skip: How many frames are not judged.
+    """
     boxes = footage.ground_truth
     assert boxes is not None
     frames = footage.frames()
     image = next(frames).image
-    model = BackgroundModel(image, parameters, np.random.default_rng(0))
+    model = begin(image)
     milliseconds, counts = [], []
     for index, frame in enumerate(
         track(frames, footage.name, len(boxes) - 1, console=Console(stderr=True), transient=True),
@@ -123,15 +133,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("sequences", nargs="+", type=Path, metavar="SEQUENCE")
     parser.add_argument("--reduction", type=int, default=2, choices=range(1, 17), metavar="1..16")
-    parser.add_argument("--color", action="store_true", help="model colors, not brightness")
+    parser.add_argument("--gray", action="store_true", help="model brightness, not colors")
     parser.add_argument("--moving-camera", action="store_true", help="follow the camera")
     parser.add_argument("--skip", type=int, default=50, help="first frames not judged [50]")
     parser.add_argument("--output", type=Path, help="Markdown file for the table")
     options = parser.parse_args(arguments)
     cv2.setNumThreads(1)
-    parameters = BackgroundParameters(
-        reduction=options.reduction, color=options.color, moving_camera=options.moving_camera
-    )
+
+    def begin(image: NDArray[Any]) -> BackgroundModel:
+        return BackgroundModel(
+            image,
+            BackgroundParameters(moving_camera=options.moving_camera),
+            np.random.default_rng(0),
+            reduction=options.reduction,
+            color=not options.gray,
+        )
+
     rows = []
     try:
         for path in options.sequences:
@@ -139,10 +156,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             frames = footage.frame_count or 0
             if not 1 <= options.skip < frames:
                 parser.error(f"--skip is {options.skip}; allowed for {path}: 1 to {frames - 1}")
-            rows.append(measure(footage, parameters, options.skip).row())
+            rows.append(measure(footage, begin, options.skip).row())
     except FootageError as error:
         parser.error(str(error))
-    table = Table(title=f"ViBe, {parameters.samples} samples, one thread")
+    table = Table(title="ViBe, one thread")
     for heading in HEADINGS:
         table.add_column(heading, justify="right")
     for row in rows:

@@ -63,7 +63,7 @@ CLIPS = (
         frame_count=32,
         box=(293.0, 97.0, 115.0, 82.0),
         # A larger window sees more of the fence, which stays where it is, than of the car.
-        parameters={"correlation_response.window": 3.0, "correlation_response.cells": 30},
+        parameters={"correlation_response.window": 2.5},
     ),
 )
 

@@ -244,7 +244,7 @@ def all_declarations(group_type: type) -> dict[str, Declaration]:
     """
     found = declarations(group_type)
     needs: dict[str, str] = {}
-    for chooser in {one.name: one for one in _choosers(group_type)}.values():
+    for chooser in choosers(group_type).values():
         choices, takes_several = chooser.choices, chooser.type == tuple[str, ...]
         there = {
             choice: declarations(group_type, {chooser.name: (choice,) if takes_several else choice})
@@ -269,6 +269,18 @@ def all_declarations(group_type: type) -> dict[str, Declaration]:
         name: dataclasses.replace(declaration, only_with=needs.get(name, ""))
         for name, declaration in found.items()
     }
+
+
+def choosers(group_type: type) -> dict[str, Declaration]:
+    """The tunables that decide which others there are; they are always there.
+
+    Args:
+        group_type: As for `declarations`.
+
+    Returns:
+        Full name to declaration.
+    """
+    return {declaration.name: declaration for declaration in _choosers(group_type)}
 
 
 def build(group_type: type[Group], values: Mapping[str, Any]) -> Group:
@@ -361,7 +373,6 @@ def _listed(choices: Sequence[str]) -> str:
 
 
 def _choosers(group_type: type, prefix: str = "") -> Iterator[Declaration]:
-    """The tunables that decide which others there are."""
     types = _types(group_type)
     known = declarations(group_type, prefix=prefix)
     for field in dataclasses.fields(group_type):

@@ -87,6 +87,29 @@ def moving_square_sequence(write_sequence, moving_square):
 
 
 @pytest.fixture(scope="session")
+def other_values():
+    """A function that gives other values of a declared parameter that are allowed by themselves."""
+
+    def others(declaration, value):
+        if declaration.type == tuple[str, ...]:
+            found = [(*value, choice) for choice in declaration.choices if choice not in value]
+        elif declaration.choices:
+            found = declaration.choices
+        elif declaration.type is bool:
+            found = [not value]
+        elif declaration.type in (int, float):
+            step = (value - declaration.minimum, declaration.maximum - value)
+            near = [value + min(1, step[1]) / 2, value - min(1, step[0]) / 2]
+            found = [*near, declaration.minimum, declaration.maximum]
+            found = [declaration.type(number) for number in found]
+        else:
+            found = [tuple((number + declaration.maximum) / 2 for number in value)]
+        return [other for other in found if other != value]
+
+    return others
+
+
+@pytest.fixture(scope="session")
 def typestore():
     """The message types of rosbags, which a ROS from apt does not have: skips without it."""
     pytest.importorskip("rosbags")

@@ -1,21 +1,31 @@
 """Declared parameters: checked, nested, and named by their full name."""
 
+import dataclasses
 import math
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from pf_tracker_ros.parameters import (
     ParameterError,
+    all_declarations,
     build,
+    changed,
+    choosers,
+    chosen,
     declarations,
     declared,
     flatten,
     group,
+    why_unknown,
 )
+from pf_tracker_ros.registry import NoParameters
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
 
 @dataclass(frozen=True)
@@ -114,3 +124,230 @@ def test_numpy_scalars_count_as_numbers():
 def test_a_number_without_a_range_cannot_be_declared():
     with pytest.raises(TypeError, match="needs a range"):
         declared(1.0, "Unbounded.")
+
+
+@dataclass(frozen=True)
+class Sail:
+    area: float = declared(20.0, "Area.", minimum=1.0, maximum=99.0)
+    draft: float = declared(2.0, "Draft.", minimum=0.1, maximum=9.0)
+
+
+@dataclass(frozen=True)
+class Diesel:
+    liters: float = declared(3.0, "Liters.", minimum=0.5, maximum=9.0)
+    draft: float = declared(2.0, "Draft.", minimum=0.1, maximum=9.0)
+
+
+@dataclass(frozen=True)
+class Radio:
+    channel: int = declared(16, "Channel.", minimum=1, maximum=88)
+
+
+DRIVES = {"sail": Sail, "diesel": Diesel, "oars": NoParameters}
+DEVICES = {"radio": Radio, "plotter": NoParameters, "spare": Radio}
+
+
+@dataclass(frozen=True)
+class Drive:
+    kind: str = declared("sail", "Kind.", choices=DRIVES, read_only=True)
+    of_kind: dict[str, Any] = chosen("kind", lambda kind: {"": DRIVES[kind]})
+
+
+@dataclass(frozen=True)
+class Antenna:
+    height: float = declared(5.0, "Height.", minimum=0.0, maximum=30.0)
+
+
+@dataclass(frozen=True)
+class Boat:
+    former_names: ClassVar = {"drive.canvas": "drive.area", "keel": "every boat has one"}
+    name: str = declared("Anna", "Name.")
+    hull: str = declared("wood", "Hull.", choices=("wood",))
+    drive: Drive = group(Drive)
+    devices: tuple[str, ...] = declared(("plotter",), "Devices.", choices=DEVICES)
+    of_devices: dict[str, Any] = chosen(
+        "devices", lambda names: {name: DEVICES[name] for name in names}
+    )
+    of_antenna: dict[str, Any] = chosen(
+        "devices", lambda names: {"antenna": Antenna} if {"radio", "spare"} & set(names) else {}
+    )
+    ropes: tuple[str, ...] = declared((), "Ropes.", choices=("bow", "stern", "spring"))
+
+
+ALWAYS = ["name", "drive.kind", "devices", "ropes"]
+OF_DRIVES = {
+    "sail": ["drive.area", "drive.draft"],
+    "diesel": ["drive.liters", "drive.draft"],
+    "oars": [],
+}
+KINDS = st.sampled_from(list(DRIVES))
+SOME_DEVICES = st.lists(st.sampled_from(list(DEVICES)), unique=True).map(tuple)
+
+
+def boats():
+    """Any values that go together, some of them left out."""
+
+    def values(choice):
+        kind, devices = choice
+        there = declarations(Boat, {"drive.kind": kind, "devices": devices})
+        possible = {
+            "drive.kind": st.just(kind),
+            "devices": st.just(devices),
+            "name": st.text(),
+            "ropes": st.lists(st.sampled_from(["bow", "stern", "spring"]), unique=True).map(tuple),
+        }
+        for name, declaration in there.items():
+            if declaration.type is float:
+                possible[name] = st.floats(declaration.minimum, declaration.maximum)
+            elif declaration.type is int:
+                possible[name] = st.integers(int(declaration.minimum), int(declaration.maximum))
+        needed = {name: possible.pop(name) for name in ("drive.kind", "devices")}
+        return st.fixed_dictionaries(needed, optional=possible)
+
+    return st.tuples(KINDS, SOME_DEVICES).flatmap(values)
+
+
+@given(KINDS, SOME_DEVICES)
+def test_there_is_what_is_chosen_and_nothing_else(kind, devices):
+    there = declarations(Boat, {"drive.kind": kind, "devices": devices})
+    expected = {*ALWAYS, *OF_DRIVES[kind]}
+    expected |= {f"{name}.channel" for name in devices if name != "plotter"}
+    if set(devices) - {"plotter"}:
+        expected.add("antenna.height")
+    assert set(there) == expected
+    assert all(name == declaration.name for name, declaration in there.items())
+    # A choice among one is none.
+    assert "hull" not in there
+
+
+def test_what_is_not_named_chooses_by_default():
+    assert list(declarations(Boat)) == [
+        "name",
+        "drive.kind",
+        "drive.area",
+        "drive.draft",
+        "devices",
+        "ropes",
+    ]
+
+
+@given(boats())
+def test_flatten_is_the_inverse_of_build_whatever_is_chosen(values):
+    flat = flatten(build(Boat, values))
+    assert flat.keys() == declarations(Boat, values).keys()
+    assert values.items() <= flat.items()
+    assert all(
+        flat[name] == declaration.default
+        for name, declaration in declarations(Boat, values).items()
+        if name not in values
+    )
+    assert build(Boat, flat) == build(Boat, values)
+
+
+@given(boats(), boats())
+def test_what_a_change_leaves_keeps_its_value_and_the_rest_has_its_default(before, changes):
+    before = flatten(build(Boat, before))
+    after = flatten(build(Boat, changed(Boat, before, changes)))
+    known = declarations(Boat, after)
+    for name, declaration in known.items():
+        usual = before.get(name, declaration.default)
+        assert after[name] == changes.get(name, usual)
+
+
+@given(boats(), boats())
+def test_what_does_not_exist_with_a_change_is_refused(before, wrong):
+    before = flatten(build(Boat, before))
+    strange = wrong.keys() - before.keys()
+    assume(strange)
+    changes = {name: wrong[name] for name in strange}
+    with pytest.raises(ParameterError, match="no parameter"):
+        build(Boat, changed(Boat, before, changes))
+
+
+def test_all_declarations_are_those_of_every_choice_and_tell_what_they_need():
+    every = all_declarations(Boat)
+    assert {name: declaration.only_with for name, declaration in every.items()} == {
+        **dict.fromkeys(ALWAYS, ""),
+        "drive.area": "drive.kind 'sail'",
+        "drive.liters": "drive.kind 'diesel'",
+        "drive.draft": "drive.kind 'sail' or 'diesel'",
+        "radio.channel": "devices 'radio'",
+        "spare.channel": "devices 'spare'",
+        "antenna.height": "devices 'radio' or 'spare'",
+    }
+
+
+@given(KINDS, SOME_DEVICES)
+def test_all_declarations_hold_those_of_any_choice(kind, devices):
+    every = all_declarations(Boat)
+    for name, declaration in declarations(Boat, {"drive.kind": kind, "devices": devices}).items():
+        assert dataclasses.replace(every[name], only_with="") == declaration
+
+
+def test_the_choosers_are_always_there():
+    assert list(choosers(Boat)) == ["drive.kind", "devices"]
+    assert choosers(Boat)["devices"] == declarations(Boat)["devices"]
+    assert choosers(Car) == {}
+
+
+WHY_UNKNOWN = {
+    "drive.canvas": "no parameter 'drive.canvas'; use 'drive.area'",
+    "keel": "no parameter 'keel'; every boat has one",
+    "drive.area": "no parameter 'drive.area' here; it needs drive.kind 'sail'",
+    "antenna.height": "no parameter 'antenna.height' here; it needs devices 'radio' or 'spare'",
+    "rudder": "no parameter 'rudder'; there are: name, drive.kind, devices, ropes",
+}
+
+
+@pytest.mark.parametrize("name", WHY_UNKNOWN)
+def test_why_a_name_is_not_there_is_told_with_what_to_do(name):
+    rowed = {"drive.kind": "oars"}
+    assert why_unknown(Boat, name, rowed) == WHY_UNKNOWN[name]
+    with pytest.raises(ParameterError) as refusal:
+        build(Boat, {**rowed, name: 1.0})
+    assert str(refusal.value) == WHY_UNKNOWN[name]
+
+
+@pytest.mark.parametrize(
+    "value", [("anchor",), ("bow", "bow"), "bow", ("bow", 1), (("bow",),), None, 1.0, (None,)]
+)
+def test_a_list_of_strings_holds_what_is_allowed_each_at_most_once(value):
+    with pytest.raises(ParameterError) as refusal:
+        build(Boat, {"ropes": value})
+    allowed = "list of strings, each at most once, 'bow' or 'stern' or 'spring'"
+    assert str(refusal.value) == f"parameter 'ropes' is {value!r}; allowed: {allowed}"
+
+
+def test_a_list_of_strings_keeps_its_order():
+    assert build(Boat, {"ropes": ["stern", "bow"]}).ropes == ("stern", "bow")
+    assert build(Boat, {"ropes": []}).ropes == ()
+
+
+@pytest.mark.parametrize("name", ["drive.kind", "devices"])
+def test_a_wrong_choice_is_refused_with_what_can_be_chosen(name):
+    with pytest.raises(ParameterError, match=f"'{name}' is .*; allowed: .*'(sail|radio)'"):
+        declarations(Boat, {name: "kite"})
+
+
+def test_a_parameter_of_the_tracker_is_the_same_whatever_it_belongs_to():
+    every = all_declarations(TrackerParameters)
+    for chooser in choosers(TrackerParameters).values():
+        for choice in chooser.choices:
+            value = (choice,) if chooser.type == tuple[str, ...] else choice
+            for name, one in declarations(TrackerParameters, {chooser.name: value}).items():
+                assert dataclasses.replace(every[name], only_with="") == one
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_preset_names_only_what_there_is_with_it(preset):
+    assert PRESETS[preset].keys() <= preset_parameters(preset).keys()
+
+
+def test_no_former_name_is_a_name():
+    every = all_declarations(TrackerParameters)
+    former = TrackerParameters.former_names
+    assert not former.keys() & every.keys()
+    for name in former:
+        reason = why_unknown(TrackerParameters, name, {})
+        assert reason.startswith(f"no parameter '{name}'; ")
+        assert len(reason) > len(f"no parameter '{name}'; ")

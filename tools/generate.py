@@ -14,7 +14,7 @@ from typing import Any
 
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
-from pf_tracker_ros.parameters import Declaration, declarations
+from pf_tracker_ros.parameters import Declaration, all_declarations, choosers, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
@@ -22,6 +22,7 @@ _COMMAND = "make generate"
 _LINE_LENGTH = 100
 _INDENT = " " * 4
 _NODE = declarations(NodeParameters)
+_CHOOSERS = choosers(TrackerParameters)
 
 
 def generated_files() -> dict[str, str]:
@@ -32,20 +33,23 @@ def generated_files() -> dict[str, str]:
 
 
 def _preset_file(preset: str) -> str:
-    """A ROS parameter file that sets the preset, and names every other parameter in a comment."""
+    """A ROS parameter file that sets the preset, and names the others there are in comments."""
     values = {name: declaration.default for name, declaration in _NODE.items()}
     values |= preset_parameters(preset)
     lines = [
         f"# Parameters of the tracker node: the preset {preset}. To change a value, copy the file,",
         "# take away the # in front of the parameter's name, and use the copy with",
         "#   ros2 run pf_tracker_ros tracker --ros-args --params-file FILE",
+        "# Another choice of parts has other parameters: see docs/parameters.md.",
         f"# (Written by `{_COMMAND}`.)",
         "/**:",
         "  ros__parameters:",
     ]
-    for name, declaration in (_NODE | declarations(TrackerParameters)).items():
+    for name, declaration in (_NODE | declarations(TrackerParameters, values)).items():
         fixed = "fixed while the node runs" if name in _NODE else "a change learns the target again"
         comment = f"{declaration.description} {_allowed(declaration, fixed)}."
+        if name in _CHOOSERS:
+            comment += " Decides which other parameters there are."
         lines += textwrap.wrap(
             comment,
             _LINE_LENGTH,
@@ -77,11 +81,33 @@ def _parameter_tables() -> str:
         "each preset, of which `default` applies if none is chosen. All change at run time in the "
         "node; those marked *learns again* make it learn the target again where it was last seen, "
         "and are fixed in the library while there is a target.",
-        _table(declarations(TrackerParameters), presets, read_only="learns again"),
+        f"{_listed(_CHOOSERS)} choose what the tracker is made of. A parameter of a part is there "
+        "only with what the column *only with* names, and `-` stands where a preset has chosen "
+        "something else. A choice at run time takes the parameters of what was chosen before away "
+        "and brings those of what is, with the values that the preset in force has for them, or "
+        "else those of the column *otherwise*; one request may choose and set what that brings.",
+        _table(_in_groups(all_declarations(TrackerParameters)), presets, "learns again"),
         "## The replay publisher `replay`",
         _table(declarations(ReplayParameters)),
     ]
     return "\n\n".join(sections) + "\n"
+
+
+def _listed(names: Iterable[str]) -> str:
+    *others, last = (f"`{name}`" for name in names)
+    return f"{', '.join(others)} and {last}"
+
+
+def _in_groups(known: Mapping[str, Declaration]) -> dict[str, Declaration]:
+    """What is always there first, then what belongs to the same choices side by side."""
+    conditions = list(dict.fromkeys(one.only_with for one in known.values()))
+    parts = ["", *_CHOOSERS]
+
+    def place(declaration: Declaration) -> tuple[int, int]:
+        condition = declaration.only_with
+        return parts.index(condition.partition(" ")[0]), conditions.index(condition)
+
+    return {one.name: one for one in sorted(known.values(), key=place)}
 
 
 def _table(
@@ -92,24 +118,29 @@ def _table(
     columns = presets or {
         "default": {name: declaration.default for name, declaration in known.items()}
     }
-    titles = ["name", "type", *(f"`{column}`" if presets else column for column in columns)]
+    titles = ["name", "type", *columns]
+    if presets:
+        titles = ["name", "only with", "type", *(f"`{column}`" for column in columns), "otherwise"]
     rows = [[*titles, "allowed", "unit", "at run time", "description"]]
     rows.append(["---"] * len(rows[0]))
     for name, declaration in known.items():
-        values = [f"`{_yaml(column[name])}`" for column in columns.values()]
+        cells = [
+            f"`{name}`",
+            declaration.type_name,
+            *(_cell(name, one) for one in columns.values()),
+        ]
+        if presets:
+            cells.insert(1, declaration.only_with)
+            cells.append(f"`{_yaml(declaration.default)}`" if declaration.only_with else "")
         at_run_time = read_only if declaration.read_only else "yes"
         rows.append(
-            [
-                f"`{name}`",
-                declaration.type_name,
-                *values,
-                declaration.allowed,
-                declaration.unit,
-                at_run_time,
-                declaration.description,
-            ]
+            [*cells, declaration.allowed, declaration.unit, at_run_time, declaration.description]
         )
     return "\n".join(_row(row) for row in rows)
+
+
+def _cell(name: str, values: Mapping[str, Any]) -> str:
+    return f"`{_yaml(values[name])}`" if name in values else "-"
 
 
 def _row(cells: Iterable[str]) -> str:

@@ -32,7 +32,15 @@ def power_group(usual: float) -> type:
             maximum=1.0,
         )
 
+        def __reduce__(self) -> tuple[Any, ...]:
+            return _make_power, (usual, self.power)
+
     return Power
+
+
+def _make_power(usual: float, power: float) -> Any:
+    """For pickle, which finds no class that a function has made."""
+    return power_group(usual)(power)
 
 
 def declared_keep(default: float, symbol: str = "") -> float:

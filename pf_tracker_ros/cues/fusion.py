@@ -110,11 +110,13 @@ class CueFusion:
             power 0 is left out, so that it costs nothing.
 
     Raises:
-        ParameterError: No power is above 0.
+        ParameterError: There is no cue, or no power is above 0.
     """
 
     def __init__(self, cues: Mapping[str, tuple[Cue, float]]) -> None:
         used = {name: entry for name, entry in cues.items() if entry[1] > 0.0}
+        if not cues:
+            raise ParameterError("parameter 'cues' is empty; name at least one cue")
         if not used:
             names = ", ".join(f"'{name}.power'" for name in cues)
             raise ParameterError(f"all cues are off; at least one of {names} must be above 0")
@@ -229,9 +231,11 @@ class CueFusion:
     def update(self, templates: Templates, seen: Templates) -> Templates:
         """The templates moved towards what was observed at a trusted estimate.
 
+        Those of cues of power 0 stay as they are.
+
         Source: Li et al. 2007, equations (9) and (10).
         """
-        return {
+        return dict(templates) | {
             name: cue.blend(templates[name], seen[name])
             if name in templates
             else cue.adopt(seen[name])

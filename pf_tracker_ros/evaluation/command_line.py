@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from pf_tracker_ros.evaluation.results import EvaluationError
-from pf_tracker_ros.parameters import Declaration, declarations
+from pf_tracker_ros.parameters import Declaration, all_declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS
 
@@ -35,8 +35,8 @@ exit codes:
 def parse_parameters(assignments: Sequence[str], option: str = "--parameter") -> dict[str, Any]:
     """Values of parameters from texts `NAME=VALUE`, read by the type that is declared.
 
-    A list is written with commas, with or without square brackets. Whether a name exists and a
-    value is allowed is for the tracker to judge, which names what would be.
+    A list is written with commas, with or without square brackets. Whether a name exists beside
+    the others and a value is allowed is for the tracker to judge, which names what would be.
 
     Args:
         assignments: The texts.
@@ -48,7 +48,7 @@ def parse_parameters(assignments: Sequence[str], option: str = "--parameter") ->
     Raises:
         EvaluationError: A text has no `=`, or a name is given twice.
     """
-    known = declarations(TrackerParameters)
+    known = all_declarations(TrackerParameters)
     values: dict[str, Any] = {}
     for assignment in assignments:
         name, equals, text = (part.strip() for part in assignment.partition("="))
@@ -68,9 +68,17 @@ def _parse_value(declaration: Declaration, text: str) -> Any:
     try:
         if declaration.type in (int, float):
             return declaration.type(text)
-        return tuple(float(part) for part in text.removeprefix("[").removesuffix("]").split(","))
+        element = float if declaration.type == tuple[float, ...] else _unquoted
+        parts = text.removeprefix("[").removesuffix("]").strip()
+        return tuple(element(part.strip()) for part in parts.split(",")) if parts else ()
     except ValueError:
         return text
+
+
+def _unquoted(text: str) -> str:
+    """A string as it is, or as YAML has it in a list."""
+    is_quoted = len(text) > 1 and text[0] == text[-1] and text[0] in "\"'"
+    return text[1:-1] if is_quoted else text
 
 
 class _Parser(argparse.ArgumentParser):

@@ -12,8 +12,8 @@ from pf_tracker_ros.filter.foresight import SMALLEST_SPREAD, KalmanForesight, Li
 from pf_tracker_ros.filter.gaussian import Gaussian
 from pf_tracker_ros.filter.limits import (
     MODEL_STEP,
-    limited_centers,
-    limited_sizes,
+    limit_centers,
+    limit_sizes,
     model_steps,
 )
 from pf_tracker_ros.filter.motion import (
@@ -135,8 +135,8 @@ class SecondOrderAutoregressive:
         boxes = states.reshape(-1, 4)
         return np.hstack(
             [
-                limited_centers(boxes[:, :2], image_size),
-                limited_sizes(boxes[:, 2:], self._reference[2:], image_size),
+                limit_centers(boxes[:, :2], image_size),
+                limit_sizes(boxes[:, 2:], self._reference[2:], image_size),
             ]
         ).reshape(-1, 8)
 

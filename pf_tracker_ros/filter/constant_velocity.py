@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.filter.foresight import SMALLEST_SPREAD
-from pf_tracker_ros.filter.limits import limited_centers, limited_sizes
+from pf_tracker_ros.filter.limits import limit_centers, limit_sizes
 from pf_tracker_ros.filter.motion import (
     MOTION_MODELS,
     PRIOR_POSITION,
@@ -92,7 +92,7 @@ class ConstantVelocity:
     ) -> NDArray[np.float64]:
         """See `MotionModel.constrain`."""
         constrained = states.copy()
-        constrained[:, :2] = limited_centers(states[:, :2], image_size)
+        constrained[:, :2] = limit_centers(states[:, :2], image_size)
         return constrained
 
     def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -146,9 +146,9 @@ class ConstantVelocityAndSize(ConstantVelocity):
     def constrain(
         self, states: NDArray[np.float64], image_size: tuple[int, int]
     ) -> NDArray[np.float64]:
-        """See `MotionModel.constrain`; sides as `limited_sizes` allows."""
+        """See `MotionModel.constrain`; sides as `limit_sizes` allows."""
         constrained = super().constrain(states, image_size)
-        constrained[:, 4:6] = limited_sizes(states[:, 4:6], self._size, image_size)
+        constrained[:, 4:6] = limit_sizes(states[:, 4:6], self._size, image_size)
         return constrained
 
     def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:

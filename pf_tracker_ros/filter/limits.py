@@ -20,14 +20,12 @@ def model_steps(interval: float) -> float:
     return min(interval / MODEL_STEP, _MOST_STEPS)
 
 
-def limited_centers(
-    centers: NDArray[np.float64], image_size: tuple[int, int]
-) -> NDArray[np.float64]:
+def limit_centers(centers: NDArray[np.float64], image_size: tuple[int, int]) -> NDArray[np.float64]:
     """(N, 2) centers moved into an image of (width, height)."""
     return np.minimum(np.maximum(centers, 0.0), image_size)
 
 
-def limited_sizes(
+def limit_sizes(
     sizes: NDArray[np.float64], first_size: ArrayLike, image_size: tuple[int, int]
 ) -> NDArray[np.float64]:
     """(N, 2) sizes brought between `SMALLEST_SIDE` and the image's.

@@ -57,10 +57,11 @@ class Proposed(NamedTuple):
     log_ratio: NDArray[np.float64]
 
 
-def _declared_share(drawn: str) -> float:
+def _declared_share() -> float:
+    """The parameter of methods that draw a share of the particles."""
     share: float = declared(
         0.5,
-        f"Share of the particles drawn {drawn}, the rest from the transition prior.",
+        "Share of the particles drawn by the method, the rest from the transition prior.",
         minimum=0.01,
         maximum=LARGEST_SHARE,
     )
@@ -71,14 +72,14 @@ def _declared_share(drawn: str) -> float:
 class KalmanProposalParameters:
     """Particles drawn around a Kalman filter's prediction."""
 
-    share: float = _declared_share("around a Kalman filter's prediction")
+    share: float = _declared_share()
 
 
 @dataclass(frozen=True)
 class SearchProposalParameters:
     """Particles drawn where the cues that can search find the target likely."""
 
-    share: float = _declared_share("where the cues that can search find the target likely")
+    share: float = _declared_share()
     window: float = declared(
         3.6,
         "Side of the square around the prediction that is searched.",

@@ -11,31 +11,39 @@ from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from pf_tracker_ros.node.parameter_binding import ParameterBinding
 
-def take_whole_requests(node: Node, first: str) -> None:
+
+def take_whole_requests(node: Node, binding: ParameterBinding) -> None:
     """Let the service `set_parameters` take a request as a whole, where that is allowed.
 
     rclpy sets the parameters of a request one by one in their order, so values that are right
     together could be refused on the way there, and one that brings others with it would undo those
-    that stand before it. Where a request cannot be taken as a whole, rclpy's way remains, with one
-    parameter before all others.
+    that stand before it, or come after those that it brings. What cannot be is refused alone.
+    Where the rest cannot be taken as a whole, rclpy's way remains, with those that decide on
+    others before them.
 
     A read-only parameter that is given the value that it has is no reason to refuse: what
     `ros2 param dump` wrote can be loaded again.
 
     Args:
         node: Offers the service.
-        first: Name of the parameter that comes first.
+        binding: Of the node's parameters.
     """
     service = next(one for one in node.services if one.srv_name.endswith("/set_parameters"))
     one_by_one: Any = service.callback
 
     def on_request(request: Any, response: Any) -> Any:
         given = list(request.parameters)
-        changes = [index for index, one in enumerate(given) if not _is_settled(node, one)]
         results = [SetParametersResult(successful=True) for _ in given]
+        changes = [index for index, one in enumerate(given) if not _is_settled(node, one)]
+        faults = binding.faults([Parameter.from_parameter_msg(given[index]) for index in changes])
+        for index in changes:
+            if reason := faults.get(given[index].name):
+                results[index] = SetParametersResult(successful=False, reason=reason)
+        changes = [index for index in changes if given[index].name not in faults]
         if len(changes) < 2 or not _set_as_a_whole(node, [given[index] for index in changes]):
-            order = sorted(changes, key=lambda index: given[index].name != first)
+            order = sorted(changes, key=lambda index: binding.precedence(given[index].name))
             request.parameters = [given[index] for index in order]
             for index, result in zip(order, one_by_one(request, response).results, strict=True):
                 results[index] = result

@@ -52,7 +52,7 @@ class Estimate:
         state: "tracking" while the measurements support the box; "occluded" while they do not;
             "lost" when that has lasted too long.
         confidence: 0 (nothing at the box looks like the target) to 1 (exactly the template), as
-            `TrackParameters.confidence` lets it rise.
+            `track.confidence_rate` lets it rise.
         covariance: (2, 2), px^2: covariance of the box's center under the weighted particles; after
             a search, of where the target is about that center, given the confidence.
         particles: (N, D) particle states, columns as named by the motion model.

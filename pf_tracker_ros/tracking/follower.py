@@ -25,9 +25,9 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.confidence import Confidence
 from pf_tracker_ros.tracking.estimate import Estimate, FrozenPowers
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
-from pf_tracker_ros.tracking.judgement import Judgement
+from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.measurement import Measurement, Measurer, SearchingMeasurer
-from pf_tracker_ros.tracking.parameter_checks import check_proposal
+from pf_tracker_ros.tracking.parameter_checks import check_cues, check_proposal
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.prediction import KalmanPredictor, Prediction, Predictor
 from pf_tracker_ros.tracking.redetection import Redetector
@@ -61,6 +61,7 @@ class Follower:
 
     def __init__(self, parameters: TrackerParameters) -> None:
         self.parameters = parameters
+        check_cues(parameters)
         powers = {name: of_cue.power for name, of_cue in parameters.of_powers.items()}
         self._fusion = CueFusion(
             {
@@ -108,7 +109,7 @@ class Follower:
         particles = self._spread(motion, frame, draw)
         box = np.array(first_box)
         templates, distraction = self._measurer.learn(frame, box)
-        judged = Judgement(box, 1.0, Track(), particles, motion.boxes(particles.states))
+        judged = Judgment(box, 1.0, Track(), particles, motion.boxes(particles.states))
         return Target(
             first_box=first_box,
             motion=motion,
@@ -127,12 +128,23 @@ class Follower:
         )
 
     def reconfigure(self, target: Target) -> Target:
-        """A target that was followed with other parameters, to be followed with these."""
+        """A target that was followed with other parameters, to be followed with these.
+
+        A cue that is left out forgets the target: added again, it may look at other things.
+        """
         motion = self._motion(target.first_box)
         foresight = self._foresight(motion)
         if foresight and target.foresight:
             foresight = replace(foresight, belief=target.foresight.belief)
-        return replace(target, motion=motion, foresight=foresight)
+        # A cue that is chosen again later may have other parameters, which a template depends on.
+        known = self.parameters.of_cues
+        return replace(
+            target,
+            motion=motion,
+            foresight=foresight,
+            templates={name: one for name, one in target.templates.items() if name in known},
+            distraction={name: one for name, one in target.distraction.items() if name in known},
+        )
 
     def follow(self, target: Target, frame: Frame, interval: float) -> Target:
         """The target one frame later.
@@ -154,12 +166,12 @@ class Follower:
 
     def _judge(
         self, target: Target, measured: Measurement, interval: float, draw: np.random.Generator
-    ) -> Judgement:
+    ) -> Judgment:
         """Whether the target is seen; if not, what is told of it, or where it is found again."""
         similarity, thresholds = measured.match.similarity, self.parameters.track
         confidence = self._confidence.update(target.estimate.confidence, measured.match)
         track = target.track.advance(confidence, similarity, interval, thresholds)
-        judged = Judgement(measured.box, confidence, track, measured.particles, measured.boxes)
+        judged = Judgment(measured.box, confidence, track, measured.particles, measured.boxes)
         if track.state == "tracking":
             return judged
         judged = self._while_hidden.judge(target, measured, judged)
@@ -182,7 +194,7 @@ class Follower:
         )
 
     def _learn(
-        self, target: Target, prediction: Prediction, measured: Measurement, judged: Judgement
+        self, target: Target, prediction: Prediction, measured: Measurement, judged: Judgment
     ) -> _Learned:
         """Templates and Kalman filter, moved to what was seen if that is to be trusted.
 
@@ -203,7 +215,7 @@ class Follower:
         self,
         target: Target,
         measured: Measurement,
-        judged: Judgement,
+        judged: Judgment,
         learned: _Learned,
         draw: np.random.Generator,
     ) -> Target:
@@ -251,7 +263,7 @@ class Follower:
 
 
 def _estimate(
-    judged: Judgement, frame: Frame, powers: Powers, covariance: NDArray[np.float64]
+    judged: Judgment, frame: Frame, powers: Powers, covariance: NDArray[np.float64]
 ) -> Estimate:
     judged.boxes.setflags(write=False)
     covariance.setflags(write=False)

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from pf_tracker_ros.filter import KalmanForesight, ParticleSet
 from pf_tracker_ros.registry import Registry
-from pf_tracker_ros.tracking.judgement import Judgement
+from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.measurement import Measurement
 from pf_tracker_ros.tracking.target import Target
 
@@ -15,7 +15,7 @@ from pf_tracker_ros.tracking.target import Target
 class WhileHidden(Protocol):
     """How a target that is not seen is told, and from where it is followed on."""
 
-    def judge(self, target: Target, measured: Measurement, judged: Judgement) -> Judgement:
+    def judge(self, target: Target, measured: Measurement, judged: Judgment) -> Judgment:
         """What is told in a frame in which the target is hidden.
 
         Args:
@@ -27,7 +27,7 @@ class WhileHidden(Protocol):
     def go_on(
         self,
         target: Target,
-        judged: Judgement,
+        judged: Judgment,
         particles: ParticleSet,
         foresight: KalmanForesight | None,
     ) -> tuple[ParticleSet, KalmanForesight | None]:
@@ -53,7 +53,7 @@ class Coast:
     the cloud and its cost would grow without end.
     """
 
-    def judge(self, target: Target, measured: Measurement, judged: Judgement) -> Judgement:
+    def judge(self, target: Target, measured: Measurement, judged: Judgment) -> Judgment:
         """See `WhileHidden.judge`."""
         box = target.motion.boxes(measured.predicted.mean[None])[0]
         return replace(judged, box=box, particles=measured.predicted, learns=False)
@@ -61,7 +61,7 @@ class Coast:
     def go_on(
         self,
         target: Target,
-        judged: Judgement,
+        judged: Judgment,
         particles: ParticleSet,
         foresight: KalmanForesight | None,
     ) -> tuple[ParticleSet, KalmanForesight | None]:
@@ -78,14 +78,14 @@ class FollowLikeliest:
     That finds the target sooner where it comes back nearby.
     """
 
-    def judge(self, target: Target, measured: Measurement, judged: Judgement) -> Judgement:
+    def judge(self, target: Target, measured: Measurement, judged: Judgment) -> Judgment:
         """See `WhileHidden.judge`."""
         return judged
 
     def go_on(
         self,
         target: Target,
-        judged: Judgement,
+        judged: Judgment,
         particles: ParticleSet,
         foresight: KalmanForesight | None,
     ) -> tuple[ParticleSet, KalmanForesight | None]:

@@ -23,7 +23,7 @@ from pf_tracker_ros.cues.fusion import (
 )
 from pf_tracker_ros.filter import ParticleSet, SearchableMotion, SearchProposalParameters
 from pf_tracker_ros.frames import Frame, Region
-from pf_tracker_ros.tracking.judgement import Judgement
+from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.prediction import Prediction
 from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
 from pf_tracker_ros.tracking.target import Target
@@ -99,7 +99,7 @@ class Measurer:
         return Measurement(frame, predicted, weighed, boxes, box, powers, seen, match, {})
 
     def covariance(
-        self, target: Target, measured: Measurement, judged: Judgement, hidden_for: float
+        self, target: Target, measured: Measurement, judged: Judgment, hidden_for: float
     ) -> NDArray[np.float64]:
         """(2, 2) covariance of the target's center, px^2.
 
@@ -195,7 +195,7 @@ class SearchingMeasurer(Measurer):
         )
 
     def covariance(
-        self, target: Target, measured: Measurement, judged: Judgement, hidden_for: float
+        self, target: Target, measured: Measurement, judged: Judgment, hidden_for: float
     ) -> NDArray[np.float64]:
         """See `Measurer.covariance`: about the box, anywhere else with what confidence lacks."""
         if measured.search is None:

@@ -11,6 +11,18 @@ from pf_tracker_ros.tracking.parameters import TrackerParameters
 _NEEDED = {"kalman": "foresight", "search": "center_prior"}
 
 
+def check_cues(parameters: TrackerParameters) -> None:
+    """Refuse to compare boxes by nothing.
+
+    Raises:
+        ParameterError: Says what to choose.
+    """
+    if not parameters.cues:
+        raise ParameterError(
+            f"parameter 'cues' is empty; allowed: at least one of {', '.join(CUES)}"
+        )
+
+
 def check_proposal(parameters: TrackerParameters, fusion: CueFusion) -> None:
     """Refuse proposals that the motion model or the cues can't make.
 
@@ -29,6 +41,6 @@ def check_proposal(parameters: TrackerParameters, fusion: CueFusion) -> None:
             f"'{name}'" for name, cue in CUES.items() if hasattr(cue, "strength")
         )
         raise ParameterError(
-            "parameter 'proposal.method' is 'search', but no cue in 'cues' can search; allowed: "
-            f"'transition' or 'kalman', or {searchable} in 'cues'"
+            "parameter 'proposal.method' is 'search', but no cue in 'cues' with a power above 0 "
+            f"can search; allowed: 'transition' or 'kalman', or {searchable} in 'cues'"
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from pf_tracker_ros.parameters import ParameterError, build, flatten
+from pf_tracker_ros.parameters import ParameterError, build, declarations, flatten
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 _OUTLINE_SHARPNESS = 300.0
@@ -104,7 +104,9 @@ class PresetInForce:
 
     Attributes:
         name: A key of `PRESETS`.
-        changes: Full parameter name to (value in force, value of the preset), where they differ.
+        changes: Full parameter name to (value in force, value of the preset), where they differ. A
+            parameter that there is not with the preset differs from its declared default; one that
+            there is with the preset alone has no value that could differ.
     """
 
     name: str
@@ -119,9 +121,13 @@ class PresetInForce:
         """
         name = values["preset"]
         preset = preset_parameters(name)
+        usual = {
+            parameter: preset.get(parameter, declaration.default)
+            for parameter, declaration in declarations(TrackerParameters, values).items()
+        }
         changes = {
             parameter: (values[parameter], value)
-            for parameter, value in preset.items()
+            for parameter, value in usual.items()
             if values[parameter] != value
         }
         return cls(name, changes)
@@ -140,6 +146,11 @@ class PresetInForce:
         if not self.changes:
             return self.name
         changes = ", ".join(
-            f"{name} {value} instead of {usual}" for name, (value, usual) in self.changes.items()
+            f"{name} {_written(value)} instead of {_written(usual)}"
+            for name, (value, usual) in self.changes.items()
         )
         return f"{self.summary}: {changes}"
+
+
+def _written(value: Any) -> str:
+    return f"[{', '.join(map(str, value))}]" if isinstance(value, tuple) else str(value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -30,6 +31,9 @@ class Scene:
     numbers of its own, so none depends on whether there are others; but where the background model
     begins anew, it is told where all of them are.
 
+    A scene can be copied and pickled, with its targets but without its last image: the copy goes on
+    with the same bits and on its own, `copy.copy` as deep as `copy.deepcopy`.
+
     Args:
         follower: Follows the targets.
         seed: Seeds all randomness.
@@ -53,17 +57,19 @@ class Scene:
         """Take a new target.
 
         Args:
-            image: The one that was given last, or another, which is then the scene's next; checked.
+            image: The one that was given last, unchanged since, or another, which is then the
+                scene's next; checked.
             box: Of the target; checked.
 
         Returns:
             Its id, from 1 on, never used again.
         """
         frame = self._frame
+        boxes = [*self._boxes, box]
         if frame is None or frame.image is not image:
-            frame = self._open(image, 0.0, [box])
+            frame = self._open(image, 0.0, boxes)
         elif self._follower.needs_foreground and self._background is None:
-            self._observe_background(frame, [box])
+            self._observe_background(frame, boxes)
         number = self._next_id
         target = self._follower.begin(frame, box, self._randomness(number))
         self._targets[number] = target
@@ -86,8 +92,7 @@ class Scene:
             image: Of the size and kind of the last one; checked.
             interval: Seconds since that one.
         """
-        boxes = [target.estimate.box for target in self._targets.values()]
-        frame = self._open(image, interval, boxes)
+        frame = self._open(image, interval, self._boxes)
         self._targets = {
             number: self._follower.follow(target, frame, interval)
             for number, target in self._targets.items()
@@ -106,6 +111,14 @@ class Scene:
     def __getstate__(self) -> dict[str, Any]:
         # A copy goes on with its next frame; that of the past would only make it large.
         return self.__dict__ | {"_frame": None}
+
+    def __copy__(self) -> Scene:
+        return copy.deepcopy(self)
+
+    @property
+    def _boxes(self) -> list[Box]:
+        """Where the targets are, as the last frame left them."""
+        return [target.estimate.box for target in self._targets.values()]
 
     def _open(self, image: NDArray[np.generic], interval: float, boxes: Sequence[Box]) -> Frame:
         """The next frame; boxes tell where targets are."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.parameters import build, declarations
+from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.frame_history import FrameHistory
@@ -135,8 +135,8 @@ class Session:
     def configure(self, parameters: Mapping[str, Any], seed: int) -> None:
         """Change parameters, all or none, keeping the target; the seed counts from the next one.
 
-        A parameter that the library fixes while there is a target, such as the motion model, takes
-        a tracker of its own: it learns the target again from where it was last seen.
+        A change that the library forbids while there is a target, such as that of the motion model,
+        takes a tracker of its own: it learns the target again from where it was last seen.
 
         Raises:
             ValueError: A parameter is not allowed, they contradict each other, or the target
@@ -153,13 +153,7 @@ class Session:
     def _reconfigured(self, parameters: Mapping[str, Any], seed: int) -> Tracker:
         """A tracker with these parameters; it has the target if that must be learned again."""
         tracker = Tracker(build(TrackerParameters, parameters), seed)
-        before, after = self._tracker.parameters, tracker.parameters
-        is_fixed = {
-            name: declaration.read_only
-            for name, declaration in declarations(TrackerParameters, after).items()
-            if name in before and after[name] != before[name]
-        }
-        if self._sighting and self._tracker.started and any(is_fixed.values()):
+        if self._sighting and self._tracker.forbid(tracker.parameters):
             image = self._sighting.frame.image
             tracker.start(image, _within(self._sighting.box, image))
         return tracker

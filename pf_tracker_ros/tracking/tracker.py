@@ -16,6 +16,7 @@ from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_i
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 from pf_tracker_ros.tracking.scene import Scene
+from pf_tracker_ros.tracking.target import Target
 
 # Seconds from one frame to the next where nobody tells.
 NOMINAL_INTERVAL = 0.04
@@ -73,7 +74,7 @@ class Tracker:
     @property
     def estimate(self) -> Estimate | None:
         """The last estimate, None before `start`."""
-        return self._tracked.estimate if self._tracked else None
+        return self._tracked.target.estimate if self._tracked else None
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -87,23 +88,41 @@ class Tracker:
             values: Full parameter name to value.
 
         Raises:
-            ParameterError: A name or value is not allowed, values contradict each other, or a
-                read-only parameter would change while there is a target.
+            ParameterError: A name or value is not allowed, values contradict each other, or
+                `forbid` tells why the target could not be kept.
         """
-        before = self.parameters
-        parameters = build(TrackerParameters, changed(TrackerParameters, before, values))
-        if self._tracked:
-            known = declarations(TrackerParameters, before)
-            for name, value in flatten(parameters).items():
-                if name in known and known[name].read_only and value != before[name]:
-                    raise ParameterError(
-                        f"parameter '{name}' can't change while a target is tracked; stop first"
-                    )
+        values = changed(TrackerParameters, self.parameters, values)
+        parameters = build(TrackerParameters, values)
         with _usual_arithmetic():
             follower = Follower(parameters)
+            if reason := self.forbid(flatten(parameters)):
+                raise ParameterError(reason)
             if self._tracked:
                 self._tracked.scene.reconfigure(follower)
         self._follower = follower
+
+    def forbid(self, values: Mapping[str, Any]) -> str:
+        """Why the target could not be kept with other parameters; empty where it could.
+
+        Args:
+            values: Full name to value of every parameter.
+        """
+        if self._tracked is None:
+            return ""
+        before = self.parameters
+        for name, declaration in declarations(TrackerParameters, before).items():
+            if declaration.read_only and name in values and values[name] != before[name]:
+                return f"parameter '{name}' can't change while a target is tracked; stop first"
+        # Without any that knows the target, all there is would be taken for it.
+        known = self._tracked.target.templates
+        if not any(
+            name in known and values.get(f"{name}.power", 1.0) > 0.0 for name in values["cues"]
+        ):
+            return (
+                "no cue in 'cues' has learned the target that is tracked; keep one that has until "
+                "the others have, or stop first"
+            )
+        return ""
 
     def empty(self, seed: int) -> Tracker:
         """A tracker with the same parameters and no target; what both only read is shared.
@@ -135,7 +154,7 @@ class Tracker:
         with _usual_arithmetic():
             scene = Scene(self._follower, self._seed)
             self._tracked = _Tracked(scene, scene.start(image, first_box), image.shape, image.dtype)
-        return self._tracked.estimate
+        return self._tracked.target.estimate
 
     def stop(self) -> None:
         """Forget the target."""
@@ -167,7 +186,7 @@ class Tracker:
         interval = NOMINAL_INTERVAL if dt is None else check_interval(dt)
         with _usual_arithmetic():
             tracked.scene.update(image, interval)
-        return tracked.estimate
+        return tracked.target.estimate
 
 
 class _Tracked(NamedTuple):
@@ -186,8 +205,8 @@ class _Tracked(NamedTuple):
     image_type: np.dtype[Any]
 
     @property
-    def estimate(self) -> Estimate:
-        return self.scene.targets[self.number].estimate
+    def target(self) -> Target:
+        return self.scene.targets[self.number]
 
 
 def _usual_arithmetic() -> np.errstate:

@@ -7,9 +7,10 @@ import pytest
 from pf_tracker_ros.background import BackgroundModel, BackgroundParameters
 
 
-def model_of(image, seed=0, **parameters):
-    parameters = {"reduction": 1} | parameters
-    return BackgroundModel(image, BackgroundParameters(**parameters), np.random.default_rng(seed))
+def model_of(image, seed=0, moving_camera=False, holes=(), **options):
+    parameters = BackgroundParameters(moving_camera=moving_camera)
+    options = {"reduction": 1} | options
+    return BackgroundModel(image, parameters, np.random.default_rng(seed), holes, **options)
 
 
 def noise(shape, seed, low=0, high=256):
@@ -198,11 +199,60 @@ def test_what_the_first_frame_s_target_hid_leaves_no_ghost():
     empty = np.full((60, 60), 90, np.uint8)
     first = empty.copy()
     first[20:40, 25:35] = 200
-    parameters = BackgroundParameters(reduction=2)
-    generator = np.random.default_rng(0)
-    model = BackgroundModel(first, parameters, generator, hole=(25.0, 20.0, 10.0, 20.0))
+    model = model_of(first, reduction=2, holes=[(25.0, 20.0, 10.0, 20.0)])
     assert not model.update(empty).any()
     assert model.update(first)[10:20, 13:17].all()
+
+
+def test_none_of_several_targets_leaves_a_ghost():
+    """Wherever they are: in part outside, beside each other, over each other."""
+    empty = np.full((60, 60), 90, np.uint8)
+    first = empty.copy()
+    holes = [(-6.0, 4.0, 16.0, 9.0), (30.0, 20.0, 8.0, 20.0), (34.0, 30.0, 12.0, 12.0)]
+    holes += [(52.5, 50.5, 20.0, 30.0)]
+    for x, y, width, height in np.array(holes, int):
+        first[max(y, 0) : y + height, max(x, 0) : x + width] = 200
+    assert model_of(first).update(empty).any()
+    model = model_of(first, holes=holes)
+    assert not model.update(empty).any()
+    np.testing.assert_array_equal(model.update(first) == 255, first == 200)
+
+
+def test_a_model_that_begins_anew_leaves_no_ghost_of_several_targets_either():
+    model = model_of(np.full((40, 40), 90, np.uint8), update_every=3)
+    bright = np.full((40, 40), 200, np.uint8)
+    bright[4:10, 6:12] = bright[20:30, 25:35] = 120
+    holes = [(6.0, 4.0, 6.0, 6.0), (25.0, 20.0, 10.0, 10.0)]
+    for _ in range(3):
+        model.update(bright, holes)
+    np.testing.assert_array_equal(model.update(bright) == 255, bright == 120)
+
+
+def test_a_model_without_colors_is_one_of_the_gray_image():
+    frames = [noise((40, 50, 3), seed, high=120) for seed in range(4)]
+    gray = [cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY) for frame in frames]
+    one, other = model_of(frames[0], color=False), model_of(gray[0])
+    for frame, of_gray in zip(frames[1:], gray[1:], strict=True):
+        np.testing.assert_array_equal(one.update(frame), other.update(of_gray))
+    assert one.samples.shape == (20, 1, 40, 50)
+    np.testing.assert_array_equal(one.samples, other.samples)
+
+
+def test_what_is_chosen_unless_asked_otherwise():
+    """20 samples in colors of a half-size image, which match within 20 gray levels."""
+    image = np.full((40, 40, 3), 100, np.uint8)
+    parameters = BackgroundParameters()
+    model = BackgroundModel(image, parameters, np.random.default_rng(0))
+    assert not parameters.moving_camera
+    assert model.reduction == 2
+    assert model.samples.shape == (20, 3, 20, 20)
+    assert not model.update(image + np.uint8(20)).any()
+    assert model.update(image + np.uint8(41)).all()
+    states = []
+    for _ in range(15):
+        model.update(image)
+        states.append(model.state.name)
+    assert states == ["learning"] * 13 + ["ready"] * 2
 
 
 def test_it_learns_for_as_many_frames_as_a_sample_takes_to_be_renewed():
@@ -220,7 +270,7 @@ def test_where_most_of_the_image_stays_changed_it_begins_anew_without_the_target
     bright = np.full((40, 40), 200, np.uint8)
     bright[10:20, 10:20] = 120
     for _ in range(5):
-        assert model.update(bright, hole=(10.0, 10.0, 10.0, 10.0)).mean() > 250
+        assert model.update(bright, holes=[(10.0, 10.0, 10.0, 10.0)]).mean() > 250
         assert str(model.state).startswith("off: most of the image has changed")
     mask = model.update(bright)
     assert model.state.name == "learning"

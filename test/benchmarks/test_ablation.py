@@ -18,7 +18,8 @@ def ablation(benchmark):
     ("preset", "cues"),
     [
         ("li2007", ["color_histogram", "gradient_orientation"]),
-        ("zhang_bo", ["color_histogram", "gradient_orientation", "moving_foreground"]),
+        ("default", ["color_contrast", "correlation_response"]),
+        ("zhang_bo", ["foreground_color_histogram", "gradient_orientation", "foreground"]),
         ("zhang2015", []),
     ],
 )
@@ -51,6 +52,13 @@ def test_further_variants_and_numbers_of_particles_follow_the_cues(ablation):
         ),
         ("N = 30", {"particles": 30}),
     ]
+
+
+def test_a_variant_may_choose_other_parts_and_set_what_they_bring(ablation):
+    off = "cues=hog,color_histogram hog.keep=0.5"
+    variant = ablation.variants("li2007", (), [off])[-1]
+    assert variant.parameters == {"cues": ("hog", "color_histogram"), "hog.keep": 0.5}
+    assert variant.name == off
 
 
 def result(name, true_frames):
@@ -178,7 +186,8 @@ def test_groups_that_do_not_part_the_sequences_are_refused(benchmark, patterns, 
         (["--preset", "nobody"], "no preset 'nobody'; there are: default"),
         (["--off", "nothing"], "--off 'nothing'; allowed: NAME=VALUE"),
         (["--off", " "], "--off ' '; allowed: NAME=VALUE"),
-        (["--off", "template.keep=7"], "template.keep=7: parameter 'template.keep' is 7.0"),
+        (["--off", "color_contrast.keep=7"], "parameter 'color_contrast.keep' is 7.0"),
+        (["--off", "template.keep=0.5"], "template.keep=0.5: no parameter 'template.keep'; each"),
         (["--off", "absent=1"], "absent=1: no parameter 'absent'"),
         (["--off", "particles=9 particles=8"], "--off particles is given more than once"),
         (["--off", "particles=9", "--off", "particles=9"], "is given more than once"),

@@ -4,7 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros.cues import ColorHistogram, ColorHistogramParameters, FrameMaps
+from pf_tracker_ros.cues.color_histogram import (
+    ColorHistogram,
+    ColorHistogramParameters,
+    ForegroundColorHistogram,
+)
+from pf_tracker_ros.frames import Foreground, Frame, Region
 
 RANGES = [0, 256] * 3
 
@@ -13,8 +18,12 @@ RANGES = [0, 256] * 3
 ROUNDING = 1e-3
 
 
-def distances(cue, maps, boxes, template):
-    return np.sqrt(cue.squared_distance(maps, boxes, template))
+def region_of(image, boxes):
+    return Region(Frame(image), boxes)
+
+
+def distances(cue, region, boxes, template):
+    return np.sqrt(cue.squared_distance(region, boxes, template))
 
 
 def opencv_histogram(image, box, levels=16):
@@ -45,24 +54,24 @@ def test_equals_opencv_on_whole_pixel_boxes(image):
     boxes = np.column_stack(
         [generator.integers(0, 160, 300), generator.integers(0, 110, 300), *np.full((2, 300), 40)]
     ).astype(float)
-    maps = FrameMaps(image, boxes)
-    template = cue.learn(maps, boxes[0])
+    region = region_of(image, boxes)
+    template = cue.learn(region, boxes[0])
     np.testing.assert_allclose(
         template.histogram, opencv_histogram(image, boxes[0]).ravel(), rtol=1e-6, atol=1e-12
     )
     expected = [opencv_distance(image, box, boxes[0]) for box in boxes]
-    np.testing.assert_allclose(distances(cue, maps, boxes, template), expected, atol=ROUNDING)
+    np.testing.assert_allclose(distances(cue, region, boxes, template), expected, atol=ROUNDING)
 
 
 def test_a_template_of_more_bins_than_one_page_is_compared_in_full():
     image = np.random.default_rng(0).integers(0, 256, (60, 120, 3), dtype=np.uint8)
     boxes = np.array([[0.0, 0.0, 50.0, 50.0], [60.0, 5.0, 50.0, 50.0], [30.0, 5.0, 50.0, 50.0]])
     cue = ColorHistogram(ColorHistogramParameters())
-    maps = FrameMaps(image, boxes)
-    template = cue.learn(maps, boxes[0])
+    region = region_of(image, boxes)
+    template = cue.learn(region, boxes[0])
     assert np.count_nonzero(template.histogram) > 3 * 255
     expected = [opencv_distance(image, box, boxes[0]) for box in boxes]
-    np.testing.assert_allclose(distances(cue, maps, boxes, template), expected, atol=ROUNDING)
+    np.testing.assert_allclose(distances(cue, region, boxes, template), expected, atol=ROUNDING)
 
 
 def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image):
@@ -70,9 +79,9 @@ def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image):
     box = np.array([[70.0, 40.0, 30.0, 20.0]])
     others = np.vstack([box, [[0.0, 0.0, 30.0, 20.0], [165.0, 125.0, 30.0, 20.0]]])
     template_box = np.array([60.0, 40.0, 30.0, 20.0])
-    template = cue.learn(FrameMaps(image, template_box[None]), template_box)
-    alone = distances(cue, FrameMaps(image, box), box, template)
-    among = distances(cue, FrameMaps(image, others), others, template)
+    template = cue.learn(region_of(image, template_box[None]), template_box)
+    alone = distances(cue, region_of(image, box), box, template)
+    among = distances(cue, region_of(image, others), others, template)
     assert alone[0] == pytest.approx(among[0], rel=1e-5)
 
 
@@ -87,11 +96,11 @@ def test_boxes_of_several_sizes_agree_with_opencv_up_to_sampling(image):
         ]
     ).astype(np.intp)
     template_box = np.array([80.0, 50.0, 40.0, 40.0])
-    maps = FrameMaps(image, np.vstack([boxes, template_box]))
-    template = cue.learn(maps, template_box)
+    region = region_of(image, np.vstack([boxes, template_box]))
+    template = cue.learn(region, template_box)
     expected = [opencv_distance(image, box, template_box) for box in boxes]
     np.testing.assert_allclose(
-        distances(cue, maps, boxes.astype(float), template), expected, atol=0.06
+        distances(cue, region, boxes.astype(float), template), expected, atol=0.06
     )
 
 
@@ -101,13 +110,13 @@ def test_likelihood_by_hand():
     image[:, :20, 2] = 255
     image[:, 20:, 1] = 255
     red, half = np.array([0.0, 0.0, 10.0, 10.0]), np.array([15.0, 0.0, 10.0, 10.0])
-    maps = FrameMaps(image, np.array([red, half]))
+    region = region_of(image, np.array([red, half]))
     cue = ColorHistogram(ColorHistogramParameters(sharpness=20.0))
-    log_likelihood = cue.log_likelihood(maps, np.array([red, half]), cue.learn(maps, red))
+    log_likelihood = cue.log_likelihood(region, np.array([red, half]), cue.learn(region, red))
     np.testing.assert_allclose(
         np.exp(log_likelihood), [1.0, np.exp(-20.0 * (1 - np.sqrt(0.5)))], rtol=1e-6
     )
-    match = cue.match(cue.learn(maps, half), cue.learn(maps, red))
+    match = cue.match(cue.learn(region, half), cue.learn(region, red))
     assert match == pytest.approx((-20.0 * (1 - np.sqrt(0.5)), np.sqrt(0.5)))
 
 
@@ -117,21 +126,21 @@ def test_the_paper_s_literal_constant_hardly_tells_match_from_mismatch():
     image[:, :10] = (0, 0, 255)
     image[:, 10:] = (255, 0, 0)
     boxes = np.array([[0.0, 0.0, 10.0, 10.0], [10.0, 0.0, 10.0, 10.0]])
-    maps = FrameMaps(image, boxes)
+    region = region_of(image, boxes)
     literal = ColorHistogram(ColorHistogramParameters(sharpness=0.02))
-    match, mismatch = np.exp(literal.log_likelihood(maps, boxes, literal.learn(maps, boxes[0])))
+    match, mismatch = np.exp(literal.log_likelihood(region, boxes, literal.learn(region, boxes[0])))
     assert mismatch / match == pytest.approx(np.exp(-0.02))
     shipped = ColorHistogram(ColorHistogramParameters())
-    assert shipped.log_likelihood(maps, boxes, shipped.learn(maps, boxes[0]))[1] < -5
+    assert shipped.log_likelihood(region, boxes, shipped.learn(region, boxes[0]))[1] < -5
 
 
 def test_pixels_outside_the_image_match_nothing():
     image = np.full((50, 50, 3), 200, np.uint8)
     inside, half_outside = [10.0, 10.0, 20.0, 20.0], [-10.0, 10.0, 20.0, 20.0]
     boxes = np.array([inside, half_outside])
-    maps = FrameMaps(image, boxes)
+    region = region_of(image, boxes)
     cue = ColorHistogram(ColorHistogramParameters())
-    distance = distances(cue, maps, boxes, cue.learn(maps, boxes[0]))
+    distance = distances(cue, region, boxes, cue.learn(region, boxes[0]))
     np.testing.assert_allclose(distance, [0.0, np.sqrt(1 - np.sqrt(0.5))], atol=1e-6)
 
 
@@ -140,8 +149,8 @@ def test_a_gray_image_is_a_color_image_of_equal_channels(image):
     box = np.array([30.0, 30.0, 25.0, 35.0])
     cue = ColorHistogram(ColorHistogramParameters())
     np.testing.assert_array_equal(
-        cue.learn(FrameMaps(gray, box[None]), box).histogram,
-        cue.learn(FrameMaps(cv2.merge([gray] * 3), box[None]), box).histogram,
+        cue.learn(region_of(gray, box[None]), box).histogram,
+        cue.learn(region_of(cv2.merge([gray] * 3), box[None]), box).histogram,
     )
 
 
@@ -149,8 +158,8 @@ def test_a_gray_image_is_a_color_image_of_equal_channels(image):
 def test_every_level_holds_an_equal_share_of_a_gray_ramp(levels):
     ramp = np.repeat(np.arange(256, dtype=np.uint8)[None], 4, axis=0)
     box = np.array([0.0, 0.0, 256.0, 4.0])
-    cue = ColorHistogram(ColorHistogramParameters(levels=levels))
-    histogram = cue.learn(FrameMaps(ramp, box[None]), box).histogram
+    cue = ColorHistogram(ColorHistogramParameters(), levels=levels)
+    histogram = cue.learn(region_of(ramp, box[None]), box).histogram
     diagonal = histogram[np.arange(levels) * (levels**2 + levels + 1)]
     assert histogram.sum() == pytest.approx(1.0)
     np.testing.assert_allclose(diagonal, 1 / levels, atol=1 / 256)
@@ -159,25 +168,25 @@ def test_every_level_holds_an_equal_share_of_a_gray_ramp(levels):
 def test_a_match_of_two_templates_is_the_likelihood_of_the_box(image):
     cue = ColorHistogram(ColorHistogramParameters())
     boxes = np.array([[20.0, 30.0, 40.0, 30.0], [35.0, 40.0, 40.0, 30.0]])
-    maps = FrameMaps(image, boxes)
-    template = cue.learn(maps, boxes[0])
-    expected = cue.log_likelihood(maps, boxes, template)
-    matches = [cue.match(cue.learn(maps, box), template).log_likelihood for box in boxes]
+    region = region_of(image, boxes)
+    template = cue.learn(region, boxes[0])
+    expected = cue.log_likelihood(region, boxes, template)
+    matches = [cue.match(cue.learn(region, box), template).log_likelihood for box in boxes]
     np.testing.assert_allclose(matches, expected, atol=1e-4)
 
 
 def test_blend_by_hand_and_faded_bins_vanish():
-    cue = ColorHistogram(ColorHistogramParameters(levels=2))
+    cue = ColorHistogram(ColorHistogramParameters(keep=0.9), levels=2)
     image = np.zeros((10, 30, 3), np.uint8)
     image[:, 15:, 0] = 255
     half, blue = np.array([10.0, 0.0, 10.0, 10.0]), np.array([20.0, 0.0, 10.0, 10.0])
-    maps = FrameMaps(image, np.array([half, blue]))
-    template, seen = cue.learn(maps, half), cue.learn(maps, blue)
-    blended = cue.blend(template, seen, 0.9).histogram
+    region = region_of(image, np.array([half, blue]))
+    template, seen = cue.learn(region, half), cue.learn(region, blue)
+    blended = cue.blend(template, seen).histogram
     assert blended[0] == pytest.approx(0.45)
     assert blended[1] == pytest.approx(0.55)
     for _ in range(100):
-        template = cue.blend(template, seen, 0.9)
+        template = cue.blend(template, seen)
     assert template.histogram[0] == 0.0
     assert template.histogram[1] == pytest.approx(1.0, abs=1e-2)
 
@@ -192,35 +201,41 @@ def two_tone():
     return image, mask
 
 
-FOREGROUND_ONLY = ColorHistogramParameters(foreground_only=True, levels=4, sharpness=10.0)
+FOREGROUND_CUE = ForegroundColorHistogram(ColorHistogramParameters(sharpness=10.0), levels=4)
+
+
+def region_with_foreground(image, boxes, mask, reduction=1):
+    frame = Frame(image)
+    frame.foreground = Foreground(mask, reduction)
+    return Region(frame, boxes)
 
 
 @pytest.mark.parametrize("reduction", [1, 2])
 def test_the_background_counts_as_one_color(reduction):
     image, mask = two_tone()
     boxes = np.array([[30.0, 20.0, 20.0, 40.0], [4.0, 4.0, 20.0, 40.0], [36.0, 20.0, 20.0, 40.0]])
-    foreground = (mask[::reduction, ::reduction].copy(), reduction)
-    maps = FrameMaps(image, boxes, foreground=foreground)
-    cue = ColorHistogram(FOREGROUND_ONLY)
-    template = cue.learn(maps, boxes[0])
+    reduced = mask[::reduction, ::reduction].copy()
+    region = region_with_foreground(image, boxes, reduced, reduction)
+    template = FOREGROUND_CUE.learn(region, boxes[0])
     red, blue, background = 3 * 16, 3, 64
     shares = {index: share for index, share in enumerate(template.histogram) if share > 0}
     assert shares == pytest.approx({red: 0.25, blue: 0.25, background: 0.5})
     # All background: sqrt(.5 x 1). Third: 4 of 20 columns red and 10 blue, over half the height.
     coefficients = [1.0, 0.5**0.5, (0.25 * 0.1) ** 0.5 + 0.25 + (0.5 * 0.65) ** 0.5]
     np.testing.assert_allclose(
-        cue.squared_distance(maps, boxes, template), 1.0 - np.array(coefficients), atol=1e-6
+        FOREGROUND_CUE.squared_distance(region, boxes, template),
+        1.0 - np.array(coefficients),
+        atol=1e-6,
     )
 
 
 def test_a_box_of_background_is_not_like_the_target_however_much_of_it_the_target_s_box_held():
     image, mask = two_tone()
     boxes = np.array([[30.0, 20.0, 20.0, 40.0], [4.0, 4.0, 20.0, 40.0]])
-    maps = FrameMaps(image, boxes, foreground=(mask, 1))
-    cue = ColorHistogram(FOREGROUND_ONLY)
-    template, empty = (cue.learn(maps, box) for box in boxes)
-    assert cue.match(template, template) == pytest.approx((0.0, 1.0), abs=1e-6)
-    log_likelihood, similarity = cue.match(empty, template)
+    region = region_with_foreground(image, boxes, mask)
+    template, empty = (FOREGROUND_CUE.learn(region, box) for box in boxes)
+    assert FOREGROUND_CUE.match(template, template) == pytest.approx((0.0, 1.0), abs=1e-6)
+    log_likelihood, similarity = FOREGROUND_CUE.match(empty, template)
     assert log_likelihood == pytest.approx(-10.0 * (1.0 - 0.5**0.5), abs=1e-5)
     assert similarity == 0.0
 
@@ -228,5 +243,22 @@ def test_a_box_of_background_is_not_like_the_target_however_much_of_it_the_targe
 def test_without_a_mask_every_pixel_has_its_color():
     image, _ = two_tone()
     boxes = np.array([[30.0, 20.0, 20.0, 40.0]])
-    histogram = ColorHistogram(FOREGROUND_ONLY).learn(FrameMaps(image, boxes), boxes[0]).histogram
+    histogram = FOREGROUND_CUE.learn(region_of(image, boxes), boxes[0]).histogram
     assert (histogram[3 * 16], histogram[3], histogram[64]) == pytest.approx((0.5, 0.5, 0.0))
+
+
+def test_only_the_cue_that_sets_the_background_apart_asks_for_the_foreground():
+    assert FOREGROUND_CUE.needs_foreground
+    assert not ColorHistogram(ColorHistogramParameters()).needs_foreground
+
+
+def test_both_cues_read_one_region_each_in_its_own_way():
+    """They share the colors of the pixels, and not what they make of them."""
+    image, mask = two_tone()
+    boxes = np.array([[30.0, 20.0, 20.0, 40.0]])
+    region = region_with_foreground(image, boxes, mask)
+    plain = ColorHistogram(ColorHistogramParameters(), levels=4)
+    apart = FOREGROUND_CUE.learn(region, boxes[0]).histogram
+    together = plain.learn(region, boxes[0]).histogram
+    assert (together[3 * 16], together[3]) == pytest.approx((0.5, 0.5))
+    assert (apart[3 * 16], apart[3], apart[64]) == pytest.approx((0.25, 0.25, 0.5))

@@ -6,7 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros.cues import CorrelationResponse, CorrelationResponseParameters, FrameMaps
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.cues.correlation_response import (
+    CorrelationResponse,
+    CorrelationResponseParameters,
+)
+from pf_tracker_ros.frames import Frame, Region
 
 BOX = np.array([140.0, 100.0, 40.0, 32.0])
 CUE = CorrelationResponse(CorrelationResponseParameters())
@@ -25,8 +30,8 @@ def frame(x=140, y=100, seed=0):
     return image
 
 
-def maps_of(image, boxes=BOX):
-    return FrameMaps(image, np.atleast_2d(boxes))
+def region_of(image, boxes=BOX):
+    return Region(Frame(image), np.atleast_2d(boxes))
 
 
 def boxes_around(box, reach=24):
@@ -37,13 +42,13 @@ def boxes_around(box, reach=24):
 
 @pytest.fixture(scope="module")
 def template():
-    return CUE.learn(maps_of(frame()), BOX)
+    return CUE.learn(region_of(frame()), BOX)
 
 
 def test_the_learned_box_answers_with_one(template):
-    maps = maps_of(frame())
-    assert CUE.strength(maps, BOX[None], template)[0] == pytest.approx(1.0, abs=1e-4)
-    assert CUE.log_likelihood(maps, BOX[None], template)[0] == pytest.approx(0.0, abs=0.01)
+    region = region_of(frame())
+    assert CUE.strength(region, BOX[None], template)[0] == pytest.approx(1.0, abs=1e-4)
+    assert CUE.log_likelihood(region, BOX[None], template)[0] == pytest.approx(0.0, abs=0.01)
 
 
 @pytest.mark.parametrize(("right", "down"), [(0, 0), (12, -8), (-7, 5), (20, 15), (-16, -19)])
@@ -51,22 +56,22 @@ def test_the_learned_box_answers_with_one(template):
 def test_a_target_that_moved_is_found_at_its_displacement(template, right, down, seed):
     """Whether the background is the learned one or another; within the response's 2 px."""
     boxes, offsets = boxes_around(BOX)
-    maps = maps_of(frame(140 + right, 100 + down, seed), boxes)
-    responses = CUE.strength(maps, boxes, template)
+    region = region_of(frame(140 + right, 100 + down, seed), boxes)
+    responses = CUE.strength(region, boxes, template)
     found = offsets[responses.argmax()]
     assert np.abs(found - (right, down)).max() <= 2
     far = np.hypot(*(offsets - (right, down)).T) > 12
     assert responses.max() > 2 * responses[far].max()
     np.testing.assert_allclose(
-        CUE.log_likelihood(maps, boxes, template), -80.0 * (1.0 - responses), atol=1e-9
+        CUE.log_likelihood(region, boxes, template), -100.0 * (1.0 - responses), atol=1e-9
     )
 
 
 def test_a_gray_target_that_moved_is_found_too():
     gray = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in (frame(), frame(131, 110))]
-    template = CUE.learn(maps_of(gray[0]), BOX)
+    template = CUE.learn(region_of(gray[0]), BOX)
     boxes, offsets = boxes_around(BOX)
-    responses = CUE.strength(maps_of(gray[1], boxes), boxes, template)
+    responses = CUE.strength(region_of(gray[1], boxes), boxes, template)
     assert np.abs(offsets[responses.argmax()] - (-9, 10)).max() <= 2
 
 
@@ -75,8 +80,8 @@ def test_a_gray_image_of_three_channels_is_one_of_one():
     boxes, _ = boxes_around(BOX, 12)
     by_channels = []
     for first, second in (gray, [cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) for image in gray]):
-        template = CUE.learn(maps_of(first), BOX)
-        by_channels.append(CUE.strength(maps_of(second, boxes), boxes, template))
+        template = CUE.learn(region_of(first), BOX)
+        by_channels.append(CUE.strength(region_of(second, boxes), boxes, template))
     np.testing.assert_array_equal(*by_channels)
 
 
@@ -89,23 +94,23 @@ def test_a_camera_may_switch_between_colors_and_gray(turns):
         for image in colored
     ]
     first, second = (colored[0], gray[1]) if turns == "gray" else (gray[0], colored[1])
-    template = CUE.learn(maps_of(first), BOX)
+    template = CUE.learn(region_of(first), BOX)
     boxes, offsets = boxes_around(BOX)
-    maps = maps_of(second, boxes)
-    found = offsets[CUE.strength(maps, boxes, template).argmax()]
+    region = region_of(second, boxes)
+    found = offsets[CUE.strength(region, boxes, template).argmax()]
     assert np.abs(found - (-9, 10)).max() <= 2
-    blended = CUE.blend(template, CUE.observe(maps, BOX + [-9, 10, 0, 0]), 0.9)
+    blended = CUE.blend(template, CUE.observe(region, BOX + [-9, 10, 0, 0]))
     assert blended.filter.shape == template.filter.shape
 
 
 def test_with_one_size_a_box_reads_the_response_at_its_center_whatever_its_own():
-    cue = CorrelationResponse(CorrelationResponseParameters(sizes=1))
-    template = cue.learn(maps_of(frame()), BOX)
+    cue = CorrelationResponse(CorrelationResponseParameters(), sizes=1)
+    template = cue.learn(region_of(frame()), BOX)
     boxes, _ = boxes_around(BOX, 3)
-    maps = maps_of(frame(), boxes)
-    responses = cue.strength(maps, boxes, template)
+    region = region_of(frame(), boxes)
+    responses = cue.strength(region, boxes, template)
     larger = boxes + [-10, -5, 20, 10]
-    np.testing.assert_array_equal(cue.strength(maps, larger, template), responses)
+    np.testing.assert_array_equal(cue.strength(region, larger, template), responses)
 
 
 def sized(factor):
@@ -116,20 +121,20 @@ def sized(factor):
 
 @pytest.mark.parametrize(("growth", "best"), [(1.04, 1.04), (1.0, 1.0), (1 / 1.04, 1 / 1.04)])
 def test_a_target_that_grew_or_shrank_answers_most_in_its_new_size(growth, best):
-    cue = CorrelationResponse(CorrelationResponseParameters(size_step=1.04))
-    template = cue.learn(maps_of(frame()), BOX)
+    cue = CorrelationResponse(CorrelationResponseParameters(), size_step=1.04)
+    template = cue.learn(region_of(frame()), BOX)
     center = tuple(BOX[:2] + BOX[2:] / 2)
     zoom = cv2.getRotationMatrix2D(center, 0.0, growth)
     image = cv2.warpAffine(frame(), zoom, (320, 240), flags=cv2.INTER_LINEAR)
     boxes = np.array([sized(factor) for factor in (1 / 1.04, 1.0, 1.04)])
-    responses = cue.strength(maps_of(image, BOX), boxes, template)
+    responses = cue.strength(region_of(image, BOX), boxes, template)
     assert responses.argmax() == [1 / 1.04, 1.0, 1.04].index(best)
 
 
 def test_between_the_sizes_a_response_is_interpolated_and_beyond_them_it_stays(template):
-    maps = maps_of(frame())
+    region = region_of(frame())
     at = {
-        power: CUE.strength(maps, sized(1.02**power)[None], template)[0]
+        power: CUE.strength(region, sized(1.02**power)[None], template)[0]
         for power in (-5, -1, -0.5, 0, 0.25, 1, 5)
     }
     assert at[-0.5] == pytest.approx((at[-1] + at[0]) / 2, abs=1e-6)
@@ -140,35 +145,35 @@ def test_between_the_sizes_a_response_is_interpolated_and_beyond_them_it_stays(t
 
 def test_as_many_boxes_as_there_may_be_particles_are_read(template):
     few, _ = boxes_around(BOX, 24)
-    maps = maps_of(frame(), few)
-    responses = CUE.strength(maps, few, template)
+    region = region_of(frame(), few)
+    responses = CUE.strength(region, few, template)
     many = np.resize(few, (100_000, 4))
     expected = np.resize(responses, 100_000)
-    np.testing.assert_array_equal(CUE.strength(maps, many, template), expected)
+    np.testing.assert_array_equal(CUE.strength(region, many, template), expected)
 
 
 def test_far_outside_of_the_window_there_is_no_response(template):
-    maps = maps_of(frame())
-    CUE.strength(maps, BOX[None], template)
+    region = region_of(frame())
+    CUE.strength(region, BOX[None], template)
     far = BOX + [[90, 0, 0, 0], [0, -90, 0, 0], [1000, 1000, 0, 0]]
-    np.testing.assert_array_equal(CUE.strength(maps, far, template), 0.0)
+    np.testing.assert_array_equal(CUE.strength(region, far, template), 0.0)
 
 
 def test_a_target_at_the_image_s_corner_is_learned_and_found():
     image = frame(0, 0)[4:, 6:]
     box = np.array([-6.0, -4.0, 40.0, 32.0])
-    template = CUE.learn(maps_of(image, box), box)
+    template = CUE.learn(region_of(image, box), box)
     boxes, offsets = boxes_around(box, 8)
-    responses = CUE.strength(maps_of(image, boxes), boxes, template)
+    responses = CUE.strength(region_of(image, boxes), boxes, template)
     assert np.abs(offsets[responses.argmax()]).max() <= 1
 
 
 def test_match_has_the_likelihood_of_the_one_box(template):
     boxes, _ = boxes_around(BOX, 4)
-    maps = maps_of(frame(), boxes)
-    log_likelihood = CUE.log_likelihood(maps, boxes, template)
+    region = region_of(frame(), boxes)
+    log_likelihood = CUE.log_likelihood(region, boxes, template)
     for number in (0, 17, 40):
-        match = CUE.match(CUE.observe(maps, boxes[number]), template)
+        match = CUE.match(CUE.observe(region, boxes[number]), template)
         assert match.log_likelihood == pytest.approx(log_likelihood[number])
 
 
@@ -176,7 +181,7 @@ def test_similarity_is_that_the_target_stands_out_and_is_on_its_level(template):
     """High for the target, wherever it is; low without it, and among copies of it."""
 
     def similarity(image):
-        return CUE.match(CUE.observe(maps_of(image), BOX), template).similarity
+        return CUE.match(CUE.observe(region_of(image), BOX), template).similarity
 
     assert similarity(frame()) > 0.95
     assert similarity(frame(150, 95)) > 0.9
@@ -189,10 +194,10 @@ def test_similarity_is_that_the_target_stands_out_and_is_on_its_level(template):
 
 def test_each_of_the_first_blends_trains_and_ever_less(template):
     """With the default of 25 frames."""
-    view = CUE.observe(maps_of(frame(seed=1)), BOX)
+    view = CUE.observe(region_of(frame(seed=1)), BOX)
     changes = []
     for frames in (1, 5, 24):
-        trained = CUE.blend(replace(template, frames=frames), view, 0.9)
+        trained = CUE.blend(replace(template, frames=frames), view)
         assert (trained.frames, trained.waiting) == (frames + 1, 0)
         changes.append(np.abs(trained.filter - template.filter).mean())
     assert changes == sorted(changes, reverse=True)
@@ -204,40 +209,39 @@ def test_then_only_every_third_blend_trains(template):
     template = replace(template, frames=25)
     others = []
     for between in (frame(), frame(seed=5)):
-        view = CUE.observe(maps_of(between), BOX)
-        first = CUE.blend(template, view, 0.9)
-        second = CUE.blend(first, view, 0.9)
+        view = CUE.observe(region_of(between), BOX)
+        first = CUE.blend(template, view)
+        second = CUE.blend(first, view)
         assert (first.waiting, second.waiting) == (1, 2)
         for waiting in (first, second):
             assert waiting.filter is template.filter
             assert waiting.reference == template.reference
-        trained = CUE.blend(second, CUE.observe(maps_of(frame(seed=1)), BOX), 0.9)
+        trained = CUE.blend(second, CUE.observe(region_of(frame(seed=1)), BOX))
         assert trained.waiting == 0
         assert trained.target_cells == template.target_cells
         others.append(trained)
     assert np.abs(others[0].filter - template.filter).max() > 0
     np.testing.assert_array_equal(others[0].filter, others[1].filter)
     # The response that counts as 1 is the one to the window trained on last.
-    maps = maps_of(frame(seed=1))
-    assert CUE.strength(maps, BOX[None], others[0])[0] == pytest.approx(1.0, abs=1e-4)
+    region = region_of(frame(seed=1))
+    assert CUE.strength(region, BOX[None], others[0])[0] == pytest.approx(1.0, abs=1e-4)
 
 
 def test_more_memory_adapts_slower(template):
     changes = []
     for memory in (0.0, 10.0, 300.0, 10000.0):
-        parameters = CorrelationResponseParameters(
-            memory=memory, training_interval=1, settling_frames=1
+        cue = CorrelationResponse(
+            CorrelationResponseParameters(), memory=memory, training_interval=1, settling_frames=1
         )
-        cue = CorrelationResponse(parameters)
-        trained = cue.blend(template, cue.observe(maps_of(frame(seed=1)), BOX), 0.9)
+        trained = cue.blend(template, cue.observe(region_of(frame(seed=1)), BOX))
         changes.append(np.abs(trained.filter - template.filter).mean())
     assert changes == sorted(changes, reverse=True)
     assert changes[0] > 10 * changes[-1]
 
 
 def test_adopting_what_was_observed_equals_learning(template):
-    maps = maps_of(frame())
-    adopted = CUE.adopt(CUE.observe(maps, BOX))
+    region = region_of(frame())
+    adopted = CUE.adopt(CUE.observe(region, BOX))
     np.testing.assert_array_equal(adopted.filter, template.filter)
     assert adopted.reference == template.reference
     assert adopted.target_cells == template.target_cells
@@ -245,35 +249,46 @@ def test_adopting_what_was_observed_equals_learning(template):
 
 def test_an_image_buffer_that_is_overwritten_later_does_no_harm(template):
     buffer = frame()
-    cue = CorrelationResponse(CorrelationResponseParameters(training_interval=1))
-    learned = replace(cue.learn(maps_of(buffer), BOX), frames=25)
-    waiting = CUE.blend(learned, CUE.observe(maps_of(buffer), BOX), 0.9)
-    trained = cue.blend(learned, cue.observe(maps_of(buffer), BOX), 0.9)
+    cue = CorrelationResponse(CorrelationResponseParameters(), training_interval=1)
+    learned = replace(cue.learn(region_of(buffer), BOX), frames=25)
+    waiting = CUE.blend(learned, CUE.observe(region_of(buffer), BOX))
+    trained = cue.blend(learned, cue.observe(region_of(buffer), BOX))
     buffer[:] = 0
     for kept in (learned, waiting, trained):
         boxes, offsets = boxes_around(BOX, 6)
-        responses = CUE.strength(maps_of(frame(), boxes), boxes, kept)
+        responses = CUE.strength(region_of(frame(), boxes), boxes, kept)
         assert np.abs(offsets[responses.argmax()]).max() <= 1
         assert responses.max() == pytest.approx(1.0, abs=1e-2)
-    np.testing.assert_array_equal(learned.filter, CUE.learn(maps_of(frame()), BOX).filter)
+    np.testing.assert_array_equal(learned.filter, CUE.learn(region_of(frame()), BOX).filter)
 
 
-def test_an_odd_number_of_cells_is_the_even_one_above():
-    boxes, _ = boxes_around(BOX, 3)
-    maps = maps_of(frame(), boxes)
-    by_cells = []
-    for cells in (31, 32):
-        cue = CorrelationResponse(CorrelationResponseParameters(cells=cells))
-        learned = cue.learn(maps_of(frame()), BOX)
-        assert learned.filter.shape == (24, 32, 17)
-        by_cells.append(cue.strength(maps, boxes, learned))
-    np.testing.assert_array_equal(*by_cells)
+@pytest.mark.parametrize("cells", [24, 32])
+def test_the_window_has_as_many_cells_as_asked_for(cells):
+    cue = CorrelationResponse(CorrelationResponseParameters(), cells=cells)
+    learned = cue.learn(region_of(frame()), BOX)
+    assert learned.filter.shape == (24, cells, cells // 2 + 1)
+    boxes, offsets = boxes_around(BOX, 8)
+    responses = cue.strength(region_of(frame(), boxes), boxes, learned)
+    assert np.abs(offsets[responses.argmax()]).max() <= 1
 
 
 def test_templates_do_not_share_a_response(template):
     """One frame is read with two: the last, and the one that judges it."""
-    maps = maps_of(frame())
-    other = CUE.learn(maps_of(frame(170, 120)), BOX)
-    own = CUE.strength(maps, BOX[None], template)
-    assert CUE.strength(maps, BOX[None], other)[0] < own[0]
-    assert CUE.strength(maps, BOX[None], template)[0] == own[0]
+    region = region_of(frame())
+    other = CUE.learn(region_of(frame(170, 120)), BOX)
+    own = CUE.strength(region, BOX[None], template)
+    assert CUE.strength(region, BOX[None], other)[0] < own[0]
+    assert CUE.strength(region, BOX[None], template)[0] == own[0]
+
+
+def test_chosen_again_with_another_window_it_learns_anew():
+    """A filter of 40 cells over the one window says nothing of 40 cells over the other."""
+    both = ("color_histogram", "correlation_response")
+    estimates = []
+    for first in (both, ("color_histogram",)):
+        tracker = Tracker.from_preset("li2007", parameters={"cues": first})
+        tracker.start(frame(), BOX)
+        tracker.set_parameters({"cues": ("color_histogram",)})
+        tracker.set_parameters({"cues": both, "correlation_response.window": 6.0})
+        estimates.append([tracker.update(frame(140 + x)).box for x in (2, 4, 6)])
+    assert estimates[0] == estimates[1]

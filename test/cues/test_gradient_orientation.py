@@ -4,9 +4,17 @@ import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros.cues import FrameMaps, GradientOrientation, GradientOrientationParameters
+from pf_tracker_ros.cues.gradient_orientation import (
+    GradientOrientation,
+    GradientOrientationParameters,
+)
+from pf_tracker_ros.frames import Frame, Region
 
 PARAMETERS = GradientOrientationParameters()
+
+
+def region_of(image, boxes):
+    return Region(Frame(image), boxes)
 
 
 def pixelwise_vector(gray, box, cells=4, directions=8, gaussian_width=0.5):
@@ -43,7 +51,7 @@ def test_close_to_the_pixelwise_vector(image, box):
     """The Gaussian is constant over an eighth of the box, which costs three percent at most."""
     box = np.array(box, dtype=float)
     cue = GradientOrientation(PARAMETERS)
-    vector = cue.learn(FrameMaps(image, box[None]), box)
+    vector = cue.learn(region_of(image, box[None]), box)
     expected = pixelwise_vector(image, box)
     assert np.linalg.norm(vector - expected) < 0.03
 
@@ -51,11 +59,21 @@ def test_close_to_the_pixelwise_vector(image, box):
 def test_equals_the_pixelwise_vector_under_a_flat_gaussian(image):
     """But for gradients counted in whole gray levels."""
     box = np.array([20.0, 30.0, 40.0, 40.0])
-    cue = GradientOrientation(GradientOrientationParameters(gaussian_width=100.0))
-    vector = cue.learn(FrameMaps(image, box[None]), box)
+    cue = GradientOrientation(PARAMETERS, gaussian_width=100.0)
+    vector = cue.learn(region_of(image, box[None]), box)
     np.testing.assert_allclose(
         vector, pixelwise_vector(image, box, gaussian_width=100.0), atol=1e-3
     )
+
+
+@pytest.mark.parametrize(("cells", "directions"), [(1, 8), (2, 4), (8, 12)])
+def test_cells_and_directions_are_as_many_as_asked_for(image, cells, directions):
+    box = np.array([20.0, 30.0, 48.0, 48.0])
+    cue = GradientOrientation(PARAMETERS, cells=cells, directions=directions, gaussian_width=100.0)
+    vector = cue.learn(region_of(image, box[None]), box)
+    expected = pixelwise_vector(image, box, cells, directions, gaussian_width=100.0)
+    assert vector.shape == (cells**2 * directions,)
+    np.testing.assert_allclose(vector, expected, atol=2e-3)
 
 
 def test_a_brightness_ramp_fills_the_direction_in_which_it_rises():
@@ -63,8 +81,8 @@ def test_a_brightness_ramp_fills_the_direction_in_which_it_rises():
     box = np.array([[20.0, 20.0, 40.0, 40.0]])
     cue = GradientOrientation(PARAMETERS)
     for turned, direction in [(ramp, 0), (ramp.T, 2), (ramp[:, ::-1], 4), (ramp.T[::-1], 6)]:
-        maps = FrameMaps(np.ascontiguousarray(turned), box)
-        vector = cue.learn(maps, box[0]).reshape(4, 4, 8)
+        region = region_of(np.ascontiguousarray(turned), box)
+        vector = cue.learn(region, box[0]).reshape(4, 4, 8)
         assert (vector[..., direction] > 0).all()
         others = np.delete(vector, direction, axis=2)
         np.testing.assert_allclose(others, 0.0, atol=1e-9)
@@ -74,7 +92,7 @@ def test_contrast_and_brightness_do_not_matter(image):
     box = np.array([20.0, 30.0, 40.0, 40.0])
     cue = GradientOrientation(PARAMETERS)
     dim = (image.astype(float) * 0.5 + 40).astype(np.uint8)
-    bright, darker = (cue.learn(FrameMaps(i, box[None]), box) for i in (image, dim))
+    bright, darker = (cue.learn(region_of(i, box[None]), box) for i in (image, dim))
     assert np.linalg.norm(bright - darker) < 0.05
 
 
@@ -83,9 +101,9 @@ def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image):
     box = np.array([[70.0, 40.0, 30.0, 20.0]])
     others = np.vstack([box, [[0.0, 0.0, 33.0, 21.0], [120.0, 90.0, 40.0, 30.0]]])
     template_box = np.array([60.0, 40.0, 30.0, 20.0])
-    template = cue.learn(FrameMaps(image, template_box[None]), template_box)
-    alone = cue.log_likelihood(FrameMaps(image, box), box, template)
-    among = cue.log_likelihood(FrameMaps(image, others), others, template)
+    template = cue.learn(region_of(image, template_box[None]), template_box)
+    alone = cue.log_likelihood(region_of(image, box), box, template)
+    among = cue.log_likelihood(region_of(image, others), others, template)
     assert alone[0] == pytest.approx(among[0], rel=1e-5)
 
 
@@ -94,11 +112,11 @@ def test_the_distances_are_those_of_the_vectors(image):
     cue = GradientOrientation(GradientOrientationParameters(sharpness=1.0))
     generator = np.random.default_rng(1)
     boxes = np.column_stack([generator.uniform(0, 80, (30, 2)), generator.uniform(12, 40, (30, 2))])
-    maps = FrameMaps(image, boxes)
-    template = cue.learn(maps, boxes[0])
-    expected = [np.square(cue.learn(maps, box) - template).sum() for box in boxes]
-    np.testing.assert_allclose(-cue.log_likelihood(maps, boxes, template), expected, atol=1e-5)
-    matches = [-cue.match(cue.learn(maps, box), template).log_likelihood for box in boxes]
+    region = region_of(image, boxes)
+    template = cue.learn(region, boxes[0])
+    expected = [np.square(cue.learn(region, box) - template).sum() for box in boxes]
+    np.testing.assert_allclose(-cue.log_likelihood(region, boxes, template), expected, atol=1e-5)
+    matches = [-cue.match(cue.learn(region, box), template).log_likelihood for box in boxes]
     np.testing.assert_allclose(matches, expected, atol=1e-9)
 
 
@@ -108,11 +126,11 @@ def test_likelihood_by_hand():
     image[:, :40] += np.arange(40, dtype=np.uint8)
     image[:, 40:] += np.arange(40, dtype=np.uint8)[:, None]
     boxes = np.array([[4.0, 4.0, 32.0, 32.0], [44.0, 4.0, 32.0, 32.0]])
-    maps = FrameMaps(image, boxes)
+    region = region_of(image, boxes)
     cue = GradientOrientation(GradientOrientationParameters(sharpness=3.0))
-    log_likelihood = cue.log_likelihood(maps, boxes, cue.learn(maps, boxes[0]))
+    log_likelihood = cue.log_likelihood(region, boxes, cue.learn(region, boxes[0]))
     np.testing.assert_allclose(log_likelihood, [0.0, -6.0], atol=1e-5)
-    same, other = (cue.match(cue.learn(maps, box), cue.learn(maps, boxes[0])) for box in boxes)
+    same, other = (cue.match(cue.learn(region, box), cue.learn(region, boxes[0])) for box in boxes)
     assert same == (0.0, 1.0)
     assert other == pytest.approx((-6.0, 0.0), abs=1e-5)
 
@@ -123,8 +141,8 @@ def test_the_paper_s_literal_constant_hardly_tells_match_from_mismatch():
     ramp = np.tile(np.arange(0, 80, dtype=np.uint8), (40, 1))
     image = np.vstack([ramp, ramp[:, ::-1]])
     boxes = np.array([[4.0, 4.0, 32.0, 32.0], [4.0, 44.0, 32.0, 32.0]])
-    maps = FrameMaps(image, boxes)
-    mismatch = np.exp(cue.log_likelihood(maps, boxes, cue.learn(maps, boxes[0])))[1]
+    region = region_of(image, boxes)
+    mismatch = np.exp(cue.log_likelihood(region, boxes, cue.learn(region, boxes[0])))[1]
     assert mismatch == pytest.approx(np.exp(-0.02))
 
 
@@ -132,23 +150,21 @@ def test_a_flat_box_has_no_direction_and_a_finite_likelihood():
     image = np.full((60, 60), 77, np.uint8)
     box = np.array([[10.0, 10.0, 20.0, 20.0]])
     cue = GradientOrientation(PARAMETERS)
-    maps = FrameMaps(image, box)
-    template = cue.learn(maps, box[0])
+    region = region_of(image, box)
+    template = cue.learn(region, box[0])
     np.testing.assert_array_equal(template, 0.0)
-    np.testing.assert_array_equal(cue.log_likelihood(maps, box, template), 0.0)
+    np.testing.assert_array_equal(cue.log_likelihood(region, box, template), 0.0)
 
 
 def test_nothing_is_seen_outside_the_image():
     image = np.random.default_rng(0).integers(0, 256, (40, 40), dtype=np.uint8)
     box = np.array([[-20.0, 0.0, 40.0, 40.0]])
     cue = GradientOrientation(PARAMETERS)
-    vector = cue.learn(FrameMaps(image, box), box[0]).reshape(4, 4, 8)
+    vector = cue.learn(region_of(image, box), box[0]).reshape(4, 4, 8)
     np.testing.assert_allclose(vector[:, :2], 0.0, atol=1e-12)
     assert (vector[:, 2:].sum(axis=2) > 0).all()
 
 
 def test_blend_by_hand():
-    cue = GradientOrientation(PARAMETERS)
-    np.testing.assert_allclose(
-        cue.blend(np.array([1.0, 0.0]), np.array([0.0, 1.0]), 0.9), [0.9, 0.1]
-    )
+    cue = GradientOrientation(GradientOrientationParameters(keep=0.9))
+    np.testing.assert_allclose(cue.blend(np.array([1.0, 0.0]), np.array([0.0, 1.0])), [0.9, 0.1])

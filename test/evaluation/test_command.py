@@ -151,23 +151,61 @@ def test_overridden_parameters_are_used_and_recorded(short_sequence, tmp_path):
     done = evaluate(
         *(short_sequence, "--seeds", "1", "--output", "r.json"),
         *("--parameter", "particles=17", "--parameter", "motion.model=constant_velocity"),
+        *("--parameter", "proposal.method=transition", "--parameter", "cues=hog,color_histogram"),
+        *("--parameter", "hog.sharpness=90"),
         directory=tmp_path,
     )
     assert done.returncode == 0, done.stderr
     document = json.loads((tmp_path / "r.json").read_text())
-    assert document["parameters"] == {"particles": 17, "motion.model": "constant_velocity"}
+    assert document["parameters"] == {
+        "particles": 17,
+        "motion.model": "constant_velocity",
+        "proposal.method": "transition",
+        "cues": ["hog", "color_histogram"],
+        "hog.sharpness": 90.0,
+    }
 
 
 def test_parameters_are_read_by_their_declared_type():
     values = parse_parameters(
-        ["particles = 50", "nominal_interval=1e-2", "motion.model=constant_velocity"]
+        ["particles = 50", "track.lost_after=1e-2", "motion.model=constant_velocity"]
     )
     assert values == {
         "particles": 50,
-        "nominal_interval": 0.01,
+        "track.lost_after": 0.01,
         "motion.model": "constant_velocity",
     }
     assert type(values["particles"]) is int
+
+
+def test_parameters_of_what_is_not_chosen_by_default_are_read_by_their_type_as_well():
+    values = parse_parameters(
+        ["hog.sharpness=5", "resampling.keep_best=True", "redetection.windows=3"]
+    )
+    assert values == {
+        "hog.sharpness": 5.0,
+        "resampling.keep_best": True,
+        "redetection.windows": 3,
+    }
+    assert [type(value) for value in values.values()] == [float, bool, int]
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("cues=hog,color_contrast", ("hog", "color_contrast")),
+        ("cues=[ hog , color_contrast ]", ("hog", "color_contrast")),
+        ("cues=[\"hog\", 'color_contrast']", ("hog", "color_contrast")),
+        ("cues=hog", ("hog",)),
+        ("cues=[]", ()),
+        ("cues=", ()),
+        ("motion.drift=[1, -2e-1]", (1.0, -0.2)),
+        ("motion.drift=1,2", (1.0, 2.0)),
+        ("motion.drift=1,b", "1,b"),
+    ],
+)
+def test_a_list_is_written_with_commas(text, value):
+    assert list(parse_parameters([text]).values()) == [value]
 
 
 @pytest.mark.parametrize("text", ["particles", "=3", ""])
@@ -190,7 +228,18 @@ def test_parameter_given_twice_is_refused():
         (["short", "--parameter", "particle=3"], ["no parameter 'particle'", "particles"]),
         (["short", "--parameter", "particles=many"], ["'particles' is 'many'", "1 to"]),
         (["short", "--parameter", "particles=0"], ["'particles' is 0", "1 to"]),
-        (["short", "--parameter", "nominal_interval=nan"], ["'nominal_interval' is nan", "to 60"]),
+        (
+            ["short", "--parameter", "track.lost_after=nan"],
+            ["'track.lost_after' is nan", "to 3600"],
+        ),
+        (["short", "--parameter", "cues=hog,smell"], ["'cues' is ('hog', 'smell')", "'hog'"]),
+        (["short", "--parameter", "cues="], ["'cues' is empty", "at least one cue"]),
+        (["short", "--parameter", "hog.sharpness=2"], ["'hog.sharpness' here", "needs cues 'hog'"]),
+        (["short", "--parameter", "template.keep=1"], ["no parameter 'template.keep'", "each cue"]),
+        (
+            ["short", "--parameter", "oriented_gradients.power=1"],
+            ["no parameter 'oriented_gradients.power'; use 'hog.power'"],
+        ),
         (["short", "--seeds", "0"], ["--seeds", "'0'", "from 1"]),
         (["short", "--jobs", "two"], ["--jobs", "'two'", "from 1"]),
         (["short", "--output", "nowhere/r.json"], ["no folder nowhere"]),

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pf_tracker_ros.filter import AffineMotion, Gaussian, KalmanForesight, MotionParameters
+from pf_tracker_ros.filter import AffineMotion, Gaussian, KalmanForesight
+from pf_tracker_ros.filter.affine_motion import AffineMotionParameters
 from pf_tracker_ros.filter.foresight import LinearStep
 
 BOX = (100.0, 50.0, 40.0, 10.0)
@@ -11,7 +12,7 @@ BOX_SIZE = 20.0
 
 
 def test_particles_stay_put_but_for_noise_that_grows_with_the_root_of_time():
-    parameters = MotionParameters(position_noise=0.5, size_noise=0.2)
+    parameters = AffineMotionParameters(position_noise=0.5, size_noise=0.2)
     states = np.tile([120.0, 55.0, 0.0], (40_000, 1))
     moved = AffineMotion(BOX, parameters).predict(states, 0.25, np.random.default_rng(0))
     np.testing.assert_allclose(moved.mean(axis=0), [120.0, 55.0, 0.0], atol=0.1)
@@ -20,24 +21,24 @@ def test_particles_stay_put_but_for_noise_that_grows_with_the_root_of_time():
 
 def still(**parameters):
     """Affine motion with next to no noise."""
-    parameters = {"position_noise": 0.0, "size_noise": 0.0, "model_step": 0.1} | parameters
-    return AffineMotion(BOX, MotionParameters(**parameters))
+    parameters = {"position_noise": 0.0, "size_noise": 0.0} | parameters
+    return AffineMotion(BOX, AffineMotionParameters(**parameters))
 
 
 @pytest.mark.parametrize(
     ("interval", "x", "y", "log_scale"),
     [
-        # x_0 = (120, 55, 0), a = 1/2 and b = 0.1 s x 20 px x (10, -5) / s = (20, -10) a step:
+        # x_0 = (120, 55, 0), a = 1/2 and b = 0.04 s x 20 px x (25, -12.5) / s = (20, -10) a step:
         # offsets (40, 8, 0.4) -> (20, 4, 0.2) + b = (40, -6, 0.2), as a whole step ...
-        (0.1, 160.0, 49.0, 0.2),
+        (0.04, 160.0, 49.0, 0.2),
         # ... -> (20, -3, 0.1) + b as two ...
-        (0.2, 160.0, 42.0, 0.1),
+        (0.08, 160.0, 42.0, 0.1),
         # ... and all the way to b / (1 - a) after an age.
         (60.0, 160.0, 35.0, 0.0),
     ],
 )
 def test_affine_motion_by_hand(interval, x, y, log_scale):
-    motion = still(affine_factor=0.5, affine_drift_x=10.0, affine_drift_y=-5.0)
+    motion = still(factor=0.5, drift=(25.0, -12.5))
     states = np.array([[160.0, 63.0, 0.4]])
     moved = motion.predict(states, interval, np.random.default_rng(0))
     np.testing.assert_allclose(moved, [[x, y, log_scale]], atol=0.005)
@@ -45,17 +46,17 @@ def test_affine_motion_by_hand(interval, x, y, log_scale):
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 1.2])
 def test_two_half_steps_of_affine_motion_are_one(factor):
-    motion = still(affine_factor=factor, affine_drift_x=3.0)
+    motion = still(factor=factor, drift=(7.5, 0.0))
     states = np.array([[160.0, 63.0, 0.4]])
-    half, whole = motion.transition(0.05), motion.transition(0.1)
+    half, whole = motion.transition(0.02), motion.transition(0.04)
     np.testing.assert_allclose(half.mean(half.mean(states)), whole.mean(states))
-    matrix, control, _ = motion.linear_step(0.1)
+    matrix, control, _ = motion.linear_step(0.04)
     np.testing.assert_allclose(matrix[:3, :3] @ states[0] + control[:3], whole.mean(states)[0])
 
 
 def test_the_defaults_leave_a_state_where_it_is():
     states = np.array([[160.0, 63.0, 0.4]])
-    transition = AffineMotion(BOX, MotionParameters()).transition(0.7)
+    transition = AffineMotion(BOX, AffineMotionParameters()).transition(0.7)
     np.testing.assert_allclose(transition.mean(states), states)
 
 
@@ -71,12 +72,14 @@ def test_the_velocity_that_the_kalman_filter_believes_in_moves_the_particles():
 
 
 def test_the_scale_keeps_center_and_aspect():
-    boxes = AffineMotion(BOX, MotionParameters()).boxes(np.array([[120.0, 55.0, np.log(2.0)]]))
+    boxes = AffineMotion(BOX, AffineMotionParameters()).boxes(
+        np.array([[120.0, 55.0, np.log(2.0)]])
+    )
     np.testing.assert_allclose(boxes, [[80.0, 45.0, 80.0, 20.0]])
 
 
 def test_centers_and_sizes_stay_in_the_image():
-    motion = AffineMotion(BOX, MotionParameters())
+    motion = AffineMotion(BOX, AffineMotionParameters())
     states = np.array([[-9.0, 900.0, 50.0], [900.0, -9.0, -50.0]])
     boxes = motion.boxes(motion.constrain(states, (160, 90)))
     np.testing.assert_allclose(boxes[0, 2:], [160.0, 40.0])
@@ -106,7 +109,7 @@ def test_the_kalman_filter_predicts_and_corrects_by_hand():
 
 
 def test_a_steady_motion_is_foreseen():
-    foresight = AffineMotion(BOX, MotionParameters()).foresight()
+    foresight = AffineMotion(BOX, AffineMotionParameters()).foresight()
     for step in range(1, 30):
         at = np.array([120.0 + 3.0 * step, 55.0 - step, 0.0])
         ahead = foresight.predict(0.04)

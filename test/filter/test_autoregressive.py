@@ -5,8 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pf_tracker_ros.filter import Gaussian, KalmanForesight, MotionParameters
-from pf_tracker_ros.filter.autoregressive import SecondOrderAutoregressive, transition_power
+from pf_tracker_ros.filter import Gaussian, KalmanForesight
+from pf_tracker_ros.filter.autoregressive import (
+    SecondOrderAutoregressive,
+    SecondOrderAutoregressiveParameters,
+    transition_power,
+)
 
 BOX = (100.0, 50.0, 40.0, 10.0)
 REFERENCE = np.array([120.0, 55.0, 40.0, 10.0])
@@ -15,11 +19,10 @@ SHIPPED, PRINTED = (1.5, -0.5), (2.5, -0.5)
 
 
 def still(first, second):
-    return MotionParameters(
+    return SecondOrderAutoregressiveParameters(
         position_noise=0.0,
         size_noise=0.0,
         aspect_noise=0.0,
-        model_step=STEP,
         first_coefficient=first,
         second_coefficient=second,
     )
@@ -89,13 +92,15 @@ def test_without_noise_many_short_steps_are_one_long_step(coefficients):
 
 def test_no_time_no_motion():
     start = state(REFERENCE + 8.0, REFERENCE)
-    model = SecondOrderAutoregressive(BOX, MotionParameters())
+    model = SecondOrderAutoregressive(BOX, SecondOrderAutoregressiveParameters())
     np.testing.assert_array_equal(model.predict(start, 0.0, np.random.default_rng(0)), start)
 
 
 @pytest.mark.parametrize("interval", [0.04, 0.25])
 def test_noise_has_the_declared_spread_at_every_interval(interval):
-    parameters = MotionParameters(position_noise=0.5, size_noise=0.2, aspect_noise=0.0)
+    parameters = SecondOrderAutoregressiveParameters(
+        position_noise=0.5, size_noise=0.2, aspect_noise=0.0
+    )
     states = np.tile(REFERENCE, (40_000, 2))
     model = SecondOrderAutoregressive(BOX, parameters)
     predicted = model.predict(states, interval, np.random.default_rng(1))
@@ -107,7 +112,9 @@ def test_noise_has_the_declared_spread_at_every_interval(interval):
 
 
 def test_aspect_noise_changes_the_shape():
-    parameters = MotionParameters(position_noise=0.0, size_noise=0.0, aspect_noise=0.2)
+    parameters = SecondOrderAutoregressiveParameters(
+        position_noise=0.0, size_noise=0.0, aspect_noise=0.2
+    )
     states = np.tile(REFERENCE, (40_000, 2))
     model = SecondOrderAutoregressive(BOX, parameters)
     predicted = model.predict(states, 0.25, np.random.default_rng(1))
@@ -116,7 +123,9 @@ def test_aspect_noise_changes_the_shape():
 
 
 def test_the_random_walk_is_the_same_at_every_frame_rate():
-    parameters = MotionParameters(position_noise=0.5, size_noise=0.0, aspect_noise=0.0)
+    parameters = SecondOrderAutoregressiveParameters(
+        position_noise=0.5, size_noise=0.0, aspect_noise=0.0
+    )
     start = np.tile(REFERENCE, (4_000, 2))
     slow = run(parameters, start, 50, interval=STEP)[:, 0].std()
     fast = run(parameters, start, 200, interval=STEP / 4)[:, 0].std()
@@ -124,15 +133,15 @@ def test_the_random_walk_is_the_same_at_every_frame_rate():
 
 
 def test_the_prior_s_velocity_is_between_its_two_boxes():
-    parameters = MotionParameters(prior_position=0.1, prior_velocity=0.5, model_step=0.1)
+    parameters = SecondOrderAutoregressiveParameters()
     states = SecondOrderAutoregressive(BOX, parameters).prior(40_000, np.random.default_rng(3))
-    moved = (states[:, :2] - states[:, 4:6]) / 0.1
+    moved = (states[:, :2] - states[:, 4:6]) / STEP
     np.testing.assert_allclose(moved.std(axis=0), 10.0, rtol=0.02)
     np.testing.assert_allclose(states[:, 6:], np.tile(BOX[2:], (40_000, 1)))
 
 
 def test_boxes_at_both_times_stay_sane_even_with_the_printed_coefficients_after_an_hour():
-    parameters = MotionParameters(first_coefficient=3.0, second_coefficient=3.0)
+    parameters = SecondOrderAutoregressiveParameters(first_coefficient=3.0, second_coefficient=3.0)
     model = SecondOrderAutoregressive(BOX, parameters)
     generator = np.random.default_rng(0)
     states = model.prior(50, generator)
@@ -164,7 +173,9 @@ def test_the_kalman_filter_goes_on_by_equation_7():
 
 
 def test_the_transition_beside_the_kalman_filter_is_that_of_the_particles():
-    parameters = MotionParameters(position_noise=0.5, size_noise=0.2, aspect_noise=0.1)
+    parameters = SecondOrderAutoregressiveParameters(
+        position_noise=0.5, size_noise=0.2, aspect_noise=0.1
+    )
     model = SecondOrderAutoregressive(BOX, parameters)
     states = np.tile(np.concatenate([REFERENCE + 5.0, REFERENCE]), (40_000, 1))
     transition = model.transition(0.25)

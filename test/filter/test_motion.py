@@ -1,93 +1,48 @@
-"""Motion models: what the equations say, whatever the frame rate."""
+"""What every motion model that is chosen by name can do."""
 
 import numpy as np
 import pytest
 
 from pf_tracker_ros.filter import MOTION_MODELS, MotionParameters
-from pf_tracker_ros.filter.limits import SMALLEST_SIDE
-from pf_tracker_ros.filter.motion import ConstantVelocity, ConstantVelocityAndSize
+from pf_tracker_ros.filter.motion import PRIOR_POSITION, PRIOR_VELOCITY, models_with
+from pf_tracker_ros.parameters import ParameterError, build, declarations
 
 BOX = (100.0, 50.0, 40.0, 10.0)
 BOX_SIZE = 20.0
-STILL = MotionParameters(position_noise=0.0, velocity_noise=0.0, size_noise=0.0, aspect_noise=0.0)
-every_model = pytest.mark.parametrize("model", MOTION_MODELS.values())
+every_model = pytest.mark.parametrize("name", MOTION_MODELS)
 
 
-def test_without_noise_one_second_is_the_paper_s_transition_matrix():
-    states = np.array([[10.0, 20.0, 3.0, -4.0], [0.0, 0.0, 1.0, 2.0]])
-    transition = np.array([[1, 0, 1, 0], [0, 1, 0, 1], [0, 0, 1, 0], [0, 0, 0, 1]])
-    predicted = ConstantVelocity(BOX, STILL).predict(states, 1.0, np.random.default_rng(0))
-    np.testing.assert_allclose(predicted, states @ transition.T)
-
-
-def test_without_noise_many_short_steps_are_one_long_step():
-    states = np.array([[10.0, 20.0, 3.0, -4.0]])
-    model = ConstantVelocity(BOX, MotionParameters(position_noise=0.0, velocity_noise=0.0))
-    generator = np.random.default_rng(0)
-    many = states
-    for _ in range(10):
-        many = model.predict(many, 0.1, generator)
-    np.testing.assert_allclose(many, model.predict(states, 1.0, generator))
-
-
-@pytest.mark.parametrize("interval", [0.04, 0.25])
-def test_noise_has_the_declared_spread_at_every_interval(interval):
-    parameters = MotionParameters(position_noise=0.5, velocity_noise=2.0)
-    states = np.zeros((40_000, 4))
-    predicted = ConstantVelocity(BOX, parameters).predict(
-        states, interval, np.random.default_rng(1)
-    )
-    expected = BOX_SIZE * np.sqrt(interval) * np.array([0.5, 0.5, 2.0, 2.0])
-    np.testing.assert_allclose(predicted.std(axis=0), expected, rtol=0.02)
-    np.testing.assert_allclose(predicted.mean(axis=0), 0.0, atol=5 * expected.max() / 200)
-
-
-def test_size_noise_changes_size_and_aspect_noise_only_the_shape():
-    states = np.tile([0.0, 0.0, 0.0, 0.0, 40.0, 10.0], (40_000, 1))
-    generator = np.random.default_rng(2)
-    grown = ConstantVelocityAndSize(
-        BOX, MotionParameters(size_noise=0.2, aspect_noise=0.0)
-    ).predict(states, 0.25, generator)
-    assert np.log(grown[:, 4]).std() == pytest.approx(0.1, rel=0.02)
-    np.testing.assert_allclose(grown[:, 4] / grown[:, 5], 4.0)
-    bent = ConstantVelocityAndSize(BOX, MotionParameters(size_noise=0.0, aspect_noise=0.2)).predict(
-        states, 0.25, generator
-    )
-    assert np.log(bent[:, 4] / bent[:, 5]).std() == pytest.approx(0.1, rel=0.02)
-    np.testing.assert_allclose(bent[:, 4] * bent[:, 5], 400.0)
-
-
-def test_velocities_fade_at_the_declared_rate():
-    model = ConstantVelocity(
-        BOX, MotionParameters(position_noise=0.0, velocity_noise=0.0, velocity_damping=2.0)
-    )
-    predicted = model.predict(np.array([[0.0, 0.0, 8.0, 0.0]]), 0.5, np.random.default_rng(0))
-    assert predicted[0, 2] == pytest.approx(8.0 / np.e)
+def motion_model(name, box=BOX, **parameters):
+    return MOTION_MODELS[name](box, MOTION_MODELS.parameters_of(name)(**parameters))
 
 
 @every_model
-def test_the_prior_is_gaussian_around_the_first_box(model):
-    parameters = MotionParameters(prior_position=0.1, prior_velocity=0.5)
-    motion = model(BOX, parameters)
+def test_the_prior_is_gaussian_around_the_first_box(name):
+    assert (PRIOR_POSITION, PRIOR_VELOCITY) == (0.05, 0.5)
+    motion = motion_model(name)
     states = motion.prior(40_000, np.random.default_rng(3))
     np.testing.assert_allclose(states[:, :2].mean(axis=0), [120.0, 55.0], atol=0.05)
-    np.testing.assert_allclose(states[:, :2].std(axis=0), 2.0, rtol=0.02)
+    np.testing.assert_allclose(states[:, :2].std(axis=0), 0.05 * BOX_SIZE, rtol=0.02)
     if "velocity_x" in motion.columns:
-        np.testing.assert_allclose(states[:, 2:4].std(axis=0), 10.0, rtol=0.02)
+        np.testing.assert_allclose(states[:, 2:4].std(axis=0), 0.5 * BOX_SIZE, rtol=0.02)
     np.testing.assert_allclose(motion.boxes(states)[:, 2:], np.tile(BOX[2:], (40_000, 1)))
     assert states.shape[1] == len(motion.columns)
 
 
 @every_model
-def test_the_box_lies_around_the_center(model):
-    motion = model(BOX, MotionParameters(prior_position=0.0, prior_velocity=0.0))
-    states = motion.prior(1, np.random.default_rng(0))
-    np.testing.assert_allclose(motion.boxes(states), [BOX])
+def test_the_box_lies_around_the_center(name):
+    motion = motion_model(name)
+    states = motion.prior(200, np.random.default_rng(0))
+    boxes = motion.boxes(states)
+    np.testing.assert_allclose(boxes[:, :2] + boxes[:, 2:] / 2, states[:, :2])
+    np.testing.assert_allclose(boxes[:, 2:], np.tile(BOX[2:], (200, 1)))
+    assert motion.columns[:2] == ("x", "y")
 
 
 @every_model
-def test_centers_stay_in_the_image(model):
-    motion = model(BOX, MotionParameters(prior_position=10.0))
+def test_centers_stay_in_the_image(name):
+    # The prior has a standard deviation of 200 px around the corner at (0, 0).
+    motion = motion_model(name, box=(-4000.0, -1000.0, 8000.0, 2000.0))
     states = motion.prior(500, np.random.default_rng(0))
     constrained = motion.constrain(states, (160, 90))
     assert constrained[:, 0].min() == 0.0
@@ -96,14 +51,38 @@ def test_centers_stay_in_the_image(model):
     assert constrained[:, 1].max() == 90.0
 
 
-def test_sizes_neither_collapse_nor_outgrow_the_image():
-    motion = ConstantVelocityAndSize(BOX, MotionParameters())
-    states = np.array([[80.0, 45.0, 0.0, 0.0, 1e-9, 1e9]])
-    constrained = motion.constrain(states, (160, 90))
-    np.testing.assert_allclose(constrained[0, 4:], [SMALLEST_SIDE, 90.0])
+@every_model
+def test_the_same_numbers_predict_the_same_states(name):
+    motion = motion_model(name)
+    states = motion.prior(20, np.random.default_rng(0))
+    one, other = (motion.predict(states, 0.1, np.random.default_rng(7)) for _ in range(2))
+    np.testing.assert_array_equal(one, other)
+    assert (one != states).any()
 
 
-def test_a_target_smaller_than_the_smallest_side_keeps_its_size():
-    motion = ConstantVelocityAndSize((10.0, 10.0, 3.0, 4.0), MotionParameters())
-    states = motion.prior(5, np.random.default_rng(0))
-    np.testing.assert_allclose(motion.constrain(states, (160, 90))[:, 4:], [[3.0, 4.0]] * 5)
+@every_model
+def test_a_prediction_leaves_the_states_before_as_they_are(name):
+    motion = motion_model(name)
+    states = motion.prior(20, np.random.default_rng(0))
+    states.setflags(write=False)
+    motion.constrain(motion.predict(states, 0.1, np.random.default_rng(7)), (160, 90))
+
+
+@every_model
+def test_only_the_parameters_that_a_model_reads_exist_with_it(name):
+    declared = declarations(MotionParameters, {"model": name})
+    own = declarations(MOTION_MODELS.parameters_of(name))
+    assert list(declared) == ["model", *own]
+    assert "position_noise" in own
+    built = build(MotionParameters, {"model": name, "position_noise": 0.25})
+    assert built.of_model[""].position_noise == 0.25
+
+
+def test_a_parameter_of_another_model_is_refused_naming_the_model_it_needs():
+    with pytest.raises(ParameterError, match="no parameter 'drift' here; it needs model 'affine'"):
+        build(MotionParameters, {"model": "constant_velocity", "drift": (1.0, 0.0)})
+
+
+def test_models_are_told_apart_by_what_they_can():
+    assert models_with("foresight") == ("affine", "second_order_autoregressive")
+    assert models_with("center_prior") == ("constant_velocity", "constant_velocity_and_size")

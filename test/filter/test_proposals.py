@@ -11,7 +11,6 @@ from pf_tracker_ros.filter import (
     Gaussian,
     GridDensity,
     ParticleSet,
-    ProposalParameters,
     SearchGrid,
     propose_from_prediction,
     propose_from_search,
@@ -171,18 +170,14 @@ def test_growth_model_slope_is_the_derivative(monkeypatch):
         assert growth_model.growth_slope(state) == pytest.approx((ahead - behind) / 2e-5, rel=1e-6)
 
 
-def searched(share, jump, log_likelihood, count=40_000, seed=0):
+def searched(share, log_likelihood, count=40_000, seed=0):
     """Centers that the motion takes to (10, 20) with a spread of 4, and a 20 x 20 px grid."""
     generator = np.random.default_rng(seed)
     prior = CenterPrior(np.full((count, 2), [10.0, 20.0]), np.array([4.0]))
     drawn = prior.mean + prior.spread * generator.standard_normal((count, 2))
     grid = SearchGrid(np.array([12.0, 22.0]), 2.0, 10)
-    parameters = ProposalParameters(search_share=share, jump_probability=jump)
-    return (
-        drawn,
-        grid,
-        propose_from_search(drawn, prior, GridDensity(grid, log_likelihood), parameters, generator),
-    )
+    found = GridDensity(grid, log_likelihood)
+    return drawn, grid, propose_from_search(drawn, prior, found, share, generator)
 
 
 def test_cells_of_a_grid():
@@ -195,11 +190,12 @@ def test_cells_of_a_grid():
     assert inside.tolist() == [False, True, False, True]
 
 
-@pytest.mark.parametrize("jump", [0.1, 0.9])
-def test_a_search_leaves_the_expectations_of_the_prior(jump):
-    """Wherever it draws: the prior is a Gaussian, or anywhere in the grid."""
+@pytest.mark.parametrize("share", [0.01, 0.5, 0.9])
+def test_a_search_leaves_the_expectations_of_the_prior(share):
+    """Wherever it draws: the prior is a Gaussian, or with a tenth anywhere in the grid."""
+    jump = 0.1
     log_likelihood = -np.linspace(0.0, 6.0, 100)
-    _, _, proposed = searched(0.5, jump, log_likelihood)
+    _, _, proposed = searched(share, log_likelihood)
     particles = ParticleSet(proposed.centers, proposed.log_ratio)
     expected = (1 - jump) * np.array([10.0, 20.0]) + jump * np.array([12.0, 22.0])
     np.testing.assert_allclose(particles.mean, expected, atol=0.15)
@@ -210,7 +206,7 @@ def test_a_search_leaves_the_expectations_of_the_prior(jump):
 def test_a_share_is_drawn_where_the_search_found_the_target():
     log_likelihood = np.full(100, -50.0)
     log_likelihood[37] = 0.0
-    drawn, grid, proposed = searched(0.7, 0.1, log_likelihood)
+    drawn, grid, proposed = searched(0.7, log_likelihood)
     cells, inside = grid.cells_of(proposed.centers)
     moved = (proposed.centers != drawn).any(axis=1)
     assert moved.mean() == pytest.approx(0.7, abs=0.02)
@@ -224,12 +220,12 @@ def test_a_share_is_drawn_where_the_search_found_the_target():
 def test_no_weight_of_a_search_is_out_of_bounds():
     """A place that only the search would go to is worth what the prior gives it."""
     log_likelihood = -np.linspace(0.0, 300.0, 100)
-    _, _, proposed = searched(0.9, 0.05, log_likelihood)
+    _, _, proposed = searched(0.9, log_likelihood)
     assert np.isfinite(proposed.log_ratio).all()
-    # The motion's own part of the mixture is 0.1, and a jump has 0.05 over 400 px^2.
+    # The motion's own part of the mixture is 0.1, and a jump has another 0.1 over 400 px^2.
     _, inside = SearchGrid(np.array([12.0, 22.0]), 2.0, 10).cells_of(proposed.centers)
     offsets = (proposed.centers - [10.0, 20.0]) / 4.0
     motion = np.exp(-0.5 * (offsets**2).sum(axis=1)) / (2 * np.pi * 16.0)
-    prior = 0.95 * motion + 0.05 / 400.0 * inside
+    prior = 0.9 * motion + 0.1 / 400.0 * inside
     np.testing.assert_allclose(proposed.log_prior, np.log(prior), rtol=1e-6)
     assert (np.exp(proposed.log_ratio) <= prior / (0.1 * motion) + 1e-9).all()

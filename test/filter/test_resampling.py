@@ -14,6 +14,7 @@ from pf_tracker_ros.filter import (
     ResamplingParameters,
     build_resampler,
 )
+from pf_tracker_ros.parameters import ParameterError, build, declarations
 
 raw_weights = arrays(float, st.integers(1, 30), elements=st.floats(0, 1)).filter(
     lambda weights: weights.sum() > 1e-3
@@ -150,16 +151,30 @@ def test_keeping_the_best_changes_one_draw_at_most():
     assert 3 < passed_over < 20
 
 
+def resampler_of(**values):
+    return build_resampler(build(ResamplingParameters, values))
+
+
 def test_the_parameters_name_scheme_threshold_and_the_best():
     states = np.arange(100.0)[:, None]
     particles = ParticleSet(states, np.where(states[:, 0] == 42.0, 0.1, 0.0))
-    kept = build_resampler(ResamplingParameters("multinomial", threshold=1.0, keep_best=True))
-    drawn = build_resampler(ResamplingParameters("multinomial", threshold=1.0))
+    kept = resampler_of(scheme="multinomial", threshold=1.0, keep_best=True)
+    drawn = resampler_of(scheme="multinomial", threshold=1.0)
     survived = [
         [42.0 in r.resample(particles, 100, np.random.default_rng(s)).states for s in range(40)]
         for r in (kept, drawn)
     ]
     assert all(survived[0])
     assert not all(survived[1])
-    rare = build_resampler(ResamplingParameters("multinomial", threshold=0.5, keep_best=True))
+    rare = resampler_of(scheme="multinomial", threshold=0.5, keep_best=True)
     assert rare.resample(particles, 100, np.random.default_rng(0)) is particles
+
+
+@every_scheme
+def test_only_a_scheme_that_may_pass_over_the_best_can_be_told_to_keep_it(scheme):
+    may = scheme in ("multinomial", "stratified")
+    assert ("keep_best" in declarations(ResamplingParameters, {"scheme": scheme})) == may
+    assert isinstance(resampler_of(scheme=scheme).resampler, RESAMPLERS[scheme])
+    if not may:
+        with pytest.raises(ParameterError, match="it needs scheme 'multinomial' or 'stratified'"):
+            resampler_of(scheme=scheme, keep_best=True)

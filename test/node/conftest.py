@@ -20,12 +20,14 @@ from hypothesis import settings
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image, PointCloud2
 
 from pf_tracker_ros.node.tracker.tracker_node import TrackerNode
+from pf_tracker_ros.parameters import all_declarations
+from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 # Read once a process, by the first node.
@@ -41,6 +43,9 @@ DEADLINE = 15.0
 PATIENCE = 4.0
 FRAME_INTERVAL = 40_000_000
 FIRST_STAMP = 1_700_000_000_000_000_000
+EVERY_TUNABLE = all_declarations(TrackerParameters)
+# What rclpy declares by itself.
+OF_EVERY_NODE = {"use_sim_time", "start_type_description_service"}
 
 
 @dataclass(frozen=True)
@@ -187,6 +192,22 @@ class Client(Node):
             for name, value in values.items()
         ]
         return self.call(self.parameters.set_parameters_atomically, parameters).result
+
+    def get_parameters(self, *names):
+        """The values of parameters, lists as tuples."""
+        values = self.call(self.parameters.get_parameters, list(names)).values
+        found = [parameter_value_to_python(value) for value in values]
+        return [tuple(value) if isinstance(value, list) else value for value in found]
+
+    def parameter_names(self):
+        """The parameters that the node has, without those of every node."""
+        names = self.call(self.parameters.list_parameters).result.names
+        return [name for name in names if name not in OF_EVERY_NODE]
+
+    def tunables(self):
+        """Name to value of each parameter of the tracker that the node has."""
+        names = [name for name in self.parameter_names() if name in EVERY_TUNABLE]
+        return dict(zip(names, self.get_parameters(*names), strict=True))
 
     def call(self, request, *arguments):
         """The response to a request, which may arrive more than once, to a parameter service."""

@@ -1,13 +1,11 @@
 """A preset that is given beside a file, or in a later one, is taken whole."""
 
 import os
+import signal
 
 import pytest
-from rclpy.parameter import parameter_value_to_python
 
 from pf_tracker_ros.node.override_sources import files_superseded_by
-from pf_tracker_ros.parameters import declarations
-from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 OWN = """\
@@ -107,13 +105,52 @@ def test_a_process_takes_the_preset_of_its_command_line_whole(
     reliable = ["-p", "image_reliability:=reliable"]
     graph.process(*arguments.format(**files).split(), *reliable)
     client.meet()
-    names = [*declarations(TrackerParameters), "click_size"]
-    response = client.call(client.parameters.get_parameters, names)
-    values = dict(zip(names, map(parameter_value_to_python, response.values), strict=True))
+    assert client.tunables() == preset_parameters(preset) | changes
     # What no preset has a value for comes from the file in any case.
-    assert values == preset_parameters(preset) | changes | {"click_size": 12.0}
+    assert client.get_parameters("click_size") == [12.0]
     count = {0: "", 1: ", 1 value changed", 2: ", 2 values changed"}[len(changes)]
     assert client.show(images[0], client.at(0)).values["preset"] == preset + count
+
+
+DUMPED = """\
+/**:
+  ros__parameters:
+    preset: zhang2015
+    hog:
+      sharpness: 90.0
+    cues: [hog, color_histogram]
+    oriented_gradients:
+      power: 0.5
+    particles: 77
+"""
+
+
+def test_what_a_preset_supersedes_says_nothing_of_parts_and_names_that_it_has_not(
+    graph, tmp_path, images
+):
+    path = tmp_path / "dumped.yaml"
+    path.write_text(DUMPED)
+    client = graph.client()
+    arguments = f"--params-file {path} -p preset:=li2007 -p image_reliability:=reliable"
+    process = graph.process(*arguments.split())
+    client.meet()
+    assert client.tunables() == preset_parameters("li2007")
+    assert client.show(images[0], client.at(0)).values["frame"] == "waiting"
+    process.send_signal(signal.SIGINT)
+    log, _ = process.communicate(timeout=30)
+    assert "hog.sharpness" not in log
+    assert "'oriented_gradients.power'; use 'hog.power'; it has no effect" in log
+
+
+def test_a_file_chooses_and_gives_values_of_what_it_brings_in_any_order(graph, tmp_path):
+    path = tmp_path / "dumped.yaml"
+    path.write_text(DUMPED.replace("    oriented_gradients:\n      power: 0.5\n", ""))
+    client = graph.client()
+    graph.process("--params-file", str(path))
+    client.meet()
+    found = client.tunables()
+    names = ["cues", "hog.sharpness", "particles", "color_histogram.keep"]
+    assert [found[name] for name in names] == [("hog", "color_histogram"), 90.0, 77, 0.9]
 
 
 def test_a_pipe_that_rcl_has_read_is_not_waited_for(tmp_path):

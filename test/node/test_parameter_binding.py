@@ -49,9 +49,9 @@ class Bound:
 def bind(graph):
     """A function that makes a node with the overrides and binds the group to it."""
 
-    def make(defaults=None, **overrides):
+    def make(usual=None, **overrides):
         bound = Bound(graph.context(), overrides)
-        bound.binding.declare(DECLARATIONS, defaults)
+        bound.binding.declare(Group, usual=usual)
         return bound
 
     return make
@@ -84,7 +84,7 @@ def test_every_parameter_gets_its_type_description_range_and_default(bind):
 
 def test_what_is_given_at_start_up_comes_over_the_defaults(bind):
     bound = bind(
-        defaults={**Group().__dict__, "rate": 2.0, "count": 4},
+        usual=lambda values: {"rate": 2.0, "count": 4},
         count=5,
         box=[1.0, 2.0, 3.0, 4.5],
         mode="fast",
@@ -229,16 +229,6 @@ def test_a_parameter_that_does_not_exist_is_reported_with_the_likely_one(bind):
         "there is no parameter 'raet' (did you mean 'rate'?); it has no effect"
     ]
     assert not bound.binding.refused
-
-
-def test_values_that_follow_from_another_are_set_with_it_unless_requested(bind):
-    def imply(requested):
-        return {"rate": 7.0, "count": 7} if requested.get("mode") == "fast" else {}
-
-    bound = bind().listen(imply=imply)
-    assert bound.set(mode="fast", count=2).successful
-    assert bound.applied == [{"mode": "fast", "count": 2, "rate": 7.0}]
-    assert bound.node.get_parameter("rate").value == 7.0
 
 
 def test_a_set_of_other_parameters_is_none_of_its_business(bind):

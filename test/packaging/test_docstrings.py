@@ -9,7 +9,6 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 FOLDERS = ("pf_tracker_ros", "benchmarks")
 # Their constructors tell of their arguments themselves.
 EXCEPTIONS = {
-    "pf_tracker_ros/node/parameter_binding.py",
     "pf_tracker_ros/tracking/frame_history.py",
 }
 

@@ -141,7 +141,8 @@ def test_runs_are_the_same_to_the_bit(experiment):
         (["--parameter", "particles"], "'particles'; allowed: NAME=VALUE"),
         (["--parameter", "particles=5"], "'particles' is what the settings differ in"),
         (["--parameter", "speed=5"], "no parameter 'speed'"),
-        (["--parameter", "template.keep=7"], "'template.keep' is 7; allowed: float, 0 to 1"),
+        (["--parameter", "color_histogram.keep=7"], "'color_histogram.keep' is 7; allowed: float"),
+        (["--parameter", "template.update_above=7"], "is 7; allowed: float, 0 to 1"),
     ],
 )
 def test_wrong_arguments_are_refused_with_what_is_allowed(experiment, arguments, message, capsys):

@@ -1,3 +1,4 @@
+import itertools
 import re
 import subprocess
 import sys
@@ -8,7 +9,7 @@ import yaml
 from generate import generated_files, main
 
 from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
-from pf_tracker_ros.parameters import declarations
+from pf_tracker_ros.parameters import all_declarations, choosers, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
@@ -43,22 +44,71 @@ def test_a_preset_file_names_every_parameter_with_the_value_and_type_of_the_pres
     text = generated_files()[f"config/{preset}.yaml"]
     # One line is one parameter: taking its mark away is all there is to do.
     values = parameters_of(re.sub(r"^( +)#(?! )", r"\1", text, flags=re.MULTILINE))
-    expected = preset_parameters(preset) | {"preset": preset, "seed": 0, "target_box": []}
-    assert expected.items() <= values.items()
-    known = declarations(NodeParameters) | declarations(TrackerParameters)
+    expected = preset_parameters(preset) | {"preset": preset, "seed": 0, "target_box": ()}
+    known = declarations(NodeParameters) | declarations(TrackerParameters, expected)
     assert list(values) == list(known)
-    for name, value in values.items():
-        assert type(known[name].validate(value)) is type(value) or name == "target_box"
+    # YAML has lists where a declaration has tuples.
+    read = {name: tuple(one) if isinstance(one, list) else one for name, one in values.items()}
+    assert expected.items() <= read.items()
+    for name, value in read.items():
+        assert type(known[name].validate(value)) is type(value)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_preset_file_says_what_can_be_chosen(preset):
+    text = " ".join(generated_files()[f"config/{preset}.yaml"].replace("#", "").split())
+    for declaration in choosers(TrackerParameters).values():
+        assert f"{declaration.allowed}" in text
+        (_, after) = text.split(declaration.allowed)
+        assert after.partition(f"{declaration.name}:")[0].endswith(
+            ". Decides which other parameters there are. "
+        )
+
+
+def rows_of_the_tracker():
+    """Name to (column to cell), in order."""
+    section = generated_files()["docs/parameters.md"].split("\n## ")[2]
+    lines = [line for line in section.splitlines() if line.startswith("|")]
+    titles, _, *rows = ([cell.strip() for cell in line[1:-1].split(" | ")] for line in lines)
+    return {row[0].strip("`"): dict(zip(titles, row, strict=True)) for row in rows}
 
 
 def test_the_table_has_a_row_for_every_parameter():
-    table = generated_files()["docs/parameters.md"]
-    for name, declaration in declarations(TrackerParameters).items():
-        (row,) = [line for line in table.splitlines() if line.startswith(f"| `{name}` |")]
-        cells = [cell.strip() for cell in row.strip("|").split(" | ")]
-        assert declaration.description in row
-        assert len(cells) == 6 + len(PRESETS)
-        assert declaration.allowed in cells
+    known = all_declarations(TrackerParameters)
+    rows = rows_of_the_tracker()
+    assert rows.keys() == known.keys()
+    for name, declaration in known.items():
+        assert rows[name]["description"] == declaration.description
+        assert rows[name]["allowed"] == declaration.allowed
+        assert rows[name]["only with"] == declaration.only_with
+        assert rows[name]["at run time"] == ("learns again" if declaration.read_only else "yes")
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_the_table_has_the_values_of_a_preset_and_a_dash_for_what_is_not_there(preset):
+    cells = {name: row[f"`{preset}`"] for name, row in rows_of_the_tracker().items()}
+    known = all_declarations(TrackerParameters)
+    found = {
+        name: known[name].validate(yaml.safe_load(cell.strip("`")))
+        for name, cell in cells.items()
+        if cell != "-"
+    }
+    assert found == preset_parameters(preset)
+
+
+def test_the_table_tells_the_value_of_what_no_preset_has_chosen():
+    known = all_declarations(TrackerParameters)
+    for name, row in rows_of_the_tracker().items():
+        if known[name].only_with:
+            default = yaml.safe_load(row["otherwise"].strip("`"))
+            assert known[name].validate(default) == known[name].default
+
+
+def test_what_belongs_together_stands_together_after_what_is_always_there():
+    conditions = [row["only with"] for row in rows_of_the_tracker().values()]
+    blocks = [block for block, _ in itertools.groupby(conditions)]
+    assert blocks[0] == ""
+    assert len(blocks) == len(set(blocks))
 
 
 def test_the_files_are_written_into_a_repository_and_nowhere_else(tmp_path, capsys):

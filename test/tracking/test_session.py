@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Tracker
+from pf_tracker_ros.parameters import changed
+from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 from pf_tracker_ros.tracking.session import LATE_WITHIN, Session, TimePolicy
 
@@ -305,6 +307,67 @@ def test_another_model_learns_the_target_where_it_was_last_seen(started, images,
     assert same(after.estimate, tracker.update(images[2], 0.04))
 
 
+@pytest.mark.parametrize(
+    ("preset", "name", "value"),
+    [
+        ("li2007", "working_size", 60),
+        ("li2007", "motion.model", "constant_velocity_and_size"),
+        ("default", "proposal.method", "transition"),
+        ("default", "correlation_response.window", 3.0),
+        ("zhang_bo", "background.moving_camera", True),
+    ],
+)
+def test_what_the_library_fixes_is_learned_again(preset, name, value, images, box):
+    before = preset_parameters(preset)
+    session = Session(before, seed=3)
+    session.request(box)
+    session.process(images[0], START)
+    outcome = session.process(images[1], START + 40_000_000)
+    after = changed(TrackerParameters, before, {name: value})
+    session.configure(after, seed=3)
+    told = session.process(images[2], START + 80_000_000).estimate
+    tracker = Tracker.from_preset(preset, seed=3, parameters={name: value})
+    tracker.start(images[1], outcome.estimate.box)
+    assert told == tracker.update(images[2], 0.04)
+
+
+@pytest.mark.parametrize("cue", ["hog", "correlation_response", "foreground"])
+def test_a_cue_is_added_without_learning_the_target_again(cue, images, box):
+    """Also one that brings parameters that are fixed from then on."""
+    before = preset_parameters("li2007")
+    changes = {"cues": (*before["cues"], cue)}
+    session = Session(before, seed=3)
+    session.request(box)
+    session.process(images[0], START)
+    session.process(images[1], START + 40_000_000)
+    session.configure(changed(TrackerParameters, before, changes), seed=3)
+    told = session.process(images[2], START + 80_000_000).estimate
+    tracker = Tracker.from_preset("li2007", seed=3)
+    tracker.start(images[0], box)
+    tracker.update(images[1], 0.04)
+    tracker.set_parameters(changes)
+    assert told == tracker.update(images[2], 0.04)
+    session.configure(before, seed=3)
+    tracker.set_parameters({"cues": before["cues"]})
+    told = session.process(images[3], START + 120_000_000).estimate
+    assert told == tracker.update(images[3], 0.04)
+
+
+def test_cues_that_do_not_know_a_hidden_target_learn_it_from_before_it_was_hidden(
+    started, images, box
+):
+    seen = started.process(images[1], START + 40_000_000)
+    hidden = started.process(np.zeros_like(images[0]), START + 80_000_000)
+    assert (seen.estimate.state, hidden.estimate.state) == ("tracking", "occluded")
+    changes = {"cues": ("hog",)}
+    started.configure(changed(TrackerParameters, PARAMETERS, changes), seed=3)
+    after = started.process(np.zeros_like(images[0]), START + 120_000_000)
+    assert after.estimate.state == "occluded"
+    tracker = Tracker.from_preset("li2007", seed=3, parameters={"particles": 20} | changes)
+    tracker.start(images[1], seen.estimate.box)
+    assert after.estimate == tracker.update(np.zeros_like(images[0]), 0.08)
+
+
 def test_a_hidden_target_is_learned_from_before_it_was_hidden(session, images, box):
     hiding = PARAMETERS | {"track.occluded_below": 0.9, "track.recovered_above": 0.9}
     session.configure(hiding, seed=3)
@@ -331,9 +394,9 @@ def test_a_target_that_outgrew_the_image_can_be_learned_again(started, images, e
 
 
 def test_a_change_that_contradicts_itself_changes_nothing(started, images, box):
-    wrong = preset_parameters("default") | {"proposal.kalman_share": 0.5}
+    wrong = changed(TrackerParameters, preset_parameters("default"), {"proposal.method": "kalman"})
     for attempt in (started.check, started.configure):
-        with pytest.raises(ValueError, match=r"kalman_share.*constant_velocity_and_size"):
+        with pytest.raises(ValueError, match=r"'kalman' with the .*'constant_velocity_and_size'"):
             attempt(wrong, 3)
     after = started.process(images[1], START + 40_000_000)
     assert same(after.estimate, library(images[:2], box, [0.04])[0])

@@ -124,8 +124,7 @@ def test_a_copied_tracker_with_gray_images_and_every_motion_goes_on_as_well(copi
     parameters = {
         "motion.model": "second_order_autoregressive",
         "background.moving_camera": True,
-        "adaptive_number.error": 0.1,
-        "oriented_gradients.power": 0.5,
+        "cues": ("foreground_color_histogram", "gradient_orientation", "foreground", "hog"),
     }
     tracker = Tracker.from_preset("zhang_bo", seed=3, parameters=parameters)
     tracker.start(images[0], moving_square.boxes[0])

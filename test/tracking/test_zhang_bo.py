@@ -36,20 +36,16 @@ def test_the_same_seed_gives_the_same_bits():
     assert [estimate.box for estimate in one] == [estimate.box for estimate in other]
 
 
-def test_the_kalman_share_needs_a_gaussian_motion_model():
-    with pytest.raises(ValueError, match=r"'proposal\.kalman_share' is .* 'affine'"):
-        Tracker.from_preset("zhang_bo", parameters={"motion.model": "constant_velocity"})
-
-
 @pytest.mark.parametrize(
     "parameters",
     [
         # Without the Kalman filter's velocity, only a wider random walk keeps up.
-        {"proposal.kalman_share": 0.0, "motion.position_noise": 1.0},
+        {"proposal.method": "transition", "motion.position_noise": 1.0},
         {"motion.model": "second_order_autoregressive"},
-        {"color_histogram.foreground_only": False},
-        {"moving_foreground.power": 0.0},
-        {"background.color": True, "background.moving_camera": True},
+        {"cues": ("color_histogram", "gradient_orientation", "foreground")},
+        {"foreground.power": 0.0},
+        {"cues": ("foreground_color_histogram", "gradient_orientation")},
+        {"background.moving_camera": True},
     ],
 )
 def test_each_part_can_be_left_out_or_extended(parameters):

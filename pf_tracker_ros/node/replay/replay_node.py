@@ -40,7 +40,7 @@ from pf_tracker_ros.node.replay.replay_source import (
     open_replay_source,
 )
 from pf_tracker_ros.node.running import run
-from pf_tracker_ros.parameters import build, declarations
+from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS, stamp_of
 
 # Deep enough that a subscriber may be busy for a third of a second, shallow enough for memory.
@@ -78,7 +78,7 @@ class ReplayNode(Node):
         self._played_stamps = PlayedStamps(lambda: self.get_clock().now().nanoseconds)
         self._thread: threading.Thread | None = None
         self._binding = ParameterBinding(self)
-        self._binding.declare(declarations(ReplayParameters))
+        self._binding.declare(ReplayParameters)
         self._begin()
         self._binding.listen(
             apply=lambda changes: self._begin(), ready=lambda: self._thread is not None

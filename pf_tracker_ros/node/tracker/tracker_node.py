@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -18,7 +17,8 @@ from pf_tracker_ros.node.images.decoder import ImageDecoder
 from pf_tracker_ros.node.managed_node import ManagedNode
 from pf_tracker_ros.node.message_building import TargetError, estimate_values
 from pf_tracker_ros.node.override_sources import files_superseded_by
-from pf_tracker_ros.node.parameter_binding import ParameterBinding, Values
+from pf_tracker_ros.node.parameter_binding import ParameterBinding
+from pf_tracker_ros.node.parameter_group import Values
 from pf_tracker_ros.node.parameter_requests import take_whole_requests
 from pf_tracker_ros.node.qos import given_overrides
 from pf_tracker_ros.node.running import run
@@ -65,24 +65,22 @@ class TrackerNode(ManagedNode):
         self._targets: TargetInput | None = None
         self._unused_overrides: set[str] = set()
 
-        # The session can change what the library alone fixes while it tracks.
-        self._tunables = {
-            name: replace(declaration, read_only=False)
-            for name, declaration in declarations(TrackerParameters).items()
-        }
         self._binding = ParameterBinding(self, report=self._reporter.report)
-        self._binding.declare(declarations(NodeParameters))
+        self._binding.declare(NodeParameters)
         self._binding.declare(
-            self._tunables,
-            preset_parameters(self._values["preset"]),
+            TrackerParameters,
+            usual=lambda values: preset_parameters(values["preset"]),
+            renewed_by="preset",
             superseded=files_superseded_by(
                 "preset",
                 self.get_fully_qualified_name(),
                 [*command_line, *(options.get("cli_args") or ())],
             ),
+            # The session can change what the library alone fixes while it tracks.
+            keeps_read_only=False,
         )
-        self._binding.listen(check=self._check, apply=self._apply, imply=self._imply)
-        take_whole_requests(self, first="preset")
+        self._binding.listen(check=self._check, apply=self._apply)
+        take_whole_requests(self, self._binding)
         self._preset = PresetInForce.of(self._values)
         self._decoder = ImageDecoder(self._values["largest_image"])
         self._images = ImageInput(self, self._on_image, self._reporter.report)
@@ -155,10 +153,6 @@ class TrackerNode(ManagedNode):
 
     # Parameters
 
-    def _imply(self, requested: Values) -> Values:
-        """A preset is taken whole."""
-        return preset_parameters(requested["preset"]) if "preset" in requested else {}
-
     def _check(self, values: Values) -> None:
         tunables, seed = self._tracker_values(values), values["seed"]
         if self._session:
@@ -212,7 +206,7 @@ class TrackerNode(ManagedNode):
             session.withdraw()
 
     def _tracker_values(self, values: Values) -> dict[str, Any]:
-        return {name: values[name] for name in self._tunables}
+        return {name: values[name] for name in declarations(TrackerParameters, values)}
 
     # Targets
 

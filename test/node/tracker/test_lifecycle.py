@@ -137,10 +137,10 @@ def test_values_that_contradict_each_other_are_refused_before_the_configuration_
     graph, client, manager
 ):
     graph.tracker(autostart=False, **QUICK)
-    result = client.set_parameters(proposal__kalman_share=0.5)
+    result = client.set_parameters(proposal__method="kalman")
     assert not result.successful
     assert "motion model 'constant_velocity'" in result.reason
-    assert client.set_parameters(proposal__kalman_share=0.5, motion__model="affine").successful
+    assert client.set_parameters(proposal__method="kalman", motion__model="affine").successful
     assert manager.change("CONFIGURE")
 
 

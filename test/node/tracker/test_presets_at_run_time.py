@@ -1,28 +1,20 @@
 """Parameters that change how the target is modeled, while it is tracked."""
 
 import pytest
-from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter import Parameter
 
-from pf_tracker_ros.parameters import declarations
+from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
+from pf_tracker_ros.parameters import all_declarations, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
 RELIABLE = {"image_reliability": "reliable"}
+OF_EVERY_NODE = {"use_sim_time", "start_type_description_service"}
 
 
 @pytest.fixture
 def boxes(moving_square):
     return [[float(value) for value in box] for box in moving_square.boxes]
-
-
-def get(client, *names):
-    response = client.call(client.parameters.get_parameters, list(names))
-    return [parameter_value_to_python(value) for value in response.values]
-
-
-def values_in_force(client):
-    names = list(declarations(TrackerParameters))
-    return dict(zip(names, get(client, *names), strict=True))
 
 
 def set_one_request(client, values):
@@ -36,14 +28,13 @@ def corner(message):
 
 
 def test_every_preset_takes_the_target_over_from_every_other(graph, client, images, boxes):
-    graph.tracker(client, seed=2, **RELIABLE)
-    names = list(declarations(TrackerParameters))
+    graph.tracker(client, seed=1, **RELIABLE)
     for before in PRESETS:
         for after in PRESETS:
             assert client.set_parameters(preset=before, target_box=boxes[0]).successful
             client.show_all(images[:6])
             assert client.set_parameters(preset=after).successful
-            assert dict(zip(names, get(client, *names), strict=True)) == preset_parameters(after)
+            assert client.tunables() == preset_parameters(after)
             client.boxes.clear()
             for index in range(6, 10):
                 status = client.show(images[index], client.at(index))
@@ -74,11 +65,11 @@ def test_a_preset_that_is_set_is_taken_whole_and_what_differs_from_it_is_told(
     assert client.show(images[2], client.at(2)).values["preset"] == "default, 2 values changed"
     for preset in ("zhang2015", "default"):
         assert client.set_parameters(preset=preset).successful
-        assert values_in_force(client) == preset_parameters(preset)
+        assert client.tunables() == preset_parameters(preset)
     status = client.show(images[3], client.at(3))
     assert (status.values["preset"], status.values["particles"]) == ("default", "200")
     assert client.set_parameters(preset="li2007", particles=44).successful
-    assert values_in_force(client) == preset_parameters("li2007") | {"particles": 44}
+    assert client.tunables() == preset_parameters("li2007") | {"particles": 44}
     status = client.show(images[4], client.at(4))
     assert status.values["preset"] == "li2007, 1 value changed"
     assert client.set_parameters(motion__position_noise=0.25).successful
@@ -91,10 +82,10 @@ def test_a_preset_that_is_set_is_taken_whole_and_what_differs_from_it_is_told(
 def test_a_request_of_several_parameters_is_taken_as_a_whole_in_any_order(graph, client):
     graph.tracker(client, **RELIABLE)
     # One by one, the first would be refused, and the last would undo those before it.
-    given = {"proposal.kalman_share": 0.4, "particles": 31, "preset": "zhang_bo"}
+    given = {"proposal.share": 0.4, "particles": 31, "preset": "zhang_bo"}
     assert all(result.successful for result in set_one_request(client, given))
-    expected = preset_parameters("zhang_bo") | {"proposal.kalman_share": 0.4, "particles": 31}
-    assert values_in_force(client) == expected
+    expected = preset_parameters("zhang_bo") | {"proposal.share": 0.4, "particles": 31}
+    assert client.tunables() == expected
 
 
 def test_all_values_of_a_node_can_be_given_back_to_it(graph, client):
@@ -115,62 +106,62 @@ def test_what_is_right_in_a_request_is_taken_where_something_is_wrong(graph, cli
     given = {"particles": 31, "imaginary": 1, "click_size": -1.0, "preset": "li2007"}
     results = set_one_request(client, given)
     assert [result.successful for result in results] == [True, False, False, True]
-    assert values_in_force(client) == preset_parameters("li2007") | {"particles": 31}
+    assert client.tunables() == preset_parameters("li2007") | {"particles": 31}
 
 
-def test_every_tunable_of_the_library_can_change_while_tracking(graph, client, images, boxes):
-    graph.tracker(client, target_box=boxes[0], **RELIABLE)
+@pytest.mark.parametrize("preset", PRESETS)
+def test_every_tunable_of_the_library_can_change_while_tracking(
+    graph, client, images, preset, other_values
+):
+    box = [20.0, 30.0, 24.0, 24.0]
+    graph.tracker(client, target_box=box, preset=preset, **RELIABLE)
     client.show(images[0], client.at(0))
-    known = declarations(TrackerParameters)
-    # A model that foresees, so that any share of foresight is allowed.
-    assert client.set_parameters(motion__model="affine", proposal__search_share=0.0).successful
+    known = declarations(TrackerParameters, PRESETS[preset])
+    before = client.tunables()
+    assert before.keys() == known.keys()
+    refused = set()
     for name, declaration in known.items():
-        (value,) = get(client, name)
-        if declaration.choices:
-            other = next(choice for choice in declaration.choices if choice != value)
-        elif declaration.type is bool:
-            other = not value
-        elif declaration.type is int:
-            other = value + 1 if value < declaration.maximum else value - 1
-        elif declaration.type is float:
-            other = 0.5 * (value + min(declaration.maximum, value + 1.0))
-        else:
-            continue
+        other = other_values(declaration, before[name])[0]
         result = client.set_parameters(**{name: other})
-        allowed = result.successful or "allowed" in result.reason
-        assert allowed, (name, result.reason)
         if result.successful:
-            assert get(client, name) == [other]
-            client.set_parameters(**{name: value})
+            assert client.get_parameters(name) == [other]
+            # What is away meanwhile comes back as it was.
+            assert client.set_parameters(**{name: before[name]}).successful
+        else:
+            assert "allowed" in result.reason, (name, result.reason)
+            refused.add(name)
+        assert client.tunables() == before
+    # What is made for one another can only change together.
+    assert refused <= {"motion.model", "proposal.method", "cues"}
     assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
+
+
+CONTRADICTION = {"proposal__method": "kalman", "motion__model": "constant_velocity"}
+REASON = "parameter 'proposal.method' is 'kalman' with the motion model 'constant_velocity'"
 
 
 def test_values_that_contradict_each_other_are_refused_at_run_time_as_at_start_up(
     graph, client, images, boxes
 ):
-    contradiction = {"proposal__kalman_share": 0.5, "motion__model": "constant_velocity"}
-    reason = "parameter 'proposal.kalman_share' is 0.5 with the motion model 'constant_velocity'"
     graph.tracker(client, target_box=boxes[0], **RELIABLE)
     client.show(images[0], client.at(0))
-    before = get(client, "proposal.kalman_share", "motion.model")
-    result = client.set_parameters(**contradiction)
+    before = client.tunables()
+    result = client.set_parameters(**CONTRADICTION)
     assert not result.successful
-    assert reason in result.reason
-    assert get(client, "proposal.kalman_share", "motion.model") == before
+    assert REASON in result.reason
+    assert client.tunables() == before
     status = client.show(images[1], client.at(1))
     assert (status.level, status.values["frame"]) == ("WARN", "tracked")
-    assert reason in status.message
+    assert REASON in status.message
 
 
 def test_contradictory_values_at_start_up_keep_the_node_up_until_they_are_set_rightly(
     graph, client, images, boxes
 ):
-    contradiction = {"proposal__kalman_share": 0.5, "motion__model": "constant_velocity"}
-    alone = {"proposal__search_share": 0.0}
-    graph.tracker(client, target_box=boxes[0], **alone, **contradiction, **RELIABLE)
+    graph.tracker(client, target_box=boxes[0], **CONTRADICTION, **RELIABLE)
     status = client.show(images[0], client.at(0))
     assert (status.level, status.values["state"]) == ("ERROR", "idle")
-    assert "parameter 'proposal.kalman_share' is 0.5 with the motion model" in status.message
+    assert REASON in status.message
     assert client.set_parameters(motion__model="affine").successful
     assert client.show(images[0], client.at(1)).values["frame"] == "started"
 
@@ -179,7 +170,7 @@ def test_a_set_of_many_parameters_is_all_or_nothing(graph, client, images, boxes
     graph.tracker(client, target_box=boxes[0], **RELIABLE)
     client.show(images[0], client.at(0))
     names = ["preset", "particles", "motion.model", "time_jump", "click_size"]
-    before = get(client, *names)
+    before = client.get_parameters(*names)
     wrong = {
         "preset": "zhang2015",
         "particles": 77,
@@ -188,7 +179,144 @@ def test_a_set_of_many_parameters_is_all_or_nothing(graph, client, images, boxes
         "click_size": -1.0,
     }
     assert not client.set_parameters(**wrong).successful
-    assert get(client, *names) == before
+    assert client.get_parameters(*names) == before
     assert client.set_parameters(**wrong | {"click_size": 9.0}).successful
-    assert get(client, *names) == ["zhang2015", 77, "affine", "wait", 9.0]
+    assert client.get_parameters(*names) == ["zhang2015", 77, "affine", "wait", 9.0]
     assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
+
+
+def on_node(node):
+    """What a node says of itself: name to value and type."""
+    names = [name for name in node.list_parameters([], 0).names if name not in OF_EVERY_NODE]
+    parameters = node.get_parameters(names)
+    return {one.name: (one.type_.name, str(one.get_parameter_value())) for one in parameters}
+
+
+def test_a_switch_of_the_preset_and_back_leaves_the_same_parameters(graph, client):
+    node = graph.tracker(client, particles=31, **RELIABLE)
+    assert client.set_parameters(preset="default").successful
+    before = on_node(node)
+    for preset in ("zhang2015", "zhang_bo", "li2007"):
+        assert client.set_parameters(preset=preset).successful
+        assert client.tunables() == preset_parameters(preset)
+        assert set(on_node(node)) != set(before)
+    assert client.set_parameters(preset="default").successful
+    assert on_node(node) == before
+
+
+def test_a_preset_and_values_of_what_it_brings_are_one_request(graph, client):
+    graph.tracker(client, **RELIABLE)
+    given = {"hog.sharpness": 200.0, "particles": 31, "preset": "zhang2015"}
+    assert all(result.successful for result in set_one_request(client, given))
+    expected = preset_parameters("zhang2015") | {"hog.sharpness": 200.0, "particles": 31}
+    assert client.tunables() == expected
+    assert client.set_parameters(preset="li2007", color_histogram__keep=0.5).successful
+    assert client.tunables() == preset_parameters("li2007") | {"color_histogram.keep": 0.5}
+
+
+def test_the_cues_change_while_the_target_is_tracked(graph, client, images, boxes):
+    graph.tracker(client, target_box=boxes[0], **RELIABLE)
+    client.show_all(images[:4])
+    added = ["color_contrast", "hog", "foreground"]
+    assert client.set_parameters(cues=added, hog__sharpness=90.0).successful
+    expected = {
+        name: value
+        for name, value in preset_parameters("default").items()
+        if not name.startswith("correlation_response")
+    }
+    brought = ("hog.", "foreground.", "background.")
+    expected |= {
+        name: declaration.default
+        for name, declaration in all_declarations(TrackerParameters).items()
+        if name.startswith(brought)
+    }
+    assert client.tunables() == expected | {"cues": tuple(added), "hog.sharpness": 90.0}
+    for index in range(4, 8):
+        status = client.show(images[index], client.at(index))
+        assert (status.values["frame"], status.values["state"]) == ("tracked", "tracking")
+        # The cues, and the one value that is not the declared default.
+        assert status.values["preset"] == "default, 2 values changed"
+    assert "power_hog" in status.values
+    assert client.set_parameters(preset="default").successful
+    assert client.tunables() == preset_parameters("default")
+    status = client.show(images[8], client.at(8))
+    assert status.values["preset"] == "default"
+    assert "power_hog" not in status.values
+    assert corner(client.box_at(client.at(8))) == pytest.approx(boxes[8][:2], abs=9)
+
+
+REFUSED = {
+    "a choice that contradicts the others": (
+        {"cues": ["hog"]},
+        "no cue in 'cues' can search",
+    ),
+    "no choice": ({"cues": []}, "parameter 'cues' is empty; name at least one cue"),
+    "a wrong value of what is chosen with it": (
+        {"preset": "zhang2015", "hog__sharpness": -1.0},
+        "parameter 'hog.sharpness' is -1.0; allowed: float, 0 to 1000",
+    ),
+    "what the choice takes away": (
+        {"preset": "zhang2015", "color_contrast__keep": 0.5},
+        "no parameter 'color_contrast.keep' here; it needs cues 'color_contrast'",
+    ),
+    "what is not chosen": (
+        {"particles": 9, "hog__sharpness": 1.0},
+        "no parameter 'hog.sharpness' here; it needs cues 'hog'",
+    ),
+    "a former name": (
+        {"particles": 9, "oriented_gradients__power": 1.0},
+        "no parameter 'oriented_gradients.power'; use 'hog.power'",
+    ),
+    "a name that is gone": (
+        {"particles": 9, "adaptive_number__error": 0.1},
+        "no parameter 'adaptive_number.error'; the number of particles is 'particles'",
+    ),
+    "a misspelt name": ({"particels": 9}, "no parameter 'particels' (did you mean 'particles'?)"),
+}
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_a_refused_request_leaves_parameters_and_values_and_says_what_to_do(
+    graph, client, images, boxes, kind
+):
+    request, reason = REFUSED[kind]
+    node = graph.tracker(client, target_box=boxes[0], **RELIABLE)
+    client.show(images[0], client.at(0))
+    before = on_node(node)
+    result = client.set_parameters(**request)
+    assert not result.successful
+    assert reason in result.reason
+    assert on_node(node) == before
+    status = client.show(images[1], client.at(1))
+    assert (status.level, status.values["frame"]) == ("WARN", "tracked")
+    assert reason in status.message
+    assert status.values["preset"] == "default"
+    # As rclpy's other service tells it.
+    (*_, last) = set_one_request(
+        client, {name.replace("__", "."): one for name, one in request.items()}
+    )
+    assert reason in last.reason
+
+
+def test_what_contradicts_on_the_way_is_right_in_one_request_beside_what_is_wrong(graph, client):
+    graph.tracker(client, **RELIABLE)
+    given = {"hog.sharpness": 90.0, "wings": 2, "cues": ["hog"], "proposal.method": "transition"}
+    results = set_one_request(client, given)
+    assert [result.successful for result in results] == [True, False, True, True]
+    assert client.get_parameters("cues", "hog.sharpness") == [("hog",), 90.0]
+
+
+def test_what_is_listed_is_described_and_what_is_not_listed_is_not(graph, client):
+    graph.tracker(client, **RELIABLE)
+    assert client.set_parameters(preset="zhang_bo").successful
+    names = client.parameter_names()
+    described = client.call(client.parameters.describe_parameters, names).descriptors
+    assert [one.name for one in described] == names
+    known = declarations(TrackerParameters, PRESETS["zhang_bo"])
+    assert sorted(names) == sorted(known | declarations(NodeParameters))
+    for descriptor in described:
+        if descriptor.name in known:
+            assert descriptor.description.startswith(known[descriptor.name].description)
+            assert not descriptor.read_only
+    assert not client.call(client.parameters.describe_parameters, ["hog.power"]).descriptors
+    assert not client.call(client.parameters.get_parameters, ["hog.power"]).values

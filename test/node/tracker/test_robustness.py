@@ -14,9 +14,10 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
 from std_srvs.srv import SetBool, Trigger
 
+from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.node.images.image_decoding import ENCODINGS
 from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
-from pf_tracker_ros.parameters import declarations
+from pf_tracker_ros.parameters import all_declarations, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 
@@ -28,7 +29,7 @@ QUICK = {
     "track__occluded_below": 0.0,
     "image_reliability": "reliable",
 }
-DECLARATIONS = declarations(NodeParameters) | declarations(TrackerParameters)
+DECLARATIONS = declarations(NodeParameters) | all_declarations(TrackerParameters)
 
 
 def cases(bounded):
@@ -90,7 +91,8 @@ def test_weights_that_all_vanish_and_boxes_without_bounds_are_survived(graph, cl
         "preset": "default",
         "motion__size_noise": 10.0,
         "motion__position_noise": 50.0,
-        "color_histogram__sharpness": 1000.0,
+        "color_contrast__sharpness": 1000.0,
+        "correlation_response__sharpness": 1000.0,
     }
     graph.tracker(client, target_box=box, **QUICK | wild)
     client.show(images[0], client.at(0))
@@ -177,6 +179,8 @@ SERVICES = st.tuples(st.sampled_from(["stop", "pause", "go on"]), st.none(), st.
 
 
 def valid(declaration):
+    if declaration.type == tuple[str, ...]:
+        return st.lists(st.sampled_from(declaration.choices), unique=True)
     if declaration.choices:
         return st.sampled_from(declaration.choices)
     if declaration.type is bool:
@@ -186,7 +190,10 @@ def valid(declaration):
     if declaration.type is int:
         return st.integers(int(declaration.minimum), int(most))
     number = st.floats(declaration.minimum, most)
-    return number if declaration.type is float else st.lists(number, min_size=4, max_size=4)
+    length = max(declaration.lengths, default=0)
+    if declaration.type is float:
+        return number
+    return st.lists(number, min_size=length, max_size=length)
 
 
 def parameters(names, value):
@@ -199,6 +206,7 @@ ANY_VALUE = (
     | st.booleans()
     | st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=9)
     | st.lists(st.floats(), min_size=1, max_size=5)
+    | st.lists(st.sampled_from([*CUES, "smell"]), max_size=3)
 )
 NAMES = sorted(set(DECLARATIONS) - {"image_transport", "image_reliability", "autostart"})
 SETS = st.tuples(
@@ -257,8 +265,8 @@ def calm():
     """Every parameter at its default, or at what is quick."""
     values = {
         name: declaration.default
-        for name, declaration in DECLARATIONS.items()
-        if name in NAMES or name == "target_box"
+        for name, declaration in declarations(NodeParameters).items()
+        if name in NAMES
     }
     values |= preset_parameters("li2007") | {"preset": "li2007"}
     values |= {"particles": 20, "track.occluded_below": 0.0}

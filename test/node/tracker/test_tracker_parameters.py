@@ -13,7 +13,12 @@ from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
 QUICK = {"particles": 20, "track__occluded_below": 0.0, "image_reliability": "reliable"}
-DECLARATIONS = declarations(NodeParameters) | declarations(TrackerParameters)
+# Those that every node has among them.
+MOST_PARAMETERS = 60
+
+
+def known_with(preset):
+    return declarations(NodeParameters) | declarations(TrackerParameters, PRESETS[preset])
 
 
 def get(client, *names):
@@ -24,17 +29,27 @@ def get(client, *names):
 @pytest.mark.parametrize("preset", PRESETS)
 def test_every_tunable_is_a_parameter_with_the_value_of_the_preset(graph, client, preset):
     graph.tracker(client, preset=preset)
-    names = list(declarations(TrackerParameters))
-    expected = preset_parameters(preset)
-    assert dict(zip(names, get(client, *names), strict=True)) == expected
+    assert client.tunables() == preset_parameters(preset)
 
 
-def test_every_parameter_is_described_and_every_float_has_a_range(graph, client):
-    graph.tracker(client)
-    response = client.call(client.parameters.describe_parameters, list(DECLARATIONS))
-    assert len(response.descriptors) == len(DECLARATIONS)
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_node_has_the_parameters_of_its_preset_and_not_too_many(graph, client, preset):
+    graph.tracker(client, preset=preset)
+    names = client.parameter_names()
+    assert sorted(names) == sorted(known_with(preset))
+    every = client.call(client.parameters.list_parameters).result.names
+    assert set(names) < set(every)
+    assert len(every) <= MOST_PARAMETERS
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_every_parameter_is_described_and_every_float_has_a_range(graph, client, preset):
+    graph.tracker(client, preset=preset)
+    known = known_with(preset)
+    response = client.call(client.parameters.describe_parameters, list(known))
+    assert len(response.descriptors) == len(known)
     for descriptor in response.descriptors:
-        declaration = DECLARATIONS[descriptor.name]
+        declaration = known[descriptor.name]
         assert descriptor.description.startswith(declaration.description)
         assert declaration.unit in descriptor.description
         # What the library fixes while it tracks, the node can change: it learns the target again.
@@ -45,6 +60,9 @@ def test_every_parameter_is_described_and_every_float_has_a_range(graph, client)
                 declaration.minimum,
                 declaration.maximum,
             )
+        else:
+            constraints = descriptor.additional_constraints
+            assert constraints == f"allowed: {declaration.allowed}" or declaration.type is int
 
 
 def test_a_value_of_the_user_comes_over_the_preset(graph, client, images, box):
@@ -61,6 +79,8 @@ REFUSED = {
     "of the wrong type": ("particles", "many", 20, "int, 1 to 100000"),
     "no choice": ("resampling__scheme", "fair", "systematic", "'stratified'"),
     "no model": ("motion__model", "straight", "constant_velocity", "'constant_velo"),
+    "no cue": ("cues", ["smell"], ["color_contrast"], "list of strings, each at most once"),
+    "one cue for a list": ("cues", "hog", ["color_contrast"], "list of strings, each at most once"),
     "a list too short": ("target_box", [1.0, 2.0], [20.0, 30.0, 24.0, 24.0], "0 or 4 numbers"),
     "no preset of that name": ("preset", "lee2007", "li2007", "'default' or 'li2007'"),
     "a seed below zero": ("seed", -1, 1, "int, 0 to"),
@@ -115,9 +135,7 @@ def test_a_preset_corrected_at_run_time_is_taken_whole(graph, client, images, bo
     assert client.set_parameters(preset="li2007").successful
     status = client.show(images[0], client.at(0))
     assert (status.values["preset"], status.values["particles"]) == ("li2007", "60")
-    names = list(declarations(TrackerParameters))
-    expected = preset_parameters("li2007")
-    assert dict(zip(names, get(client, *names), strict=True)) == expected
+    assert client.tunables() == preset_parameters("li2007")
 
 
 def test_a_parameter_that_does_not_exist_is_reported_and_does_not_stop_the_tracker(
@@ -127,6 +145,85 @@ def test_a_parameter_that_does_not_exist_is_reported_and_does_not_stop_the_track
     status = client.show(images[0], client.at(0))
     assert (status.level, status.values["frame"]) == ("WARN", "started")
     assert "no parameter 'particels' (did you mean 'particles'?)" in status.message
+
+
+FORMER = {
+    "renamed": (
+        {"oriented_gradients__sharpness": 90.0},
+        "no parameter 'oriented_gradients.sharpness'; use 'hog.sharpness'",
+        {"hog__sharpness": 90.0},
+    ),
+    "two in one": (
+        {"motion__affine_drift_x": 1.0, "motion__affine_drift_y": 0.5},
+        "no parameter 'motion.affine_drift_y'; use 'motion.drift'",
+        {"preset": "zhang_bo", "motion__drift": [1.0, 0.5]},
+    ),
+    "replaced by a preset": (
+        {"oriented_gradients__power": 1.0},
+        "no parameter 'oriented_gradients.power'; use 'hog.power'",
+        {"preset": "li2007"},
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", FORMER)
+def test_a_former_name_keeps_the_node_from_tracking_until_the_new_one_is_set(
+    graph, client, images, kind, capfd
+):
+    given, reason, right = FORMER[kind]
+    box = [20.0, 30.0, 24.0, 24.0]
+    graph.tracker(client, preset="zhang2015", target_box=box, **QUICK, **given)
+    status = client.show(images[0], client.at(0))
+    assert (status.level, status.values["state"]) == ("ERROR", "idle")
+    assert status.message.startswith("not tracking: ")
+    assert reason in status.message
+    assert reason in capfd.readouterr().err
+    assert client.set_parameters(particles=21).successful
+    assert client.show(images[0], client.at(1)).level == "ERROR"
+    assert client.set_parameters(**right).successful
+    status = client.show(images[0], client.at(2))
+    assert (status.level, status.values["frame"]) == ("OK", "started")
+
+
+def test_a_name_that_is_gone_keeps_the_node_from_tracking_for_good(graph, client, images, box):
+    graph.tracker(client, target_box=box, template__keep=0.9, **QUICK)
+    for index, changes in enumerate(({}, {"particles": 21}, {"preset": "li2007"})):
+        assert not changes or client.set_parameters(**changes).successful
+        status = client.show(images[0], client.at(index))
+        assert (status.level, status.values["state"]) == ("ERROR", "idle")
+        assert "no parameter 'template.keep'; each cue has its own" in status.message
+        assert "start without it" in status.message
+
+
+def test_what_is_not_chosen_has_no_effect_at_start_up(graph, client, images, box):
+    graph.tracker(client, target_box=box, hog__sharpness=90.0, **QUICK)
+    status = client.show(images[0], client.at(0))
+    assert (status.level, status.values["frame"]) == ("WARN", "started")
+    reason = "no parameter 'hog.sharpness' here; it needs cues 'hog'; it has no effect"
+    assert reason in status.message
+    assert status.values["preset"] == "default, 2 values changed"
+
+
+def test_what_is_chosen_at_start_up_brings_its_parameters(graph, client, images, box):
+    chosen = {
+        "proposal__method": "kalman",
+        "motion__model": "affine",
+        "cues": ["hog", "color_histogram"],
+    }
+    values = {"hog__sharpness": 90, "motion__drift": [1, 0], "resampling__scheme": "multinomial"}
+    graph.tracker(client, target_box=box, **values, **chosen, **QUICK)
+    status = client.show(images[0], client.at(0))
+    assert (status.level, status.values["frame"]) == ("OK", "started")
+    names = ["cues", "hog.sharpness", "motion.drift", "resampling.keep_best", "proposal.share"]
+    assert client.get_parameters(*names) == [
+        ("hog", "color_histogram"),
+        90.0,
+        (1.0, 0.0),
+        False,
+        # The preset's, whatever the method.
+        0.6,
+    ]
+    assert "redetection.windows" not in client.parameter_names()
 
 
 def test_a_change_at_run_time_takes_effect_in_the_next_frame_without_losing_the_target(

@@ -5,7 +5,6 @@ import signal
 
 import pytest
 from generate import generated_files
-from rclpy.parameter import parameter_value_to_python
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
@@ -19,10 +18,8 @@ def test_a_preset_file_is_read_by_ros_without_a_complaint(graph, client, images,
     path.write_text(generated_files()[f"config/{preset}.yaml"])
     graph.process("--params-file", str(path), "-p", "image_reliability:=reliable")
     client.meet()
-    expected = preset_parameters(preset) | {"preset": preset}
-    response = client.call(client.parameters.get_parameters, list(expected))
-    values = [parameter_value_to_python(value) for value in response.values]
-    assert dict(zip(expected, values, strict=True)) == expected
+    assert client.tunables() == preset_parameters(preset)
+    assert client.get_parameters("preset") == [preset]
     status = client.show(images[0], client.at(0))
     assert (status.level, status.message) == ("OK", "waiting for a target")
 

@@ -1,20 +1,23 @@
-"""Moving foreground cue: shares of foreground in boxes, counted by hand."""
+"""Foreground cue: shares of foreground in boxes, counted by hand."""
 
 import numpy as np
 import pytest
 
-from pf_tracker_ros.cues import FrameMaps, MovingForeground, MovingForegroundParameters
+from pf_tracker_ros.cues.foreground import ForegroundCue, ForegroundParameters
+from pf_tracker_ros.frames import Foreground, Frame, Region
 
 IMAGE = np.zeros((80, 100), np.uint8)
 TARGET = np.array([40.0, 30.0, 20.0, 20.0])
 
 
-def maps_of(mask, boxes, reduction=1):
-    return FrameMaps(IMAGE, boxes, foreground=(mask, reduction))
+def region_of(mask, boxes, reduction=1):
+    frame = Frame(IMAGE)
+    frame.foreground = Foreground(mask, reduction)
+    return Region(frame, boxes)
 
 
 def cue(ring=0.5, sharpness=10.0):
-    return MovingForeground(MovingForegroundParameters(ring=ring, sharpness=sharpness))
+    return ForegroundCue(ForegroundParameters(sharpness=sharpness), ring=ring)
 
 
 @pytest.mark.parametrize("reduction", [1, 2])
@@ -23,7 +26,7 @@ def test_contrast_by_hand(reduction):
     mask[30 // reduction : 50 // reduction, 40 // reduction : 60 // reduction] = 255
     # The second box holds half the target; its ring of 1200 px holds the other 200 px.
     boxes = np.array([TARGET, TARGET + [10, 0, 0, 0], [4.0, 4.0, 20.0, 20.0]])
-    contrast = cue().contrast(maps_of(mask, boxes, reduction), boxes)
+    contrast = cue().contrast(region_of(mask, boxes, reduction), boxes)
     np.testing.assert_allclose(contrast, [1.0, 0.5 - 200 / 1200, 0.0])
 
 
@@ -31,19 +34,32 @@ def test_likelihood_is_one_only_where_foreground_fills_the_box_and_not_the_ring(
     mask = np.zeros((80, 100), np.uint8)
     mask[30:50, 40:60] = 255
     boxes = np.array([TARGET, [4.0, 4.0, 20.0, 20.0]])
-    np.testing.assert_allclose(cue().log_likelihood(maps_of(mask, boxes), boxes, None), [0, -10])
+    np.testing.assert_allclose(cue().log_likelihood(region_of(mask, boxes), boxes, None), [0, -10])
 
 
 def test_boxes_that_reach_out_of_the_image_find_no_foreground_there():
     boxes = np.array([[-10.0, -10.0, 20.0, 20.0]])
     mask = np.full((80, 100), 255, np.uint8)
     # A quarter of the box, and 300 of the 1200 px of its ring.
-    contrast = cue().contrast(maps_of(mask, boxes), boxes)
+    contrast = cue().contrast(region_of(mask, boxes), boxes)
     np.testing.assert_allclose(contrast, [0.25 - 300 / 1200], atol=1e-12)
 
 
 def test_without_a_background_model_all_boxes_are_alike():
     boxes = np.array([TARGET, [4.0, 4.0, 20.0, 20.0]])
     np.testing.assert_array_equal(
-        cue().log_likelihood(FrameMaps(IMAGE, boxes), boxes, None), [0.0, 0.0]
+        cue().log_likelihood(Region(Frame(IMAGE), boxes), boxes, None), [0.0, 0.0]
     )
+
+
+def test_the_foreground_is_asked_for():
+    assert cue().needs_foreground
+
+
+def test_it_knows_no_target():
+    """Nothing is learned, and nothing told of whether what moves there is the target."""
+    boxes = np.array([TARGET])
+    region = region_of(np.full((80, 100), 255, np.uint8), boxes)
+    assert cue().learn(region, TARGET) is None
+    assert cue().match(None, None) is None
+    assert cue().blend(None, None) is None

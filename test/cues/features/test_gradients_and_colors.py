@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros.cues.window_features import CELL_PIXELS, window_features
+from pf_tracker_ros.cues.features.gradients_and_colors import GradientsAndColors
 
 # Alphabetical: the order of the channels.
 NAMED_COLORS = {
@@ -20,6 +20,11 @@ NAMED_COLORS = {
     "white": (255, 255, 255),
     "yellow": (255, 230, 0),
 }
+STRIDE = GradientsAndColors.stride
+
+
+def extract(window):
+    return GradientsAndColors().extract(window)
 
 
 def texture(seed, size=64):
@@ -30,7 +35,7 @@ def texture(seed, size=64):
 
 def gradients(gray):
     """The gradient channels alone."""
-    return window_features(gray)[:13]
+    return extract(gray)[:13]
 
 
 def looped_gradients(gray):
@@ -63,8 +68,8 @@ def looped_gradients(gray):
 @pytest.mark.parametrize(("shape", "channels"), [((32, 32, 3), 24), ((32, 32), 19)])
 def test_gradients_and_eleven_colors_or_six_gray_levels(shape, channels):
     window = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
-    features = window_features(window)
-    assert features.shape == (channels, 32 // CELL_PIXELS, 32 // CELL_PIXELS)
+    features = extract(window)
+    assert features.shape == (channels, 32 // STRIDE, 32 // STRIDE)
     assert features.dtype == np.float32
     gray = window if window.ndim == 2 else cv2.cvtColor(window, cv2.COLOR_BGR2GRAY)
     np.testing.assert_array_equal(features[:13], gradients(gray))
@@ -104,7 +109,7 @@ def test_an_edge_counts_for_its_direction_whatever_its_sign():
 def test_a_patch_of_a_named_color_has_that_name(name):
     window = np.empty((16, 16, 3), np.uint8)
     window[:] = NAMED_COLORS[name][::-1]
-    channels = window_features(window)[13:]
+    channels = extract(window)[13:]
     number = list(NAMED_COLORS).index(name)
     assert (channels.argmax(axis=0) == number).all()
     np.testing.assert_allclose(channels.sum(axis=0), 0.6, atol=1e-4)
@@ -115,22 +120,22 @@ def test_the_names_of_a_cell_are_the_means_of_its_parts():
     generator = np.random.default_rng(0)
     quarters = generator.integers(0, 256, (4, 4, 3), dtype=np.uint8)
     window = np.kron(quarters, np.ones((2, 2, 1), np.uint8))
-    channels = window_features(window)[13:]
+    channels = extract(window)[13:]
     for i, j in np.ndindex(2, 2):
         parts = []
         for color in quarters[2 * i : 2 * i + 2, 2 * j : 2 * j + 2].reshape(-1, 3):
-            parts.append(window_features(np.full((4, 4, 3), color, np.uint8))[13:, 0, 0])
+            parts.append(extract(np.full((4, 4, 3), color, np.uint8))[13:, 0, 0])
         np.testing.assert_allclose(channels[:, i, j], np.mean(parts, axis=0), atol=1e-6)
 
 
 def strips(values):
     """A gray window of 8 cells a side, each column of cells of one value."""
-    return np.repeat(np.array(values, np.uint8), CELL_PIXELS)[None].repeat(8 * CELL_PIXELS, axis=0)
+    return np.repeat(np.array(values, np.uint8), STRIDE)[None].repeat(8 * STRIDE, axis=0)
 
 
 def test_gray_levels_span_what_is_in_the_middle_of_the_window():
     """The middle four columns are 40 to 240, so a level is 40 wide; beyond them it is the end."""
-    levels = window_features(strips([0, 40, 40, 90, 140, 240, 200, 255]))[13:]
+    levels = extract(strips([0, 40, 40, 90, 140, 240, 200, 255]))[13:]
     expected = np.zeros((6, 8))
     for column, shares in enumerate(
         ({0: 1}, {0: 1}, {0: 1}, {1: 0.75, 2: 0.25}, {2: 0.5, 3: 0.5}, {5: 1}, {4: 1}, {5: 1})
@@ -142,22 +147,22 @@ def test_gray_levels_span_what_is_in_the_middle_of_the_window():
 
 def test_a_few_pixels_do_not_stretch_the_gray_levels():
     window = np.random.default_rng(0).integers(100, 140, (64, 64), dtype=np.uint8)
-    levels = window_features(window)[13:]
+    levels = extract(window)[13:]
     hot = window.copy()
     hot[20:22, 20:22] = 255
-    same = np.abs(window_features(hot)[13:] - levels).max(axis=0) < 0.1
+    same = np.abs(extract(hot)[13:] - levels).max(axis=0) < 0.1
     assert (~same).sum() == 1
 
 
 def test_brightness_and_contrast_do_not_change_the_gray_levels():
     cells = 2 * np.random.default_rng(0).integers(5, 45, (16, 16), dtype=np.uint8)
-    window = np.kron(cells, np.ones((CELL_PIXELS, CELL_PIXELS), np.uint8))
-    levels = window_features(window)[13:]
+    window = np.kron(cells, np.ones((STRIDE, STRIDE), np.uint8))
+    levels = extract(window)[13:]
     for other in (window + 100, window // 2 + 7, 2 * window):
-        np.testing.assert_allclose(window_features(other)[13:], levels, atol=0.01)
+        np.testing.assert_allclose(extract(other)[13:], levels, atol=0.01)
 
 
 def test_noise_of_the_sensor_alone_hardly_has_gray_levels():
     """Its range counts as 16 gray levels at least, so that 2 of them are less than one level."""
     window = np.random.default_rng(0).integers(100, 103, (64, 64), dtype=np.uint8)
-    assert not window_features(window)[15:].any()
+    assert not extract(window)[15:].any()

@@ -12,7 +12,7 @@ from pf_tracker_ros.tracking.track_state import Track
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
+class Judgment:
     """What is told of the target in a frame.
 
     Attributes:

@@ -1,20 +1,17 @@
-"""The foreground probability cue: colors of the target that its surroundings do not have."""
+"""The color contrast cue: colors of the target that its surroundings do not have."""
 
 import numpy as np
 import pytest
 
-from pf_tracker_ros.cues import (
-    ForegroundProbability,
-    ForegroundProbabilityParameters,
-    FrameMaps,
-)
+from pf_tracker_ros.cues.color_contrast import ColorContrast, ColorContrastParameters
+from pf_tracker_ros.frames import Frame, Region
 
 BOX = np.array([40.0, 30.0, 20.0, 20.0])
-CUE = ForegroundProbability(ForegroundProbabilityParameters(ring=0.5, sharpness=10.0))
+CUE = ColorContrast(ColorContrastParameters(sharpness=10.0), ring=0.5)
 
 
-def maps_of(image, *boxes):
-    return FrameMaps(image, np.array(boxes), reach=CUE.reach)
+def region_of(image, *boxes):
+    return Region(Frame(image), np.array(boxes), reach=CUE.reach)
 
 
 @pytest.fixture
@@ -28,7 +25,7 @@ def image():
 
 
 def test_probabilities_by_hand(image):
-    template = CUE.learn(maps_of(image, BOX), BOX)
+    template = CUE.learn(region_of(image, BOX), BOX)
     levels = 16
     red, green, blue = 12 * levels**2, 12 * levels, 12
     # Inside: 4 of 20 rows are green, the rest red. The ring is 40 x 40 less the box.
@@ -45,12 +42,12 @@ def test_probabilities_by_hand(image):
 
 
 def test_the_target_s_own_place_and_size_have_the_highest_contrast(image):
-    template = CUE.learn(maps_of(image, BOX), BOX)
+    template = CUE.learn(region_of(image, BOX), BOX)
     others = [
         BOX + shift
         for shift in ([5, 0, 0, 0], [0, -5, 0, 0], [-3, -3, 6, 6], [3, 3, -6, -6], [20, 0, 0, 0])
     ]
-    contrasts = CUE.contrast(maps_of(image, BOX, *others), np.array([BOX, *others]), template)
+    contrasts = CUE.contrast(region_of(image, BOX, *others), np.array([BOX, *others]), template)
     assert contrasts.argmax() == 0
     assert contrasts[0] == pytest.approx(template.contrast, abs=1e-6)
 
@@ -61,8 +58,8 @@ def test_contrast_equals_a_loop_over_pixels():
     boxes = np.column_stack(
         [generator.integers(25, 60, (20, 2)), generator.integers(10, 18, (20, 2))]
     ).astype(float)
-    maps = FrameMaps(image, boxes, reach=CUE.reach)
-    template = CUE.learn(maps, boxes[0])
+    region = Region(Frame(image), boxes, reach=CUE.reach)
+    template = CUE.learn(region, boxes[0])
     steps = image.astype(int) * 16 // 256
     foreground = template.probabilities[steps[..., 2] * 256 + steps[..., 1] * 16 + steps[..., 0]]
     expected = []
@@ -75,63 +72,71 @@ def test_contrast_equals_a_loop_over_pixels():
         around[top:bottom, left:right] = True
         ring = around & ~inside
         expected.append(foreground[inside].mean() - foreground[ring].mean())
-    np.testing.assert_allclose(CUE.contrast(maps, boxes, template), expected, atol=1e-6)
+    np.testing.assert_allclose(CUE.contrast(region, boxes, template), expected, atol=1e-6)
 
 
 def test_likelihood_and_match_by_hand(image):
     boxes = np.array([BOX, BOX + [20, 0, 0, 0]])
-    maps = maps_of(image, *boxes)
-    template = CUE.learn(maps, BOX)
-    contrasts = CUE.contrast(maps, boxes, template)
+    region = region_of(image, *boxes)
+    template = CUE.learn(region, BOX)
+    contrasts = CUE.contrast(region, boxes, template)
     expected = -10.0 * (template.contrast - contrasts[1])
-    log_likelihood = CUE.log_likelihood(maps, boxes, template)
+    log_likelihood = CUE.log_likelihood(region, boxes, template)
     np.testing.assert_allclose(log_likelihood, [0.0, expected], atol=1e-5)
     for box, log, contrast in zip(boxes, log_likelihood, contrasts, strict=True):
-        match = CUE.match(CUE.learn(maps, box), template)
+        match = CUE.match(CUE.learn(region, box), template)
         assert match.log_likelihood == pytest.approx(log, abs=1e-5)
         share = min(max(contrast / template.contrast, 0.0), 1.0)
         assert match.similarity == pytest.approx(share, abs=1e-5)
 
 
-def test_boxes_can_all_be_measured_in_the_size_that_is_expected(image):
-    """Then a box of any size scores as the expected one around the same center."""
-    cue = ForegroundProbability(ForegroundProbabilityParameters(own_size=False))
-    by_own_size = ForegroundProbability(ForegroundProbabilityParameters())
+def test_all_boxes_are_measured_in_the_size_that_is_expected(image):
+    """A box of any size scores as the expected one around the same center."""
+    cue = ColorContrast(ColorContrastParameters())
+    assert cue.looks_in_one_size
     around = np.array([BOX + [shift, 0, 0, 0] for shift in (-6, 0, 4)])
-    maps = FrameMaps(image, around + [-10, -10, 20, 20], reach=cue.reach, place=BOX)
-    template = cue.learn(maps, BOX)
-    expected = cue.contrast(maps, around, template)
+    region = Region(Frame(image), around + [-10, -10, 20, 20], reach=cue.reach, place=BOX)
+    template = cue.learn(region, BOX)
+    expected = cue.contrast(region, around, template)
     for growth in (-6, 0, 3, 8):
         boxes = around + np.array([-growth, -growth, 2 * growth, 2 * growth])
-        np.testing.assert_allclose(cue.strength(maps, boxes, template), expected)
-        # The maps cover that size wherever the boxes are, however small they are.
-        narrow = FrameMaps(image, boxes, reach=cue.reach, place=BOX)
+        np.testing.assert_allclose(cue.strength(region, boxes, template), expected)
+        # The region covers that size wherever the boxes are, however small they are.
+        narrow = Region(Frame(image), boxes, reach=cue.reach, place=BOX)
         np.testing.assert_allclose(cue.strength(narrow, boxes, template), expected)
-        own = by_own_size.strength(maps, boxes, template)
+        own = cue.contrast(region, boxes, template)
         assert np.allclose(own, expected) == (growth == 0)
 
 
 def test_a_target_like_its_surroundings_says_nothing():
     image = np.full((90, 120, 3), 90, np.uint8)
     boxes = np.array([BOX, BOX + [10, 10, 0, 0]])
-    maps = maps_of(image, *boxes)
-    template = CUE.learn(maps, BOX)
-    np.testing.assert_allclose(CUE.log_likelihood(maps, boxes, template), 0.0, atol=1e-6)
+    region = region_of(image, *boxes)
+    template = CUE.learn(region, BOX)
+    np.testing.assert_allclose(CUE.log_likelihood(region, boxes, template), 0.0, atol=1e-6)
     assert CUE.match(template, template).similarity == 1.0
 
 
 def test_boxes_at_the_edge_of_the_image_are_learned_and_scored(image):
     boxes = np.array([[-8.0, 30.0, 20.0, 20.0], [110.0, 80.0, 20.0, 20.0]])
-    maps = maps_of(image, *boxes)
-    template = CUE.learn(maps, boxes[0])
+    region = region_of(image, *boxes)
+    template = CUE.learn(region, boxes[0])
     assert template.inside.sum() == pytest.approx(1.0)
     assert template.ring.sum() == pytest.approx(1.0)
-    assert np.isfinite(CUE.log_likelihood(maps, boxes, template)).all()
+    assert np.isfinite(CUE.log_likelihood(region, boxes, template)).all()
 
 
-def test_the_surroundings_follow_every_tracked_frame(image):
-    assert CUE.steady_keep == ForegroundProbabilityParameters().keep
-    template = CUE.learn(maps_of(image, BOX), BOX)
-    seen = CUE.learn(maps_of(255 - image, BOX), BOX)
-    blended = CUE.blend(template, seen, 0.75)
+def test_blend_by_hand(image):
+    cue = ColorContrast(ColorContrastParameters(keep=0.75))
+    template = cue.learn(region_of(image, BOX), BOX)
+    seen = cue.learn(region_of(255 - image, BOX), BOX)
+    blended = cue.blend(template, seen)
     np.testing.assert_allclose(blended.ring, 0.75 * template.ring + 0.25 * seen.ring, atol=1e-6)
+    np.testing.assert_allclose(
+        blended.inside, 0.75 * template.inside + 0.25 * seen.inside, atol=1e-6
+    )
+
+
+def test_it_does_not_judge():
+    """Whatever has the target's colors has its contrast."""
+    assert not CUE.judges

@@ -1,15 +1,22 @@
 """Histograms of oriented gradients against a pixel-by-pixel implementation."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros.cues import FrameMaps, OrientedGradients, OrientedGradientsParameters
+from pf_tracker_ros.cues.hog import Hog, HogParameters
+from pf_tracker_ros.frames import Frame, Region
 
 CELLS_X, CELLS_Y, BINS = 3, 5, 16
-PARAMETERS = OrientedGradientsParameters(cells_x=CELLS_X, cells_y=CELLS_Y, bins=BINS)
+
+
+def hog(cells=(CELLS_X, CELLS_Y), bins=BINS, smoothed=False, **parameters):
+    """Without smoothing, unlike the shipped one: gradients are then those of the pixels."""
+    return Hog(HogParameters(**parameters), cells=cells, bins=bins, smoothed=smoothed)
+
+
+def region_of(image, boxes):
+    return Region(Frame(image), boxes)
 
 
 @pytest.fixture
@@ -67,9 +74,9 @@ def ramp(angle, size=64):
 def test_seven_by_fifteen_blocks_of_the_paper():
     """64 x 128 px in cells of 8 px: 7 x 15 blocks of 4 x 32 numbers are 13,440, not 4,480."""
     image = np.random.default_rng(0).integers(0, 256, (130, 70), dtype=np.uint8)
-    cue = OrientedGradients(OrientedGradientsParameters(cells_x=8, cells_y=16, bins=32))
+    cue = hog((8, 16), bins=32)
     box = np.array([3.0, 1.0, 64.0, 128.0])
-    descriptor = cue.learn(FrameMaps(image, box[None]), box)
+    descriptor = cue.learn(region_of(image, box[None]), box)
     assert descriptor.shape == (4, 15, 7, 32)
     assert descriptor.size == 13_440
 
@@ -80,7 +87,7 @@ def test_seven_by_fifteen_blocks_of_the_paper():
 def test_equals_the_pixelwise_descriptor(image, box):
     """But for magnitudes and their shares counted in halves of a gray level."""
     box = np.array(box, dtype=float)
-    descriptor = OrientedGradients(PARAMETERS).learn(FrameMaps(image, box[None]), box)
+    descriptor = hog().learn(region_of(image, box[None]), box)
     expected = pixelwise_descriptor(image, box)
     assert np.abs(descriptor - expected).sum() < 0.01
 
@@ -88,36 +95,36 @@ def test_equals_the_pixelwise_descriptor(image, box):
 @pytest.mark.parametrize("bins", [9, 16, 32])
 def test_a_gradient_is_shared_among_its_three_nearest_directions(bins):
     """At the center of a bin 1/8, 3/4, 1/8."""
-    cue = OrientedGradients(OrientedGradientsParameters(cells_x=2, cells_y=2, bins=bins))
+    cue = hog((2, 2), bins)
     box = np.array([12.0, 12.0, 40.0, 40.0])
     steep = np.tile(np.arange(0, 256, 4, dtype=np.uint8), (64, 1))
-    shares = cue.learn(FrameMaps(steep, box[None]), box).sum(axis=(0, 1, 2))
+    shares = cue.learn(region_of(steep, box[None]), box).sum(axis=(0, 1, 2))
     np.testing.assert_allclose(shares[[-1, 0, 1]], [1 / 8, 3 / 4, 1 / 8], atol=1e-6)
     np.testing.assert_allclose(np.delete(shares, [-1, 0, 1 % bins]), 0.0)
 
 
 def test_midway_between_two_directions_each_takes_half_and_the_third_nothing():
     """45 degrees, a slope of 1 in 1, is midway between the second and third of six bins."""
-    cue = OrientedGradients(OrientedGradientsParameters(cells_x=2, cells_y=2, bins=6))
+    cue = hog((2, 2), bins=6)
     box = np.array([12.0, 12.0, 40.0, 40.0])
     slope = (2 * np.indices((64, 64)).sum(axis=0)).astype(np.uint8)
-    shares = cue.learn(FrameMaps(slope, box[None]), box).sum(axis=(0, 1, 2))
+    shares = cue.learn(region_of(slope, box[None]), box).sum(axis=(0, 1, 2))
     np.testing.assert_allclose(shares, [0, 0.5, 0.5, 0, 0, 0], atol=0.05)
 
 
 @pytest.mark.parametrize("angle", [0, 30, 77, 90, 135, 179])
 def test_the_nearest_direction_takes_the_most_and_opposite_ones_are_one(angle):
-    cue = OrientedGradients(OrientedGradientsParameters(cells_x=2, cells_y=2, bins=BINS))
+    cue = hog((2, 2))
     box = np.array([12.0, 12.0, 40.0, 40.0])
     for turned in (angle, angle + 180):
         image = ramp(turned)
-        shares = cue.learn(FrameMaps(image, box[None]), box).sum(axis=(0, 1, 2))
+        shares = cue.learn(region_of(image, box[None]), box).sum(axis=(0, 1, 2))
         assert np.argmax(shares) == round(angle * BINS / 180) % BINS
 
 
 def test_every_block_has_the_same_length_and_they_overlap_by_half(image):
     box = np.array([20.0, 30.0, 30.0, 50.0])
-    descriptor = OrientedGradients(PARAMETERS).learn(FrameMaps(image, box[None]), box)
+    descriptor = hog().learn(region_of(image, box[None]), box)
     assert descriptor.sum() == pytest.approx(1.0)
     lengths = np.linalg.norm(descriptor, axis=(0, 3))
     np.testing.assert_allclose(lengths, lengths[0, 0], rtol=1e-5)
@@ -129,8 +136,8 @@ def test_every_block_has_the_same_length_and_they_overlap_by_half(image):
 
 def test_a_flip_of_polarity_changes_nothing(image):
     box = np.array([20.0, 30.0, 30.0, 50.0])
-    cue = OrientedGradients(PARAMETERS)
-    hot, cold = (cue.learn(FrameMaps(i, box[None]), box) for i in (image, 255 - image))
+    cue = hog()
+    hot, cold = (cue.learn(region_of(i, box[None]), box) for i in (image, 255 - image))
     np.testing.assert_allclose(hot, cold, atol=2e-4)
 
 
@@ -140,18 +147,18 @@ def test_distance_and_likelihood_by_hand():
     across = np.full((40, 80), 100, np.uint8)
     across[:, :40] += np.arange(40, dtype=np.uint8)
     across[:, 40:] += np.arange(40, dtype=np.uint8)[:, None]
-    maps = FrameMaps(across, boxes)
-    cue = OrientedGradients(OrientedGradientsParameters(cells_x=2, cells_y=2, sharpness=3.0))
-    template = cue.learn(maps, boxes[0])
-    np.testing.assert_allclose(cue.squared_distance(maps, boxes, template), [0.0, 1.0], atol=1e-6)
+    region = region_of(across, boxes)
+    cue = hog((2, 2), sharpness=3.0)
+    template = cue.learn(region, boxes[0])
+    np.testing.assert_allclose(cue.squared_distance(region, boxes, template), [0.0, 1.0], atol=1e-6)
     # exp(-3 * 1 / 2)
-    log_likelihood = cue.log_likelihood(maps, boxes, template)
+    log_likelihood = cue.log_likelihood(region, boxes, template)
     np.testing.assert_allclose(log_likelihood, [0.0, -1.5], atol=1e-5)
 
-    mixed = 0.5 * template + 0.5 * cue.learn(maps, boxes[1])
+    mixed = 0.5 * template + 0.5 * cue.learn(region, boxes[1])
     # Equation (8): rho = sqrt(1 / 2), D^2 = 1 - sqrt(1 / 2), for either of the two boxes.
     expected = 1 - np.sqrt(0.5)
-    np.testing.assert_allclose(cue.squared_distance(maps, boxes, mixed), expected, atol=1e-6)
+    np.testing.assert_allclose(cue.squared_distance(region, boxes, mixed), expected, atol=1e-6)
     match = cue.match(template, mixed)
     assert match == pytest.approx((-1.5 * expected, 1 - np.sqrt(expected)))
 
@@ -159,61 +166,59 @@ def test_distance_and_likelihood_by_hand():
 def test_as_printed_without_the_root_a_perfect_match_would_be_far_away(image):
     """Equation (8) in print lacks the root: D would be near 1 even of a box from itself."""
     box = np.array([20.0, 30.0, 30.0, 50.0])
-    cue = OrientedGradients(PARAMETERS)
-    maps = FrameMaps(image, box[None])
-    descriptor = cue.learn(maps, box)
+    cue = hog()
+    region = region_of(image, box[None])
+    descriptor = cue.learn(region, box)
     assert np.sqrt(1 - (descriptor * descriptor).sum()) > 0.99
-    assert cue.squared_distance(maps, box[None], descriptor) == pytest.approx(0.0, abs=1e-6)
+    assert cue.squared_distance(region, box[None], descriptor) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_the_distances_of_boxes_of_any_size_are_those_of_their_descriptors(image):
-    cue = OrientedGradients(PARAMETERS)
+    cue = hog()
     generator = np.random.default_rng(1)
     boxes = np.column_stack([generator.uniform(0, 80, (30, 2)), generator.uniform(6, 40, (30, 2))])
-    maps = FrameMaps(image, boxes)
-    template = cue.learn(maps, boxes[0])
-    descriptors = [cue.learn(maps, box) for box in boxes]
+    region = region_of(image, boxes)
+    template = cue.learn(region, boxes[0])
+    descriptors = [cue.learn(region, box) for box in boxes]
     expected = [1 - np.sqrt(descriptor * template).sum() for descriptor in descriptors]
-    distances = cue.squared_distance(maps, boxes, template)
+    distances = cue.squared_distance(region, boxes, template)
     np.testing.assert_allclose(distances, expected, atol=1e-5)
     matches = [cue.match(descriptor, template) for descriptor in descriptors]
     np.testing.assert_allclose(
         [match.log_likelihood for match in matches],
-        cue.log_likelihood(maps, boxes, template),
+        cue.log_likelihood(region, boxes, template),
         atol=1e-3,
     )
 
 
 def test_smoothing_weighs_a_pixel_and_its_neighbors_by_1_2_1(image):
     box = np.array([20.0, 30.0, 30.0, 50.0])
-    smooth = OrientedGradients(replace(PARAMETERS, smoothing=True))
+    smooth = hog(smoothed=True)
     rows = image.astype(float)
     for axis in (0, 1):
         rows = (np.roll(rows, 1, axis) + 2 * rows + np.roll(rows, -1, axis)) / 4
-    before = OrientedGradients(PARAMETERS).learn(
-        FrameMaps(np.floor(rows + 0.5).astype(np.uint8), box[None]), box
-    )
-    np.testing.assert_allclose(smooth.learn(FrameMaps(image, box[None]), box), before, atol=1e-4)
+    before = hog().learn(region_of(np.floor(rows + 0.5).astype(np.uint8), box[None]), box)
+    np.testing.assert_allclose(smooth.learn(region_of(image, box[None]), box), before, atol=1e-4)
 
 
-@pytest.mark.parametrize("smoothing", [False, True])
-def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image, smoothing):
-    cue = OrientedGradients(replace(PARAMETERS, smoothing=smoothing))
+@pytest.mark.parametrize("smoothed", [False, True])
+def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image, smoothed):
+    cue = hog(smoothed=smoothed)
     box = np.array([[70.3, 40.2, 30.0, 20.0]])
     others = np.vstack([box, [[0.0, 0.0, 33.0, 21.0], [120.0, 90.0, 40.0, 30.0]]])
-    template = cue.learn(FrameMaps(image, box), np.array([69.0, 40.0, 30.0, 20.0]))
-    alone = cue.log_likelihood(FrameMaps(image, box), box, template)
-    among = cue.log_likelihood(FrameMaps(image, others), others, template)
+    template = cue.learn(region_of(image, box), np.array([69.0, 40.0, 30.0, 20.0]))
+    alone = cue.log_likelihood(region_of(image, box), box, template)
+    among = cue.log_likelihood(region_of(image, others), others, template)
     assert alone[0] == pytest.approx(among[0], rel=1e-5)
 
 
 def test_a_part_of_a_pixel_counts(image):
     """Cells of a small target are a few pixels large; whole ones would hide most of a move."""
-    cue = OrientedGradients(PARAMETERS)
+    cue = hog()
     box = np.array([60.0, 40.0, 9.0, 15.0])
     boxes = np.array([box + (shift, 0, 0, 0) for shift in (0.0, 0.1, 0.2, 0.3, 0.4)])
-    maps = FrameMaps(image, boxes)
-    distances = cue.squared_distance(maps, boxes, cue.learn(maps, box))
+    region = region_of(image, boxes)
+    distances = cue.squared_distance(region, boxes, cue.learn(region, box))
     assert (np.diff(distances) > 0).all()
 
 
@@ -223,15 +228,15 @@ def test_a_box_without_any_gradient_matches_only_its_like(image):
     boxes = np.array(
         [[100.0, 10.0, 30.0, 50.0], [110.0, 20.0, 20.0, 40.0], [20.0, 10.0, 30.0, 50.0]]
     )
-    cue = OrientedGradients(PARAMETERS)
-    maps = FrameMaps(flat, boxes)
-    template = cue.learn(maps, boxes[0])
+    cue = hog()
+    region = region_of(flat, boxes)
+    template = cue.learn(region, boxes[0])
     np.testing.assert_array_equal(template, 0.0)
-    distances = cue.squared_distance(maps, boxes, template)
+    distances = cue.squared_distance(region, boxes, template)
     np.testing.assert_allclose(distances, [0.0, 0.0, 1.0], atol=1e-6)
     assert cue.match(template, template) == (0.0, 1.0)
-    textured = cue.learn(maps, boxes[2])
-    distances = cue.squared_distance(maps, boxes, textured)
+    textured = cue.learn(region, boxes[2])
+    distances = cue.squared_distance(region, boxes, textured)
     np.testing.assert_allclose(distances, [1.0, 1.0, 0.0], atol=1e-6)
     assert cue.match(template, textured).similarity == pytest.approx(0.0, abs=1e-3)
 
@@ -239,15 +244,14 @@ def test_a_box_without_any_gradient_matches_only_its_like(image):
 def test_nothing_is_seen_outside_the_image():
     image = np.random.default_rng(0).integers(0, 256, (40, 40), dtype=np.uint8)
     box = np.array([-20.0, 0.0, 40.0, 40.0])
-    cue = OrientedGradients(OrientedGradientsParameters(cells_x=4, cells_y=4))
-    descriptor = cue.learn(FrameMaps(image, box[None]), box)
+    cue = hog((4, 4))
+    descriptor = cue.learn(region_of(image, box[None]), box)
     np.testing.assert_array_equal(descriptor[:, :, 0], 0.0)
     np.testing.assert_array_equal(descriptor[[0, 2], :, 1], 0.0)
     assert (descriptor[:, :, 2].sum(axis=2) > 0).all()
 
 
 def test_blend_by_hand_and_replacement():
-    cue = OrientedGradients(PARAMETERS)
     old, new = np.array([1.0, 0.0]), np.array([0.0, 1.0])
-    np.testing.assert_allclose(cue.blend(old, new, 0.9), [0.9, 0.1])
-    np.testing.assert_allclose(cue.blend(old, new, 0.0), new)
+    np.testing.assert_allclose(hog(keep=0.9).blend(old, new), [0.9, 0.1])
+    np.testing.assert_allclose(hog(keep=0.0).blend(old, new), new)

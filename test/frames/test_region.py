@@ -1,10 +1,10 @@
-"""The maps of a frame: the region they cover, computed once, independent of the region."""
+"""The maps of a region: each computed once, whatever else the region covers."""
 
 import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros.cues import FrameMaps
+from pf_tracker_ros.frames import Foreground, Frame, Region
 
 
 @pytest.fixture
@@ -14,24 +14,24 @@ def image():
 
 
 def test_only_the_region_of_the_boxes_is_looked_at(image):
-    maps = FrameMaps(image, np.array([[50.0, 40.0, 10.0, 10.0], [60.0, 45.0, 12.0, 8.0]]))
-    assert maps.pixels.shape[1] <= 22 + 6
-    assert maps.pixels.shape[0] <= 13 + 6
-    assert maps.padding == (0, 0, 0, 0)
+    region = Region(Frame(image), np.array([[50.0, 40.0, 10.0, 10.0], [60.0, 45.0, 12.0, 8.0]]))
+    assert region.pixels.shape[1] <= 22 + 6
+    assert region.pixels.shape[0] <= 13 + 6
+    assert region.padding == (0, 0, 0, 0)
 
 
 def test_a_map_is_computed_once(image):
-    maps = FrameMaps(image, np.array([[50.0, 40.0, 10.0, 10.0]]))
-    assert maps.gradient_integral(8) is maps.gradient_integral(8)
-    assert maps.gradient_integral(4) is not maps.gradient_integral(8)
-    assert maps.gray is maps.gray
+    region = Region(Frame(image), np.array([[50.0, 40.0, 10.0, 10.0]]))
+    assert region.gradient_integral(8) is region.gradient_integral(8)
+    assert region.gradient_integral(4) is not region.gradient_integral(8)
+    assert region.gray is region.gray
 
 
 @pytest.mark.parametrize("reduction", [2, 3])
 def test_a_reduced_pixel_is_the_mean_of_its_block_whatever_the_region(image, reduction):
     box = np.array([[60.0, 48.0, 24.0, 24.0]])
-    near = FrameMaps(image, box, reduction)
-    far = FrameMaps(image, np.vstack([box, [[0.0, 0.0, 161.0, 121.0]]]), reduction)
+    near = Region(Frame(image), box, reduction)
+    far = Region(Frame(image), np.vstack([box, [[0.0, 0.0, 161.0, 121.0]]]), reduction)
     x, y = near.region_boxes(box)[0, :2].astype(int)
     far_x, far_y = far.region_boxes(box)[0, :2].astype(int)
     patch = near.pixels[y : y + 5, x : x + 5]
@@ -43,12 +43,12 @@ def test_a_reduced_pixel_is_the_mean_of_its_block_whatever_the_region(image, red
 
 
 def test_a_box_that_reaches_outside_is_padded(image):
-    maps = FrameMaps(image, np.array([[-5.0, 110.0, 20.0, 20.0]]))
-    top, bottom, left, right = maps.padding
+    region = Region(Frame(image), np.array([[-5.0, 110.0, 20.0, 20.0]]))
+    top, bottom, left, right = region.padding
     assert (top, right) == (0, 0)
     assert left >= 5
     assert bottom >= 9
-    values = maps.padded(np.ones(maps.pixels.shape[:2], np.uint8))
+    values = region.padded(np.ones(region.pixels.shape[:2], np.uint8))
     assert (values[:, :left] == 0).all()
     assert (values[-bottom:] == 0).all()
     assert (values[:-bottom, left:] == 1).all()
@@ -56,12 +56,12 @@ def test_a_box_that_reaches_outside_is_padded(image):
 
 def test_the_integral_holds_the_sum_of_all_gradient_magnitude(image):
     box = np.array([[30.0, 30.0, 20.0, 20.0]])
-    maps = FrameMaps(image, box)
-    gray = maps.gray.astype(float)
+    region = Region(Frame(image), box)
+    gray = region.gray.astype(float)
     padded = cv2.copyMakeBorder(gray, 1, 1, 1, 1, cv2.BORDER_REFLECT_101)
     right = padded[1:-1, 2:] - padded[1:-1, :-2]
     down = padded[2:, 1:-1] - padded[:-2, 1:-1]
-    total = maps.gradient_integral(8)[-1, -1].sum()
+    total = region.gradient_integral(8)[-1, -1].sum()
     assert total == np.minimum(np.rint(2 * np.hypot(right, down)), 255).sum()
 
 
@@ -73,16 +73,18 @@ def test_the_foreground_of_a_region_is_the_mask_below_each_pixel_s_center(
     generator = np.random.default_rng(0)
     mask_size = -(-47 // mask_reduction), -(-63 // mask_reduction)
     mask = generator.integers(0, 2, mask_size).astype(np.uint8) * 255
-    image = np.zeros((47, 63, 3), np.uint8)
+    frame = Frame(np.zeros((47, 63, 3), np.uint8))
+    frame.foreground = Foreground(mask, mask_reduction)
     for box in ([-5.0, 20.0, 20.0, 40.0], [20.0, 11.0, 30.0, 16.0]):
-        maps = FrameMaps(image, np.array([box]), reduction, foreground=(mask, mask_reduction))
-        pixels = maps.foreground_pixels
-        assert pixels.shape == maps.pixels.shape[:2]
-        corner = maps.region_boxes(np.zeros((1, 4)))[0, :2]
-        left, top = -corner + (maps.padding[2], maps.padding[0])
+        region = Region(frame, np.array([box]), reduction)
+        pixels = region.foreground_pixels
+        assert pixels.shape == region.pixels.shape[:2]
+        corner = region.region_boxes(np.zeros((1, 4)))[0, :2]
+        left, top = -corner + (region.padding[2], region.padding[0])
         for row, column in np.ndindex(*pixels.shape):
             y = int((top + row + 0.5) * reduction // mask_reduction)
             x = int((left + column + 0.5) * reduction // mask_reduction)
             below = mask[min(y, mask.shape[0] - 1), min(x, mask.shape[1] - 1)]
             assert pixels[row, column] == (below == 255)
-    assert FrameMaps(image, np.array([box])).foreground_pixels is None
+    frame.foreground = None
+    assert Region(frame, np.array([box])).foreground_pixels is None

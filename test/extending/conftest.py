@@ -1,0 +1,90 @@
+"""Runs code where a package has one file more in its folder, as if it had been written there."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+TIMEOUT = 120.0
+HERE = Path(__file__).resolve().parent
+
+# Imports find the package with a folder added, before anything of it is imported: so it is the
+# package that discovers the file, and not the test that imports it.
+PRELUDE = """
+import importlib.machinery, json, sys
+import numpy as np
+
+ADDED = {{"{package}": "{folder}"}}
+
+class WithFolder:
+    @staticmethod
+    def find_spec(name, path=None, target=None):
+        if name not in ADDED:
+            return None
+        spec = importlib.machinery.PathFinder.find_spec(name, path)
+        spec.submodule_search_locations.append(ADDED[name])
+        return spec
+
+sys.meta_path.insert(0, WithFolder)
+
+import pf_tracker_ros
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.parameters import ParameterError, all_declarations, declarations
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
+
+def refusal(function, *arguments, **keywords):
+    try:
+        function(*arguments, **keywords)
+    except ParameterError as error:
+        return str(error)
+
+SEQUENCE = "{sequence}"
+
+def follow(tracker, start=0):
+    with np.load(SEQUENCE) as sequence:
+        images, boxes = sequence["images"], sequence["boxes"]
+    tracker.start(images[start], boxes[start])
+    return [tracker.update(image).box for image in images[start + 1:]]
+"""
+
+
+@pytest.fixture
+def extended(tmp_path, moving_square):
+    """A function that runs code in a process of its own; returns what it prints as JSON.
+
+    A folder of examples is added to a package, unless none is named.
+    """
+    sequence = tmp_path / "moving_square.npz"
+    np.savez(sequence, images=moving_square.images, boxes=moving_square.boxes)
+
+    def run(code, package="", examples=""):
+        prelude = PRELUDE.format(package=package, folder=HERE / examples, sequence=sequence)
+        outcome = subprocess.run(
+            [sys.executable, "-c", prelude + code],
+            capture_output=True,
+            text=True,
+            timeout=TIMEOUT,
+            check=False,
+        )
+        assert outcome.returncode == 0, outcome.stderr
+        return json.loads(outcome.stdout)
+
+    return run
+
+
+@pytest.fixture
+def overlaps(moving_square):
+    """A function that tells how much of boxes and of the true ones is common to both, 0 to 1."""
+
+    def compute(boxes, start=0):
+        found, true = np.array(boxes), moving_square.boxes[start + 1 :]
+        corner = np.maximum(found[:, :2], true[:, :2])
+        end = np.minimum(found[:, :2] + found[:, 2:], true[:, :2] + true[:, 2:])
+        common = np.prod(np.maximum(end - corner, 0.0), axis=1)
+        return common / (found[:, 2:].prod(axis=1) + true[:, 2:].prod(axis=1) - common)
+
+    return compute

@@ -1,0 +1,36 @@
+"""Cell means: colors or brightness, and edges, averaged over large cells.
+
+Features of one's own for the correlation filter, complete. As a file in
+`pf_tracker_ros/cues/features` they are there: nothing else has to know of them. With a second kind
+to choose from, `correlation_response.features` is a parameter, and `cell_means` chooses this one.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.cues.features.features import FEATURES
+
+
+# The cue brings the window to `stride` pixels a cell before it asks for its channels, so a larger
+# stride sees finer detail, and costs more.
+@FEATURES.register("cell_means")
+class CellMeans:
+    """Mean of each color, or of the gray levels, and mean steepness across and down, by cell."""
+
+    stride = 8
+
+    def extract(self, window: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """See `Features.extract`."""
+        gray = cv2.cvtColor(window, cv2.COLOR_BGR2GRAY) if window.ndim == 3 else window
+        planes = list(cv2.split(window))
+        planes += [np.abs(cv2.Sobel(gray, cv2.CV_32F, *axis)) for axis in ((1, 0), (0, 1))]
+        cells = len(window) // self.stride
+        return np.stack(
+            [
+                cv2.resize(plane.astype(np.float32), (cells, cells), interpolation=cv2.INTER_AREA)
+                for plane in planes
+            ]
+        )

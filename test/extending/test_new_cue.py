@@ -1,0 +1,140 @@
+"""A cue is one new file: `cues/brightness.py`."""
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.cues import CUES
+from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
+
+ADDED = {"package": "pf_tracker_ros.cues", "examples": "cues"}
+CUES_CHOSEN = ("color_histogram", "gradient_orientation", "brightness")
+
+
+def test_without_the_file_there_is_no_such_cue(extended):
+    assert "brightness" not in CUES
+    code = f"""
+chosen = {{"cues": {CUES_CHOSEN}}}
+print(json.dumps(refusal(Tracker.from_preset, "li2007", parameters=chosen)))
+"""
+    assert extended(code).startswith("parameter 'cues' is ('color_histogram', ")
+
+
+def test_with_the_file_a_tracker_uses_it(extended, overlaps):
+    code = f"""
+tracker = Tracker.from_preset(
+    "li2007", parameters={{"cues": {CUES_CHOSEN}, "brightness.power": 0.5}}
+)
+boxes = follow(tracker)
+print(json.dumps({{
+    "boxes": boxes,
+    "without": follow(Tracker.from_preset("li2007")),
+    "powers": dict(tracker.estimate.powers),
+    "parameters": tracker.parameters,
+}}))
+"""
+    told = extended(code, **ADDED)
+    assert overlaps(told["boxes"]).min() > 0.6
+    # It has its say, and so the particles are weighed otherwise.
+    assert told["boxes"] != told["without"]
+    powers = {"color_histogram": 0.6 / 1.5, "gradient_orientation": 0.4 / 1.5}
+    assert told["powers"] == pytest.approx(powers | {"brightness": 0.5 / 1.5})
+    assert told["parameters"]["brightness.power"] == 0.5
+    assert told["parameters"]["brightness.sharpness"] == 0.1
+
+
+def test_its_parameters_exist_with_it_and_only_then(extended):
+    code = f"""
+with_it = declarations(TrackerParameters, {{"cues": {CUES_CHOSEN}}})
+print(json.dumps({{
+    "with": [name for name in with_it if name.startswith("brightness.")],
+    "without": [name for name in declarations(TrackerParameters) if "brightness" in name],
+    "allowed": with_it["brightness.sharpness"].allowed,
+    "only_with": all_declarations(TrackerParameters)["brightness.power"].only_with,
+    "unknown": refusal(Tracker.from_preset, "li2007", parameters={{"brightness.power": 0.5}}),
+    "wrong": refusal(
+        Tracker.from_preset,
+        "li2007",
+        parameters={{"cues": {CUES_CHOSEN}, "brightness.sharpness": 11.0}},
+    ),
+}}))
+"""
+    told = extended(code, **ADDED)
+    names = [f"brightness.{name}" for name in ("power", "sharpness", "keep")]
+    assert (told["with"], told["without"]) == (names, [])
+    assert told["allowed"] == "0 to 10"
+    assert told["only_with"] == "cues 'brightness' and another"
+    assert told["unknown"].endswith(
+        "'brightness.power' here; it needs cues 'brightness' and another"
+    )
+    assert told["wrong"].startswith("parameter 'brightness.sharpness' is 11.0; allowed: float")
+
+
+def test_it_is_switched_on_off_and_tuned_while_tracking(extended, overlaps):
+    code = f"""
+tracker = Tracker.from_preset("li2007")
+with np.load(SEQUENCE) as sequence:
+    images, boxes = sequence["images"], sequence["boxes"]
+tracker.start(images[0], boxes[0])
+changes = {{
+    4: {{"cues": {CUES_CHOSEN}}},
+    8: {{"brightness.sharpness": 1.0, "brightness.power": 1.0}},
+    12: {{"cues": ("color_histogram",)}},
+}}
+found, powers = [], []
+for number, image in enumerate(images[1:]):
+    if number in changes:
+        tracker.set_parameters(changes[number])
+    estimate = tracker.update(image)
+    found.append(estimate.box)
+    powers.append(estimate.powers.get("brightness"))
+print(json.dumps([found, powers]))
+"""
+    boxes, powers = extended(code, **ADDED)
+    assert overlaps(boxes).min() > 0.5
+    shares = [None] * 4 + [0.2 / 1.2] * 4 + [1.0 / 2.0] * 4 + [None] * 7
+    assert powers == pytest.approx(shares)
+
+
+def test_nothing_else_changes(extended):
+    code = """
+print(json.dumps({name: preset_parameters(name) for name in PRESETS}))
+"""
+    presets = extended(code, **ADDED)
+    shipped = {name: preset_parameters(name) for name in PRESETS}
+    assert list(presets) == list(shipped)
+    for name, values in shipped.items():
+        as_printed = {
+            key: list(value) if isinstance(value, tuple) else value for key, value in values.items()
+        }
+        assert presets[name] == as_printed
+
+
+def test_it_measures_what_it_says(extended):
+    """By hand, with boxes that reach out of the image."""
+    code = """
+from pf_tracker_ros.cues import CUES
+from pf_tracker_ros.frames import Frame, Region
+
+image = np.full((60, 80), 100, np.uint8)
+image[20:40, 30:50] = 150
+image[:, :5] = 30
+boxes = np.array([
+    [30.0, 20.0, 20.0, 20.0], [40.0, 20.0, 20.0, 20.0], [-5.0, 10.0, 20.0, 20.0],
+    [70.0, 50.0, 20.0, 20.0],
+])
+parameters = CUES.parameters_of("brightness")(sharpness=0.5, keep=0.75)
+cue, region = CUES["brightness"](parameters), Region(Frame(image), boxes)
+template = cue.learn(region, boxes[0])
+print(json.dumps({
+    "learned": [cue.learn(region, box) for box in boxes],
+    "log_likelihood": cue.log_likelihood(region, boxes, template).tolist(),
+    "match": cue.match(cue.learn(region, boxes[1]), template),
+    "blended": cue.blend(template, 110.0),
+}))
+"""
+    told = extended(code, **ADDED)
+    means = np.array([150.0, 125.0, (30 * 5 + 100 * 10) / 15, 100.0])
+    np.testing.assert_allclose(told["learned"], means)
+    np.testing.assert_allclose(told["log_likelihood"], -0.5 * (150.0 - means))
+    assert told["match"] == pytest.approx([-12.5, 1 - 25 / 255])
+    assert told["blended"] == pytest.approx(140.0)

@@ -1,0 +1,108 @@
+"""Features of the correlation filter are one new file: `features/cell_means.py`."""
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.cues.features import FEATURES
+from pf_tracker_ros.parameters import ParameterError, declarations
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import preset_parameters
+from pf_tracker_ros.tracking.tracker import Tracker
+
+ADDED = {"package": "pf_tracker_ros.cues.features", "examples": "features"}
+NAME = "correlation_response.features"
+
+
+def test_without_the_file_there_is_nothing_to_choose_from():
+    assert list(FEATURES) == ["gradients_and_colors"]
+    assert NAME not in declarations(TrackerParameters, {"cues": ("correlation_response",)})
+    assert NAME not in preset_parameters("default")
+    for value in FEATURES:
+        with pytest.raises(ParameterError, match=f"no parameter '{NAME}'"):
+            Tracker.from_preset("default", parameters={NAME: value})
+
+
+def test_with_the_file_they_are_chosen_by_a_parameter(extended):
+    code = f"""
+declaration = declarations(TrackerParameters, {{"cues": ("correlation_response",)}})["{NAME}"]
+print(json.dumps({{
+    "choices": declaration.choices,
+    "default": declaration.default,
+    "read_only": declaration.read_only,
+    "only_with": all_declarations(TrackerParameters)["{NAME}"].only_with,
+    "preset": preset_parameters("default")["{NAME}"],
+    "without_the_cue": "{NAME}" in preset_parameters("li2007"),
+    "wrong": refusal(Tracker.from_preset, "default", parameters={{"{NAME}": "cell_medians"}}),
+}}))
+"""
+    told = extended(code, **ADDED)
+    assert sorted(told["choices"]) == ["cell_means", "gradients_and_colors"]
+    assert told["default"] == told["preset"] == "gradients_and_colors"
+    assert told["read_only"]
+    assert told["only_with"] == "cues 'correlation_response'"
+    assert not told["without_the_cue"]
+    assert told["wrong"].startswith(f"parameter '{NAME}' is 'cell_medians'; allowed: string, ")
+
+
+def test_with_the_file_a_tracker_follows_by_them(extended, overlaps):
+    code = f"""
+chosen = {{"cues": ("correlation_response",)}}
+boxes = [
+    follow(Tracker.from_preset("default", parameters=chosen | {{"{NAME}": name}}))
+    for name in ("cell_means", "gradients_and_colors")
+]
+print(json.dumps([*boxes, follow(Tracker.from_preset("default", parameters=chosen))]))
+"""
+    by_means, by_gradients, by_default = extended(code, **ADDED)
+    assert overlaps(by_means).min() > 0.6
+    assert by_means != by_gradients
+    assert by_default == by_gradients
+
+
+def test_windows_have_as_many_pixels_as_the_features_ask_for(extended):
+    """40 cells of 8 pixels; three colors or one gray level, and two edges."""
+    code = """
+from pf_tracker_ros.cues import CUES
+from pf_tracker_ros.cues.features import FEATURES
+from pf_tracker_ros.frames import Frame, Region
+
+asked = []
+extract = FEATURES["cell_means"].extract
+def remembering(self, window):
+    asked.append(window.shape)
+    return extract(self, window)
+FEATURES["cell_means"].extract = remembering
+
+parameters = CUES.parameters_of("correlation_response")(features="cell_means")
+cue = CUES["correlation_response"](parameters)
+colored = np.random.default_rng(0).integers(0, 256, (240, 320, 3), dtype=np.uint8)
+box = np.array([140.0, 100.0, 40.0, 32.0])
+templates = [
+    cue.learn(Region(Frame(image), box[None]), box)
+    for image in (colored, np.ascontiguousarray(colored[..., 1]))
+]
+print(json.dumps([asked, [template.filter.shape for template in templates]]))
+"""
+    asked, filters = extended(code, **ADDED)
+    assert asked == [[320, 320, 3], [320, 320]]
+    assert filters == [[5, 40, 21], [3, 40, 21]]
+
+
+def test_the_channels_hold_what_they_say(extended):
+    """Means of 8 x 8 pixels; a ramp across is steep across, and not down."""
+    code = """
+from pf_tracker_ros.cues.features import FEATURES
+
+window = np.random.default_rng(0).integers(0, 256, (24, 24, 3), dtype=np.uint8)
+ramp = np.tile((2 * np.arange(24)).astype(np.uint8), (24, 1))
+features = FEATURES["cell_means"]()
+print(json.dumps([
+    window.tolist(), features.extract(window).tolist(), features.extract(ramp).tolist()
+]))
+"""
+    window, channels, of_ramp = (np.array(each) for each in extended(code, **ADDED))
+    means = window.reshape(3, 8, 3, 8, 3).mean(axis=(1, 3)).transpose(2, 0, 1)
+    np.testing.assert_allclose(channels[:3], means, rtol=1e-5)
+    assert of_ramp.shape == (3, 3, 3)
+    assert (of_ramp[1] > 0).all()
+    np.testing.assert_array_equal(of_ramp[2], 0.0)

@@ -1,0 +1,104 @@
+"""A motion model is one new file: `filter/random_walk.py`."""
+
+import pytest
+
+from pf_tracker_ros.filter import MOTION_MODELS
+
+ADDED = {"package": "pf_tracker_ros.filter", "examples": "filter"}
+
+
+def test_without_the_file_there_is_no_such_model(extended):
+    assert "random_walk" not in MOTION_MODELS
+    code = """
+choice = {"motion.model": "random_walk"}
+print(json.dumps(refusal(Tracker.from_preset, "li2007", parameters=choice)))
+"""
+    assert extended(code).startswith("parameter 'motion.model' is 'random_walk'; allowed: ")
+
+
+def test_with_the_file_a_tracker_follows_by_it(extended, overlaps):
+    code = """
+tracker = Tracker.from_preset(
+    "li2007", parameters={"motion.model": "random_walk", "motion.position_noise": 2.0}
+)
+boxes = follow(tracker)
+print(json.dumps([boxes, tracker.estimate.particles.shape, tracker.parameters]))
+"""
+    boxes, shape, parameters = extended(code, **ADDED)
+    assert overlaps(boxes).min() > 0.5
+    # Its states have two columns, of a preset with 60 particles.
+    assert shape == [60, 2]
+    assert parameters["motion.model"] == "random_walk"
+    assert parameters["motion.vertical_share"] == 1.0
+
+
+def test_its_parameters_exist_with_it_and_those_of_others_do_not(extended):
+    code = """
+def of_motion(model):
+    names = declarations(TrackerParameters, {"motion.model": model})
+    return [name for name in names if name.startswith("motion.")]
+
+every = all_declarations(TrackerParameters)
+print(json.dumps({
+    "own": of_motion("random_walk"),
+    "other": of_motion("constant_velocity"),
+    "only_with": every["motion.vertical_share"].only_with,
+    "choices": every["motion.model"].choices,
+    "unknown": refusal(
+        Tracker.from_preset, "li2007", parameters={"motion.vertical_share": 0.5}
+    ),
+}))
+"""
+    told = extended(code, **ADDED)
+    own = ["motion.model", "motion.position_noise", "motion.vertical_share"]
+    assert told["own"] == own
+    assert told["other"] == ["motion.model", "motion.position_noise", "motion.velocity_noise"]
+    assert told["only_with"] == "motion.model 'random_walk'"
+    assert set(told["choices"]) == {*MOTION_MODELS, "random_walk"}
+    assert told["unknown"].endswith("it needs motion.model 'random_walk'")
+
+
+def test_its_own_parameter_does_what_it_says(extended):
+    code = """
+from pf_tracker_ros.filter import MOTION_MODELS
+
+parameters = MOTION_MODELS.parameters_of("random_walk")(position_noise=0.5, vertical_share=0.2)
+motion = MOTION_MODELS["random_walk"]((100.0, 50.0, 40.0, 10.0), parameters)
+draw = np.random.default_rng(0)
+states = np.tile([120.0, 55.0], (40_000, 1))
+moved = motion.predict(states, 0.25, draw)
+prior = motion.prior(40_000, draw)
+print(json.dumps({
+    "mean": moved.mean(axis=0).tolist(),
+    "spread": moved.std(axis=0).tolist(),
+    "prior": [prior.mean(axis=0).tolist(), prior.std(axis=0).tolist()],
+    "boxes": motion.boxes(states[:1]).tolist(),
+    "inside": motion.constrain(np.array([[-9.0, 900.0]]), (160, 90)).tolist(),
+}))
+"""
+    told = extended(code, **ADDED)
+    # A box size is 20 px; half of one a root of a second, for a quarter of a second.
+    assert told["mean"] == pytest.approx([120.0, 55.0], abs=0.1)
+    assert told["spread"] == pytest.approx([5.0, 1.0], rel=0.02)
+    mean, spread = told["prior"]
+    assert mean == pytest.approx([120.0, 55.0], abs=0.05)
+    assert spread == pytest.approx([1.0, 1.0], rel=0.02)
+    assert told["boxes"] == [[100.0, 50.0, 40.0, 10.0]]
+    assert told["inside"] == [[0.0, 90.0]]
+
+
+@pytest.mark.parametrize(
+    ("method", "models"),
+    [
+        ("search", "'constant_velocity' or 'constant_velocity_and_size'"),
+        ("kalman", "'affine' or 'second_order_autoregressive'"),
+    ],
+)
+def test_a_proposal_that_it_cannot_make_is_refused_naming_models_that_can(extended, method, models):
+    code = f"""
+choice = {{"motion.model": "random_walk", "proposal.method": "{method}"}}
+print(json.dumps(refusal(Tracker.from_preset, "default", parameters=choice)))
+"""
+    told = extended(code, **ADDED)
+    assert told.startswith(f"parameter 'proposal.method' is '{method}' with the motion model")
+    assert told.endswith(f"'transition', or the motion model {models}")

@@ -1,0 +1,234 @@
+"""The 8-bit view of a frame and its reductions: what they hold, and what they cost."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pf_tracker_ros.frames import Foreground, Frame, Region
+from pf_tracker_ros.frames import frame as frame_module
+from pf_tracker_ros.frames.gray_range import gray_range, to_8_bit
+from pf_tracker_ros.frames.tiles import Part
+
+# How far beyond a part more may be made, for others who look there.
+TILE = 32
+
+
+def noise(shape, seed=0, dtype=np.uint8):
+    return np.random.default_rng(seed).integers(0, np.iinfo(dtype).max + 1, shape, dtype=dtype)
+
+
+def thermal(height, width, seed=0):
+    return np.random.default_rng(seed).integers(7000, 8000, (height, width), dtype=np.uint16)
+
+
+def block_means(pixels, reduction):
+    """Means of blocks, rounded as `cv2.resize` with INTER_AREA does.
+
+    OpenCV adds up blocks of 2 x 2 in whole numbers and rounds halves up; sums of others are
+    multiplied by a broken number, and halves rounded to even ones.
+    """
+    missing = [(0, -length % reduction) for length in pixels.shape[:2]]
+    padded = np.pad(pixels, missing + [(0, 0)] * (pixels.ndim - 2), mode="edge")
+    height, width = padded.shape[:2]
+    blocks = padded.reshape(
+        height // reduction, reduction, width // reduction, reduction, *pixels.shape[2:]
+    )
+    means = blocks.sum(axis=(1, 3), dtype=int) / reduction**2
+    rounded = np.floor(means + 0.5) if reduction == 2 else np.rint(means)
+    return rounded.astype(np.uint8)
+
+
+@pytest.fixture
+def converted(monkeypatch):
+    """A function that makes a 16-bit frame, and counts how often each pixel is converted."""
+
+    def make(image, **options):
+        times = np.zeros(image.shape, int)
+        start = image.__array_interface__["data"][0]
+
+        def counting(part, span):
+            offset = part.__array_interface__["data"][0] - start
+            row, column = divmod(offset // image.itemsize, image.shape[1])
+            height, width = part.shape
+            times[row : row + height, column : column + width] += 1
+            return to_8_bit(part, span)
+
+        monkeypatch.setattr(frame_module, "to_8_bit", counting)
+        return Frame(image, **options), times
+
+    return make
+
+
+def near(part, shape, margin=TILE):
+    """Whether each pixel is in a part or next to it."""
+    inside = np.zeros(shape, bool)
+    top, left = max(part.top - margin, 0), max(part.left - margin, 0)
+    inside[top : part.bottom + margin, left : part.right + margin] = True
+    return inside
+
+
+@st.composite
+def looks(draw, height, width):
+    """A reduction, and a part of the view that is reduced by it."""
+    reduction = draw(st.integers(1, 5))
+    ends = []
+    for length in (-(-height // reduction), -(-width // reduction)):
+        start = draw(st.integers(0, length - 1))
+        ends += [start, draw(st.integers(start + 1, length))]
+    return reduction, Part(*ends)
+
+
+@st.composite
+def frames_and_looks(draw):
+    height, width = draw(st.integers(1, 140)), draw(st.integers(1, 140))
+    kind = draw(st.sampled_from(["gray", "color", "thermal"]))
+    seed = draw(st.integers(0, 100))
+    if kind == "thermal":
+        image = thermal(height, width, seed)
+    else:
+        image = noise((height, width, 3) if kind == "color" else (height, width), seed)
+    return image, draw(st.lists(looks(height, width), min_size=1, max_size=6))
+
+
+@settings(deadline=None)
+@given(frames_and_looks())
+def test_every_view_is_cut_from_the_whole_one_in_whatever_order_they_are_asked_for(drawn):
+    image, asked = drawn
+    frame = Frame(image)
+    whole = to_8_bit(image, gray_range(image))
+    for reduction, part in asked:
+        expected = whole if reduction == 1 else block_means(whole, reduction)
+        view = frame.view(part, reduction)
+        assert view.dtype == np.uint8
+        np.testing.assert_array_equal(view, expected[part.slices])
+    np.testing.assert_array_equal(frame.pixels, whole)
+
+
+def test_means_of_blocks_by_hand():
+    image = np.array(
+        [
+            [10, 20, 30, 40, 50],
+            [20, 30, 40, 50, 61],
+            [7, 9, 0, 255, 3],
+        ],
+        np.uint8,
+    )
+    frame = Frame(image)
+    # 80 / 4, 160 / 4 and 222 / 4 = 55.5; below the last row and beside the last column again it.
+    np.testing.assert_array_equal(frame.view(Part(0, 2, 0, 3), 2), [[20, 40, 56], [8, 128, 3]])
+    # 166 / 9 = 18.4 and (40 + 2 x 50 + 50 + 2 x 61 + 255 + 2 x 3) / 9 = 63.7.
+    np.testing.assert_array_equal(frame.view(Part(0, 1, 0, 2), 3), [[18, 64]])
+    np.testing.assert_array_equal(frame.view(Part(0, 1, 1, 2), 3), [[64]])
+
+
+@pytest.mark.parametrize("reduction", [2, 3, 4, 7])
+@pytest.mark.parametrize("shape", [(66, 131, 3), (67, 128), (5, 4, 3), (1, 1)])
+def test_a_reduced_view_equals_the_means_of_its_blocks(shape, reduction):
+    image = noise(shape)
+    expected = block_means(image, reduction)
+    height, width = expected.shape[:2]
+    np.testing.assert_array_equal(Frame(image).view(Part(0, height, 0, width), reduction), expected)
+
+
+def test_a_16_bit_image_is_converted_only_where_it_is_looked_at_and_there_once(converted):
+    image = thermal(300, 400)
+    frame, times = converted(image)
+    assert not times.any()
+    part = Part(100, 140, 200, 230)
+    view = frame.view(part)
+    np.testing.assert_array_equal(view, to_8_bit(image, gray_range(image))[part.slices])
+    assert (times[part.slices] == 1).all()
+    assert not times[~near(part, image.shape)].any()
+
+    frame.view(Part(110, 120, 190, 240))
+    frame.view(part)
+    assert times.max() == 1
+    assert not times[:60].any()
+
+
+@pytest.mark.parametrize("reduction", [2, 3])
+def test_reduced_views_convert_no_more_than_what_they_are_made_of_and_nothing_twice(
+    converted, reduction
+):
+    frame, times = converted(thermal(400, 500))
+    part = Part(20, 30, 40, 60)
+    frame.view(part, reduction)
+    source = Part(*(edge * reduction for edge in part))
+    assert (times[source.slices] == 1).all()
+    assert not times[~near(source, times.shape, margin=TILE * (reduction + 1))].any()
+    for other in (1, 2, 3, 4):
+        frame.view(Part(10, 40, 10, 70), other)
+        assert times.max() == 1
+    assert not times[300:].any()
+    assert frame.pixels.shape == times.shape
+    assert (times == 1).all()
+
+
+def test_all_who_look_at_a_frame_share_what_was_converted(converted):
+    """Targets beside each other, large ones and small ones."""
+    frame, times = converted(thermal(300, 400))
+    for box, reduction in (
+        ([100.0, 80.0, 30.0, 40.0], 1),
+        ([110.0, 90.0, 30.0, 40.0], 1),
+        ([60.0, 40.0, 160.0, 160.0], 4),
+        ([-20.0, 70.0, 50.0, 50.0], 2),
+    ):
+        region = Region(frame, np.array([box]), reduction)
+        assert region.pixels.dtype == np.uint8
+    assert times.max() == 1
+    assert not times[256:].any()
+
+
+def test_the_given_span_is_what_the_view_spans_and_else_the_image_s_own():
+    image = np.array([[1000, 1500, 2000, 900, 2100]], np.uint16)
+    part = Part(0, 1, 0, 5)
+    spanned = Frame(image, span=(1000.0, 2000.0)).view(part)
+    np.testing.assert_array_equal(spanned, [[0, 127, 255, 0, 255]])
+    own = Frame(image).view(part)
+    assert 0 < own[0, 3] < own[0, 0] < own[0, 1] < own[0, 2] < own[0, 4] < 255
+
+
+def test_the_span_is_that_of_the_whole_image_whatever_part_is_looked_at_first():
+    image = thermal(200, 200)
+    image[:20] //= 2
+    whole = to_8_bit(image, gray_range(image))
+    frame = Frame(image)
+    for part in (Part(0, 10, 0, 10), Part(150, 160, 20, 30)):
+        np.testing.assert_array_equal(frame.view(part), whole[part.slices])
+
+
+@pytest.mark.parametrize("shape", [(40, 50), (40, 50, 3)])
+def test_an_8_bit_image_is_its_own_view(shape):
+    image = noise(shape)
+    frame = Frame(image)
+    assert np.shares_memory(frame.view(Part(3, 9, 4, 20)), image)
+    assert np.shares_memory(frame.pixels, image)
+    np.testing.assert_array_equal(frame.pixels, image)
+
+
+def test_what_a_frame_is_told_and_what_it_tells():
+    image = noise((40, 50, 3))
+    frame = Frame(image, stamp=17)
+    assert frame.image is image
+    assert (frame.stamp, frame.size) == (17, (50, 40))
+    assert Frame(image).stamp == 0
+    assert frame.foreground is None
+    assert frame.background is None
+    mask = np.zeros((20, 25), np.uint8)
+    frame.foreground = Foreground(mask, 2)
+    assert frame.foreground == (mask, 2)
+
+
+def test_what_is_shared_is_computed_once_under_each_key():
+    frame, computed = Frame(noise((4, 4))), []
+
+    def compute():
+        computed.append(len(computed))
+        return [computed[-1]]
+
+    first = frame.shared("one", compute)
+    assert frame.shared("one", compute) is first
+    assert frame.shared(("one", 2), compute) == [1]
+    assert Frame(frame.image).shared("one", compute) == [2]
+    assert computed == [0, 1, 2]

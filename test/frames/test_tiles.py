@@ -1,0 +1,103 @@
+"""Images that are computed where they are looked at, whatever is read in whatever order."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pf_tracker_ros.frames.tiles import Part, TiledImage
+
+SIDE = 32
+
+
+def numbered(shape):
+    """An image whose pixels tell where they are, as far as 8 bits can."""
+    return (np.arange(np.prod(shape)) * 37 % 251).astype(np.uint8).reshape(shape)
+
+
+class Computed:
+    """Computes by cutting from an image, and counts how often each pixel was asked for."""
+
+    def __init__(self, image):
+        self.image = image
+        self.times = np.zeros(image.shape[:2], int)
+        self.parts = []
+
+    def __call__(self, part):
+        self.parts.append(part)
+        self.times[part.slices] += 1
+        return self.image[part.slices]
+
+
+def sections(length):
+    """A start and an end with at least one pixel in between."""
+    return st.tuples(st.integers(0, length - 1), st.integers(1, length)).map(
+        lambda ends: (min(ends), max(ends)) if ends[0] != ends[1] else (ends[0] - 1, ends[1])
+    )
+
+
+@st.composite
+def readings(draw):
+    """The shape of an image, and parts to read of it one after the other."""
+    height, width = draw(st.integers(1, 150)), draw(st.integers(1, 150))
+    shape = draw(st.sampled_from([(height, width), (height, width, 3)]))
+    parts = st.tuples(sections(height), sections(width)).map(lambda ends: Part(*ends[0], *ends[1]))
+    return shape, draw(st.lists(parts, min_size=1, max_size=8))
+
+
+@settings(deadline=None)
+@given(readings())
+def test_every_reading_is_right_and_no_pixel_is_computed_twice_or_for_nothing(reading):
+    shape, parts = reading
+    computed = Computed(numbered(shape))
+    tiled = TiledImage(shape, computed)
+    touched = np.zeros(shape[:2], bool)
+    for part in parts:
+        np.testing.assert_array_equal(tiled.read(part), computed.image[part.slices])
+        rows, columns = (
+            slice(start // SIDE * SIDE, -(-end // SIDE) * SIDE)
+            for start, end in (part[:2], part[2:])
+        )
+        touched[rows, columns] = True
+        np.testing.assert_array_equal(computed.times, touched)
+    for top, bottom, left, right in computed.parts:
+        assert top % SIDE == left % SIDE == 0
+        assert bottom % SIDE == 0 or bottom == shape[0]
+        assert right % SIDE == 0 or right == shape[1]
+
+
+def test_what_is_not_known_yet_of_a_part_is_computed_in_few_pieces():
+    """A new part in one; around known tiles one piece for each run of a row of tiles."""
+    computed = Computed(numbered((160, 160)))
+    tiled = TiledImage((160, 160), computed)
+    tiled.read(Part(64, 96, 64, 96))
+    tiled.read(Part(40, 120, 40, 120))
+    assert computed.parts == [
+        Part(64, 96, 64, 96),
+        Part(32, 64, 32, 128),
+        Part(64, 96, 32, 64),
+        Part(64, 96, 96, 128),
+        Part(96, 128, 32, 128),
+    ]
+
+
+def test_what_could_not_be_computed_is_not_taken_for_known():
+    image = numbered((80, 80))
+
+    def compute(part):
+        if fails:
+            raise MemoryError
+        return image[part.slices]
+
+    tiled, fails = TiledImage(image.shape, compute), False
+    tiled.read(Part(0, 10, 0, 10))
+    fails = True
+    with pytest.raises(MemoryError):
+        tiled.read(Part(0, 80, 0, 80))
+    fails = False
+    np.testing.assert_array_equal(tiled.read(Part(0, 80, 0, 80)), image)
+
+
+def test_the_slices_of_a_part_take_it_from_an_array():
+    array = np.arange(20).reshape(4, 5)
+    np.testing.assert_array_equal(array[Part(1, 3, 2, 5).slices], [[7, 8, 9], [12, 13, 14]])

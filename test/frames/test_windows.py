@@ -1,0 +1,198 @@
+"""Windows read from a frame, against pixels picked, averaged and interpolated by hand."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.frames.windows import read_window
+
+
+@pytest.fixture
+def image():
+    return np.random.default_rng(0).integers(0, 256, (48, 64, 3), dtype=np.uint8)
+
+
+def window(image, center, side, pixels, gray=False):
+    return read_window(Frame(image), np.array(center, float), float(side), pixels, gray)
+
+
+def block_means(image, reduction):
+    """The image reduced by a whole factor, the last row and column repeated to fill a block."""
+    missing = [(0, -length % reduction) for length in image.shape[:2]]
+    padded = np.pad(image, missing + [(0, 0)] * (image.ndim - 2), mode="edge").astype(float)
+    height, width = padded.shape[:2]
+    blocks = padded.reshape(
+        height // reduction, reduction, width // reduction, reduction, *image.shape[2:]
+    )
+    return blocks.mean(axis=(1, 3))
+
+
+def bilinear_window(image, center, side, pixels, reduction):
+    """Each pixel of the window on its own, from the four around its center in a reduced image."""
+    values = np.rint(block_means(image, reduction)) if reduction > 1 else image.astype(float)
+    height, width = values.shape[:2]
+    expected = np.empty((pixels, pixels, *image.shape[2:]))
+    for row, column in np.ndindex(pixels, pixels):
+        # Of the window's pixel, in the image; then of pixels of the reduced one, from the first's.
+        x = center[0] - side / 2 + (column + 0.5) * side / pixels
+        y = center[1] - side / 2 + (row + 0.5) * side / pixels
+        x, y = x / reduction - 0.5, y / reduction - 0.5
+        left, top = int(np.floor(x)), int(np.floor(y))
+        right_share, lower_share = x - left, y - top
+        columns = np.clip([left, left + 1], 0, width - 1)
+        upper, lower = (
+            values[np.clip(each, 0, height - 1), columns[0]] * (1 - right_share)
+            + values[np.clip(each, 0, height - 1), columns[1]] * right_share
+            for each in (top, top + 1)
+        )
+        expected[row, column] = upper * (1 - lower_share) + lower * lower_share
+    return expected
+
+
+# OpenCV reads at thirty-seconds of a pixel, so half of one off along each axis at most.
+READING_STEP = 1 / 64
+
+
+def steepest(image):
+    """The largest difference of two neighboring pixels."""
+    values = image.astype(float)
+    return max(np.abs(np.diff(values, axis=axis)).max(initial=0.0) for axis in (0, 1))
+
+
+@pytest.fixture(scope="module")
+def smooth():
+    """Smooth noise of odd sides, so that reduced blocks reach out of it."""
+    noise = np.random.default_rng(2).integers(0, 256, (9, 12, 3), dtype=np.uint8)
+    return cv2.resize(noise, (95, 71), interpolation=cv2.INTER_CUBIC)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "side", "reduction"),
+    [
+        (16, 12.7, 1),
+        (16, 27.9, 1),
+        (16, 28.5, 2),
+        (16, 43.9, 2),
+        (16, 44.5, 3),
+        (16, 59.3, 3),
+        (10, 70.0, 7),
+    ],
+)
+@pytest.mark.parametrize(
+    "center",
+    [(47.3, 35.6), (30.0, 41.5), (3.2, 60.9), (93.8, 2.1), (-9.4, 33.0), (60.0, 79.7), (-70, 160)],
+)
+def test_equals_an_independent_reading_inside_and_out_of_the_image(
+    smooth, pixels, side, reduction, center
+):
+    """Reduced as the scale asks for: by 1 to a scale of 1.75, by 2 to 2.75 and so on."""
+    for image in (smooth, np.ascontiguousarray(smooth[..., 1])):
+        read = window(image, center, side, pixels)
+        assert read.dtype == np.uint8
+        expected = bilinear_window(image, center, side, pixels, reduction)
+        # A half for the rounding of the window, another for that of blocks whose mean is a half.
+        tolerance = 1.01 + 2 * READING_STEP * steepest(block_means(image, reduction))
+        np.testing.assert_allclose(read, expected, atol=tolerance)
+
+
+@given(
+    x=st.floats(-200.0, 300.0),
+    y=st.floats(-200.0, 300.0),
+    side=st.floats(1.0, 200.0),
+    pixels=st.integers(2, 12),
+)
+def test_any_window_equals_an_independent_reading(smooth, x, y, side, pixels):
+    reduction = max(int(side / pixels + 0.25), 1)
+    image = np.ascontiguousarray(smooth[..., 0])
+    expected = bilinear_window(image, (x, y), side, pixels, reduction)
+    tolerance = 1.01 + 2 * READING_STEP * steepest(block_means(image, reduction))
+    read = window(image, (x, y), side, pixels)
+    np.testing.assert_allclose(read, expected, atol=tolerance)
+
+
+@pytest.mark.parametrize("corner", [(0, 0), (5, 9), (48, 32), (20, 32)])
+def test_a_window_of_the_image_s_own_resolution_holds_its_pixels(image, corner):
+    x, y = corner
+    expected = image[y : y + 16, x : x + 16]
+    np.testing.assert_array_equal(window(image, (x + 8, y + 8), 16, 16), expected)
+    gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    np.testing.assert_array_equal(
+        window(gray, (x + 8, y + 8), 16, 16), gray[y : y + 16, x : x + 16]
+    )
+    np.testing.assert_array_equal(
+        window(image, (x + 8, y + 8), 16, 16, gray=True), gray[y : y + 16, x : x + 16]
+    )
+
+
+@pytest.mark.parametrize(("right", "down"), [(0.25, 0.0), (0.5, -0.5), (-0.25, 0.75)])
+def test_a_shift_by_part_of_a_pixel_interpolates(right, down):
+    rows, columns = np.indices((40, 60))
+    ramp = (2 * rows + 2 * columns).astype(np.uint8)
+    across = (4 * columns).astype(np.uint8)
+    inside = ramp[12:28, 20:36].astype(float)
+    moved = window(ramp, (28 + right, 20 + down), 16, 16)
+    np.testing.assert_allclose(moved, inside + 2 * right + 2 * down, atol=0.5)
+    moved = window(across, (28 + right, 20 + down), 16, 16)
+    np.testing.assert_array_equal(moved, across[12:28, 20:36] + 4 * right)
+
+
+def test_an_enlarged_window_reads_between_the_pixels():
+    ramp = np.tile((4 * np.arange(60)).astype(np.uint8), (40, 1))
+    # Four window pixels to one of the image: their centers are at -3/8, -1/8, 1/8 and 3/8 of it.
+    enlarged = window(ramp, (28, 20), 8, 32)
+    expected = 4 * (24 + (np.arange(32) + 0.5) / 4 - 0.5)
+    np.testing.assert_allclose(enlarged, np.tile(expected, (32, 1)), atol=0.51)
+
+
+def test_a_window_of_lower_resolution_holds_the_means_of_blocks(image):
+    square = image[:48, :48]
+    reduced = window(square, (24, 24), 48, 12)
+    means = square.reshape(12, 4, 12, 4, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(reduced, means, atol=0.51)
+
+
+def test_no_pixel_is_skipped_wherever_the_window_is():
+    """Whole factors rarely fit the window: a chessboard of pixels still becomes gray all over."""
+    chessboard = (np.indices((120, 160)).sum(axis=0) % 2 * 255).astype(np.uint8)
+    for center in ((60.3, 50.8), (80.0, 61.0), (75.5, 40.25)):
+        reduced = window(chessboard, center, 64, 16)
+        assert np.abs(reduced.astype(float) - 127.5).max() < 8
+
+
+@pytest.mark.parametrize(
+    "corner", [(-6, 10), (56, 40), (20, -9), (-40, 12), (100, 12), (30, 90), (-50, -70), (300, 400)]
+)
+def test_outside_the_image_its_border_is_repeated(image, corner):
+    x, y = corner
+    far = 500
+    padded = np.pad(image, ((far, far), (far, far), (0, 0)), mode="edge")
+    expected = padded[y + far : y + far + 16, x + far : x + far + 16]
+    np.testing.assert_array_equal(window(image, (x + 8, y + 8), 16, 16), expected)
+
+
+@pytest.mark.parametrize(("side", "pixels"), [(16, 16), (48, 16), (40, 64)])
+def test_a_window_does_not_depend_on_what_was_read_of_the_frame_before(image, side, pixels):
+    center = np.array([30.0, 24.0])
+    frame = Frame(image)
+    alone = read_window(frame, center, float(side), pixels)
+    busy = Frame(image)
+    for offset in (-20.0, 3.0, 11.5):
+        read_window(busy, center + offset, float(side), pixels)
+    np.testing.assert_array_equal(read_window(busy, center, float(side), pixels), alone)
+
+
+def test_a_window_of_a_16_bit_frame_is_one_of_its_8_bit_view():
+    image = np.random.default_rng(3).integers(7000, 8000, (48, 64), dtype=np.uint16)
+    frame = Frame(image, span=(7000.0, 8000.0))
+    converted = np.floor((image - 7000.0) * (255.0 / 1000.0)).astype(np.uint8)
+    read = read_window(frame, np.array([28.0, 22.0]), 16.0, 16)
+    np.testing.assert_allclose(read.astype(int), converted[14:30, 20:36], atol=1)
+    whole = Frame(frame.pixels)
+    for side in (16.0, 40.0):
+        np.testing.assert_array_equal(
+            read_window(frame, np.array([28.3, 22.1]), side, 16),
+            read_window(whole, np.array([28.3, 22.1]), side, 16),
+        )

@@ -1,0 +1,215 @@
+"""Parts that are chosen by name: each registers itself, and is found where it is written."""
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+
+import pytest
+
+from pf_tracker_ros.cues import CUES
+from pf_tracker_ros.cues.features import FEATURES
+from pf_tracker_ros.filter import MOTION_MODELS, RESAMPLERS
+from pf_tracker_ros.parameters import declarations, declared
+from pf_tracker_ros.registry import NoParameters, Registry
+
+TIMEOUT = 60.0
+
+
+@dataclass(frozen=True)
+class WheelParameters:
+    """Some parameters."""
+
+    radius: float = declared(1.0, "Radius.", minimum=0.0, maximum=9.0)
+
+
+@pytest.fixture
+def wheels():
+    registry = Registry("wheel")
+
+    @registry.register("wooden", WheelParameters)
+    class Wooden:
+        pass
+
+    @registry.register("air")
+    def pumped():
+        return "pumped"
+
+    return registry, Wooden, pumped
+
+
+def test_a_name_leads_to_what_makes_the_part_and_to_its_parameters(wheels):
+    registry, wooden, pumped = wheels
+    assert registry["wooden"] is wooden
+    assert registry["air"] is pumped
+    assert pumped() == "pumped"
+    assert registry.parameters_of("wooden") is WheelParameters
+    assert registry.parameters_of("air") is NoParameters
+
+
+def test_names_are_in_the_order_in_which_they_registered(wheels):
+    registry, wooden, pumped = wheels
+    registry.register("a")(pumped)
+    assert list(registry) == ["wooden", "air", "a"]
+    assert dict(registry) == {"wooden": wooden, "air": pumped, "a": pumped}
+    assert len(registry) == 3
+    assert "wooden" in registry
+    assert "steel" not in registry
+
+
+def test_a_name_that_is_taken_is_refused_and_keeps_its_part(wheels):
+    registry, wooden, pumped = wheels
+    with pytest.raises(ValueError, match="there is a wheel 'wooden' already; choose another name"):
+        registry.register("wooden")(pumped)
+    assert registry["wooden"] is wooden
+    assert registry.parameters_of("wooden") is WheelParameters
+    assert list(registry) == ["wooden", "air"]
+
+
+def test_an_unknown_name_has_nothing(wheels):
+    registry, _, _ = wheels
+    for ask in (registry.__getitem__, registry.parameters_of):
+        with pytest.raises(KeyError):
+            ask("steel")
+
+
+def test_two_registries_know_nothing_of_each_other(wheels):
+    other = Registry("wheel")
+    assert list(other) == []
+    other.register("wooden")(int)
+    assert wheels[0]["wooden"] is not int
+
+
+def test_choices_of_a_parameter_grow_with_the_registry(wheels):
+    registry, _, pumped = wheels
+
+    @dataclass(frozen=True)
+    class Cart:
+        wheel: str = declared("wooden", "Wheel.", choices=registry)
+
+    assert declarations(Cart)["wheel"].choices == ("wooden", "air")
+    registry.register("steel")(pumped)
+    assert declarations(Cart)["wheel"].choices == ("wooden", "air", "steel")
+
+
+def test_the_shipped_parts():
+    assert set(CUES) == {
+        "color_contrast",
+        "color_histogram",
+        "correlation_response",
+        "foreground",
+        "foreground_color_histogram",
+        "gradient_orientation",
+        "hog",
+    }
+    assert set(MOTION_MODELS) == {
+        "affine",
+        "constant_velocity",
+        "constant_velocity_and_size",
+        "second_order_autoregressive",
+    }
+    assert set(RESAMPLERS) == {"multinomial", "stratified", "systematic", "residual"}
+    assert set(FEATURES) == {"gradients_and_colors"}
+
+
+def printed(code, *arguments):
+    """What a fresh interpreter prints, as JSON: nothing is registered there but by the code."""
+    outcome = subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
+        check=False,
+    )
+    assert outcome.returncode == 0, outcome.stderr
+    return json.loads(outcome.stdout)
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        "pf_tracker_ros.cues.hog",
+        "pf_tracker_ros.cues.features.gradients_and_colors",
+        "pf_tracker_ros.filter.resampling",
+        "pf_tracker_ros.filter.autoregressive",
+        "pf_tracker_ros.tracking.parameters",
+    ],
+)
+def test_the_order_is_the_same_whatever_is_imported_first(first):
+    code = f"""
+import json
+import {first}
+from pf_tracker_ros.cues import CUES
+from pf_tracker_ros.filter import MOTION_MODELS, RESAMPLERS
+print(json.dumps([list(CUES), list(MOTION_MODELS), list(RESAMPLERS)]))
+"""
+    assert printed(code) == [list(CUES), list(MOTION_MODELS), list(RESAMPLERS)]
+
+
+def test_every_file_of_a_package_is_imported_in_the_order_of_their_names(tmp_path):
+    package = tmp_path / "garage"
+    package.mkdir()
+    (package / "__init__.py").write_text(
+        "from pf_tracker_ros.registry import Registry, import_all\n"
+        "CARS = Registry('car')\n"
+        "import_all(__name__, __path__)\n"
+    )
+    for name in ("zebra", "ant", "middle"):
+        (package / f"{name}.py").write_text(
+            f"from garage import CARS\nCARS.register('{name}')(dict)\n"
+        )
+    (package / "notes.txt").write_text("no module\n")
+    code = """
+import json, sys
+sys.path.insert(0, sys.argv[1])
+from garage import CARS
+print(json.dumps(list(CARS)))
+"""
+    assert printed(code, tmp_path) == ["ant", "middle", "zebra"]
+
+
+def test_a_file_that_cannot_be_imported_is_not_passed_over(tmp_path):
+    package = tmp_path / "garage"
+    package.mkdir()
+    (package / "__init__.py").write_text(
+        "from pf_tracker_ros.registry import import_all\nimport_all(__name__, __path__)\n"
+    )
+    (package / "broken.py").write_text("import no_such_module_anywhere\n")
+    code = """
+import json, sys
+sys.path.insert(0, sys.argv[1])
+try:
+    import garage
+except ModuleNotFoundError as error:
+    print(json.dumps(error.name))
+"""
+    assert printed(code, tmp_path) == "no_such_module_anywhere"
+
+
+@pytest.mark.parametrize(
+    ("package", "registry", "shipped"),
+    [
+        ("pf_tracker_ros.cues", "CUES", CUES),
+        ("pf_tracker_ros.cues.features", "FEATURES", FEATURES),
+        ("pf_tracker_ros.filter", "MOTION_MODELS", MOTION_MODELS),
+        ("pf_tracker_ros.filter", "RESAMPLERS", RESAMPLERS),
+    ],
+)
+def test_a_new_file_in_a_package_s_folder_is_found(tmp_path, package, registry, shipped):
+    (tmp_path / "novelty.py").write_text(
+        f"from {package} import {registry}\n{registry}.register('novelty')(dict)\n"
+    )
+    code = """
+import importlib, json, sys
+from pf_tracker_ros.registry import import_all
+name, registry, folder = sys.argv[1:]
+package = importlib.import_module(name)
+before = list(getattr(package, registry))
+package.__path__.append(folder)
+for _ in range(2):
+    import_all(name, package.__path__)
+print(json.dumps([before, list(getattr(package, registry))]))
+"""
+    before, after = printed(code, package, registry, tmp_path)
+    assert before == list(shipped)
+    assert after == [*before, "novelty"]

@@ -1,0 +1,69 @@
+"""Footage of two targets, and what follows them."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros.parameters import build, changed
+from pf_tracker_ros.tracking.follower import Follower
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import preset_parameters
+
+WIDTH, HEIGHT, SIDE = 240, 160, 30
+FRAMES = 24
+
+
+@dataclass(frozen=True)
+class Couple:
+    """Two targets side by side, the first of which is hidden for a while.
+
+    Attributes:
+        images: (H, W, 3) uint8 BGR each.
+        first: (frames, 4) boxes, pixels.
+        second: (frames, 4) boxes, pixels.
+        hidden: Frames in which the first is out of sight.
+    """
+
+    images: tuple[np.ndarray, ...]
+    first: np.ndarray
+    second: np.ndarray
+    hidden: range
+
+
+def texture(seed, height, width, low, high):
+    noise = np.random.default_rng(seed).integers(low, high, (height // 6, width // 6, 3))
+    return cv2.resize(noise.astype(np.uint8), (width, height), interpolation=cv2.INTER_CUBIC)
+
+
+@pytest.fixture(scope="session")
+def couple():
+    """Two textures of 30 px that go right, 40 px from each other, over a third one."""
+    ground = texture(1, HEIGHT, WIDTH, 90, 160)
+    sprites = [texture(seed, SIDE, SIDE, 0, 250) for seed in (2, 3)]
+    hidden = range(9, 15)
+    images, boxes = [], ([], [])
+    for index in range(FRAMES):
+        image = ground.copy()
+        for number, sprite in enumerate(sprites):
+            x, y = 30 + 2 * index + 40 * number, 50 + index
+            if number == 1 or index not in hidden:
+                image[y : y + SIDE, x : x + SIDE] = sprite
+            boxes[number].append((x, y, SIDE, SIDE))
+        images.append(image)
+    first, second = (np.array(one, float) for one in boxes)
+    for array in (*images, first, second):
+        array.flags.writeable = False
+    return Couple(tuple(images), first, second, hidden)
+
+
+@pytest.fixture
+def make_follower():
+    """A follower of a preset, with other values of some parameters."""
+
+    def make(preset, parameters=None):
+        values = changed(TrackerParameters, preset_parameters(preset), parameters or {})
+        return Follower(build(TrackerParameters, values))
+
+    return make

@@ -1,0 +1,46 @@
+"""Parameters that are allowed one by one, but not together."""
+
+import pytest
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.parameters import ParameterError
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        (
+            {"motion.model": "affine"},
+            r"'proposal.method' is 'search' with the motion model 'affine'; allowed: 'transition', "
+            r"or the motion model 'constant_velocity' or 'constant_velocity_and_size'",
+        ),
+        (
+            {"cues": ("color_histogram", "hog")},
+            r"'proposal.method' is 'search', but no cue in 'cues' with a power above 0 can "
+            r"search; allowed: 'transition' or 'kalman', or 'color_contrast' or "
+            r"'correlation_response' in 'cues'",
+        ),
+        (
+            {"cues": ("color_histogram", "color_contrast"), "color_contrast.power": 0.0},
+            r"'proposal.method' is 'search', but no cue in 'cues' with a power above 0 can",
+        ),
+    ],
+)
+def test_a_search_that_cannot_be_is_refused(parameters, message):
+    with pytest.raises(ParameterError, match=message):
+        Tracker.from_preset("default", parameters=parameters)
+
+
+def test_the_kalman_filter_needs_a_gaussian_motion_model():
+    with pytest.raises(
+        ParameterError,
+        match=r"'proposal\.method' is 'kalman' with the motion model 'constant_velocity'; allowed: "
+        r"'transition', or the motion model 'affine' or 'second_order_autoregressive'",
+    ):
+        Tracker.from_preset("zhang_bo", parameters={"motion.model": "constant_velocity"})
+
+
+@pytest.mark.parametrize("preset", ["default", "li2007"])
+def test_without_a_cue_there_is_nothing_to_compare_by(preset):
+    with pytest.raises(ParameterError, match=r"'cues' is empty; .* at least one of .*\bhog\b"):
+        Tracker.from_preset(preset, parameters={"cues": ()})

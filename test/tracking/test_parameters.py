@@ -1,0 +1,286 @@
+"""The tracker's parameters: which there are with what, what became of others, and changes."""
+
+import re
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.background import BackgroundModel
+from pf_tracker_ros.cues import CUES
+from pf_tracker_ros.filter import MOTION_MODELS, RESAMPLERS
+from pf_tracker_ros.parameters import (
+    ParameterError,
+    all_declarations,
+    build,
+    changed,
+    declarations,
+    flatten,
+)
+from pf_tracker_ros.tracking.former_names import FORMER_NAMES
+from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
+from pf_tracker_ros.tracking.scene import Scene
+
+INTERVAL = 0.04
+EVERY = all_declarations(TrackerParameters)
+CHOSEN = {name: one.only_with for name, one in EVERY.items() if one.only_with}
+every_preset = pytest.mark.parametrize("preset", sorted(PRESETS))
+
+
+def box(boxes, index):
+    return tuple(boxes[index].tolist())
+
+
+# Which there are
+
+
+@every_preset
+def test_every_preset_builds_and_has_its_values(preset):
+    values = preset_parameters(preset)
+    assert PRESETS[preset].items() <= values.items()
+    others = values.keys() - PRESETS[preset].keys()
+    assert all(values[name] == EVERY[name].default for name in others)
+    assert values.keys() == declarations(TrackerParameters, values).keys() <= EVERY.keys()
+    assert flatten(build(TrackerParameters, values)) == values
+    assert Tracker.from_preset(preset).parameters == values
+
+
+def test_what_is_registered_can_be_chosen():
+    assert EVERY["cues"].choices == tuple(CUES)
+    assert EVERY["motion.model"].choices == tuple(MOTION_MODELS)
+    assert EVERY["resampling.scheme"].choices == tuple(RESAMPLERS)
+    assert EVERY["track.while_hidden"].choices == tuple(WHILE_HIDDEN)
+
+
+@pytest.mark.parametrize("name", CHOSEN)
+def test_a_parameter_exists_with_each_choice_that_it_names_and_with_no_other(name):
+    chooser, choices = CHOSEN[name].split(" ", 1)
+    company = ("color_histogram", "hog") if choices.endswith(" and another") else ()
+    choices = re.findall(r"'(\w+)'", choices)
+    assert 0 < len(choices) < len(EVERY[chooser].choices)
+    for choice in EVERY[chooser].choices:
+        value = (
+            (*{choice, *(company if choice in choices else ())},) if chooser == "cues" else choice
+        )
+        values = {chooser: value, name: EVERY[name].default}
+        if choice in choices:
+            assert flatten(build(TrackerParameters, values))[name] == EVERY[name].default
+            continue
+        needed = re.escape(CHOSEN[name])
+        with pytest.raises(ParameterError, match=f"no parameter '{name}' here; it needs {needed}$"):
+            build(TrackerParameters, values)
+
+
+@every_preset
+def test_a_parameter_of_a_part_that_is_not_chosen_is_refused(preset):
+    tracker = Tracker.from_preset(preset)
+    absent = EVERY.keys() - tracker.parameters.keys()
+    assert absent
+    for name in absent:
+        with pytest.raises(ParameterError, match=f"no parameter '{name}' here; it needs "):
+            Tracker.from_preset(preset, parameters={name: EVERY[name].default})
+        with pytest.raises(ParameterError, match=f"no parameter '{name}' here; it needs "):
+            tracker.set_parameters({name: EVERY[name].default})
+    assert tracker.parameters == preset_parameters(preset)
+
+
+def test_values_of_parts_that_a_change_leaves_out_go_with_them():
+    values = preset_parameters("zhang2015")
+    after = changed(
+        TrackerParameters, values, {"cues": ("color_histogram",), "resampling.scheme": "residual"}
+    )
+    assert values.keys() - after.keys() == {*("hog.sharpness", "hog.keep", "resampling.keep_best")}
+    built = flatten(build(TrackerParameters, after))
+    assert built["color_histogram.keep"] == EVERY["color_histogram.keep"].default
+
+
+# What became of others
+
+
+@pytest.mark.parametrize("name", FORMER_NAMES)
+def test_a_former_name_is_refused_with_what_to_use_or_why_there_is_nothing(name):
+    assert name not in EVERY
+    instead = FORMER_NAMES[name]
+    if instead in EVERY:
+        message = f"no parameter '{name}'; use '{instead}'"
+    else:
+        message = f"no parameter '{name}'; {instead}"
+        assert " " in instead
+        # What a reason names exists, be it a parameter or what one can be set to.
+        choices = {choice for declaration in EVERY.values() for choice in declaration.choices}
+        assert set(re.findall(r"'([^']*)'", instead)) <= EVERY.keys() | choices
+    with pytest.raises(ParameterError, match=f"^{re.escape(message)}$"):
+        Tracker.from_preset("default", parameters={name: 1})
+
+
+def test_what_a_former_number_is_fixed_at_is_what_is_used():
+    """As far as it is the default of an argument by the same name."""
+    fixed = {
+        name: float(reason.removeprefix("it is fixed at "))
+        for name, reason in FORMER_NAMES.items()
+        if re.fullmatch(r"it is fixed at [\d.]+", reason)
+    }
+    defaults = {
+        f"{former}.{argument}": value
+        for former, cue in {
+            "color_histogram": "color_histogram",
+            "gradient_orientation": "gradient_orientation",
+            "foreground_probability": "color_contrast",
+            "moving_foreground": "foreground",
+            "correlation_response": "correlation_response",
+        }.items()
+        for argument, value in CUES[cue].__init__.__kwdefaults__.items()
+    }
+    model = BackgroundModel.__init__.__kwdefaults__
+    defaults |= {f"background.{argument}": value for argument, value in model.items()}
+    # 13 of cues and 5 of the background model.
+    assert len(fixed.keys() & defaults.keys()) == 13 + 5
+    for name in fixed.keys() & defaults.keys():
+        assert defaults[name] == fixed[name]
+
+
+# Changes under way
+
+
+@pytest.fixture
+def make_scene(make_follower, couple):
+    """A scene with the first target in the first image."""
+
+    def make(preset, parameters=None):
+        scene = Scene(make_follower(preset, parameters), seed=5)
+        scene.start(couple.images[0], box(couple.first, 0))
+        return scene
+
+    return make
+
+
+def learned(scene):
+    return {*scene.targets[1].templates}
+
+
+def test_a_cue_that_is_added_learns_from_the_next_frame_that_is_trusted(
+    make_scene, make_follower, couple
+):
+    never = {"template.update_above": 1.0}
+    more = {"cues": ("color_histogram", "gradient_orientation", "hog")}
+    scene = make_scene("li2007", never)
+    scene.reconfigure(make_follower("li2007", never | more))
+    for image in couple.images[1:4]:
+        scene.update(image, INTERVAL)
+        assert learned(scene) == {"color_histogram", "gradient_orientation"}
+        assert scene.targets[1].estimate.powers.keys() == {*more["cues"]}
+    scene.reconfigure(make_follower("li2007", more))
+    scene.update(couple.images[4], INTERVAL)
+    assert learned(scene) == {*more["cues"]}
+    # It says something of the next frame: without it the weights are others.
+    other = make_scene("li2007")
+    for image in couple.images[1:5]:
+        other.update(image, INTERVAL)
+    for one in (scene, other):
+        one.update(couple.images[5], INTERVAL)
+    weights = [one.targets[1].estimate.weights for one in (scene, other)]
+    assert not np.allclose(*weights)
+
+
+def test_a_cue_that_has_no_template_yet_says_nothing(make_scene, make_follower, couple):
+    never = {"template.update_above": 1.0}
+    alone, joined = (make_scene("li2007", never) for _ in range(2))
+    # The two that are known keep their proportion, and so much of the sum.
+    joined.reconfigure(
+        make_follower(
+            "li2007",
+            never | {"cues": ("color_histogram", "gradient_orientation", "hog"), "hog.power": 1.0},
+        )
+    )
+    sharper = {"color_histogram.sharpness": 10.0, "gradient_orientation.sharpness": 15.0}
+    alone.reconfigure(make_follower("li2007", never | sharper))
+    for scene in (alone, joined):
+        scene.update(couple.images[1], INTERVAL)
+    np.testing.assert_allclose(
+        joined.targets[1].estimate.weights, alone.targets[1].estimate.weights
+    )
+    assert joined.targets[1].estimate.confidence == alone.targets[1].estimate.confidence
+
+
+def test_a_cue_that_is_removed_is_forgotten_at_once(make_scene, make_follower, couple):
+    """Else the template of one window would be compared in another."""
+    never = {"template.update_above": 1.0, "template.confident_above": 0.0}
+    scene = make_scene("default", never)
+    assert learned(scene) == {"color_contrast", "correlation_response"}
+    scene.reconfigure(make_follower("default", never | {"cues": ("color_contrast",)}))
+    assert learned(scene) == {"color_contrast"}
+    assert scene.targets[1].distraction.keys() == {"color_contrast"}
+    scene.reconfigure(make_follower("default", never | {"correlation_response.window": 6.0}))
+    scene.update(couple.images[1], INTERVAL)
+    assert learned(scene) == {"color_contrast"}
+    scene.reconfigure(make_follower("default", {"correlation_response.window": 6.0}))
+    scene.update(couple.images[2], INTERVAL)
+    assert learned(scene) == {"color_contrast", "correlation_response"}
+
+
+def test_a_tracker_takes_a_cue_leaves_one_out_and_changes_powers(couple):
+    tracker = Tracker.from_preset("default")
+    tracker.start(couple.images[0], couple.second[0])
+    changes = {
+        1: ({"cues": ("color_contrast", "correlation_response", "hog"), "hog.power": 1.0}, None),
+        4: ({"hog.power": 0.5}, None),
+        7: ({"cues": ("correlation_response", "hog")}, None),
+        10: ({"hog.power": 0.0}, {"correlation_response": 1.0}),
+        13: ({"cues": ("correlation_response", "color_contrast")}, None),
+        16: ({"cues": ("color_contrast",)}, {"color_contrast": 1.0}),
+    }
+    for index in range(1, len(couple.images)):
+        values, powers = changes.get(index, ({}, None))
+        if values:
+            tracker.set_parameters(values)
+            assert values.items() <= tracker.parameters.items()
+        estimate = tracker.update(couple.images[index])
+        assert estimate.box == pytest.approx(couple.second[index], abs=8)
+        now = tracker.parameters
+        # A single cue has no power to choose.
+        used = [name for name in now["cues"] if now.get(f"{name}.power", 1.0)]
+        assert estimate.powers.keys() == {*used}
+        if powers:
+            assert dict(estimate.powers) == powers
+    assert not any(name.startswith("hog.") for name in tracker.parameters)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"cues": ("hog",)},
+        {"cues": ("hog", "color_contrast", "foreground")},
+        {"cues": ("hog", "color_histogram"), "color_histogram.power": 0.0},
+    ],
+)
+def test_one_of_the_cues_must_have_learned_the_target(values, couple):
+    """Else whatever hides it would be taken for it."""
+    tracker = Tracker.from_preset("li2007")
+    tracker.start(couple.images[0], couple.first[0])
+    before = tracker.parameters
+    reason = "no cue in 'cues' has learned the target .*; keep one .*, or stop first"
+    for _ in range(2):
+        with pytest.raises(ParameterError, match=reason):
+            tracker.set_parameters(values)
+        assert tracker.parameters == before
+        # Once it is in use it still has to learn, and nothing is to be learned from here.
+        tracker.set_parameters({"cues": ("color_histogram", "gradient_orientation", "hog")})
+        assert tracker.update(np.zeros_like(couple.images[0])).state == "occluded"
+        before = tracker.parameters
+    tracker.stop()
+    tracker.set_parameters(values)
+
+
+def test_a_background_model_begins_and_ends_with_the_cues_that_read_it(
+    make_scene, make_follower, couple
+):
+    scene = make_scene("li2007")
+    more = {"cues": ("color_histogram", "gradient_orientation", "foreground")}
+    told = []
+    for index, parameters in enumerate(({}, more, more | {"foreground.power": 0.0}, more), start=1):
+        scene.reconfigure(make_follower("li2007", parameters))
+        scene.update(couple.images[index], INTERVAL)
+        told.append(scene.targets[1].estimate.background)
+    assert [str(one) for one in told] == ["None", "learning", "None", "learning"]

@@ -1,0 +1,129 @@
+"""Predictors: where the particles of the next frame are drawn, and what that does to weights."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.filter import LONGEST_PREDICTION, Gaussian, propose_from_prediction
+from pf_tracker_ros.filter.proposals import KalmanProposalParameters
+from pf_tracker_ros.filter.randomness import Randomness
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.tracking.prediction import KalmanPredictor, Predictor
+from pf_tracker_ros.tracking.track_state import Track
+
+SIZE = (240, 160)
+INTERVAL = 0.08
+
+
+@pytest.fixture
+def make_target(make_follower, couple):
+    """A target after a few frames, whose particles have weights of their own."""
+
+    def make(preset, parameters=None):
+        follower = make_follower(preset, {"resampling.threshold": 0.0} | (parameters or {}))
+        draw = Randomness.of(np.random.default_rng(3))
+        target = follower.begin(Frame(couple.images[0]), tuple(couple.first[0]), draw)
+        for image in couple.images[1:4]:
+            target = follower.follow(target, Frame(image), 0.04)
+        assert np.ptp(target.particles.log_weights) > 0.1
+        return target
+
+    return make
+
+
+def generator():
+    return np.random.default_rng(8)
+
+
+@pytest.mark.parametrize("preset", ["default", "li2007", "zhang2015", "zhang_bo"])
+def test_the_transition_prior_draws_by_the_motion_model_and_keeps_the_weights(preset, make_target):
+    target = make_target(preset)
+    prediction = Predictor().predict(target, INTERVAL, SIZE, generator())
+    states = target.motion.predict(target.particles.states, INTERVAL, generator())
+    states = target.motion.constrain(states, SIZE)
+    np.testing.assert_array_equal(prediction.particles.states, states)
+    np.testing.assert_array_equal(prediction.particles.log_weights, target.particles.log_weights)
+    assert prediction.interval == INTERVAL
+    assert prediction.foresight is None
+
+
+@pytest.mark.parametrize("preset", ["li2007", "zhang_bo"])
+def test_a_prediction_reaches_no_further_than_its_longest(preset, make_target):
+    target = make_target(preset)
+    predictor = KalmanPredictor(KalmanProposalParameters()) if target.foresight else Predictor()
+    far, longest = (
+        predictor.predict(target, seconds, SIZE, generator())
+        for seconds in (10 * LONGEST_PREDICTION, LONGEST_PREDICTION)
+    )
+    assert far.interval == LONGEST_PREDICTION
+    np.testing.assert_array_equal(far.particles.states, longest.particles.states)
+
+
+@pytest.mark.parametrize("model", ["affine", "second_order_autoregressive"])
+def test_around_a_kalman_filter_the_weights_carry_p_over_q(model, make_target):
+    target = make_target("zhang_bo", {"motion.model": model})
+    share = 0.4
+    predictor = KalmanPredictor(KalmanProposalParameters(share))
+    prediction = predictor.predict(target, INTERVAL, SIZE, generator())
+
+    foresight = target.foresight.predict(INTERVAL)
+    transition = target.motion.transition(INTERVAL, foresight.belief.mean)
+    before = target.particles
+    proposed = propose_from_prediction(
+        before.states, transition, foresight.state, share, generator()
+    )
+    np.testing.assert_array_equal(
+        prediction.particles.states, target.motion.constrain(proposed.states, SIZE)
+    )
+    expected = before.move(proposed.states).reweight(proposed.log_ratio)
+    np.testing.assert_array_equal(prediction.particles.log_weights, expected.log_weights)
+    np.testing.assert_array_equal(prediction.foresight.belief.mean, foresight.belief.mean)
+    np.testing.assert_array_equal(
+        prediction.foresight.belief.covariance, foresight.belief.covariance
+    )
+
+    # p and q by the densities themselves, in the columns that have noise.
+    mean, spread = transition.mean(before.states), transition.spread(before.states)
+    spread = np.broadcast_to(spread, mean.shape)
+    noisy = spread[0] > 0.0
+    states, ahead = proposed.states[:, noisy], foresight.state.marginal(noisy)
+    p = np.exp(
+        [
+            Gaussian(one, np.diag(sigma**2)).log_density(state[None])[0]
+            for one, sigma, state in zip(mean[:, noisy], spread[:, noisy], states, strict=True)
+        ]
+    )
+    q = share * np.exp(ahead.log_density(states)) + (1.0 - share) * p
+    weights = before.weights * p / q
+    np.testing.assert_allclose(prediction.particles.weights, weights / weights.sum(), rtol=1e-6)
+    assert not np.allclose(prediction.particles.weights, before.weights)
+
+
+def test_a_share_is_drawn_where_the_kalman_filter_believes(make_target):
+    """Its belief is moved far away, and the particles' share goes with it."""
+    target = make_target("zhang_bo")
+    belief = target.foresight.belief
+    away = belief.mean + [100.0, 40.0, 0.0, 0.0, 0.0, 0.0]
+    foresight = replace(target.foresight, belief=Gaussian(away, belief.covariance))
+    target = replace(target, foresight=foresight)
+    predictor = KalmanPredictor(KalmanProposalParameters(0.3))
+    particles = predictor.predict(target, 0.04, SIZE, generator()).particles
+    is_away = particles.states[:, 0] > target.particles.states[:, 0].max() + 40.0
+    assert 0.15 < is_away.mean() < 0.45
+
+
+@pytest.mark.parametrize("state", ["occluded", "lost"])
+def test_out_of_sight_all_particles_come_from_the_transition_prior(state, make_target):
+    target = replace(make_target("zhang_bo"), track=Track(state, 0.5))
+    predictor = KalmanPredictor(KalmanProposalParameters(0.9))
+    prediction = predictor.predict(target, INTERVAL, SIZE, generator())
+    np.testing.assert_array_equal(prediction.particles.log_weights, target.particles.log_weights)
+    # The filter itself goes on, and moves them by its velocity.
+    foresight = target.foresight.predict(INTERVAL)
+    transition = target.motion.transition(INTERVAL, foresight.belief.mean)
+    noise = generator().standard_normal(target.particles.states.shape)
+    states = transition.mean(target.particles.states) + noise * transition.spread(
+        target.particles.states
+    )
+    np.testing.assert_allclose(prediction.particles.states, target.motion.constrain(states, SIZE))

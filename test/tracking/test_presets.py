@@ -1,0 +1,43 @@
+"""What differs from a preset, in words."""
+
+import pytest
+
+from pf_tracker_ros.parameters import ParameterError, build, changed, flatten
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import PRESETS, PresetInForce, preset_parameters
+
+
+def in_force(preset, changes):
+    values = changed(TrackerParameters, preset_parameters(preset), changes)
+    values = flatten(build(TrackerParameters, values))
+    return PresetInForce.of({"preset": preset, "image_topic": "image", **values})
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_preset_differs_in_nothing_from_itself(preset):
+    assert in_force(preset, {}).described == in_force(preset, {}).summary == preset
+
+
+def test_what_differs_is_told_with_the_value_of_the_preset():
+    preset = in_force("li2007", {"particles": 80, "template.update_above": 0.5})
+    assert preset.changes == {"particles": (80, 60), "template.update_above": (0.5, 0.2)}
+    assert preset.summary == "li2007, 2 values changed"
+    assert preset.described == (
+        "li2007, 2 values changed: particles 80 instead of 60, "
+        "template.update_above 0.5 instead of 0.2"
+    )
+
+
+def test_with_other_parts_there_are_other_parameters():
+    """Of what the preset has not, the default is usual."""
+    cues = ("hog", "color_contrast")
+    values = {"cues": cues, "hog.power": 0.3, "hog.sharpness": 300.0}
+    preset = in_force("default", values)
+    before = ("color_contrast", "correlation_response")
+    assert preset.changes == {"cues": (cues, before), "hog.power": (0.3, 0.5)}
+    assert preset.summary == "default, 2 values changed"
+
+
+def test_an_unknown_preset_names_those_there_are():
+    with pytest.raises(ParameterError, match="no preset 'fast'; there are: default, li2007"):
+        PresetInForce.of({"preset": "fast"})
