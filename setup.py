@@ -40,7 +40,7 @@ EXTRAS = {
     # Peers that benchmarks compare with, in an environment of its own: `particles` wants NumPy 1.
     "benchmark": ["particles>=0.4,<0.5", "rich>=13", "matplotlib>=3.6"],
     # colcon takes pytest as the test runner because it finds it under this name.
-    "test": ["pytest>=7.4,<9", "hypothesis>=6.98", "catkin-pkg>=1.0", "pyyaml"],
+    "test": ["pytest>=7.4,<9", "hypothesis>=6.98", "catkin-pkg>=1.0", "pillow>=9", "pyyaml"],
     "development": [
         "ros-jazzy-domain-coordinator==0.12.0",
         "colcon-common-extensions==0.3.0",

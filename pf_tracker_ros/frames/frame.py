@@ -35,9 +35,11 @@ class Frame:
     however many targets: the 8-bit view, and reductions of it to a half, a third and so on.
 
     Args:
-        image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16; not to be changed from then on.
+        image: (H, W, 3) uint8 BGR, or (H, W) uint8, uint16 or float32; not to be changed from then
+            on.
         stamp: When it was taken, in nanoseconds; 0 means unknown.
-        span: Values of a 16-bit image that the 8-bit view spans; None takes the image's own.
+        span: Values of a 16-bit or 32-bit image that the 8-bit view spans; None takes the image's
+            own.
 
     Attributes:
         image: As given.

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 # (dark, bright): the values that become 0 and 255.
 GrayRange = tuple[float, float]
+# Of uint16 or float32.
+Values = NDArray[Any]
 
 # Percentiles that an image's gray range spans: single hot or dead pixels must not stretch it.
 _PERCENTILES = (1.0, 99.0)
@@ -27,30 +30,43 @@ def gray_range(image: NDArray[np.generic]) -> GrayRange | None:
     """
     if image.dtype == np.uint8:
         return None
+    values = sample(image)
+    return range_of(values) if values.size else (0.0, 1.0)
+
+
+def sample(image: NDArray[np.generic]) -> Values:
+    """(N,) values all over an image of uint16 or float32, those that are not finite left out."""
     stride = max(1, math.isqrt(image.size // _SAMPLES))
-    sample = image[::stride, ::stride]
-    values = sample[np.isfinite(sample)].astype(np.float64)
-    if values.size == 0:
-        return 0.0, 1.0
-    low, high = (float(value) for value in np.percentile(values, _PERCENTILES))
-    smallest = 1.0 if image.dtype == np.uint16 else 1e-6 * max(1.0, abs(low), abs(high))
-    margin = _MARGIN * max(high - low, smallest)
-    return low - margin, high + margin
+    values = image[::stride, ::stride].ravel()
+    return values if image.dtype == np.uint16 else values[np.isfinite(values)]
 
 
-def adapt_range(
-    span: GrayRange | None, image: NDArray[np.generic], interval: float
-) -> GrayRange | None:
-    """The range after a frame: a little nearer to what `gray_range` says of it.
+def range_of(values: Values, margin: float = _MARGIN) -> GrayRange:
+    """The gray range of (N,) values, at least one.
+
+    Args:
+        values: As of `sample`.
+        margin: On both sides, as a share of what is between their bounds. There is always one if
+            they are hardly apart.
+    """
+    is_whole = values.dtype == np.uint16
+    exact = values if is_whole else values.astype(np.float64)
+    low, high = (float(value) for value in np.percentile(exact, _PERCENTILES))
+    smallest = 1.0 if is_whole else 1e-6 * max(1.0, abs(low), abs(high))
+    if high - low < smallest:
+        margin = max(margin, _MARGIN)
+    beyond = margin * max(high - low, smallest)
+    return low - beyond, high + beyond
+
+
+def adapt_range(span: GrayRange, own: GrayRange, interval: float) -> GrayRange:
+    """The range after a frame: a little nearer to that of the frame.
 
     Args:
         span: The range before.
-        image: The frame, of the kind that `span` was made for.
+        own: What `gray_range` says of the frame.
         interval: Seconds since the frame before.
     """
-    own = gray_range(image)
-    if span is None or own is None:
-        return span
     share = -math.expm1(-interval / _TIME)
     return span[0] + share * (own[0] - span[0]), span[1] + share * (own[1] - span[1])
 
@@ -65,8 +81,12 @@ def to_8_bit(image: NDArray[np.generic], span: GrayRange | None) -> NDArray[np.u
     if span is None:
         return image  # type: ignore[return-value]
     low, high = span
+    scaled = image.astype(np.float32)
     with np.errstate(over="ignore", invalid="ignore"):
-        scaled = (image.astype(np.float32) - low) * (255.0 / (high - low))
+        scaled -= low
+        scaled *= 255.0 / (high - low)
     if image.dtype != np.uint16:
-        np.nan_to_num(scaled, copy=False, nan=0.0)
-    return np.clip(scaled, 0.0, 255.0).astype(np.uint8)
+        # Of a number and what is none, this takes the number.
+        np.fmax(scaled, 0.0, out=scaled)
+    np.clip(scaled, 0.0, 255.0, out=scaled)
+    return scaled.astype(np.uint8)

@@ -14,7 +14,7 @@ from pf_tracker_ros.background import BackgroundModel
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Foreground, Frame
-from pf_tracker_ros.frames.gray_range import GrayRange, adapt_range, gray_range
+from pf_tracker_ros.frames.gain_control import GainControl
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.target import Target
 
@@ -26,10 +26,10 @@ _BACKGROUND_KEY = 0
 class Scene:
     """One camera: what belongs to its images is here, and its targets by their ids.
 
-    The gray range of a 16-bit camera and the background model follow the images, one step a frame,
-    however many targets there are. A target is a value with a source of random numbers of its own,
-    so none depends on whether there are others; but where the background model begins anew, it is
-    told where all of them are.
+    The gain control, for images of more than 8 bits, and the background model follow the images,
+    one step a frame, however many targets there are. A target is a value with a source of random
+    numbers of its own, so none depends on whether there are others; but where the background model
+    begins anew, it is told where all of them are.
 
     A scene can be copied and pickled, with its targets but without its last image: the copy goes on
     with the same bits and on its own, `copy.copy` as deep as `copy.deepcopy`.
@@ -43,7 +43,7 @@ class Scene:
         self._follower = follower
         self._seed = seed
         self._frame: Frame | None = None
-        self._gray_range: GrayRange | None = None
+        self._gain = GainControl()
         self._background: BackgroundModel | None = None
         self._targets: dict[int, Target] = {}
         self._next_id = _FIRST_ID
@@ -122,9 +122,8 @@ class Scene:
 
     def _open(self, image: NDArray[np.generic], interval: float, boxes: Sequence[Box]) -> Frame:
         """The next frame; boxes tell where targets are."""
-        span = self._gray_range
-        self._gray_range = adapt_range(span, image, interval) if span else gray_range(image)
-        frame = Frame(image, span=self._gray_range)
+        self._gain = self._gain.follow(image, interval)
+        frame = Frame(image, span=self._gain.span)
         if self._follower.needs_foreground:
             self._observe_background(frame, boxes)
         return frame

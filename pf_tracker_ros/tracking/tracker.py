@@ -138,7 +138,8 @@ class Tracker:
         """Take a new target.
 
         Args:
-            image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
+            image: (H, W, 3) uint8 BGR, or gray, (H, W) uint8, uint16 or float32, of any values;
+                those that are not finite count as black.
             box: (x, y, width, height) of the target in pixels, (x, y) the top-left corner counted
                 from 0; its center inside the image.
 

@@ -1,10 +1,12 @@
-"""The gray range of 16-bit images: of one image, and over time."""
+"""The gray range of images of more than 8 bits: of one image, and one step in time."""
 
 import math
 
 import numpy as np
 import pytest
 
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.frames.gain_control import GainControl
 from pf_tracker_ros.frames.gray_range import adapt_range, gray_range, to_8_bit
 
 
@@ -25,19 +27,50 @@ def test_the_range_of_a_large_image_is_that_of_a_sample():
 
 
 def test_the_range_follows_the_images_exponentially():
-    before, image = (1000.0, 2000.0), thermal(7000, 8000)
-    own = gray_range(image)
-    once = adapt_range(before, image, 10.0)
+    before, own = (1000.0, 2000.0), gray_range(thermal(7000, 8000))
+    once = adapt_range(before, own, 10.0)
     assert once == pytest.approx(
         [old + (1 - 1 / math.e) * (new - old) for old, new in zip(before, own, strict=True)]
     )
-    twice = adapt_range(adapt_range(before, image, 4.0), image, 6.0)
+    twice = adapt_range(adapt_range(before, own, 4.0), own, 6.0)
     assert twice == pytest.approx(once)
-    assert adapt_range(before, image, 0.0) == before
+    assert adapt_range(before, own, 0.0) == before
 
 
 def test_8_bit_images_have_no_range():
     image = thermal(7000, 8000).astype(np.uint8)
     assert gray_range(image) is None
-    assert adapt_range(None, image, 1.0) is None
+    assert GainControl().follow(image, 1.0).span is None
     assert to_8_bit(image, None) is image
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (290.0, 310.0), (-1e30, 1e30)])
+def test_floats_of_any_range_become_evenly_spaced_grays(low, high):
+    ramp = np.linspace(low, high, 64, dtype=np.float32).reshape(8, 8)
+    image = Frame(ramp).pixels
+    assert image.dtype == np.uint8
+    steps = np.diff(image.ravel().astype(int))
+    assert image.max() - image.min() > 120
+    assert steps.min() >= steps.max() - 1 > 0
+
+
+def test_floats_that_are_no_numbers_are_black_and_outliers_leave_the_range_alone():
+    values = np.random.default_rng(0).uniform(20, 30, (40, 50)).astype(np.float32)
+    clean = Frame(values).pixels
+    values = values.copy()
+    values[3, 3:8] = [np.nan, np.inf, -np.inf, 1e9, -1e9]
+    image = Frame(values).pixels
+    assert image[3, 3:8].tolist() == [0, 255, 0, 255, 0]
+    assert np.abs(np.delete(image - clean.astype(int), 3, axis=0)).max() <= 5
+    assert not Frame(np.full((4, 4), np.nan, np.float32)).pixels.any()
+
+
+def test_the_view_is_the_part_of_the_range_in_255_steps_rounded_down():
+    values = np.arange(65536, dtype=np.uint16).reshape(256, 256)
+    span = (7000.0, 9000.0)
+    exact = np.clip((values.astype(float) - 7000.0) / 2000.0 * 255.0, 0.0, 255.0)
+    for image in (values, values.astype(np.float32)):
+        view = to_8_bit(image, span)
+        # Where a value lies on an edge between two grays, 32 bits may say the one below.
+        assert ((view == np.floor(exact)) | (view == np.floor(exact - 1e-3))).all()
+        assert (image == values).all()

@@ -27,6 +27,7 @@ FOUND_AT_RUN_TIME = {
 NOT_PINNED = {"particles"}
 # The rosdep keys of what is not a ROS package.
 ROSDEP_KEYS = {
+    "PIL": "python3-pil",
     "catkin_pkg": "python3-catkin-pkg-modules",
     "cv2": "python3-opencv",
     "hypothesis": "python3-hypothesis",

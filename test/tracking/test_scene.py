@@ -9,9 +9,9 @@ import pytest
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.background import BackgroundModel
 from pf_tracker_ros.frames import frame as frame_module
+from pf_tracker_ros.frames.gain_control import GainControl
 from pf_tracker_ros.frames.gray_range import gray_range
 from pf_tracker_ros.frames.tiles import TiledImage
-from pf_tracker_ros.tracking import scene as scene_module
 from pf_tracker_ros.tracking.presets import PRESETS
 from pf_tracker_ros.tracking.scene import Scene
 
@@ -170,20 +170,20 @@ def test_without_a_cue_of_the_foreground_there_is_no_background_model(
 
 def test_the_gray_range_goes_on_once_a_frame(make_follower, couple, monkeypatch):
     intervals = []
-    adapt = scene_module.adapt_range
+    follow = GainControl.follow
 
-    def counted(span, image, interval):
+    def counted(gain, image, interval):
         intervals.append(interval)
-        return adapt(span, image, interval)
+        return follow(gain, image, interval)
 
-    monkeypatch.setattr(scene_module, "adapt_range", counted)
+    monkeypatch.setattr(GainControl, "follow", counted)
     scene = Scene(make_follower("li2007"))
     images = [sixteen_bit(image) for image in couple.images[:4]]
     for boxes in (couple.first, couple.second):
         scene.start(images[0], box(boxes, 0))
     for image in images[1:]:
         scene.update(image, INTERVAL)
-    assert intervals == [INTERVAL] * 3
+    assert intervals == [0.0] + [INTERVAL] * 3
 
 
 def test_a_start_on_the_image_given_last_does_not_open_the_frame_again(

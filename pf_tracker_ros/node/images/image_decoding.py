@@ -14,9 +14,14 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Image
 
 Pixels = NDArray[Any]
+# Takes a width and a height in pixels; raises ImageError for one that is refused.
+SizeCheck = Callable[[int, int], None]
 
 # OpenCV's remap and warps take no larger images.
 LARGEST_SIDE = 32766
+
+# What a message calls its encoding may be of any length.
+_LONGEST_QUOTE = 40
 
 # BT.601 video levels, as OpenCV takes them for the other YUV layouts: from (Y, U, V, 1) to B, G, R.
 _YUV_TO_BGR = np.array(
@@ -156,7 +161,7 @@ def decode(message: Image) -> Pixels:
     if encoding is None:
         allowed = ", ".join(ENCODINGS)
         raise ImageError(
-            "encoding", f"its encoding is '{message.encoding[:40]}'; allowed: {allowed}"
+            "encoding", f"its encoding is {quote(message.encoding)}; allowed: {allowed}"
         )
     order = ">" if message.is_bigendian else "<"
     sample_type = np.dtype(order + encoding.sample_type)
@@ -184,6 +189,12 @@ def check_sides(width: int, height: int) -> None:
     for field, value in (("width", width), ("height", height)):
         if not 1 <= value <= LARGEST_SIDE:
             raise ImageError(field, f"its {field} is {value} px; allowed: 1 to {LARGEST_SIDE}")
+
+
+def quote(text: str) -> str:
+    """A text from a message as an error quotes it: short, on one line, nothing a terminal obeys."""
+    shown = "".join(letter if letter.isprintable() else "?" for letter in text[:_LONGEST_QUOTE])
+    return f"'{shown}'"
 
 
 def _checked_rows(message: Image, encoding: Encoding, pixel_size: int) -> int:

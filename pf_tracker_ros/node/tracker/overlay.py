@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.frames.gray_range import range_of, sample, to_8_bit
 from pf_tracker_ros.tracking.estimate import Estimate
 
 Color = tuple[int, int, int]
@@ -27,15 +28,13 @@ _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _NOMINAL_HEIGHT = 576.0
 _PARTICLE_SIDES = (2.0, 10.0)
 _FONT_SCALE = 0.7
-_GRAY_PERCENTILES = (1.0, 99.0)
-_SAMPLING = 4
 
 
 def draw_overlay(image: NDArray[Any], estimate: Estimate | None, text: str = "") -> NDArray[Any]:
     """Draw what the tracker knows into a copy of the image.
 
     Args:
-        image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
+        image: (H, W, 3) uint8 BGR, or (H, W) uint8, uint16 or float32.
         estimate: Drawn as a large box, with its particles as small boxes whose side grows with
             the weight from the lightest to the heaviest; its state gives the color. None draws
             the text alone.
@@ -65,10 +64,9 @@ def _canvas(image: NDArray[Any]) -> NDArray[Any]:
     if image.ndim == 3:
         return image.copy()
     if image.dtype != np.uint8:
-        # From a sample of the pixels, so that a thermal image costs no more than the drawing.
-        low, high = np.percentile(image[::_SAMPLING, ::_SAMPLING], _GRAY_PERCENTILES)
-        gain = 255.0 / max(high - low, 1.0)
-        image = cv2.convertScaleAbs(np.maximum(image, low), alpha=gain, beta=-gain * low)
+        # What people look at spans the values of this image, whatever the tracker saw before.
+        values = sample(image)
+        image = to_8_bit(image, range_of(values, margin=0.0) if values.size else (0.0, 1.0))
     return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
 
 

@@ -12,6 +12,7 @@ from pf_tracker_ros.node.images.image_decoding import ImageError
 LOG_INTERVAL = 5.0
 # What came over the wire may be quoted in an error, and be of any length.
 _LONGEST_ERROR = 1000
+_LONGEST_TRACEBACK = 5000
 _SHOWN_ERRORS = 5
 # Most refusals in the log within the interval, whatever they say.
 _LOGGED_ERRORS = 20
@@ -62,8 +63,9 @@ class Reporter:
         elif isinstance(error, ValueError):
             cause = "image_changed"
         else:
-            text = f"unexpected {kind}: {error}"
-            details = traceback.format_exc()
+            text = f"unexpected {kind}: {text}"[:_LONGEST_ERROR]
+            # Its end says most.
+            details = traceback.format_exc()[-_LONGEST_TRACEBACK:]
         self.failures[cause] += 1
         self._remember(text)
         now = time.monotonic()

@@ -105,17 +105,18 @@ def test_a_real_image_above_the_limit_is_refused_and_one_at_the_limit_is_not(noi
 def test_more_scans_than_an_image_has_are_refused():
     jpeg = encoded(np.zeros((8, 8), np.uint8), ".jpg", cv2.IMWRITE_JPEG_PROGRESSIVE, 1)
     scan = jpeg[jpeg.index(b"\xff\xda") : -2]
-    with pytest.raises(ImageError, match="more than 100 scans"):
-        decoded(jpeg[:-2] + 200 * scan + jpeg[-2:])
+    with pytest.raises(ImageError, match="more than 18 scans"):
+        decoded(jpeg[:-2] + 20 * scan + jpeg[-2:])
 
 
 def test_other_formats_are_refused_and_named(noise):
     image = noise()
     for data in (b"", b"\xff", b"RIFF", encoded(image, ".bmp"), encoded(image, ".webp")):
         with pytest.raises(ImageError, match="neither as JPEG nor as PNG") as refusal:
-            decoded(data, image_format="x" * 500)
+            decoded(data, image_format="\x1b[2J\n" + "x" * 500)
         assert refusal.value.field == "format"
         assert len(str(refusal.value)) < 200
+        assert str(refusal.value).isprintable()
     with pytest.raises(ImageError, match="subscribe to another transport"):
         decoded(b"\0" * 12, image_format="16UC1; compressedDepth png")
 

@@ -95,6 +95,25 @@ def test_a_constant_16_bit_image_can_be_drawn():
     assert overlay.shape == (20, 30, 3)
 
 
+def test_32_bits_are_stretched_over_8_without_reversing_any_order():
+    thermal = np.linspace(290, 291, HEIGHT * WIDTH, dtype=np.float32).reshape(HEIGHT, WIDTH)
+    gray = draw_overlay(thermal, None)[..., 0].ravel().astype(int)
+    assert gray[0] == 0
+    assert gray[-1] == 255
+    assert (np.diff(gray) >= 0).all()
+    assert len(np.unique(gray)) > 200
+    thermal[0, 0], thermal[0, 1] = np.nan, np.inf
+    np.testing.assert_allclose(
+        draw_overlay(thermal, None)[..., 0].ravel()[2:], gray[2:], rtol=0, atol=2
+    )
+
+
+@pytest.mark.parametrize("value", [0.0, 300.0, -1e30, np.nan, np.inf])
+def test_a_constant_32_bit_image_can_be_drawn(value):
+    overlay = draw_overlay(np.full((20, 30), value, np.float32), None)
+    assert overlay.shape == (20, 30, 3)
+
+
 @pytest.mark.parametrize(
     "box", [(-1e9, -1e9, 10.0, 10.0), (1e12, 50.0, 5.0, 5.0), (-1e9, -1e9, 2e9, 2e9)]
 )

@@ -1,0 +1,194 @@
+"""The gray range of a camera: slow on a drift, deaf to bad frames, quick once they have lasted."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.frames.gain_control import GainControl
+from pf_tracker_ros.frames.gray_range import gray_range, to_8_bit
+
+INTERVAL = 0.04
+SIZE = (60, 80)
+KINDS = {"16 bit": (np.uint16, 7000.0, 100.0), "32 bit": (np.float32, 290.0, 1.0)}
+
+
+def scene(kind="16 bit", offset=0.0, seed=0):
+    """A scene from 0 to 10 units of its kind, and how far it is off them."""
+    dtype, base, unit = KINDS[kind]
+    values = np.random.default_rng(seed).uniform(0.0, 10.0, SIZE)
+    return (base + unit * (values + offset)).astype(dtype)
+
+
+def flat(value, kind="16 bit"):
+    return np.full(SIZE, value, KINDS[kind][0])
+
+
+def with_outliers(image, value, share=0.02):
+    image = image.copy()
+    image.flat[: round(share * image.size)] = value
+    return image
+
+
+def followed(images, gain=None, interval=INTERVAL):
+    gain = gain or GainControl()
+    for image in images:
+        gain = gain.follow(image, interval)
+    return gain
+
+
+def lasting(image, seconds, interval=INTERVAL):
+    return [image] * round(seconds / interval)
+
+
+def shows(gain, image):
+    """Whether an image is seen as well as in its own range, but for a third of the contrast."""
+    own, view = to_8_bit(image, gray_range(image)), to_8_bit(image, gain.span)
+    return view.std() > own.std() / 1.5 and np.mean((view > 0) & (view < 255)) > 0.9
+
+
+@pytest.fixture(params=KINDS)
+def kind(request):
+    return request.param
+
+
+def bad_frames(kind):
+    dtype, base, unit = KINDS[kind]
+    noise = np.random.default_rng(1).uniform(0.0, 60000.0, SIZE).astype(dtype)
+    yield "one value far above", flat(65535, kind)
+    yield "zeros", flat(0, kind)
+    yield "one value inside", flat(base + 5 * unit, kind)
+    yield "outliers", with_outliers(scene(kind), 65535 if kind == "16 bit" else 1e9)
+    yield "noise", noise
+    yield "a shutter", (base + unit * (4 + 0.1 * noise / 60000)).astype(dtype)
+    yield "another scene", scene(kind, offset=60)
+    if kind == "32 bit":
+        yield "no numbers", flat(np.nan, kind)
+        yield "infinite", flat(np.inf, kind)
+        yield "half of it infinite", with_outliers(scene(kind), np.inf, share=0.5)
+        yield "lower outliers", with_outliers(scene(kind), -1e9)
+
+
+BAD_FRAMES = [
+    pytest.param(kind, image, id=f"{kind}, {name}")
+    for kind in KINDS
+    for name, image in bad_frames(kind)
+]
+
+
+@pytest.mark.parametrize(("kind", "bad"), BAD_FRAMES)
+@pytest.mark.parametrize("count", [1, 5])
+def test_a_bad_frame_or_a_few_leave_the_range_as_it_was(kind, bad, count):
+    good = scene(kind)
+    before = followed([good] * 3)
+    during = followed([bad] * count, before)
+    assert during.span == pytest.approx(before.span, rel=1e-3)
+    assert followed([good], during).span == pytest.approx(before.span, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "bad"), [case for case in BAD_FRAMES if "outliers" not in case.id]
+)
+@pytest.mark.parametrize("seconds", [1.0, 5.0])
+def test_after_bad_frames_that_lasted_the_first_good_one_is_seen_as_before_them(kind, bad, seconds):
+    good = scene(kind)
+    before = followed([good] * 3)
+    after = followed([*lasting(bad, seconds), good], before)
+    assert after.span == pytest.approx(before.span, rel=1e-2)
+
+
+@pytest.mark.parametrize(("kind", "bad"), BAD_FRAMES)
+@pytest.mark.parametrize("count", [1, 100])
+def test_good_frames_after_a_bad_beginning_are_seen_within_a_second(kind, bad, count):
+    good = scene(kind)
+    gain = followed([*[bad] * count, *lasting(good, 0.6)])
+    assert shows(gain, good)
+
+
+def test_outliers_that_stayed_are_left_within_a_second(kind):
+    good = scene(kind)
+    bad = with_outliers(good, 65535 if kind == "16 bit" else 1e9)
+    gain = followed([good, *lasting(bad, 20.0), *lasting(good, 0.6)])
+    assert shows(gain, good)
+
+
+def test_a_bad_frame_among_every_two_changes_nothing(kind):
+    good, bad = scene(kind), scene(kind, offset=60)
+    before = followed([good])
+    assert followed([bad, good] * 100, before).span == pytest.approx(before.span, rel=1e-6)
+
+
+def test_bad_frames_that_are_unlike_each_other_do_not_add_up(kind):
+    before = followed([scene(kind)])
+    frames = [scene(kind, offset=60 + 40 * (number % 2)) for number in range(100)]
+    assert followed(frames, before).span == before.span
+
+
+@pytest.mark.parametrize("interval", [0.01, 0.04, 0.2, 1.0])
+def test_frames_far_outside_move_the_range_once_they_have_lasted_and_at_once(kind, interval):
+    elsewhere = scene(kind, offset=60)
+    gain = followed([scene(kind)])
+    before, seconds = gain.span, 0.0
+    # That it was there since the frame before is not known of the first one.
+    gain = gain.follow(elsewhere, interval)
+    while gain.span == before:
+        gain = gain.follow(elsewhere, interval)
+        seconds += interval
+    assert 0.5 - 1e-9 <= seconds < 0.5 + interval or seconds == interval
+    assert gain.span == gray_range(elsewhere)
+
+
+def test_values_from_0_to_1_followed_by_a_temperature_become_gray():
+    unit = np.random.default_rng(0).uniform(0.0, 1.0, SIZE).astype(np.float32)
+    kelvin = 290 + 10 * unit
+    gain = followed([*lasting(unit, 2.0), *lasting(kelvin, 1.0)])
+    assert shows(gain, kelvin)
+
+
+def test_no_numbers_at_first_fix_nothing():
+    good = scene("32 bit")
+    assert followed([flat(np.nan, "32 bit")] * 3).span is None
+    assert followed([flat(np.nan, "32 bit"), good]).span == gray_range(good)
+
+
+def test_a_drift_is_followed_with_the_time_constant_and_no_frame_jumps(kind):
+    _, _, unit = KINDS[kind]
+    gain = followed([scene(kind)])
+    spans = []
+    for step in range(1500):
+        gain = gain.follow(scene(kind, offset=0.01 * step), INTERVAL)
+        spans.append(gain.span)
+    jumps = np.abs(np.diff(spans, axis=0)).max() / unit
+    assert jumps < 0.03
+    # It lags behind by what drifts in the time constant of 10 s: 0.25 units a second.
+    lag = (np.array(gray_range(scene(kind, offset=14.99))) - spans[-1]) / unit
+    assert lag == pytest.approx([2.5, 2.5], abs=0.1)
+
+
+def test_something_hot_that_enters_and_stays_in_view_is_adapted_to_slowly(kind):
+    """A target beside it keeps its gray."""
+    cool = scene(kind)
+    hot = with_outliers(cool, KINDS[kind][1] + 200 * KINDS[kind][2], share=0.1)
+    gain = before = followed([cool])
+    views = []
+    for _ in range(50):
+        gain = gain.follow(hot, INTERVAL)
+        views.append(to_8_bit(cool, gain.span).astype(int))
+    assert np.abs(np.diff(views, axis=0)).max() <= 20
+    assert gain.span[1] > before.span[1] + 10 * KINDS[kind][2]
+
+
+def test_the_range_of_a_steady_camera_is_that_of_its_images(kind):
+    images = [scene(kind, seed=seed) for seed in range(50)]
+    gain = followed(images)
+    assert gain.span == pytest.approx(gray_range(images[0]), rel=2e-3)
+
+
+def test_a_gain_control_is_a_value(kind):
+    gain = followed([scene(kind), scene(kind, offset=60)])
+    twin = pickle.loads(pickle.dumps(gain))
+    assert twin == gain
+    before = (gain.span, gain.other, gain.lasted)
+    gain.follow(scene(kind, offset=60), 3.0)
+    assert (gain.span, gain.other, gain.lasted) == before
+    assert followed([scene(kind, offset=60)] * 20, twin).span != gain.span
