@@ -304,7 +304,7 @@ def build(group_type: type[Group], values: Mapping[str, Any]) -> Group:
     return typing.cast(Group, _assemble(group_type, checked, prefix=""))
 
 
-def changed(
+def change(
     group_type: type, before: Mapping[str, Any], changes: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Values after a change: what the change no longer lets exist is left out.

@@ -13,14 +13,14 @@ def parts(stamp: int) -> tuple[int, int]:
     return divmod(stamp, NANOSECONDS)
 
 
-def joined(seconds: int, nanoseconds: int) -> int:
+def join(seconds: int, nanoseconds: int) -> int:
     """The stamp of whole seconds and nanoseconds beyond them."""
     return int(seconds) * NANOSECONDS + int(nanoseconds)
 
 
 def stamp_of(header: Any) -> int:
     """The stamp of a std_msgs/Header."""
-    return joined(header.stamp.sec, header.stamp.nanosec)
+    return join(header.stamp.sec, header.stamp.nanosec)
 
 
 def set_stamp(header: Any, stamp: int) -> None:

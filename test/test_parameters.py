@@ -14,7 +14,7 @@ from pf_tracker_ros.parameters import (
     ParameterError,
     all_declarations,
     build,
-    changed,
+    change,
     choosers,
     chosen,
     declarations,
@@ -247,7 +247,7 @@ def test_flatten_is_the_inverse_of_build_whatever_is_chosen(values):
 @given(boats(), boats())
 def test_what_a_change_leaves_keeps_its_value_and_the_rest_has_its_default(before, changes):
     before = flatten(build(Boat, before))
-    after = flatten(build(Boat, changed(Boat, before, changes)))
+    after = flatten(build(Boat, change(Boat, before, changes)))
     known = declarations(Boat, after)
     for name, declaration in known.items():
         usual = before.get(name, declaration.default)
@@ -261,7 +261,7 @@ def test_what_does_not_exist_with_a_change_is_refused(before, wrong):
     assume(strange)
     changes = {name: wrong[name] for name in strange}
     with pytest.raises(ParameterError, match="no parameter"):
-        build(Boat, changed(Boat, before, changes))
+        build(Boat, change(Boat, before, changes))
 
 
 def test_all_declarations_are_those_of_every_choice_and_tell_what_they_need():

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pf_tracker_ros.stamps import NANOSECONDS, joined, parts, set_stamp, stamp_of
+from pf_tracker_ros.stamps import NANOSECONDS, join, parts, set_stamp, stamp_of
 
 # What the fields of builtin_interfaces/Time can hold.
 stamps = st.integers(-(2**31) * NANOSECONDS, 2**31 * NANOSECONDS - 1)
@@ -16,7 +16,7 @@ def test_a_stamp_and_its_parts_are_the_same_time(stamp):
     seconds, nanoseconds = parts(stamp)
     assert -(2**31) <= seconds < 2**31
     assert 0 <= nanoseconds < NANOSECONDS
-    assert joined(seconds, nanoseconds) == stamp
+    assert join(seconds, nanoseconds) == stamp
 
 
 @given(stamps)

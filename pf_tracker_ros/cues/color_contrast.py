@@ -140,9 +140,9 @@ class ColorContrast(SearchableCue):
 
         def integrate() -> NDArray[np.float64]:
             probabilities = template.probabilities.take(region.color_bins(self._levels))
-            return cv2.integral(region.padded(probabilities), sdepth=cv2.CV_64F)
+            return cv2.integral(region.pad(probabilities), sdepth=cv2.CV_64F)
 
-        integral = region.shared(template, integrate)
+        integral = region.share(template, integrate)
         x, y, outer_x, outer_y = self._edges(region.region_boxes(boxes))
         inside, area = _sums(integral, x, y)
         outer, outer_area = _sums(integral, outer_x, outer_y)

@@ -133,9 +133,9 @@ class ColorHistogram(Cue):
         for number, (labels_of_colors, root) in enumerate(template.pages):
 
             def label_pixels(table: NDArray[np.uint8] = labels_of_colors) -> NDArray[np.uint8]:
-                return region.padded(table.take(self._bins(region)))
+                return region.pad(table.take(self._bins(region)))
 
-            labels = region.shared((template, number), label_pixels)
+            labels = region.share((template, number), label_pixels)
             coefficient += _root_coefficient(labels, region_boxes, root)
         return 1.0 - np.minimum(coefficient, 1.0)
 
@@ -185,7 +185,7 @@ class ForegroundColorHistogram(ColorHistogram):
         if foreground is None:
             return bins
         background_color = np.uint16(self._levels**3)
-        return region.shared(
+        return region.share(
             ("foreground color bins", self._levels),
             lambda: np.where(foreground, bins, background_color),
         )

@@ -228,7 +228,7 @@ class CorrelationResponse(SearchableCue):
         self, region: Region, template: CorrelationTemplate
     ) -> list[tuple[NDArray[np.float32], _Window]]:
         """The response map of each size, and where its window is."""
-        windows = region.shared(
+        windows = region.share(
             (self, template.colored),
             lambda: [
                 self._around(
@@ -238,7 +238,7 @@ class CorrelationResponse(SearchableCue):
             ],
         )
         samples = _REFINEMENT * self._cells
-        return region.shared(
+        return region.share(
             ("correlation responses", template),
             lambda: [
                 (response(template.filter, window.spectrum, samples), window) for window in windows

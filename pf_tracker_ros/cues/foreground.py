@@ -75,7 +75,7 @@ class ForegroundCue(Cue):
         def integrate() -> NDArray[np.int32]:
             return cv2.integral(mask, sdepth=cv2.CV_32S)
 
-        integral = region.frame.shared("foreground integral", integrate)
+        integral = region.frame.share("foreground integral", integrate)
         margin = self._ring * boxes[:, 2:]
         around = np.hstack([boxes[:, :2] - margin, boxes[:, 2:] + 2 * margin])
         inside, outside = _sums(integral, boxes / reduction), _sums(integral, around / reduction)

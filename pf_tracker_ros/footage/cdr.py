@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 
 from pf_tracker_ros.footage.base import FootageError
-from pf_tracker_ros.stamps import joined
+from pf_tracker_ros.stamps import join
 
 # Plain CDR of version 1 and 2 (OMG DDS-XTYPES 1.3, table 60): big endian, little endian.
 _STAMP_LAYOUTS = {
@@ -47,4 +47,4 @@ def header_stamp(message: bytes) -> int:
             "is not CDR; accepted is plain CDR of either byte order"
         )
     seconds, nanoseconds = struct.unpack_from(layout, message, _ENCAPSULATION_SIZE)
-    return joined(seconds, nanoseconds)
+    return join(seconds, nanoseconds)

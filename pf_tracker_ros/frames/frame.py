@@ -94,7 +94,7 @@ class Frame:
             )
         return self._views[reduction].read(part)
 
-    def shared(self, key: object, compute: Callable[[], Map]) -> Map:
+    def share(self, key: object, compute: Callable[[], Map]) -> Map:
         """What is stored under `key`, computed at the first call and shared by all who ask."""
         if key not in self._shared:
             self._shared[key] = compute()

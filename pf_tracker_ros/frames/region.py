@@ -96,7 +96,7 @@ class Region:
             boxes = boxes / self._reduction
         return boxes - self._corner
 
-    def shared(self, key: object, compute: Callable[[], Map]) -> Map:
+    def share(self, key: object, compute: Callable[[], Map]) -> Map:
         """The map stored under `key`, computed at the first call and shared by all who ask."""
         if key not in self._shared:
             self._shared[key] = compute()
@@ -107,14 +107,14 @@ class Region:
         """(h, w) uint8 brightness of `pixels`."""
         if self.pixels.ndim == 2:
             return self.pixels
-        return self.shared("gray", lambda: cv2.cvtColor(self.pixels, cv2.COLOR_BGR2GRAY))
+        return self.share("gray", lambda: cv2.cvtColor(self.pixels, cv2.COLOR_BGR2GRAY))
 
     @property
     def color(self) -> NDArray[np.uint8]:
         """(h, w, 3) uint8 BGR of `pixels`, a gray one with equal channels."""
         if self.pixels.ndim == 3:
             return self.pixels
-        return self.shared("color", lambda: cv2.cvtColor(self.pixels, cv2.COLOR_GRAY2BGR))
+        return self.share("color", lambda: cv2.cvtColor(self.pixels, cv2.COLOR_GRAY2BGR))
 
     @property
     def foreground_pixels(self) -> NDArray[np.bool_] | None:
@@ -147,9 +147,9 @@ class Region:
             bins = cv2.LUT(self.color, _color_table(levels))
             return bins[..., 0] + bins[..., 1] + bins[..., 2]
 
-        return self.shared(("color bins", levels), compute)
+        return self.share(("color bins", levels), compute)
 
-    def padded(self, values: NDArray[Value]) -> NDArray[Value]:
+    def pad(self, values: NDArray[Value]) -> NDArray[Value]:
         """(h, w) values of `pixels` with zeros around for what is outside the image."""
         if not any(self.padding):
             return values
@@ -178,7 +178,7 @@ class Region:
                 numbers, *self.padding, cv2.BORDER_CONSTANT, value=_NO_GRADIENT
             )
 
-        return self.shared(("differences", smoothed), compute)
+        return self.share(("differences", smoothed), compute)
 
     def gradient_integral(self, directions: int) -> NDArray[np.int32]:
         """Integral image of the gradient magnitude in each direction.
@@ -195,7 +195,7 @@ class Region:
             channels = _gradient_table(directions).take(self.differences(), axis=0)
             return cv2.integral(channels, sdepth=cv2.CV_32S)
 
-        return self.shared(("gradient integral", directions), compute)
+        return self.share(("gradient integral", directions), compute)
 
 
 def nearest_pixel(edges: NDArray[np.float64]) -> NDArray[np.intp]:

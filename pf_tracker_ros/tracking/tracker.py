@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pf_tracker_ros.parameters import ParameterError, build, changed, declarations, flatten
+from pf_tracker_ros.parameters import ParameterError, build, change, declarations, flatten
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_interval
@@ -63,7 +63,7 @@ class Tracker:
         Raises:
             ParameterError: No such preset or parameter, or a value that is not allowed.
         """
-        values = changed(TrackerParameters, preset_parameters(preset), parameters or {})
+        values = change(TrackerParameters, preset_parameters(preset), parameters or {})
         return cls(build(TrackerParameters, values), seed)
 
     @property
@@ -91,7 +91,7 @@ class Tracker:
             ParameterError: A name or value is not allowed, values contradict each other, or
                 `forbid` tells why the target could not be kept.
         """
-        values = changed(TrackerParameters, self.parameters, values)
+        values = change(TrackerParameters, self.parameters, values)
         parameters = build(TrackerParameters, values)
         with _usual_arithmetic():
             follower = Follower(parameters)

@@ -227,8 +227,8 @@ def test_what_is_shared_is_computed_once_under_each_key():
         computed.append(len(computed))
         return [computed[-1]]
 
-    first = frame.shared("one", compute)
-    assert frame.shared("one", compute) is first
-    assert frame.shared(("one", 2), compute) == [1]
-    assert Frame(frame.image).shared("one", compute) == [2]
+    first = frame.share("one", compute)
+    assert frame.share("one", compute) is first
+    assert frame.share(("one", 2), compute) == [1]
+    assert Frame(frame.image).share("one", compute) == [2]
     assert computed == [0, 1, 2]

@@ -48,7 +48,7 @@ def test_a_box_that_reaches_outside_is_padded(image):
     assert (top, right) == (0, 0)
     assert left >= 5
     assert bottom >= 9
-    values = region.padded(np.ones(region.pixels.shape[:2], np.uint8))
+    values = region.pad(np.ones(region.pixels.shape[:2], np.uint8))
     assert (values[:, :left] == 0).all()
     assert (values[-bottom:] == 0).all()
     assert (values[:-bottom, left:] == 1).all()

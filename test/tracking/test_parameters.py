@@ -13,7 +13,7 @@ from pf_tracker_ros.parameters import (
     ParameterError,
     all_declarations,
     build,
-    changed,
+    change,
     declarations,
     flatten,
 )
@@ -88,7 +88,7 @@ def test_a_parameter_of_a_part_that_is_not_chosen_is_refused(preset):
 
 def test_values_of_parts_that_a_change_leaves_out_go_with_them():
     values = preset_parameters("zhang2015")
-    after = changed(
+    after = change(
         TrackerParameters,
         values,
         {"cues": ("color_histogram",), "motion.model": "constant_velocity"},

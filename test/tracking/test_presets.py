@@ -2,13 +2,13 @@
 
 import pytest
 
-from pf_tracker_ros.parameters import ParameterError, build, changed, flatten
+from pf_tracker_ros.parameters import ParameterError, build, change, flatten
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, PresetInForce, preset_parameters
 
 
 def in_force(preset, changes):
-    values = changed(TrackerParameters, preset_parameters(preset), changes)
+    values = change(TrackerParameters, preset_parameters(preset), changes)
     values = flatten(build(TrackerParameters, values))
     return PresetInForce.of({"preset": preset, "image_topic": "image", **values})
 

@@ -214,7 +214,7 @@ class ReplayNode(Node):
         """The item with the stamp that it goes out with."""
         if self._source.has_time or self._fixed.lockstep or self._fixed.publish_clock:
             return item
-        return item.delayed(self._played_stamps.delay_of(item.stamp, self._rate))
+        return item.delay(self._played_stamps.delay_of(item.stamp, self._rate))
 
     def _wait_until_due(self, item: ReplayItem) -> None:
         lag = self._playback.wait_until_due(

@@ -44,7 +44,7 @@ class ReplayItem:
     image: Image | bytes
     ground_truth: PolygonStamped | bytes | None
 
-    def delayed(self, delay: int) -> ReplayItem:
+    def delay(self, delay: int) -> ReplayItem:
         """The same item later, by nanoseconds; its messages are stamped anew, in place.
 
         Raises:

@@ -75,7 +75,7 @@ class Brightness(Cue):
             return cv2.integral(region.gray, sdepth=cv2.CV_32S)
 
         # Boxes overlap, so what all of them need is computed once, when it is first asked for.
-        integral = region.shared("brightness", integrate)
+        integral = region.share("brightness", integrate)
         height, width = region.gray.shape
         top, _, left, _ = region.padding
         x, y, box_width, box_height = region.region_boxes(boxes).T
