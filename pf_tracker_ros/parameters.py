@@ -12,6 +12,7 @@ declared beside it by `chosen`, and exists while the part is chosen.
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
 import typing
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -231,8 +232,13 @@ def declarations(
             value = chooser.validate((values or {}).get(chooser.name, chooser.default))
             for own, of_part in field.metadata[_CHOSEN_KEY]["groups"](value).items():
                 found.update(declarations(of_part, values, _extended(prefix, own)))
-        else:
+        elif dataclasses.is_dataclass(types[field.name]):
             found.update(declarations(types[field.name], values, prefix=f"{name}."))
+        else:
+            raise TypeError(
+                f"{group_type.__name__}.{field.name} is no tunable; make it by `declared`, with "
+                "its description and its range"
+            )
     return found
 
 
@@ -329,12 +335,17 @@ def why_unknown(group_type: type, name: str, values: Mapping[str, Any]) -> str:
     """
     former = getattr(group_type, "former_names", {})
     every = all_declarations(group_type)
+    here = declarations(group_type, values)
     if name in former:
-        instead = f"use '{former[name]}'" if former[name] in every else former[name]
-        return f"no parameter '{name}'; {instead}"
+        new = former[name]
+        needs = every[new].only_with if new in every and new not in here else ""
+        instead = f"use '{new}'" if new in every else new
+        return f"no parameter '{name}'; {instead}{needs and f', which needs {needs}'}"
     if name in every:
         return f"no parameter '{name}' here; it needs {every[name].only_with}"
-    return f"no parameter '{name}'; there are: {', '.join(declarations(group_type, values))}"
+    close = difflib.get_close_matches(str(name), every, n=1)
+    guess = f"did you mean '{close[0]}'?" if close else f"there are: {', '.join(here)}"
+    return f"no parameter '{name}'; {guess}"
 
 
 def flatten(values: Any, prefix: str = "") -> dict[str, Any]:

@@ -102,8 +102,22 @@ def test_a_refusal_names_the_parameter_the_value_and_what_is_allowed(name, value
 
 
 def test_an_unknown_name_is_refused_listing_those_there_are():
-    with pytest.raises(ParameterError, match=r"'engine\.speed'; there are: color, open"):
-        build(Car, {"engine.speed": 1.0})
+    with pytest.raises(ParameterError, match=r"'wheels'; there are: color, open"):
+        build(Car, {"wheels": 4})
+
+
+def test_a_name_that_is_nearly_right_is_refused_with_the_right_one():
+    with pytest.raises(ParameterError, match=r"'engine\.powr'; did you mean 'engine\.power'\?$"):
+        build(Car, {"engine.powr": 1.0})
+
+
+def test_a_field_that_is_not_declared_is_named():
+    @dataclass(frozen=True)
+    class Bare:
+        speed: float = 1.0
+
+    with pytest.raises(TypeError, match=r"Bare\.speed is no tunable; make it by `declared`"):
+        declarations(Bare)
 
 
 @given(st.floats(allow_nan=True, allow_infinity=True))
@@ -291,7 +305,7 @@ def test_the_choosers_are_always_there():
 
 
 WHY_UNKNOWN = {
-    "drive.canvas": "no parameter 'drive.canvas'; use 'drive.area'",
+    "drive.canvas": "no parameter 'drive.canvas'; use 'drive.area', which needs drive.kind 'sail'",
     "keel": "no parameter 'keel'; every boat has one",
     "drive.area": "no parameter 'drive.area' here; it needs drive.kind 'sail'",
     "antenna.height": "no parameter 'antenna.height' here; it needs devices 'radio' or 'spare'",

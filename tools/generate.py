@@ -69,12 +69,14 @@ def _parameter_tables() -> str:
     sections = [
         "# Parameters",
         f"Written by `{_COMMAND}` from the declarations in the code.",
-        "What changes at run time does so with `ros2 param set`, all or nothing; the rest is fixed "
-        "once the node runs.",
+        "What changes at run time does so with `ros2 param set`; the rest is fixed once the node "
+        "runs.",
         "## The node `pf_tracker`",
         "A wrong value at start-up keeps the node from tracking, not from running: the log and "
         "`~/status` say what is wrong, and it goes on as soon as every such parameter, also one "
-        "that is otherwise fixed, has been set rightly.",
+        "that is otherwise fixed, has been set rightly. A name that there is no more does the "
+        "same, until its new name or a preset is set; where it has none, start the node without "
+        "it.",
         _table(_NODE),
         "## The tracker",
         "The same names in the node and in the library (`Tracker.from_preset`); one column for "
@@ -98,13 +100,18 @@ def _listed(names: Iterable[str]) -> str:
     return f"{', '.join(others)} and {last}"
 
 
+def _without_company(declaration: Declaration) -> str:
+    """What a parameter needs: the power of a cue belongs beside the cue's other parameters."""
+    return declaration.only_with.removesuffix(" and another")
+
+
 def _in_groups(known: Mapping[str, Declaration]) -> dict[str, Declaration]:
     """What is always there first, then what belongs to the same choices side by side."""
-    conditions = list(dict.fromkeys(one.only_with for one in known.values()))
     parts = ["", *_CHOOSERS]
+    conditions = list(dict.fromkeys(_without_company(one) for one in known.values()))
 
     def place(declaration: Declaration) -> tuple[int, int]:
-        condition = declaration.only_with
+        condition = _without_company(declaration)
         return parts.index(condition.partition(" ")[0]), conditions.index(condition)
 
     return {one.name: one for one in sorted(known.values(), key=place)}

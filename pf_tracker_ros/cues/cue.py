@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
@@ -96,6 +97,7 @@ class Cue(Protocol):
         """How far beyond each side of a box the cue reads the region, in box sides."""
         return 0.0
 
+    @abstractmethod
     def learn(self, region: Region, box: NDArray[np.float64]) -> Any:
         """The template of what is in a (4,) box (x, y, width, height), pixels."""
 
@@ -111,14 +113,17 @@ class Cue(Protocol):
         """The template of what was observed, for a cue that has none yet."""
         return seen
 
+    @abstractmethod
     def log_likelihood(
         self, region: Region, boxes: NDArray[np.float64], template: Any
     ) -> NDArray[np.float64]:
         """(N,) log p(Z | X), at most 0, of (N, 4) boxes of any size; 0 is a perfect match."""
 
+    @abstractmethod
     def match(self, seen: Any, template: Any) -> Match | None:
         """How well the one box that was observed fits; None if the cue cannot tell."""
 
+    @abstractmethod
     def blend(self, template: Any, seen: Any) -> Any:
         """The template moved towards what was observed, as far as the cue's parameters say."""
 
@@ -134,11 +139,13 @@ class SearchableCue(Cue, Protocol):
     It measures one number, from which its log likelihood follows.
     """
 
+    @abstractmethod
     def strength(
         self, region: Region, boxes: NDArray[np.float64], template: Any
     ) -> NDArray[np.float64]:
         """(N,) how much of the target there is at (N, 4) boxes, at most 1."""
 
+    @abstractmethod
     def log_likelihood_of(
         self, strength: NDArray[np.float64], template: Any
     ) -> NDArray[np.float64]:

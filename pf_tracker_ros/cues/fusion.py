@@ -61,7 +61,8 @@ class TemplateParameters:
     )
     confident_above: float = declared(
         0.0,
-        "No template is updated unless the frame at hand alone gives at least this confidence.",
+        "No template is updated unless the frame at hand alone gives at least this confidence, "
+        "which rises from 0 over the first 40 frames.",
         minimum=0.0,
         maximum=1.0,
     )

@@ -56,6 +56,9 @@ def _end_on_signal(reader: int) -> None:
 
 
 def _spin(node: Node) -> None:
+    if not ok():
+        # The node has told why; an executor could not even be made.
+        return
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:

@@ -18,11 +18,13 @@ def check_proposal(parameters: TrackerParameters, fusion: CueFusion) -> None:
         ParameterError: Says which parameter to change.
     """
     method, model = parameters.proposal.method, parameters.motion.model
-    if method in _NEEDED and model not in models_with(_NEEDED[method]):
+    suiting = [one for one, needed in _NEEDED.items() if model in models_with(needed)]
+    with_model = " or ".join(f"'{one}'" for one in ("transition", *suiting) if one != method)
+    if method in _NEEDED and method not in suiting:
         allowed = " or ".join(f"'{name}'" for name in models_with(_NEEDED[method]))
         raise ParameterError(
             f"parameter 'proposal.method' is '{method}' with the motion model '{model}'; allowed: "
-            f"'transition', or the motion model {allowed}"
+            f"{with_model}, or the motion model {allowed}"
         )
     if method == "search" and not fusion.can_search:
         searchable = " or ".join(
@@ -30,5 +32,5 @@ def check_proposal(parameters: TrackerParameters, fusion: CueFusion) -> None:
         )
         raise ParameterError(
             "parameter 'proposal.method' is 'search', but no cue in 'cues' can search with a power "
-            f"above 0; allowed: 'transition' or 'kalman', or {searchable} in 'cues'"
+            f"above 0; allowed: {with_model}, or {searchable} in 'cues'"
         )

@@ -78,8 +78,8 @@ class Found(NamedTuple):
 class Redetector:
     """Looks for a target that is out of sight where the particles are not.
 
-    A window is searched by the templates from before the target was hidden, at the size that the
-    target had then. What is likeliest there is looked at again with the window around it, and taken
+    A window is searched by the templates as they are, at the size that the target had when it was
+    seen last. What is likeliest there is looked at again with the window around it, and taken
     for the target if that look is confident: a look-alike seldom stands out in both.
 
     Args:

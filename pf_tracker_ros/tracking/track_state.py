@@ -20,7 +20,8 @@ class TrackThresholds:
     )
     recovered_above: float = declared(
         0.5,
-        "An occluded or lost target is seen again when the confidence exceeds this.",
+        "An occluded or lost target is seen again when the confidence reaches this, and also "
+        "'occluded_below'.",
         minimum=0.0,
         maximum=1.0,
     )

@@ -41,6 +41,10 @@ class Tracker:
     """
 
     def __init__(self, parameters: TrackerParameters, seed: int = 0) -> None:
+        if not isinstance(parameters, TrackerParameters):
+            raise TypeError(
+                f"parameters is {parameters!r}; for a preset, use Tracker.from_preset(name)"
+            )
         self._seed = seed
         self._tracked: _Tracked | None = None
         with _usual_arithmetic():

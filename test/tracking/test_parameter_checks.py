@@ -11,13 +11,13 @@ from pf_tracker_ros.parameters import ParameterError
     [
         (
             {"motion.model": "affine"},
-            r"'proposal.method' is 'search' with the motion model 'affine'; allowed: 'transition', "
-            r"or the motion model 'constant_velocity' or 'constant_velocity_and_size'",
+            r"'proposal.method' is 'search' with the motion model 'affine'; allowed: 'transition' "
+            r"or 'kalman', or the motion model 'constant_velocity' or 'constant_velocity_and_size'",
         ),
         (
             {"cues": ("color_histogram", "hog")},
             r"'proposal.method' is 'search', but no cue in 'cues' can search "
-            r"with a power above 0; allowed: 'transition' or 'kalman', or 'color_contrast' or "
+            r"with a power above 0; allowed: 'transition', or 'color_contrast' or "
             r"'correlation_response' in 'cues'",
         ),
         (
@@ -35,7 +35,7 @@ def test_the_kalman_filter_needs_a_gaussian_motion_model():
     with pytest.raises(
         ParameterError,
         match=r"'proposal\.method' is 'kalman' with the motion model 'constant_velocity'; allowed: "
-        r"'transition', or the motion model 'affine' or 'second_order_autoregressive'",
+        r"'transition' or 'search', or the motion model 'affine' or 'second_order_autoregressive'",
     ):
         Tracker.from_preset("zhang_bo", parameters={"motion.model": "constant_velocity"})
 

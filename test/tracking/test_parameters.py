@@ -109,7 +109,9 @@ def test_a_former_name_is_refused_with_what_to_use_or_why_there_is_nothing(name)
     assert name not in EVERY
     instead = FORMER_NAMES[name]
     if instead in EVERY:
-        message = f"no parameter '{name}'; use '{instead}'"
+        is_there = instead in preset_parameters("default")
+        needs = "" if is_there else f", which needs {EVERY[instead].only_with}"
+        message = f"no parameter '{name}'; use '{instead}'{needs}"
     else:
         message = f"no parameter '{name}'; {instead}"
         assert " " in instead

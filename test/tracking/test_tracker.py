@@ -511,3 +511,8 @@ def test_an_image_that_is_reused_by_the_caller_does_no_harm():
     for (image, _), expected in zip(frames[1:], fresh, strict=True):
         buffer[:] = image
         assert tracker.update(buffer).box == expected.box
+
+
+def test_the_name_of_a_preset_is_no_set_of_parameters():
+    with pytest.raises(TypeError, match=r"parameters is 'default'; .* Tracker\.from_preset"):
+        Tracker("default")
