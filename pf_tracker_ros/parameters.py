@@ -32,6 +32,8 @@ _TYPE_NAMES = {
     tuple[float, ...]: "list of floats",
     tuple[str, ...]: "list of strings",
 }
+# Of a value, in a message.
+_LONGEST_QUOTE = 200
 _ELEMENTS = {tuple[float, ...]: float, tuple[str, ...]: str}
 
 
@@ -105,7 +107,7 @@ class Declaration:
                 parameter, the value and what is allowed.
         """
         if self.type in _ELEMENTS:
-            if isinstance(value, str) or not isinstance(value, Sequence):
+            if not isinstance(value, (list, tuple)):
                 raise self._refusal(value)
             converted = tuple(self._element(one, _ELEMENTS[self.type], value) for one in value)
             is_repeated = self.choices and len(set(converted)) < len(converted)
@@ -118,25 +120,34 @@ class Declaration:
         """The element of a list, or a value that is none, in its type."""
         if element_type in (int, float):
             return self._number(element, element_type, value)
-        is_allowed = not self.choices or element in self.choices
-        if not isinstance(element, element_type) or not is_allowed:
+        if not isinstance(element, element_type):
             raise self._refusal(value)
-        return element
+        if self.choices and element not in self.choices:
+            raise self._refusal(value)
+        return element_type(element)
 
     def _number(self, element: Any, number_type: type, value: Any) -> Any:
+        kind = getattr(getattr(element, "dtype", None), "kind", "")
+        if kind and getattr(element, "ndim", 1) == 0:
+            # NumPy's scalars register as neither int nor bool; times and texts are no numbers.
+            convert = {"i": int, "u": int, "f": float}.get(kind)
+            if convert is None:
+                raise self._refusal(value)
+            element = convert(element)
         integral = isinstance(element, int) and not isinstance(element, bool)
-        # NumPy's scalars register as neither int nor bool but convert exactly through item().
-        if hasattr(element, "item") and getattr(element, "ndim", 1) == 0:
-            return self._number(element.item(), number_type, value)
         if not integral and not (number_type is float and isinstance(element, float)):
             raise self._refusal(value)
-        if not math.isfinite(element) or not self.minimum <= element <= self.maximum:
+        # What is not a number is in no range.
+        if not self.minimum <= element <= self.maximum:
             raise self._refusal(value)
         return number_type(element)
 
     def _refusal(self, value: Any) -> ParameterError:
+        text = repr(value)
+        if len(text) > _LONGEST_QUOTE:
+            text = f"{text[:_LONGEST_QUOTE]}..."
         return ParameterError(
-            f"parameter '{self.name}' is {value!r}; allowed: {self.type_name}, {self.allowed}"
+            f"parameter '{self.name}' is {text}; allowed: {self.type_name}, {self.allowed}"
         )
 
 

@@ -365,3 +365,30 @@ def test_no_former_name_is_a_name():
         reason = why_unknown(TrackerParameters, name, {})
         assert reason.startswith(f"no parameter '{name}'; ")
         assert len(reason) > len(f"no parameter '{name}'; ")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("engine.power", np.longdouble(11.0)),
+        ("engine.power", 10**400),
+        ("engine.power", np.timedelta64(5, "ns")),
+        ("engine.power", np.array([1.0])),
+        ("engine.cylinders", 10**400),
+        ("color", np.array(["red", "blue"])),
+        ("size", b"\x01\x02"),
+        ("size", range(2)),
+        ("size", [np.array([1.0, 2.0]), 1.0]),
+        ("color", "r" * 10**6),
+    ],
+    ids=lambda value: str(value)[:20],
+)
+def test_whatever_is_not_allowed_is_refused_in_few_words(name, value):
+    with pytest.raises(ParameterError) as refusal:
+        build(Car, {name: value})
+    assert len(str(refusal.value)) < 400
+
+
+def test_long_doubles_and_strings_of_numpy_are_taken():
+    car = build(Car, {"engine.power": np.longdouble(2.5), "color": np.str_("blue")})
+    assert (type(car.engine.power), type(car.color)) == (float, str)

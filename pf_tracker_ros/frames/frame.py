@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple, TypeVar
 
 import cv2
@@ -84,15 +85,13 @@ class Frame:
         """
         if reduction == 1 and self.image.dtype == np.uint8:
             return self.image[part.slices]  # type: ignore[return-value]
-        if reduction not in self._views:
-            height, width = (-(-side // reduction) for side in self.image.shape[:2])
-            self._views[reduction] = TiledImage(
-                (height, width, *self.image.shape[2:]),
-                (lambda within: self._reduced(within, reduction))
-                if reduction > 1
-                else self._converted,
-            )
-        return self._views[reduction].read(part)
+        view = self._views.get(reduction)
+        if view is None:
+            height, width, *channels = self.image.shape
+            shape = (-(-height // reduction), -(-width // reduction), *channels)
+            self._views[reduction] = view = TiledImage(shape)
+        compute = partial(self._reduced, reduction) if reduction > 1 else self._converted
+        return view.read(part, compute)
 
     def share(self, key: object, compute: Callable[[], Map]) -> Map:
         """What is stored under `key`, computed at the first call and shared by all who ask."""
@@ -105,7 +104,7 @@ class Frame:
             self._span = gray_range(self.image)
         return to_8_bit(self.image[part.slices], self._span)
 
-    def _reduced(self, part: Part, reduction: int) -> NDArray[np.uint8]:
+    def _reduced(self, reduction: int, part: Part) -> NDArray[np.uint8]:
         height, width = self.image.shape[:2]
         source = self.view(
             Part(
@@ -115,7 +114,7 @@ class Frame:
                 min(part.right * reduction, width),
             )
         )
-        missing_rows, missing_columns = -np.array(source.shape[:2]) % reduction
+        missing_rows, missing_columns = (-side % reduction for side in source.shape[:2])
         if missing_rows or missing_columns:
             source = cv2.copyMakeBorder(
                 source, 0, missing_rows, 0, missing_columns, cv2.BORDER_REPLICATE

@@ -85,7 +85,8 @@ def _suits(span: GrayRange, values: Values, own: GrayRange) -> bool:
 
 
 def _holds(span: GrayRange, values: Values) -> bool:
-    inside = (values >= span[0]) & (values <= span[1])
+    with np.errstate(over="ignore"):
+        inside = (values >= span[0]) & (values <= span[1])
     return bool(np.count_nonzero(inside) >= _SHARE_INSIDE * values.size)
 
 

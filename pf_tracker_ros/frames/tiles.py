@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 # Pixels along each side of a tile: few enough to compute little that nobody looks at.
-_TILE = 32
+_TILE = 16
 
 
 class Part(NamedTuple):
@@ -31,22 +31,24 @@ class TiledImage:
 
     Args:
         shape: (h, w) or (h, w, 3).
-        compute: The pixels of a part that is made of whole tiles, but at the image's end.
     """
 
-    def __init__(
-        self, shape: tuple[int, ...], compute: Callable[[Part], NDArray[np.uint8]]
-    ) -> None:
+    def __init__(self, shape: tuple[int, ...]) -> None:
         self._pixels = np.empty(shape, np.uint8)
-        self._compute = compute
         self._is_known = np.zeros((-(-shape[0] // _TILE), -(-shape[1] // _TILE)), np.bool_)
 
-    def read(self, part: Part) -> NDArray[np.uint8]:
-        """The pixels of a part inside the image, not to be written to."""
+    def read(self, part: Part, compute: Callable[[Part], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+        """The pixels of a part inside the image, not to be written to.
+
+        Args:
+            part: Inside the image.
+            compute: The pixels of a part that is made of whole tiles, but at the image's end. It is
+                not kept: whoever can compute holds this, and would live on in a circle with it.
+        """
         rows = slice(part.top // _TILE, -(-part.bottom // _TILE))
         columns = slice(part.left // _TILE, -(-part.right // _TILE))
         known = self._is_known[rows, columns]
-        if not known.all():
+        if np.count_nonzero(known) < known.size:
             height, width = self._pixels.shape[:2]
             for tiles in _unknown(known, rows.start, columns.start):
                 pixels = Part(
@@ -55,7 +57,7 @@ class TiledImage:
                     tiles.left * _TILE,
                     min(tiles.right * _TILE, width),
                 )
-                self._pixels[pixels.slices] = self._compute(pixels)
+                self._pixels[pixels.slices] = compute(pixels)
             known[:] = True
         return self._pixels[part.slices]
 
@@ -63,7 +65,7 @@ class TiledImage:
 def _unknown(known: NDArray[np.bool_], top: int, left: int) -> Iterator[Part]:
     """Rectangles of tiles that together are those unknown, counted from a first row and column."""
     rows, columns = known.shape
-    if not known.any():
+    if np.count_nonzero(known) == 0:
         yield Part(top, top + rows, left, left + columns)
         return
     for row in range(rows):

@@ -66,15 +66,17 @@ class Scene:
         """
         frame = self._frame
         boxes = [*self._boxes, box]
+        gain = self._gain
         if frame is None or frame.image is not image:
-            frame = self._open(image, 0.0, boxes)
+            gain = gain.follow(image, 0.0)
+            frame = self._open(image, gain, boxes)
         elif self._follower.needs_foreground and self._background is None:
             self._observe_background(frame, boxes)
         number = self._next_id
         target = self._follower.begin(frame, box, self._randomness(number))
         self._targets[number] = target
         self._next_id += 1
-        self._frame = frame
+        self._frame, self._gain = frame, gain
         return number
 
     def stop(self, number: int) -> None:
@@ -92,12 +94,13 @@ class Scene:
             image: Of the size and kind of the last one; checked.
             interval: Seconds since that one.
         """
-        frame = self._open(image, interval, self._boxes)
+        gain = self._gain.follow(image, interval)
+        frame = self._open(image, gain, self._boxes)
         self._targets = {
             number: self._follower.follow(target, frame, interval)
             for number, target in self._targets.items()
         }
-        self._frame = frame
+        self._frame, self._gain = frame, gain
 
     def reconfigure(self, follower: Follower) -> None:
         """Go on with other parameters; the targets are kept."""
@@ -120,10 +123,9 @@ class Scene:
         """Where the targets are, as the last frame left them."""
         return [target.estimate.box for target in self._targets.values()]
 
-    def _open(self, image: NDArray[np.generic], interval: float, boxes: Sequence[Box]) -> Frame:
+    def _open(self, image: NDArray[np.generic], gain: GainControl, boxes: Sequence[Box]) -> Frame:
         """The next frame; boxes tell where targets are."""
-        self._gain = self._gain.follow(image, interval)
-        frame = Frame(image, span=self._gain.span)
+        frame = Frame(image, span=gain.span)
         if self._follower.needs_foreground:
             self._observe_background(frame, boxes)
         return frame

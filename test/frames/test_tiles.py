@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from pf_tracker_ros.frames.tiles import Part, TiledImage
 
-SIDE = 32
+SIDE = 16
 
 
 def numbered(shape):
@@ -50,10 +50,10 @@ def readings(draw):
 def test_every_reading_is_right_and_no_pixel_is_computed_twice_or_for_nothing(reading):
     shape, parts = reading
     computed = Computed(numbered(shape))
-    tiled = TiledImage(shape, computed)
+    tiled = TiledImage(shape)
     touched = np.zeros(shape[:2], bool)
     for part in parts:
-        np.testing.assert_array_equal(tiled.read(part), computed.image[part.slices])
+        np.testing.assert_array_equal(tiled.read(part, computed), computed.image[part.slices])
         rows, columns = (
             slice(start // SIDE * SIDE, -(-end // SIDE) * SIDE)
             for start, end in (part[:2], part[2:])
@@ -68,16 +68,16 @@ def test_every_reading_is_right_and_no_pixel_is_computed_twice_or_for_nothing(re
 
 def test_what_is_not_known_yet_of_a_part_is_computed_in_few_pieces():
     """A new part in one; around known tiles one piece for each run of a row of tiles."""
-    computed = Computed(numbered((160, 160)))
-    tiled = TiledImage((160, 160), computed)
-    tiled.read(Part(64, 96, 64, 96))
-    tiled.read(Part(40, 120, 40, 120))
+    computed = Computed(numbered((80, 80)))
+    tiled = TiledImage((80, 80))
+    tiled.read(Part(32, 48, 32, 48), computed)
+    tiled.read(Part(20, 60, 20, 60), computed)
     assert computed.parts == [
-        Part(64, 96, 64, 96),
-        Part(32, 64, 32, 128),
-        Part(64, 96, 32, 64),
-        Part(64, 96, 96, 128),
-        Part(96, 128, 32, 128),
+        Part(32, 48, 32, 48),
+        Part(16, 32, 16, 64),
+        Part(32, 48, 16, 32),
+        Part(32, 48, 48, 64),
+        Part(48, 64, 16, 64),
     ]
 
 
@@ -89,13 +89,13 @@ def test_what_could_not_be_computed_is_not_taken_for_known():
             raise MemoryError
         return image[part.slices]
 
-    tiled, fails = TiledImage(image.shape, compute), False
-    tiled.read(Part(0, 10, 0, 10))
+    tiled, fails = TiledImage(image.shape), False
+    tiled.read(Part(0, 10, 0, 10), compute)
     fails = True
     with pytest.raises(MemoryError):
-        tiled.read(Part(0, 80, 0, 80))
+        tiled.read(Part(0, 80, 0, 80), compute)
     fails = False
-    np.testing.assert_array_equal(tiled.read(Part(0, 80, 0, 80)), image)
+    np.testing.assert_array_equal(tiled.read(Part(0, 80, 0, 80), compute), image)
 
 
 def test_the_slices_of_a_part_take_it_from_an_array():

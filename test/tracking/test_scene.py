@@ -1,7 +1,9 @@
 """A scene: what is of the camera is done once a frame, and each target is on its own."""
 
 import copy
+import gc
 import pickle
+import weakref
 
 import numpy as np
 import pytest
@@ -88,12 +90,16 @@ def looked_at(monkeypatch):
     counts = {}
 
     class CountingImage(TiledImage):
-        def __init__(self, shape, compute):
-            def count(part):
-                counts.setdefault(shape, np.zeros(shape[:2], int))[part.slices] += 1
-                return compute(part)
+        def __init__(self, shape):
+            super().__init__(shape)
+            self.shape = shape
 
-            super().__init__(shape, count)
+        def read(self, part, compute):
+            def count(within):
+                counts.setdefault(self.shape, np.zeros(self.shape[:2], int))[within.slices] += 1
+                return compute(within)
+
+            return super().read(part, count)
 
     monkeypatch.setattr(frame_module, "TiledImage", CountingImage)
     return counts
@@ -353,3 +359,29 @@ def test_a_target_is_held_while_the_sensor_drifts_beyond_the_first_range(moving_
     assert gray.min() + drift > first_range[1]
     assert estimate.state == "tracking"
     assert estimate.box == pytest.approx(moving_square.boxes[0], abs=10)
+
+
+@pytest.mark.parametrize("kind", ["color", "sixteen bit", "reduced"])
+@every_preset
+def test_a_frame_that_has_gone_by_is_let_go_at_once(preset, kind, couple):
+    """Its image is large, and the garbage collector does not see how large."""
+    images = couple.images[:6]
+    if kind == "sixteen bit":
+        images = [sixteen_bit(image) for image in images]
+    if kind == "reduced":
+        images = [np.repeat(np.repeat(image, 4, 0), 4, 1) for image in images]
+    box = tuple(4.0 * side for side in couple.first[0]) if kind == "reduced" else couple.first[0]
+    tracker = Tracker.from_preset(preset)
+    tracker.start(images[0], box)
+    seen = []
+    gc.collect()
+    gc.disable()
+    try:
+        for kept in images[1:]:
+            image = kept.copy()
+            seen.append(weakref.ref(image))
+            tracker.update(image)
+        del image
+        assert sum(one() is not None for one in seen) <= 1
+    finally:
+        gc.enable()
