@@ -23,7 +23,7 @@ from pf_tracker_ros.filter import (
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.confidence import Confidence
-from pf_tracker_ros.tracking.estimate import Estimate, FrozenPowers
+from pf_tracker_ros.tracking.estimate import Estimate, FrozenPowers, TrackState
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
 from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.measurement import Measurement, Measurer, SearchingMeasurer
@@ -95,20 +95,30 @@ class Follower:
         """Whether `Frame.foreground` is asked for."""
         return self._fusion.needs_foreground
 
-    def begin(self, frame: Frame, first_box: Box, randomness: Randomness) -> Target:
+    def begin(
+        self,
+        frame: Frame,
+        first_box: Box,
+        randomness: Randomness,
+        state: TrackState = "tracking",
+    ) -> Target:
         """A target in its first frame.
 
         Args:
             frame: That it was drawn on.
             first_box: Of the target.
             randomness: Its own.
+            state: That it is in; another than tracking if the frame is one of before it went out of
+                sight, so that the next one has to show it.
         """
         draw = randomness.generator()
         motion = self._motion(first_box)
         particles = self._spread(motion, frame, draw)
         box = np.array(first_box)
         templates, distraction = self._measurer.learn(frame, box)
-        judged = Judgment(box, 1.0, Track(), particles, motion.boxes(particles.states))
+        hidden_for = self.parameters.track.lost_after if state == "lost" else 0.0
+        track = Track(state, hidden_for)
+        judged = Judgment(box, 1.0, track, particles, motion.boxes(particles.states))
         return Target(
             first_box=first_box,
             motion=motion,

@@ -19,7 +19,8 @@ class FrameHistory:
         megabytes: Most memory that their images hold, in units of 10^6 bytes.
 
     Attributes:
-        dropped_until: Stamp of the last frame that was dropped for the bounds, 0 if none was.
+        dropped_until: Stamp of the last frame that was dropped for the bounds, or because those
+            after it are of another size or kind; 0 if none was.
     """
 
     def __init__(self, frames: int = 0, megabytes: float = 0.0) -> None:
@@ -44,9 +45,11 @@ class FrameHistory:
             return
         if self._frames:
             last = self._frames[-1]
-            same_kind = last.image.shape == image.shape and last.image.dtype == image.dtype
-            if not same_kind or stamp <= last.stamp:
+            if stamp <= last.stamp:
                 self.clear()
+            elif (last.image.shape, last.image.dtype) != (image.shape, image.dtype):
+                self.clear()
+                self.dropped_until = last.stamp
         self._frames.append(Frame(image, stamp))
         self._bytes += _held_bytes(image)
         self._trim()

@@ -15,6 +15,7 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Foreground, Frame
 from pf_tracker_ros.frames.gain_control import GainControl
+from pf_tracker_ros.tracking.estimate import TrackState
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.target import Target
 
@@ -53,13 +54,14 @@ class Scene:
         """Id to target, as the last frame left it."""
         return MappingProxyType(self._targets)
 
-    def start(self, image: NDArray[np.generic], box: Box) -> int:
+    def start(self, image: NDArray[np.generic], box: Box, state: TrackState = "tracking") -> int:
         """Take a new target.
 
         Args:
             image: The one that was given last, unchanged since, or another, which is then the
                 scene's next; checked.
             box: Of the target; checked.
+            state: That it is in; another than tracking if the image is not of the present.
 
         Returns:
             Its id, from 1 on, never used again.
@@ -73,7 +75,7 @@ class Scene:
         elif self._follower.needs_foreground and self._background is None:
             self._observe_background(frame, boxes)
         number = self._next_id
-        target = self._follower.begin(frame, box, self._randomness(number))
+        target = self._follower.begin(frame, box, self._randomness(number), state)
         self._targets[number] = target
         self._next_id += 1
         self._frame, self._gain = frame, gain

@@ -8,8 +8,9 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,6 +37,10 @@ _SUBSTITUTE_WITHIN = NANOSECONDS
 
 # A target is not drawn on a frame that far ahead; a tool has stamped it with the wrong clock.
 _LONGEST_WAIT = 60 * NANOSECONDS
+
+# Share by which the aspect ratio of an image may differ where a camera only scales its images:
+# their sides are whole numbers, often whole multiples of some.
+_SAME_ASPECT = 0.01
 
 
 @dataclass(frozen=True)
@@ -86,10 +91,40 @@ class _Sighting:
     box: Box
 
 
+class _FirstBox(NamedTuple):
+    """What a target was drawn with.
+
+    Attributes:
+        box: Pixels.
+        image_size: (width, height) of the image that it was drawn on, pixels.
+    """
+
+    box: Box
+    image_size: tuple[int, int]
+
+
+class _Change(NamedTuple):
+    """What other parameters come to.
+
+    Attributes:
+        parameters: Full name to value.
+        seed: Of the next target.
+        tracker: With these parameters, and with the target if that had to be learned again; None
+            where the parameters are those in force.
+    """
+
+    parameters: Mapping[str, Any]
+    seed: int
+    tracker: Tracker | None
+
+
 class Session:
     """Feeds frames with stamps to a tracker.
 
     Stamps are in nanoseconds; 0 means unknown.
+
+    Where the images change their size and keep their aspect ratio, the target is learned again from
+    where it was last seen, scaled to them.
 
     Attributes:
         time_policy: What to do when time jumps back; may be replaced at any time.
@@ -109,15 +144,19 @@ class Session:
         self._seed = seed
         self._tracker = Tracker(build(TrackerParameters, parameters), seed)
         self._requested: _RequestedTarget | None = None
-        self._first_box: Box | None = None
+        self._estimate: Estimate | None = None
+        self._first: _FirstBox | None = None
         self._sighting: _Sighting | None = None
+        self._checked: _Change | None = None
         self._last_stamp = 0
+        # Before the last one where the target has been learned again from an earlier frame.
+        self._followed_until = 0
         self._late_in_a_row = 0
 
     @property
     def estimate(self) -> Estimate | None:
-        """The latest estimate, None while there is no target."""
-        return self._tracker.estimate
+        """As told for the last frame that was looked at, None while there is no target."""
+        return self._estimate
 
     @property
     def requested_stamp(self) -> int | None:
@@ -125,38 +164,44 @@ class Session:
         return self._requested.stamp if self._requested else None
 
     def check(self, parameters: Mapping[str, Any], seed: int) -> None:
-        """Try what `configure` would do, and change nothing.
+        """Try what `configure` would do, and change nothing that is told.
+
+        What came of it is kept for a `configure` with the same parameters before the next frame.
 
         Raises:
             ValueError: As `configure`.
         """
-        self._reconfigured(parameters, seed)
+        self._checked = self._change(parameters, seed)
 
     def configure(self, parameters: Mapping[str, Any], seed: int) -> None:
         """Change parameters, all or none, keeping the target; the seed counts from the next one.
 
         A change that the library forbids while there is a target, such as that of the motion model,
-        takes a tracker of its own: it learns the target again from where it was last seen.
+        takes a tracker of its own: it learns the target again from where it was last seen. A hidden
+        or lost target stays so until a frame shows it.
 
         Raises:
             ValueError: A parameter is not allowed, they contradict each other, or the target
                 cannot be learned with them.
         """
-        tracker = self._reconfigured(parameters, seed)
-        if tracker.started and self._sighting:
-            self._tracker = tracker
-            self._last_stamp = self._sighting.frame.stamp
-        else:
-            self._tracker.set_parameters(parameters)
+        change, self._checked = self._checked, None
+        if change is None or (change.parameters, change.seed) != (parameters, seed):
+            change = self._change(parameters, seed)
+        if change.tracker and change.tracker.started and self._sighting:
+            self._tracker = change.tracker
+            self._followed_until = self._sighting.frame.stamp
+        elif change.tracker:
+            self._tracker.share_parameters(change.tracker)
         self._seed = seed
 
-    def _reconfigured(self, parameters: Mapping[str, Any], seed: int) -> Tracker:
-        """A tracker with these parameters; it has the target if that must be learned again."""
+    def _change(self, parameters: Mapping[str, Any], seed: int) -> _Change:
+        if parameters == self._tracker.parameters:
+            return _Change(parameters, seed, None)
         tracker = Tracker(build(TrackerParameters, parameters), seed)
         if self._sighting and self._tracker.forbid(tracker.parameters):
             image = self._sighting.frame.image
-            tracker.start(image, _within(self._sighting.box, image))
-        return tracker
+            tracker.take_over(self._tracker, image, _within(self._sighting.box, image))
+        return _Change(parameters, seed, tracker)
 
     def request(self, box: Box, stamp: int = 0) -> None:
         """Start on a target with the frame of this stamp, or else the first one after it.
@@ -184,7 +229,7 @@ class Session:
         """Forget the target, and a requested one."""
         self.withdraw()
         self._tracker.stop()
-        self._sighting = None
+        self._estimate = self._sighting = self._checked = None
 
     def process(self, image: NDArray[np.generic], stamp: int) -> Outcome:
         """Take one frame.
@@ -200,6 +245,7 @@ class Session:
             ValueError: The tracker refuses the image; the target is kept.
         """
         frame = Frame(image, stamp)
+        self._checked = None
         refused_target = ""
         if self._requested and (stamp == 0 or stamp >= self._requested.stamp):
             requested, self._requested = self._requested, None
@@ -214,6 +260,12 @@ class Session:
         if requested.stamp in (0, frame.stamp) or frame.stamp == 0:
             return [frame]
         kept = [past for past in self.history.since(requested.stamp) if past.stamp < frame.stamp]
+        if kept and _size(kept[0].image) != _size(frame.image):
+            raise ValueError(
+                f"it was drawn on an image of {_size_text(kept[0].image)} px, and they have "
+                f"{_size_text(frame.image)} px now; allowed: a target on one of these, or stamp 0 "
+                "for the next frame"
+            )
         frames = [*kept, frame]
         behind = frames[0].stamp - requested.stamp
         # What was dropped before time went back says nothing of the frames since.
@@ -235,15 +287,16 @@ class Session:
             estimate = tracker.update(frame.image, (frame.stamp - before.stamp) / NANOSECONDS)
             if estimate.state == "tracking":
                 sighting = _Sighting(frame, estimate.box)
-        self._tracker, self._sighting, self._first_box = tracker, sighting, box
-        self._take(frames[-1])
+        self._tracker, self._sighting = tracker, sighting
+        self._first = _FirstBox(box, _size(frames[0].image))
+        self._take(frames[-1], estimate)
         return Outcome("started", estimate, caught_up=len(frames) - 1)
 
     def _follow(self, frame: Frame, refused_target: str) -> Outcome:
         known = frame.stamp != 0 and self._last_stamp != 0
         elapsed = frame.stamp - self._last_stamp
         if not self._tracker.started:
-            self._take(frame)
+            self._take(frame, None)
             return Outcome("waiting", None, refused_target)
         if known and elapsed == 0:
             return Outcome("duplicate", self.estimate, refused_target)
@@ -253,35 +306,94 @@ class Session:
             if elapsed >= -self.time_policy.late_within and stragglers:
                 return Outcome("late", self.estimate, refused_target)
             return self._jump_back(frame, -elapsed / NANOSECONDS, refused_target)
-        return self._track(frame, elapsed / NANOSECONDS if known else None, refused_target)
+        return self._track(frame, refused_target)
 
     def _jump_back(self, frame: Frame, seconds: float, refused_target: str) -> Outcome:
         policy = self.time_policy.on_jump
-        if policy == "restart" and self._first_box:
+        if policy == "restart" and self._first:
             try:
-                outcome = self._start([frame], self._first_box)
+                outcome = self._start([frame], _box_in(frame.image, self._first))
             except ValueError as error:
                 refused_target = f"target refused: {error}"
             else:
                 return Outcome("started", outcome.estimate, refused_target, seconds)
         if policy == "keep":
-            outcome = self._track(frame, None, refused_target)
+            outcome = self._track(frame, refused_target, goes_on=False)
             return Outcome("tracked", outcome.estimate, refused_target, seconds)
         self.stop()
-        self._take(frame)
+        self._take(frame, None)
         return Outcome("waiting", None, refused_target, seconds)
 
-    def _track(self, frame: Frame, interval: float | None, refused_target: str) -> Outcome:
-        estimate = self._tracker.update(frame.image, interval)
+    def _track(self, frame: Frame, refused_target: str, *, goes_on: bool = True) -> Outcome:
+        """Follow the target into a frame; time goes on with it, or has begun anew."""
+        tracker, before = self._tracker, self._followed_until
+        if not tracker.fits(frame.image) and self._sighting:
+            scaled = self._scaled_to(frame.image, self._sighting)
+            if scaled:
+                tracker, before = scaled, self._sighting.frame.stamp
+        known = goes_on and 0 not in (frame.stamp, before) and before <= frame.stamp
+        interval = (frame.stamp - before) / NANOSECONDS if known else None
+        estimate = tracker.update(frame.image, interval)
+        self._tracker = tracker
         if estimate.state == "tracking":
             self._sighting = _Sighting(frame, estimate.box)
-        self._take(frame)
+        self._take(frame, estimate)
         return Outcome("tracked", estimate, refused_target)
 
-    def _take(self, frame: Frame) -> None:
-        self._last_stamp = frame.stamp
+    def _scaled_to(self, image: NDArray[np.generic], sighting: _Sighting) -> Tracker | None:
+        """A tracker that learns the target from a sighting scaled to an image's size.
+
+        None where the image is of another kind or aspect ratio, or too small to show the target.
+        """
+        seen = sighting.frame.image
+        same_kind = (seen.shape[2:], seen.dtype) == (image.shape[2:], image.dtype)
+        if not same_kind or not _is_scaled(_size(seen), _size(image)):
+            return None
+        shrinks = image.size < seen.size
+        scaled = cv2.resize(
+            seen, _size(image), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+        )
+        tracker = self._tracker.empty(self._seed)
+        try:
+            box = _scaled(_within(sighting.box, seen), _size(seen), _size(image))
+            tracker.take_over(self._tracker, scaled, box)
+        except ValueError:
+            return None
+        return tracker
+
+    def _take(self, frame: Frame, estimate: Estimate | None) -> None:
+        self._estimate = estimate
+        self._last_stamp = self._followed_until = frame.stamp
         self._late_in_a_row = 0
         self.history.add(frame.image, frame.stamp)
+
+
+def _size(image: NDArray[np.generic]) -> tuple[int, int]:
+    """(width, height), pixels."""
+    return image.shape[1], image.shape[0]
+
+
+def _size_text(image: NDArray[np.generic]) -> str:
+    return "{} x {}".format(*_size(image))
+
+
+def _is_scaled(size: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether two sizes have one aspect ratio, but for rounding."""
+    products = size[0] * other[1], size[1] * other[0]
+    return abs(products[0] - products[1]) <= _SAME_ASPECT * max(products)
+
+
+def _scaled(box: Box, size: tuple[int, int], other: tuple[int, int]) -> Box:
+    """A box of an image of one size in the same image of another size."""
+    across, down = other[0] / size[0], other[1] / size[1]
+    return box[0] * across, box[1] * down, box[2] * across, box[3] * down
+
+
+def _box_in(image: NDArray[np.generic], first: _FirstBox) -> Box:
+    """The box that a target was drawn with, scaled to an image of the same aspect ratio."""
+    if not _is_scaled(first.image_size, _size(image)):
+        return first.box
+    return _scaled(first.box, first.image_size, _size(image))
 
 
 def _within(box: Box, image: NDArray[np.generic]) -> Box:

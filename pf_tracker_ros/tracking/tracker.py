@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.parameters import ParameterError, build, change, declarations, flatten
-from pf_tracker_ros.tracking.estimate import Estimate
+from pf_tracker_ros.tracking.estimate import Estimate, TrackState
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_interval
 from pf_tracker_ros.tracking.parameters import TrackerParameters
@@ -96,14 +96,23 @@ class Tracker:
                 `forbid` tells why the target could not be kept.
         """
         values = change(TrackerParameters, self.parameters, values)
-        parameters = build(TrackerParameters, values)
-        with _usual_arithmetic():
-            follower = Follower(parameters)
-            if reason := self.forbid(flatten(parameters)):
-                raise ParameterError(reason)
-            if self._tracked:
-                self._tracked.scene.reconfigure(follower)
-        self._follower = follower
+        self.share_parameters(Tracker(build(TrackerParameters, values)))
+
+    def share_parameters(self, other: Tracker) -> None:
+        """Go on with the parameters of another tracker, sharing what both only read.
+
+        Args:
+            other: Whose parameters to take, and nothing else.
+
+        Raises:
+            ParameterError: As `set_parameters`.
+        """
+        if reason := self.forbid(other.parameters):
+            raise ParameterError(reason)
+        if self._tracked:
+            with _usual_arithmetic():
+                self._tracked.scene.reconfigure(other._follower)
+        self._follower = other._follower
 
     def forbid(self, values: Mapping[str, Any]) -> str:
         """Why the target could not be kept with other parameters; empty where it could.
@@ -153,12 +162,42 @@ class Tracker:
         Raises:
             ValueError: The image or the box is not usable; a target from before is then kept.
         """
+        return self._start(image, box, "tracking")
+
+    def take_over(self, other: Tracker, image: NDArray[np.generic], box: ArrayLike) -> None:
+        """Take the target of another tracker, learned anew from an image that shows it.
+
+        A target that is hidden or lost there is so here, until a frame shows it.
+
+        Args:
+            other: Follows the target.
+            image: As for `start`.
+            box: Of the target in it, as for `start`.
+
+        Raises:
+            RuntimeError: The other has no target.
+            ValueError: As `start`.
+        """
+        if other.estimate is None:
+            raise RuntimeError("no target to take over: the other tracker has none")
+        self._start(image, box, other.estimate.state)
+
+    def _start(self, image: NDArray[np.generic], box: ArrayLike, state: TrackState) -> Estimate:
         check_image(image)
         first_box = check_box(box, (image.shape[1], image.shape[0]))
         with _usual_arithmetic():
             scene = Scene(self._follower, self._seed)
-            self._tracked = _Tracked(scene, scene.start(image, first_box), image.shape, image.dtype)
+            number = scene.start(image, first_box, state)
+            self._tracked = _Tracked(scene, number, image.shape, image.dtype)
         return self._tracked.target.estimate
+
+    def fits(self, image: NDArray[np.generic]) -> bool:
+        """Whether an image has the size and kind of those that the target is followed in."""
+        tracked = self._tracked
+        return tracked is not None and (image.shape, image.dtype) == (
+            tracked.image_shape,
+            tracked.image_type,
+        )
 
     def stop(self) -> None:
         """Forget the target."""
@@ -182,7 +221,7 @@ class Tracker:
         if tracked is None:
             raise RuntimeError("no target: call start(image, box) first")
         check_image(image)
-        if (image.shape, image.dtype) != (tracked.image_shape, tracked.image_type):
+        if not self.fits(image):
             raise ValueError(
                 f"image is {image.shape} {image.dtype}, but the target was started on "
                 f"{tracked.image_shape}; start again to change the image's size or kind"

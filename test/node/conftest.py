@@ -267,6 +267,13 @@ class Graph:
                 for name, value in parameters.items()
             ],
         )
+        self.run(node)
+        if client is not None:
+            self.introduce(client, node)
+        return node
+
+    def run(self, node):
+        """Spin a node that has a context of its own in a thread, as long as there is the graph."""
         executor = SingleThreadedExecutor(context=node.context)
         executor.add_node(node)
         thread = threading.Thread(target=_spin, args=(executor,))
@@ -278,9 +285,6 @@ class Graph:
             node.destroy_node()
 
         self._closing.append(close)
-        if client is not None:
-            self.introduce(client, node)
-        return node
 
     def introduce(self, client, node):
         outward = [publisher for publisher in node.publishers if "pf_tracker" in publisher.topic]

@@ -1,10 +1,12 @@
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.parameters import change
+from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 from pf_tracker_ros.tracking.session import LATE_WITHIN, Session, TimePolicy
@@ -419,3 +421,184 @@ def test_a_loop_that_loses_its_first_frame_starts_the_target_on_the_second(sessi
     outcome = session.process(images[1], stamps[1])
     assert (outcome.frame, outcome.refused_target) == ("started", "")
     assert outcome.estimate.box == box
+
+
+# Parameters are tried and taken
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """How often a follower has been built, and a target learned."""
+    counts = {"built": 0, "learned": 0}
+
+    def counted(name, method):
+        def call(*arguments, **options):
+            counts[name] += 1
+            return method(*arguments, **options)
+
+        return call
+
+    monkeypatch.setattr(Follower, "__init__", counted("built", Follower.__init__))
+    monkeypatch.setattr(Follower, "begin", counted("learned", Follower.begin))
+    return counts
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"motion.position_noise": 3.0}, (1, 0)),
+        ({"working_size": 60}, (1, 1)),
+        ({}, (0, 0)),
+    ],
+)
+def test_what_has_been_checked_is_made_once(started, moving_square, made, changes, expected):
+    images, box = moving_square.images, moving_square.boxes[0]
+    after = change(TrackerParameters, PARAMETERS, changes)
+    started.check(after, 3)
+    started.configure(after, 3)
+    assert (made["built"], made["learned"]) == expected
+    told = started.process(images[1], START + 40_000_000).estimate
+    tracker = Tracker.from_preset("li2007", seed=3, parameters={"particles": 20})
+    if expected[1]:
+        tracker.set_parameters(changes)
+    tracker.start(images[0], box)
+    if not expected[1]:
+        tracker.set_parameters(changes)
+    assert told == tracker.update(images[1], 0.04)
+
+
+def test_what_was_checked_before_a_frame_or_a_stop_is_not_taken_after_it(started, images, box):
+    after = change(TrackerParameters, PARAMETERS, {"working_size": 60})
+    started.check(after, 3)
+    seen = started.process(images[1], START + 40_000_000).estimate
+    started.configure(after, 3)
+    told = started.process(images[2], START + 80_000_000).estimate
+    tracker = Tracker.from_preset(
+        "li2007", seed=3, parameters={"particles": 20, "working_size": 60}
+    )
+    tracker.start(images[1], seen.box)
+    assert told == tracker.update(images[2], 0.04)
+    started.check(PARAMETERS, 3)
+    started.stop()
+    started.configure(PARAMETERS, 3)
+    assert started.process(images[3], START + SECOND).frame == "waiting"
+
+
+def test_between_frames_what_is_told_is_what_was_told(started, images):
+    told = started.process(images[1], START + 40_000_000).estimate
+    started.configure(preset_parameters("zhang2015"), seed=3)
+    assert started.estimate is told
+
+
+@pytest.mark.parametrize("state", ["occluded", "lost"])
+def test_a_target_out_of_sight_that_is_learned_again_is_so_until_a_frame_shows_it(
+    session, images, box, state
+):
+    black = np.zeros_like(images[0])
+    session.configure(PARAMETERS | {"track.lost_after": 0.1}, seed=3)
+    session.request(box)
+    session.process(images[0], START)
+    count = 1 if state == "occluded" else 4
+    for index in range(1, count + 1):
+        told = session.process(black, START + index * 40_000_000).estimate
+    assert told.state == state
+    # Nothing is too little for these to call the target hidden, but it takes something to see it.
+    after = preset_parameters("zhang2015")
+    after |= {"track.lost_after": 3600.0, "track.occluded_below": 0.0}
+    session.configure(after, seed=3)
+    assert session.estimate is told
+    unseen = session.process(black, START + (count + 1) * 40_000_000).estimate
+    assert unseen.state == state
+    shown = session.process(images[0], START + (count + 2) * 40_000_000).estimate
+    assert shown.state == "tracking"
+
+
+def test_a_duplicate_stays_one_though_the_target_is_learned_from_an_earlier_frame(started, images):
+    black = np.zeros_like(images[0])
+    assert started.process(black, START + 40_000_000).estimate.state == "occluded"
+    started.configure(preset_parameters("zhang2015"), seed=3)
+    assert started.process(black, START + 40_000_000).frame == "duplicate"
+
+
+# Images of another size
+
+
+def in_size(image, size):
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+
+
+@pytest.mark.parametrize("preset", ["default", "li2007", "zhang2015", "zhang_bo"])
+@pytest.mark.parametrize("size", [(320, 240), (80, 60), (107, 80)])
+def test_images_of_another_size_are_followed(images, box, moving_square, preset, size):
+    session = Session(preset_parameters(preset), seed=3)
+    session.request(box)
+    for index in range(5):
+        session.process(images[index], START + index * 40_000_000)
+    scale = np.array(size) / (160, 120)
+    # Its background model begins anew with the size, and the target is part of it for a while.
+    near = 24 if preset == "zhang_bo" else 8
+    for index in range(5, 12):
+        image = in_size(images[index], size)
+        outcome = session.process(image, START + index * 40_000_000)
+        assert (outcome.frame, outcome.estimate.state) == ("tracked", "tracking")
+    x, y, width, height = outcome.estimate.box
+    assert (x / scale[0], y / scale[1]) == pytest.approx(moving_square.boxes[11][:2], abs=near)
+    assert (width / scale[0], height / scale[1]) == pytest.approx((24, 24), rel=0.3)
+    back = session.process(images[12], START + 12 * 40_000_000).estimate
+    assert back.state == "tracking"
+    assert back.box[:2] == pytest.approx(moving_square.boxes[12][:2], abs=near)
+
+
+def test_16_bit_images_of_another_size_are_followed(images, box, moving_square):
+    session = Session(PARAMETERS, seed=3)
+    session.request(box)
+    gray = (images.mean(axis=3) * 250).astype(np.uint16)
+    session.process(gray[0], START)
+    outcome = session.process(in_size(gray[1], (320, 240)), START + 40_000_000)
+    assert outcome.frame == "tracked"
+    assert outcome.estimate.box[:2] == pytest.approx(2 * moving_square.boxes[1][:2], abs=12)
+
+
+def test_a_target_out_of_sight_stays_so_when_the_size_changes(started, images):
+    black = np.zeros_like(images[0])
+    assert started.process(black, START + 40_000_000).estimate.state == "occluded"
+    small = started.process(in_size(black, (80, 60)), START + 80_000_000).estimate
+    assert small.state == "occluded"
+    shown = started.process(in_size(images[1], (80, 60)), START + 120_000_000).estimate
+    assert shown.state == "tracking"
+
+
+REFUSED = {
+    "another aspect ratio": lambda image: image[:100],
+    "too small for the target": lambda image: in_size(image, (4, 3)),
+    "another kind": lambda image: in_size(image, (80, 60))[..., 0],
+}
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_what_cannot_be_scaled_is_refused_and_the_target_kept(started, images, box, kind):
+    with pytest.raises(ValueError, match="start again"):
+        started.process(np.ascontiguousarray(REFUSED[kind](images[1])), START + 20_000_000)
+    after = started.process(images[1], START + 40_000_000)
+    assert same(after.estimate, library(images[:2], box, [0.04])[0])
+
+
+@pytest.mark.parametrize("frames_since", [0, 1])
+def test_a_target_drawn_on_a_frame_of_another_size_is_refused(watching, images, box, frames_since):
+    for index in range(frames_since):
+        watching.process(in_size(images[10], (80, 60)), START + (10 + index) * 40_000_000)
+    watching.request(box, START + 9 * 40_000_000)
+    stamp = START + (10 + frames_since) * 40_000_000
+    outcome = watching.process(in_size(images[10], (80, 60)), stamp)
+    assert (outcome.frame, outcome.estimate) == ("waiting", None)
+    expected = (
+        "before the oldest one here" if frames_since else "160 x 120 px, and they have 80 x 60"
+    )
+    assert expected in outcome.refused_target
+
+
+def test_a_restart_scales_the_first_box_to_the_size_of_its_frame(images, box):
+    session, _ = jumped(images, box, "restart")
+    outcome = session.process(in_size(images[0], (320, 240)), START - 20 * SECOND)
+    assert outcome.frame == "started"
+    assert outcome.estimate.box == tuple(2 * value for value in box)

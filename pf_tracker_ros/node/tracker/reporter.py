@@ -14,6 +14,10 @@ LOG_INTERVAL = 5.0
 _LONGEST_ERROR = 1000
 _LONGEST_TRACEBACK = 5000
 _SHOWN_ERRORS = 5
+_IMAGE_CURE = (
+    ": give a target on these images (~/target, ~/click), forget the one there is (~/stop), or let "
+    "the camera send what it sent before; another size of the same aspect ratio would do as well"
+)
 # Most refusals in the log within the interval, whatever they say.
 _LOGGED_ERRORS = 20
 
@@ -38,7 +42,7 @@ class Reporter:
         self.failures: Counter[str] = Counter()
         self._logger = logger
         self._unshown: deque[str] = deque(maxlen=_SHOWN_ERRORS)
-        self._logged: dict[str, float] = {}
+        self._failed_at: dict[str, float] = {}
         self._recent: deque[tuple[float, str]] = deque(maxlen=_LOGGED_ERRORS)
 
     def report(self, error: str) -> None:
@@ -52,7 +56,7 @@ class Reporter:
             self._logger.error(error)
 
     def report_failure(self, error: Exception) -> None:
-        """Tell the user why a frame failed; the log hears of each cause only now and then."""
+        """Tell the user why a frame failed; the log hears of a cause that goes on only once."""
         kind = type(error).__name__
         cause = "other"
         text = str(error)[:_LONGEST_ERROR]
@@ -62,6 +66,8 @@ class Reporter:
             kind = f"{kind} {cause}"
         elif isinstance(error, ValueError):
             cause = "image_changed"
+            text = text[: _LONGEST_ERROR - len(_IMAGE_CURE)] + _IMAGE_CURE
+            details = text
         else:
             text = f"unexpected {kind}: {text}"[:_LONGEST_ERROR]
             # Its end says most.
@@ -69,9 +75,9 @@ class Reporter:
         self.failures[cause] += 1
         self._remember(text)
         now = time.monotonic()
-        if now - self._logged.get(kind, -LOG_INTERVAL) >= LOG_INTERVAL:
-            self._logged[kind] = now
+        if now - self._failed_at.get(kind, -LOG_INTERVAL) >= LOG_INTERVAL:
             self._logger.error(details)
+        self._failed_at[kind] = now
 
     def values(self) -> dict[str, str | float]:
         """The latest error under the keys that status and diagnostics use, with its age."""

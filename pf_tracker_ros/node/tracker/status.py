@@ -11,6 +11,7 @@ from std_msgs.msg import Header
 from pf_tracker_ros.node.message_building import estimate_values, status_message
 from pf_tracker_ros.node.qos import LATCHED_QOS, Report, advertise
 from pf_tracker_ros.node.tracker.reporter import Reporter
+from pf_tracker_ros.node.tracker.skipped_frames import Skipped
 from pf_tracker_ros.stamps import parts
 from pf_tracker_ros.tracking.estimate import Estimate
 
@@ -28,13 +29,23 @@ _DESCRIPTIONS = {
 }
 
 
+PAUSED = "paused; the service ~/enable goes on"
+
+
+def stamp_text(stamp: int) -> str:
+    """A stamp in nanoseconds as seconds with all digits."""
+    seconds, nanoseconds = parts(stamp)
+    return f"{seconds}.{nanoseconds:09d}"
+
+
 @dataclass(frozen=True)
 class Status:
     """How the node is after a frame.
 
     Attributes:
-        frame: What became of the frame.
-        estimate: The latest estimate, None without a target.
+        frame: What became of the frame, empty where it is not about one.
+        known: The estimate of the last frame that was looked at, None without a target.
+        skipped: The frames since, None if that is this one.
         requested_stamp: Stamp of the frame that a requested target waits for, None or 0 without.
         obstacle: What keeps the node from tracking at all, or empty.
         enabled: Whether it looks at images.
@@ -43,7 +54,8 @@ class Status:
     """
 
     frame: str
-    estimate: Estimate | None
+    known: Estimate | None
+    skipped: Skipped | None
     requested_stamp: int | None
     obstacle: str
     enabled: bool
@@ -51,29 +63,58 @@ class Status:
     lost_share: float
 
     @property
+    def is_skipped(self) -> bool:
+        """Whether it says nothing of the target, because the image was not looked at."""
+        return self.skipped is not None or not self.enabled
+
+    @property
+    def last_state(self) -> str:
+        """`idle`, or the state of the track, in the last frame that was looked at."""
+        return self.known.state if self.known else "idle"
+
+    @property
     def state(self) -> str:
-        """`idle`, or the state of the track."""
-        return self.estimate.state if self.estimate else "idle"
+        """`skipped`, `idle`, or the state of the track."""
+        return "skipped" if self.is_skipped else self.last_state
 
     @property
     def level(self) -> bytes:
         """How bad it is."""
         if self.obstacle or self.frame == "refused":
             return DiagnosticStatus.ERROR
-        return _LEVELS[self.state]
+        level = _LEVELS[self.last_state]
+        if self.skipped and self.skipped.is_lasting:
+            level = max(level, DiagnosticStatus.WARN)
+        return level
 
     @property
     def description(self) -> str:
         """How it is, in words."""
         if self.obstacle:
             return f"not tracking: {self.obstacle}"
+        if self.skipped:
+            return self.skipped.described
         if not self.enabled:
-            return "paused; the service ~/enable goes on"
+            return PAUSED
         if self.requested_stamp:
-            seconds, nanoseconds = parts(self.requested_stamp)
-            stamp = f"{seconds}.{nanoseconds:09d} s"
-            return f"{self.state}; a target waits for an image stamped {stamp}"
+            stamp = stamp_text(self.requested_stamp)
+            return f"{self.state}; a target waits for an image stamped {stamp} s"
         return _DESCRIPTIONS[self.state]
+
+    @property
+    def values(self) -> dict[str, str | float | int]:
+        """The state and what is known of the target, key to value; of no frame but this."""
+        values: dict[str, str | float | int] = {"state": self.state}
+        if self.skipped:
+            values["skipped_frames"] = self.skipped.count
+            values["skipped_seconds"] = round(self.skipped.seconds, 3)
+        if self.is_skipped:
+            values["last_state"] = self.last_state
+        if self.skipped and self.skipped.last_stamp:
+            values["last_stamp"] = stamp_text(self.skipped.last_stamp)
+        if self.known and not self.is_skipped:
+            values |= estimate_values(self.known)
+        return values
 
 
 class StatusOutput:
@@ -105,9 +146,8 @@ class StatusOutput:
             level = max(level, DiagnosticStatus.WARN)
         if status.obstacle or not errors:
             errors.insert(0, status.description)
-        values: dict[str, str | float | int] = {"state": status.state, "frame": status.frame}
-        if status.estimate:
-            values |= estimate_values(status.estimate)
+        values: dict[str, str | float | int] = {"frame": status.frame}
+        values |= status.values
         values["processing_time_ms"] = 1e3 * elapsed
         values["lost_share"] = status.lost_share
         values["preset"] = status.preset

@@ -15,7 +15,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.node.images.decoder import ImageDecoder
 from pf_tracker_ros.node.managed_node import ManagedNode
-from pf_tracker_ros.node.message_building import TargetError, estimate_values
+from pf_tracker_ros.node.message_building import TargetError
 from pf_tracker_ros.node.override_sources import files_superseded_by
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.parameter_group import Values
@@ -28,8 +28,9 @@ from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
 from pf_tracker_ros.node.tracker.outputs import Outputs
 from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter
 from pf_tracker_ros.node.tracker.services import Services
+from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED, SkippedFrames
 from pf_tracker_ros.node.tracker.state_log import StateLog
-from pf_tracker_ros.node.tracker.status import Status, StatusOutput
+from pf_tracker_ros.node.tracker.status import PAUSED, Status, StatusOutput, stamp_text
 from pf_tracker_ros.node.tracker.target_input import TargetInput
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.stamps import NANOSECONDS, stamp_of
@@ -56,6 +57,7 @@ class TrackerNode(ManagedNode):
         self._log = self.get_logger()  # type: ignore[no-untyped-call]
         self._reporter = Reporter(self._log)
         self._states = StateLog(self._log)
+        self._skipped = SkippedFrames(self._log)
         self._session: Session | None = None
         self._obstacle = ""
         self._enabled = True
@@ -115,6 +117,7 @@ class TrackerNode(ManagedNode):
         )
         self._subscribe()
         self._diagnostics.restart()
+        self._skipped.forget()
         self._report_unused_overrides()
         name = self.get_fully_qualified_name()
         topics = f"images on {self._images.topic}, targets on {name}/target"
@@ -246,7 +249,12 @@ class TrackerNode(ManagedNode):
                 return
             self._reporter.report_failure(error)
         elapsed = time.perf_counter() - began
-        self._diagnostics.count(frame, stamp_of(message.header), elapsed)
+        stamp = stamp_of(message.header)
+        if frame in SKIPPED:
+            self._skipped.skip(frame, self._why_skipped(frame, stamp))
+        else:
+            self._skipped.look_at(stamp)
+        self._diagnostics.count(frame, stamp, elapsed)
         if self._status:
             status = self._current_status(frame)
             self._status.publish(message.header, status, self._reporter, elapsed)
@@ -261,7 +269,7 @@ class TrackerNode(ManagedNode):
         if outcome.refused_target:
             self._reporter.report(outcome.refused_target)
         self._log_progress(outcome)
-        if self._outputs and outcome.frame not in ("duplicate", "late"):
+        if self._outputs and outcome.frame not in SKIPPED:
             self._outputs.publish(image, message.header, outcome.estimate)
         return outcome.frame
 
@@ -282,11 +290,31 @@ class TrackerNode(ManagedNode):
 
     # What the node tells of itself
 
+    def _why_skipped(self, frame: str, stamp: int) -> str:
+        """Why a frame is not looked at, and what to do."""
+        if frame == "refused":
+            return self._reporter.last_error
+        if frame == "paused":
+            return PAUSED
+        topic = self._images.topic
+        if frame == "duplicate":
+            return (
+                f"the stamp {stamp_text(stamp)} s is that of the frame before, and a frame is "
+                f"tracked once: let whoever publishes {topic} stamp each image with the time at "
+                "which it was taken, or none of them (0)"
+            )
+        return (
+            f"the stamp {stamp_text(stamp)} s is before that of the last frame: let one camera "
+            f"alone publish {topic}, with one clock, or lower 'time_jump_threshold' for a "
+            "recording that begins again"
+        )
+
     def _current_status(self, frame: str) -> Status:
         session = self._session
         return Status(
             frame=frame,
-            estimate=session.estimate if session else None,
+            known=session.estimate if session else None,
+            skipped=self._skipped.last,
             requested_stamp=session.requested_stamp if session else None,
             obstacle=self._obstacle,
             enabled=self._enabled,
@@ -315,10 +343,8 @@ class TrackerNode(ManagedNode):
             "image_topic": self._images.topic,
             "image_reliability": self._images.reliability,
             "preset": status.preset,
-            "state": status.state,
         }
-        if status.estimate:
-            values |= estimate_values(status.estimate)
+        values |= status.values
         values |= self._reporter.values()
         return Health(
             level,

@@ -259,7 +259,8 @@ def test_every_malformed_image_is_answered_and_the_next_good_one_tracked_as_if_i
         assert status.level == "ERROR"
         assert reason in status.message
         assert status.values["frame"] == "refused"
-        assert status.values["state"] == "tracking"
+        assert (status.values["state"], status.values["last_state"]) == ("skipped", "tracking")
+        assert "confidence" not in status.values
         assert status.values["last_error"] == status.message
     good = client.show(images[1], client.at(1))
     assert (good.level, good.values["frame"]) == ("OK", "tracked")
@@ -284,7 +285,8 @@ def test_a_frame_that_comes_twice_is_answered_twice_and_tracked_once(graph, clie
     first = client.show(images[1], client.at(1))
     again = client.show(images[1], client.at(1))
     assert (first.values["frame"], again.values["frame"]) == ("tracked", "duplicate")
-    assert again.values["confidence"] == first.values["confidence"]
+    assert (again.values["state"], again.values["last_state"]) == ("skipped", "tracking")
+    assert "confidence" not in again.values
     client.show(images[2], client.at(2))
     client.box_at(client.at(2))
     assert len(client.boxes) == 3

@@ -1,0 +1,179 @@
+"""A status is about its frame: one that was not looked at says so, and since when."""
+
+import itertools
+import time
+
+import cv2
+import pytest
+from std_srvs.srv import SetBool, Trigger
+
+from pf_tracker_ros import Tracker
+
+QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
+OF_AN_ESTIMATE = ("confidence", "covariance_xx", "effective_sample_size", "particles")
+
+
+@pytest.fixture
+def tracking(graph, client, images, box):
+    """A node that tracks, after two frames."""
+    node = graph.tracker(client, target_box=box, **QUICK)
+    assert client.show_all(images[:2])[-1].values["state"] == "tracking"
+    return node
+
+
+def call(client, service_type, name, **request):
+    service = client.create_client(service_type, f"pf_tracker/{name}")
+    client.wait_for(service.service_is_ready, name)
+    future = service.call_async(service_type.Request(**request))
+    client.wait_for(future.done, f"response of {name}")
+
+
+def boxes_since(client, stamp):
+    return [box for box in client.boxes if box.header.stamp.sec * 10**9 > stamp]
+
+
+def skipping(client, images, cause):
+    """A function that sends one more frame that is not looked at and returns its status."""
+    numbers = itertools.count(2)
+
+    def show():
+        number = next(numbers)
+        if cause == "refused":
+            return client.show(images[number % 20][:50], client.at(number))
+        if cause == "duplicate":
+            return client.show(images[number % 20], client.at(1))
+        return client.show(images[number % 20], client.at(number))
+
+    if cause == "paused":
+        call(client, SetBool, "enable", data=False)
+    return show
+
+
+CURES = {
+    "refused": "give a target on these images (~/target, ~/click), forget the one there is",
+    "duplicate": "let whoever publishes /image stamp each image with the time at which",
+    "paused": "paused; the service ~/enable goes on",
+}
+LEVELS = {"refused": "ERROR", "duplicate": "OK", "paused": "OK"}
+
+
+@pytest.mark.parametrize("cause", CURES)
+def test_frames_that_are_not_looked_at_say_so_and_since_when(
+    tracking, client, images, cause, capfd
+):
+    show = skipping(client, images, cause)
+    began = time.monotonic()
+    first = show()
+    assert first.level == LEVELS[cause] or time.monotonic() - began > 1.0
+    assert (first.values["frame"], first.values["state"]) == (cause, "skipped")
+    assert (first.values["skipped_frames"], first.values["last_state"]) == ("1", "tracking")
+    assert CURES[cause] in first.message
+    told = 1
+
+    def lasts():
+        nonlocal told
+        status = show()
+        told += 1
+        assert status.values["state"] == "skipped"
+        assert not [name for name in OF_AN_ESTIMATE if name in status.values]
+        assert int(status.values["skipped_frames"]) == told
+        return status if float(status.values["skipped_seconds"]) >= 1.0 else None
+
+    status = client.wait_for(lasts, "a second of skipped frames")
+    assert status.level == ("ERROR" if cause == "refused" else "WARN")
+    assert CURES[cause] in status.message
+    seconds, nanoseconds = divmod(client.at(1), 10**9)
+    assert status.values["last_stamp"] == f"{seconds}.{nanoseconds:09d}"
+    client.health.clear()
+
+    def warned():
+        show()
+        return [h for h in client.health if "no frame has been looked at for" in h.message]
+
+    health = client.wait_for(warned, "a warning in /diagnostics")[0]
+    assert (health.level, health.values["state"]) == ("WARN", "skipped")
+    assert CURES[cause] in health.message
+    assert not [name for name in OF_AN_ESTIMATE if name in health.values]
+    if cause == "paused":
+        call(client, SetBool, "enable", data=True)
+    again = client.show(images[3], client.at(3))
+    assert (again.level, again.values["state"]) == ("OK", "tracking")
+    assert "skipped_frames" not in again.values
+    assert "confidence" in again.values
+    client.box_at(client.at(3))
+    assert len(client.boxes) == 3
+    log = capfd.readouterr().err
+    assert log.count("frames are looked at again, after") == (cause != "paused")
+    assert log.count(CURES[cause]) == (cause != "paused")
+
+
+def test_a_late_frame_and_one_that_fails_are_not_looked_at(graph, client, images, box, monkeypatch):
+    def fail(tracker, image, interval):
+        raise ZeroDivisionError("by chance")
+
+    graph.tracker(client, target_box=box, **QUICK)
+    client.show(images[0], client.at(5))
+    late = client.show(images[0], client.at(4))
+    assert (late.level, late.values["frame"], late.values["state"]) == ("OK", "late", "skipped")
+    assert "let one camera alone publish /image" in late.message
+    monkeypatch.setattr(Tracker, "update", fail)
+    failed = client.show(images[1], client.at(6))
+    assert (failed.level, failed.values["state"]) == ("ERROR", "skipped")
+    assert "confidence" not in failed.values
+
+
+def test_a_target_that_is_forgotten_meanwhile_is_not_told_as_tracked(tracking, client, images):
+    call(client, SetBool, "enable", data=False)
+    assert client.show(images[2], client.at(2)).values["last_state"] == "tracking"
+    call(client, Trigger, "stop")
+    status = client.show(images[2], client.at(3))
+    assert (status.values["state"], status.values["last_state"]) == ("skipped", "idle")
+
+
+def test_a_paused_node_says_so_in_its_health_without_any_frame(tracking, client):
+    call(client, SetBool, "enable", data=False)
+    client.health.clear()
+    health = client.wait_for(lambda: client.health, "diagnostics")[0]
+    assert (health.values["state"], health.values["last_state"]) == ("skipped", "tracking")
+    assert "confidence" not in health.values
+
+
+@pytest.mark.parametrize("size", [(80, 60), (320, 240), (107, 80)])
+def test_a_camera_that_comes_back_with_another_size_is_followed(
+    tracking, client, images, moving_square, size
+):
+    for index in range(2, 8):
+        image = cv2.resize(images[index], size, interpolation=cv2.INTER_AREA)
+        status = client.show(image, client.at(index))
+        assert (status.level, status.values["frame"]) == ("OK", "tracked")
+        assert status.values["state"] == "tracking"
+    corner = client.box_at(client.at(7)).polygon.points[0]
+    scale = size[0] / 160
+    expected = moving_square.boxes[7][:2] * scale
+    assert (corner.x, corner.y) == pytest.approx(tuple(expected), abs=9 * scale)
+
+
+def test_a_camera_that_comes_back_with_another_aspect_ratio_is_refused(tracking, client, images):
+    status = client.show(images[2][:100], client.at(2))
+    assert (status.level, status.values["state"]) == ("ERROR", "skipped")
+    assert "another size of the same aspect ratio would do as well" in status.message
+    assert client.show(images[3], client.at(3)).values["state"] == "tracking"
+
+
+def test_a_preset_that_is_set_while_the_target_is_lost_claims_nothing(graph, client, images, box):
+    graph.tracker(client, target_box=box, track__lost_after=0.1, **QUICK)
+    client.show_all(images[:3])
+    for index in range(3, 8):
+        status = client.show(images[0] * 0, client.at(index))
+    assert status.values["state"] == "lost"
+    client.boxes.clear()
+    # With a longer time until the target is lost, it would be a while until it is.
+    assert client.set_parameters(preset="zhang2015", track__lost_after=60.0).successful
+    client.health.clear()
+    health = client.wait_for(lambda: client.health, "diagnostics")[0]
+    assert health.values["state"] == "lost"
+    assert float(health.values["confidence"]) < 0.5
+    status = client.show(images[0] * 0, client.at(8))
+    assert (status.values["frame"], status.values["state"]) == ("tracked", "lost")
+    assert not client.boxes
+    assert client.show(images[2], client.at(9)).values["state"] == "tracking"
