@@ -6,7 +6,7 @@ Knows stamps and arrays, not messages.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -18,7 +18,7 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.estimate import Estimate
-from pf_tracker_ros.tracking.frame_history import FrameHistory
+from pf_tracker_ros.tracking.frame_history import FrameHistory, PastFrame
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.tracker import Tracker
 
@@ -33,6 +33,9 @@ _MOST_LATE = 10
 
 # A target's frame may have been lost on the way; one so much later stands in for it.
 _SUBSTITUTE_WITHIN = NANOSECONDS
+
+# Through so many frames a target is followed to catch up: in the meantime no image is answered.
+_MOST_CAUGHT_UP = 30
 
 # A target is not drawn on a frame that far ahead; a tool has stamped it with the wrong clock.
 _LONGEST_WAIT = 60 * NANOSECONDS
@@ -82,7 +85,7 @@ class _RequestedTarget:
 class _Sighting:
     """A frame with the target in it, to learn the target from again."""
 
-    frame: Frame
+    frame: PastFrame
     box: Box
 
 
@@ -209,24 +212,30 @@ class Session:
                 refused_target = f"target refused: {error}"
         return self._follow(frame, refused_target)
 
-    def _frames_of(self, requested: _RequestedTarget, frame: Frame) -> list[Frame]:
-        """The frame that the target was drawn on and all since, the last being this one."""
+    def _frames_of(self, requested: _RequestedTarget, frame: Frame) -> list[PastFrame]:
+        """The frame that the target was drawn on and those since, the last being this one.
+
+        Where they are too many, those in between are thinned out evenly.
+        """
         if requested.stamp in (0, frame.stamp) or frame.stamp == 0:
             return [frame]
         kept = [past for past in self.history.since(requested.stamp) if past.stamp < frame.stamp]
         frames = [*kept, frame]
+        reach = (frame.stamp - frames[0].stamp) / NANOSECONDS
         behind = frames[0].stamp - requested.stamp
         # What was dropped before time went back says nothing of the frames since.
         is_dropped = requested.stamp <= self.history.dropped_until < frame.stamp
         if behind > _SUBSTITUTE_WITHIN or is_dropped:
             raise ValueError(
                 f"it was drawn on a frame from {behind / NANOSECONDS:.3f} s before the oldest one "
-                f"here; allowed: one of the last {len(kept) + 1} frames (parameters "
-                "'history_frames' and 'history_megabytes'), or stamp 0 for the next frame"
+                f"here; allowed: one of the last {len(kept) + 1} frames, back to {reach:.3f} s ago "
+                "(parameters 'history_frames' and 'history_megabytes'), or stamp 0 for the next one"
             )
-        return frames
+        steps = min(len(frames) - 1, _MOST_CAUGHT_UP)
+        chosen = np.linspace(0, len(frames) - 1, steps + 1).round().astype(int)
+        return [frames[index] for index in chosen]
 
-    def _start(self, frames: list[Frame], box: Box) -> Outcome:
+    def _start(self, frames: Sequence[PastFrame], box: Box) -> Outcome:
         # A tracker of its own for each target: the one before stays as it is if this is refused.
         tracker = self._tracker.empty(self._seed)
         estimate = tracker.start(frames[0].image, box)
@@ -278,7 +287,7 @@ class Session:
         self._take(frame)
         return Outcome("tracked", estimate, refused_target)
 
-    def _take(self, frame: Frame) -> None:
+    def _take(self, frame: PastFrame) -> None:
         self._last_stamp = frame.stamp
         self._late_in_a_row = 0
         self.history.add(frame.image, frame.stamp)
