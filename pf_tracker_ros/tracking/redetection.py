@@ -80,8 +80,9 @@ class Found(NamedTuple):
 class Redetector:
     """Looks for a target that is out of sight where the particles are not.
 
-    A window is searched by the target's templates, at the size that it had when it was last seen. What is likeliest there is looked at again with the window around it, and taken
-    for the target if that look is confident: a look-alike seldom stands out in both.
+    A window is searched by the target's templates, at the size that it had when it was last seen.
+    What is likeliest there is looked at again with the window around it, and taken for the target
+    if that look is confident: a look-alike seldom stands out in both.
 
     Args:
         measurer: Looks into a window.

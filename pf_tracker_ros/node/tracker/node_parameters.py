@@ -77,9 +77,9 @@ class NodeParameters:
     )
     history_megabytes: float = declared(
         64.0,
-        "Most memory for these frames. Where those of 2.2 s need more, as in images above 640 x "
-        "480, the newest are kept in full, of the others ten a second, halved in size until they "
-        "fit. An image that needs more by itself is not kept.",
+        "Most memory for these frames. Where those of 2.2 s need more, the newest are kept in "
+        "full, and of the others ten a second, halved in size until they fit. An image that needs "
+        "more by itself is not kept.",
         unit="MB",
         minimum=0.0,
         maximum=100_000.0,
