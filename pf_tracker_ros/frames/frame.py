@@ -16,6 +16,11 @@ from pf_tracker_ros.frames.tiles import Part, TiledImage
 
 Map = TypeVar("Map")
 
+# Reduced by more than this, so many rows and columns of each block stand for it: else the cost
+# would grow with the target, whose blocks are the larger the larger it is.
+_MOST_AVERAGED = 8
+_SAMPLED = 4
+
 
 class Foreground(NamedTuple):
     """What a background model says of a frame.
@@ -77,7 +82,7 @@ class Frame:
 
         A pixel of a reduced view is the mean of a block of reduction x reduction pixels, counted
         from the image's corner; a block that reaches out of the image repeats the last row or
-        column.
+        column. Of blocks larger than 8 x 8 the mean is that of 4 x 4 pixels, spread evenly over it.
 
         Args:
             part: Inside the view, in its own pixels: (H / reduction, W / reduction), rounded up.
@@ -100,11 +105,20 @@ class Frame:
         return self._shared[key]  # type: ignore[return-value]
 
     def _converted(self, part: Part) -> NDArray[np.uint8]:
+        return self._to_8_bit(self.image[part.slices])
+
+    def _to_8_bit(self, values: NDArray[np.generic]) -> NDArray[np.uint8]:
         if self._span is None:
             self._span = gray_range(self.image)
-        return to_8_bit(self.image[part.slices], self._span)
+        return to_8_bit(values, self._span)
 
     def _reduced(self, reduction: int, part: Part) -> NDArray[np.uint8]:
+        blocks = self._blocks if reduction <= _MOST_AVERAGED else self._sampled_blocks
+        size = (part.right - part.left, part.bottom - part.top)
+        return cv2.resize(blocks(part, reduction), size, interpolation=cv2.INTER_AREA)
+
+    def _blocks(self, part: Part, reduction: int) -> NDArray[np.uint8]:
+        """All pixels of the blocks that a part of the reduced view averages."""
         height, width = self.image.shape[:2]
         source = self.view(
             Part(
@@ -119,5 +133,22 @@ class Frame:
             source = cv2.copyMakeBorder(
                 source, 0, missing_rows, 0, missing_columns, cv2.BORDER_REPLICATE
             )
-        size = (part.right - part.left, part.bottom - part.top)
-        return cv2.resize(source, size, interpolation=cv2.INTER_AREA)
+        return source
+
+    def _sampled_blocks(self, part: Part, reduction: int) -> NDArray[np.uint8]:
+        """Some pixels of these blocks, as many for a large one as for a small one."""
+        rows, columns = (
+            np.minimum(
+                ((np.arange(start * _SAMPLED, end * _SAMPLED) + 0.5) * reduction / _SAMPLED).astype(
+                    np.intp
+                ),
+                length - 1,
+            )
+            for start, end, length in (
+                (part.top, part.bottom, self.image.shape[0]),
+                (part.left, part.right, self.image.shape[1]),
+            )
+        )
+        # Rows first, which are copied at once: far faster than pixel by pixel.
+        across = self.image[rows, columns[0] : columns[-1] + 1]
+        return self._to_8_bit(across.take(columns - columns[0], axis=1))

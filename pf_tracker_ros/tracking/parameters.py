@@ -54,7 +54,8 @@ class TrackerParameters:
     working_size: int = declared(
         40,
         "Targets whose sqrt(width * height) is above this are looked at in an image reduced by a "
-        "whole factor that brings it to this or below, so the cost does not grow with the target.",
+        "whole factor that brings it to this or below, which bounds the cost: a target of any size "
+        "in an image of 1920 x 1080 costs at most about three times what one of 40 px does.",
         unit="px",
         minimum=8,
         maximum=4096,

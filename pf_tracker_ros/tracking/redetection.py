@@ -31,8 +31,10 @@ class RedetectionParameters:
     windows: int = declared(
         1,
         "Windows of the image, beside the one around the last estimate, that are searched in each "
-        "frame while the target is lost; each costs about as much as tracking does. While it is "
-        "occluded, one around the place where it was last seen, every third frame. 0 searches "
+        "frame while the target is lost, one after another all over the image (405 cover 1920 x "
+        "1080 for a target of 40 px); each costs about as much as tracking does, or twice where "
+        "something looks like the target. While it is occluded or lost, also one around the place "
+        "where it was last seen, every third frame, unless the estimate is still there. 0 searches "
         "nowhere else.",
         minimum=0,
         maximum=100,
@@ -78,9 +80,9 @@ class Found(NamedTuple):
 class Redetector:
     """Looks for a target that is out of sight where the particles are not.
 
-    A window is searched by the templates as they are, at the size that the target had when it was
-    seen last. What is likeliest there is looked at again with the window around it, and taken
-    for the target if that look is confident: a look-alike seldom stands out in both.
+    A window is searched by the target's templates, at the size that it had when it was last seen.
+    What is likeliest there is looked at again with the window around it, and taken for the target
+    if that look is confident: a look-alike seldom stands out in both.
 
     Args:
         measurer: Looks into a window.

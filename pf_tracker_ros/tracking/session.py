@@ -6,7 +6,7 @@ Knows stamps and arrays, not messages.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -19,7 +19,7 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.estimate import Estimate
-from pf_tracker_ros.tracking.frame_history import FrameHistory
+from pf_tracker_ros.tracking.frame_history import FrameHistory, PastFrame
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.tracker import Tracker
 
@@ -34,6 +34,9 @@ _MOST_LATE = 10
 
 # A target's frame may have been lost on the way; one so much later stands in for it.
 _SUBSTITUTE_WITHIN = NANOSECONDS
+
+# Through so many frames a target is followed to catch up: in the meantime no image is answered.
+_MOST_CAUGHT_UP = 30
 
 # A target is not drawn on a frame that far ahead; a tool has stamped it with the wrong clock.
 _LONGEST_WAIT = 60 * NANOSECONDS
@@ -87,7 +90,7 @@ class _RequestedTarget:
 class _Sighting:
     """A frame with the target in it, to learn the target from again."""
 
-    frame: Frame
+    frame: PastFrame
     box: Box
 
 
@@ -255,30 +258,36 @@ class Session:
                 refused_target = f"target refused: {error}"
         return self._follow(frame, refused_target)
 
-    def _frames_of(self, requested: _RequestedTarget, frame: Frame) -> list[Frame]:
-        """The frame that the target was drawn on and all since, the last being this one."""
+    def _frames_of(self, requested: _RequestedTarget, frame: Frame) -> list[PastFrame]:
+        """The frame that the target was drawn on and those since, the last being this one.
+
+        Where they are too many, those in between are thinned out evenly.
+        """
         if requested.stamp in (0, frame.stamp) or frame.stamp == 0:
             return [frame]
         kept = [past for past in self.history.since(requested.stamp) if past.stamp < frame.stamp]
-        if kept and _size(kept[0].image) != _size(frame.image):
+        if kept and kept[0].size != frame.size:
             raise ValueError(
-                f"it was drawn on an image of {_size_text(kept[0].image)} px, and they have "
-                f"{_size_text(frame.image)} px now; allowed: a target on one of these, or stamp 0 "
+                f"it was drawn on an image of {_size_text(kept[0].size)} px, and they have "
+                f"{_size_text(frame.size)} px now; allowed: a target on one of these, or stamp 0 "
                 "for the next frame"
             )
         frames = [*kept, frame]
+        reach = (frame.stamp - frames[0].stamp) / NANOSECONDS
         behind = frames[0].stamp - requested.stamp
         # What was dropped before time went back says nothing of the frames since.
         is_dropped = requested.stamp <= self.history.dropped_until < frame.stamp
         if behind > _SUBSTITUTE_WITHIN or is_dropped:
             raise ValueError(
                 f"it was drawn on a frame from {behind / NANOSECONDS:.3f} s before the oldest one "
-                f"here; allowed: one of the last {len(kept) + 1} frames (parameters "
-                "'history_frames' and 'history_megabytes'), or stamp 0 for the next frame"
+                f"here; allowed: one of the last {len(kept) + 1} frames, back to {reach:.3f} s ago "
+                "(parameters 'history_frames' and 'history_megabytes'), or stamp 0 for the next one"
             )
-        return frames
+        steps = min(len(frames) - 1, _MOST_CAUGHT_UP)
+        chosen = np.linspace(0, len(frames) - 1, steps + 1).round().astype(int)
+        return [frames[index] for index in chosen]
 
-    def _start(self, frames: list[Frame], box: Box) -> Outcome:
+    def _start(self, frames: Sequence[PastFrame], box: Box) -> Outcome:
         # A tracker of its own for each target: the one before stays as it is if this is refused.
         tracker = self._tracker.empty(self._seed)
         estimate = tracker.start(frames[0].image, box)
@@ -288,7 +297,7 @@ class Session:
             if estimate.state == "tracking":
                 sighting = _Sighting(frame, estimate.box)
         self._tracker, self._sighting = tracker, sighting
-        self._first = _FirstBox(box, _size(frames[0].image))
+        self._first = _FirstBox(box, frames[0].size)
         self._take(frames[-1], estimate)
         return Outcome("started", estimate, caught_up=len(frames) - 1)
 
@@ -361,7 +370,7 @@ class Session:
             return None
         return tracker
 
-    def _take(self, frame: Frame, estimate: Estimate | None) -> None:
+    def _take(self, frame: PastFrame, estimate: Estimate | None) -> None:
         self._estimate = estimate
         self._last_stamp = self._followed_until = frame.stamp
         self._late_in_a_row = 0
@@ -373,8 +382,8 @@ def _size(image: NDArray[np.generic]) -> tuple[int, int]:
     return image.shape[1], image.shape[0]
 
 
-def _size_text(image: NDArray[np.generic]) -> str:
-    return "{} x {}".format(*_size(image))
+def _size_text(size: tuple[int, int]) -> str:
+    return "{} x {}".format(*size)
 
 
 def _is_scaled(size: tuple[int, int], other: tuple[int, int]) -> bool:

@@ -39,6 +39,22 @@ def block_means(pixels, reduction):
     return rounded.astype(np.uint8)
 
 
+def sample_means(pixels, reduction):
+    """Means of 4 x 4 pixels spread evenly over each block, rounded as those of whole blocks."""
+    rows, columns = (
+        np.minimum(
+            [
+                block * reduction + int((k + 0.5) * reduction / 4)
+                for block in range(count)
+                for k in range(4)
+            ],
+            length - 1,
+        )
+        for length, count in ((length, -(-length // reduction)) for length in pixels.shape[:2])
+    )
+    return block_means(pixels[np.ix_(rows, columns)], 4)
+
+
 @pytest.fixture
 def converted(monkeypatch):
     """A function that makes a 16-bit frame, and counts how often each pixel is converted."""
@@ -71,7 +87,7 @@ def near(part, shape, margin=TILE):
 @st.composite
 def looks(draw, height, width):
     """A reduction, and a part of the view that is reduced by it."""
-    reduction = draw(st.integers(1, 5))
+    reduction = draw(st.integers(1, 12))
     ends = []
     for length in (-(-height // reduction), -(-width // reduction)):
         start = draw(st.integers(0, length - 1))
@@ -98,7 +114,8 @@ def test_every_view_is_cut_from_the_whole_one_in_whatever_order_they_are_asked_f
     frame = Frame(image)
     whole = to_8_bit(image, gray_range(image))
     for reduction, part in asked:
-        expected = whole if reduction == 1 else block_means(whole, reduction)
+        means = block_means if reduction <= 8 else sample_means
+        expected = whole if reduction == 1 else means(whole, reduction)
         view = frame.view(part, reduction)
         assert view.dtype == np.uint8
         np.testing.assert_array_equal(view, expected[part.slices])
@@ -122,7 +139,7 @@ def test_means_of_blocks_by_hand():
     np.testing.assert_array_equal(frame.view(Part(0, 1, 1, 2), 3), [[64]])
 
 
-@pytest.mark.parametrize("reduction", [2, 3, 4, 7])
+@pytest.mark.parametrize("reduction", [2, 3, 4, 7, 8])
 @pytest.mark.parametrize("shape", [(66, 131, 3), (67, 128), (5, 4, 3), (1, 1)])
 def test_a_reduced_view_equals_the_means_of_its_blocks(shape, reduction):
     image = noise(shape)
@@ -163,6 +180,40 @@ def test_reduced_views_convert_no_more_than_what_they_are_made_of_and_nothing_tw
     assert not times[300:].any()
     assert frame.pixels.shape == times.shape
     assert (times == 1).all()
+
+
+@pytest.mark.parametrize("kind", ["thermal", "gray", "color"])
+def test_a_large_reduction_reads_no_more_pixels_the_larger_its_blocks_are(monkeypatch, kind):
+    """The view of a large target costs what that of a smaller one does."""
+    read, size = [], 24
+
+    def counting(values, span):
+        read.append(values.shape[0] * values.shape[1])
+        return to_8_bit(values, span)
+
+    monkeypatch.setattr(frame_module, "to_8_bit", counting)
+    counts = []
+    for reduction in (9, 16, 40):
+        shape = (size * reduction, size * reduction)
+        image = (
+            thermal(*shape)
+            if kind == "thermal"
+            else noise((*shape, 3)[: 3 if kind == "color" else 2])
+        )
+        read.clear()
+        Frame(image).view(Part(0, size, 0, size), reduction)
+        counts.append(sum(read))
+    assert counts == [16 * size**2] * 3
+
+
+@pytest.mark.parametrize("reduction", [9, 12, 37])
+def test_a_view_by_samples_is_where_that_by_means_is(reduction):
+    """Over a slope, samples that lie to one side would shift it."""
+    height, width = 5 * reduction, 7 * reduction
+    slope = np.add.outer(np.arange(height) * 0.2, np.arange(width) * 0.5)
+    image = (slope * 250.0 / slope.max()).astype(np.uint8)
+    view = Frame(image).view(Part(0, 5, 0, 7), reduction)
+    assert np.abs(view.astype(int) - block_means(image, reduction)).max() <= 1
 
 
 def test_all_who_look_at_a_frame_share_what_was_converted(converted):

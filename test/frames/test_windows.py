@@ -20,9 +20,18 @@ def window(image, center, side, pixels, gray=False):
 
 
 def block_means(image, reduction):
-    """The image reduced by a whole factor, the last row and column repeated to fill a block."""
+    """The image reduced by a whole factor, the last row and column repeated to fill a block.
+
+    Of blocks larger than 8 x 8 the mean is that of 4 x 4 pixels spread evenly over them.
+    """
     missing = [(0, -length % reduction) for length in image.shape[:2]]
     padded = np.pad(image, missing + [(0, 0)] * (image.ndim - 2), mode="edge").astype(float)
+    if reduction > 8:
+        starts = ((np.arange(4) + 0.5) * reduction / 4).astype(int)
+        for axis in (0, 1):
+            blocks = np.arange(0, padded.shape[axis], reduction)
+            padded = padded.take(np.add.outer(blocks, starts).ravel(), axis=axis)
+        reduction = 4
     height, width = padded.shape[:2]
     blocks = padded.reshape(
         height // reduction, reduction, width // reduction, reduction, *image.shape[2:]

@@ -262,6 +262,51 @@ def test_a_target_on_a_frame_that_is_no_longer_kept_is_refused(watching, images,
     assert "history_frames" in outcome.refused_target
 
 
+def test_the_refusal_tells_how_far_back_a_target_may_be(watching, images, box):
+    watching.request(box, START + 40_000_000)
+    outcome = watching.process(images[10], START + 10 * 40_000_000)
+    assert "back to 0.320 s ago" in outcome.refused_target
+
+
+def test_a_target_of_two_seconds_ago_is_caught_up_where_only_ten_images_fit(
+    session, images, moving_square
+):
+    session.history.limit(frames=120, megabytes=10 * images[0].nbytes / 1e6)
+    places = [index * (len(images) - 1) // 65 for index in range(66)]
+    stamps = [START + round(index * SECOND / 30) for index in range(66)]
+    for place, stamp in zip(places[:-1], stamps[:-1], strict=True):
+        session.process(images[place].copy(), stamp)
+    session.request(tuple(moving_square.boxes[places[5]]), stamps[5])
+    outcome = session.process(images[-1].copy(), stamps[-1])
+    assert (outcome.frame, outcome.refused_target) == ("started", "")
+    assert 15 <= outcome.caught_up <= 30
+    assert outcome.estimate.box == pytest.approx(tuple(moving_square.boxes[-1]), abs=5)
+
+
+def test_a_target_is_caught_up_through_a_bounded_number_of_frames(
+    session, images, box, monkeypatch
+):
+    """Each costs an update; they lie evenly in time, from the drawn one to the newest."""
+    session.history.limit(frames=200, megabytes=1000.0)
+    image = images[0].copy()
+    for index in range(100):
+        session.process(image, START + index * 10_000_000)
+    intervals = []
+    update = Tracker.update
+
+    def counting(self, image, dt=None):
+        intervals.append(dt)
+        return update(self, image, dt)
+
+    monkeypatch.setattr(Tracker, "update", counting)
+    session.request(box, START)
+    outcome = session.process(image, START + 100 * 10_000_000)
+    assert (outcome.frame, outcome.caught_up) == ("started", 30)
+    assert len(intervals) == 30
+    assert sum(intervals) == pytest.approx(1.0)
+    assert set(np.round(intervals, 6)) == {0.03, 0.04}
+
+
 def test_a_target_from_long_before_the_first_frame_is_refused(session, images, box):
     session.request(box, START)
     outcome = session.process(images[0], START + SECOND + 1)

@@ -69,15 +69,17 @@ class NodeParameters:
         maximum=2**30,
     )
     history_frames: int = declared(
-        50,
-        "Frames that are kept, so that a target can be started on the one that it was drawn on; "
-        "0 keeps none.",
+        120,
+        "Most frames that are kept, so that a target can be started on the one that it was drawn "
+        "on; 0 keeps none.",
         minimum=0,
         maximum=10_000,
     )
     history_megabytes: float = declared(
         64.0,
-        "Most memory for these frames.",
+        "Most memory for these frames. Where those of 2.2 s need more, the newest are kept in "
+        "full, and of the others ten a second, halved in size until they fit. An image that needs "
+        "more by itself is not kept.",
         unit="MB",
         minimum=0.0,
         maximum=100_000.0,
