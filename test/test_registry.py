@@ -108,7 +108,9 @@ def test_the_shipped_parts():
         "constant_velocity_and_size",
         "second_order_autoregressive",
     }
-    assert set(RESAMPLERS) == {"multinomial", "stratified", "systematic", "residual"}
+    assert set(RESAMPLERS) == {
+        *("multinomial", "multinomial_keeping_best", "stratified", "systematic", "residual")
+    }
     assert set(FEATURES) == {"gradients_and_colors"}
 
 

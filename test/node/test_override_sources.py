@@ -139,7 +139,8 @@ def test_what_a_preset_supersedes_says_nothing_of_parts_and_names_that_it_has_no
     process.send_signal(signal.SIGINT)
     log, _ = process.communicate(timeout=30)
     assert "hog.sharpness" not in log
-    assert "'oriented_gradients.power'; use 'hog.power'; it has no effect" in log
+    needs = "use 'hog.power', which needs cues 'hog' and another; it has no effect"
+    assert f"'oriented_gradients.power'; {needs}" in log
 
 
 def test_a_file_chooses_and_gives_values_of_what_it_brings_in_any_order(graph, tmp_path):

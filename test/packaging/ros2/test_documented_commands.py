@@ -133,6 +133,11 @@ NODE = [
         prints="images on /camera/image_raw",
         ends=(f"{RUN} tracker", f"{LAUNCH} tracker"),
     ),
+    Elsewhere(
+        "python3 examples/gimbal.py --ros-args -r camera_info:=/camera/camera_info "
+        "-r cmd_vel:=/gimbal/cmd_vel",
+        "test_gimbal.py",
+    ),
     GoesOn(
         "ros2 bag record -s mcap /camera/image_raw /pf_tracker/box /pf_tracker/status",
         needs="bag",
