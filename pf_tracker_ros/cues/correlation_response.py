@@ -41,6 +41,12 @@ _EVEN_CLUTTER, _EVEN_LEVEL, _EXPONENT = 0.135, 0.4, 6.5
 # Mean difference between the largest and the smallest of a pixel's channels, in gray levels, from
 # which on a window shows colors; some cameras give gray images three channels.
 _LEAST_COLOR = 2.0
+# How far a box must stand out, in standard deviations of the response map, to speak neither for the
+# target nor against it: for the filter as it is, and for that of the first frame. And how fast the
+# log odds grow with the logarithm.
+_EVEN_STANDING_OUT, _ODDS_GROWTH = 8.0, 0.4
+_EVEN_FIRST_STANDING_OUT, _FIRST_ODDS_GROWTH = 3.6, 1.8
+_LEAST_STANDING_OUT = 0.1
 # Responses below this share of the one to the trained window are as good as none.
 _SMALLEST = 1e-9
 
@@ -200,6 +206,22 @@ class CorrelationResponse(SearchableCue):
         is_there = _odds(peak / template.reference / _EVEN_LEVEL)
         return Match(-self._sharpness * (1.0 - value), stands_out * is_there)
 
+    def log_odds(
+        self, seen: View, template: CorrelationTemplate, first: CorrelationTemplate
+    ) -> float:
+        """See `Cue.log_odds`: how far the box stands out, for the filter and for the first one."""
+        region, box = seen
+        values, window = self._responses(region, template)[len(self._steps) // 2]
+        at_box = float(_read(values, window, (box[:2] + box[2:] / 2)[None])[0])
+        early = region.share(
+            ("first correlation response", first),
+            lambda: response(first.filter, window.spectrum, self._cells),
+        )
+        near = _peak_near(early, window, box)
+        return _ODDS_GROWTH * math.log(
+            _standing_out(at_box, values) / _EVEN_STANDING_OUT
+        ) + _FIRST_ODDS_GROWTH * math.log(_standing_out(near, early) / _EVEN_FIRST_STANDING_OUT)
+
     def strength(
         self, region: Region, boxes: NDArray[np.float64], template: CorrelationTemplate
     ) -> NDArray[np.float64]:
@@ -290,6 +312,24 @@ def _read(
     return np.concatenate(
         [cv2.remap(values, part[None], None, cv2.INTER_CUBIC)[0] for part in parts]
     )
+
+
+def _peak_near(values: NDArray[np.float32], window: _Window, box: NDArray[np.float64]) -> float:
+    """The largest value of a response map within a quarter of a (4,) box around its center."""
+    samples = len(values)
+    scale = samples / window.side
+    center = (box[:2] + box[2:] / 2 - window.center) * scale + samples // 2
+    reach = np.maximum(box[2:] * scale / 4, 1.0)
+    (left, top), (right, bottom) = (
+        np.clip(np.rint(edge).astype(int), 0, samples - 1)
+        for edge in (center - reach, center + reach)
+    )
+    return float(values[top : bottom + 1, left : right + 1].max())
+
+
+def _standing_out(value: float, values: NDArray[np.float32]) -> float:
+    """A value of a response map in units of the map's standard deviation, kept from 0."""
+    return max(value / max(float(values.std()), _SMALLEST), _LEAST_STANDING_OUT)
 
 
 def _odds(ratio: float) -> float:

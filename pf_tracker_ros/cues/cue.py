@@ -123,6 +123,20 @@ class Cue(Protocol):
     def match(self, seen: Any, template: Any) -> Match | None:
         """How well the one box that was observed fits; None if the cue cannot tell."""
 
+    def log_odds(self, seen: Any, template: Any, first: Any) -> float | None:
+        """How much what was observed speaks for the target: log odds, those of all cues add up.
+
+        Args:
+            seen: Of the one box.
+            template: As the target looked last.
+            first: As it looked in the beginning; it never changes, so what was learned by mistake
+                since then does not make it like anything else.
+
+        Returns:
+            Above 0 for the target and below for something else; None if the cue cannot tell.
+        """
+        return None
+
     @abstractmethod
     def blend(self, template: Any, seen: Any) -> Any:
         """The template moved towards what was observed, as far as the cue's parameters say."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.background import BackgroundState
 from pf_tracker_ros.frames.gray_range import GrayRange, gray_range, to_8_bit
+from pf_tracker_ros.frames.light import relit_levels
 from pf_tracker_ros.frames.tiles import Part, TiledImage
 
 Map = TypeVar("Map")
@@ -46,6 +47,8 @@ class Frame:
         stamp: When it was taken, in nanoseconds; 0 means unknown.
         span: Values of a 16-bit or 32-bit image that the 8-bit view spans; None takes the image's
             own.
+        light: Brightness of an 8-bit image against that of the images before it, above 0; the
+            8-bit view is divided by it.
 
     Attributes:
         image: As given.
@@ -56,13 +59,18 @@ class Frame:
     """
 
     def __init__(
-        self, image: NDArray[np.generic], stamp: int = 0, span: GrayRange | None = None
+        self,
+        image: NDArray[np.generic],
+        stamp: int = 0,
+        span: GrayRange | None = None,
+        light: float = 1.0,
     ) -> None:
         self.image = image
         self.stamp = stamp
         self.foreground: Foreground | None = None
         self.background: BackgroundState | None = None
         self._span = span
+        self._levels = None if light == 1.0 else relit_levels(light)
         self._views: dict[int, TiledImage] = {}
         self._shared: dict[object, object] = {}
 
@@ -88,7 +96,7 @@ class Frame:
             part: Inside the view, in its own pixels: (H / reduction, W / reduction), rounded up.
             reduction: At least 1.
         """
-        if reduction == 1 and self.image.dtype == np.uint8:
+        if reduction == 1 and self.image.dtype == np.uint8 and self._levels is None:
             return self.image[part.slices]  # type: ignore[return-value]
         view = self._views.get(reduction)
         if view is None:
@@ -108,6 +116,8 @@ class Frame:
         return self._to_8_bit(self.image[part.slices])
 
     def _to_8_bit(self, values: NDArray[np.generic]) -> NDArray[np.uint8]:
+        if self._levels is not None:
+            return cv2.LUT(values, self._levels)
         if self._span is None:
             self._span = gray_range(self.image)
         return to_8_bit(values, self._span)

@@ -2,29 +2,81 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 
-from pf_tracker_ros.cues import Match
+from pf_tracker_ros.cues import CueFusion, Match
+from pf_tracker_ros.cues.fusion import Templates
+from pf_tracker_ros.registry import Registry
+from pf_tracker_ros.tracking.target import Target
+
+# Of the particles' centers in frames in which the target is seen well, box sizes; spread out more,
+# they do not agree on a place, and the log odds fall with the logarithm.
+_USUAL_SPREAD, _LEAST_SPREAD, _SPREAD_ODDS = 0.023, 0.005, 1.1
 
 
-@dataclass(frozen=True)
 class Confidence:
-    """The confidence from frame to frame: it falls at once, and rises as fast as is allowed.
+    """How well what is in the box fits the templates.
 
-    Attributes:
+    From frame to frame it falls at once, and rises as fast as is allowed.
+
+    Args:
+        fusion: The cues.
         rate: Share of each frame in it while it rises, above 0 up to 1. With less, good looks after
             a doubtful one must be several.
     """
 
-    rate: float
+    def __init__(self, fusion: CueFusion, rate: float) -> None:
+        self._fusion = fusion
+        self._rate = rate
 
-    def update(self, before: float, match: Match) -> float:
+    def judge(
+        self, target: Target, seen: Templates, match: Match, spread: float = _USUAL_SPREAD
+    ) -> float:
+        """What a look alone says, 0 to 1.
+
+        Args:
+            target: As it was before.
+            seen: What the cues observe in the box.
+            match: How well that fits the templates.
+            spread: Standard deviation of the particles' centers, box sizes; as usual where there
+                are none.
+        """
+        return match.similarity
+
+    def update(self, before: float, now: float) -> float:
         """The confidence after a frame, 0 to 1.
 
         Args:
             before: After the last frame, 0 to 1.
-            match: How well what is in the box fits the templates.
+            now: What this frame alone says, 0 to 1.
         """
-        if match.similarity <= before:
+        if now <= before:
+            return now
+        return self._rate * now + (1.0 - self._rate) * before
+
+
+CONFIDENCES = Registry[Confidence]("kind of confidence")
+CONFIDENCES.register("similarity")(Confidence)
+
+
+@CONFIDENCES.register("identity")
+class IdentityConfidence(Confidence):
+    """The probability that it is the target, and not something else.
+
+    What the cues have to say adds up: how far the box stands out from what is around it, by the
+    templates as they are and by those of the first frame, and whether it has the first one's colors.
+
+    Args:
+        fusion: As for `Confidence`.
+        rate: As for `Confidence`.
+    """
+
+    def judge(
+        self, target: Target, seen: Templates, match: Match, spread: float = _USUAL_SPREAD
+    ) -> float:
+        """See `Confidence.judge`; without a cue that can tell, it is as there."""
+        odds = self._fusion.log_odds(seen, target.templates, target.first_templates)
+        if odds is None:
             return match.similarity
-        return self.rate * match.similarity + (1.0 - self.rate) * before
+        odds -= _SPREAD_ODDS * math.log(max(spread, _LEAST_SPREAD) / _USUAL_SPREAD)
+        return 1.0 / (1.0 + math.exp(-odds))

@@ -22,7 +22,7 @@ from pf_tracker_ros.filter import (
 )
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.confidence import Confidence
+from pf_tracker_ros.tracking.confidence import CONFIDENCES
 from pf_tracker_ros.tracking.estimate import Estimate, FrozenPowers, TrackState
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
 from pf_tracker_ros.tracking.judgment import Judgment
@@ -69,6 +69,8 @@ class Follower:
             }
         )
         check_proposal(parameters, self._fusion)
+        kind, rate = parameters.track.confidence, parameters.track.confidence_rate
+        self._confidence = CONFIDENCES[kind](self._fusion, rate)
         self._predictor = Predictor()
         self._measurer = Measurer(self._fusion, parameters.working_size)
         self._redetector: Redetector | None = None
@@ -82,11 +84,11 @@ class Follower:
             self._redetector = Redetector(
                 measurer,
                 self._fusion,
+                self._confidence,
                 parameters.of_search["redetection"],
                 side=own.window,
                 doubtful_below=parameters.track.occluded_below,
             )
-        self._confidence = Confidence(parameters.track.confidence_rate)
         self._while_hidden = WHILE_HIDDEN[parameters.track.while_hidden]()
         self._resampler = build_resampler(parameters.resampling)
 
@@ -125,6 +127,7 @@ class Follower:
             foresight=self._foresight(motion),
             particles=particles,
             templates=templates,
+            first_templates=templates,
             distraction=distraction,
             track=judged.track,
             seen_box=first_box,
@@ -152,6 +155,9 @@ class Follower:
             motion=motion,
             foresight=foresight,
             templates={name: one for name, one in target.templates.items() if name in known},
+            first_templates={
+                name: one for name, one in target.first_templates.items() if name in known
+            },
             distraction={name: one for name, one in target.distraction.items() if name in known},
         )
 
@@ -177,30 +183,29 @@ class Follower:
         self, target: Target, measured: Measurement, interval: float, draw: np.random.Generator
     ) -> Judgment:
         """Whether the target is seen; if not, what is told of it, or where it is found again."""
-        similarity, thresholds = measured.match.similarity, self.parameters.track
-        confidence = self._confidence.update(target.estimate.confidence, measured.match)
-        track = target.track.advance(confidence, similarity, interval, thresholds)
+        thresholds = self.parameters.track
+        now = self._confidence.judge(
+            target, measured.seen, measured.match, measured.spread
+        )
+        confidence = self._confidence.update(target.estimate.confidence, now)
+        track = target.track.advance(confidence, now, interval, thresholds)
         judged = Judgment(measured.box, confidence, track, measured.particles, measured.boxes)
         if track.state == "tracking":
             return judged
         judged = self._while_hidden.judge(target, measured, judged)
-        if self._redetector is None or similarity > thresholds.recovered_above:
+        if now > thresholds.recovered_above:
             return judged
-        is_lost = track.state == "lost"
-        found = self._redetector.find(target, measured, judged.box, is_lost)
-        if found is None:
+        box = self._while_hidden.begin_anew(target, judged)
+        if self._redetector is not None:
+            found = self._redetector.find(target, measured, judged.box, track.state == "lost")
+            box = box if found is None else found
+        if box is None:
             return judged
-        motion = self._motion(as_box(found.box))
+        # What is found counts as hidden, and nothing is learned of it, until more frames agree.
+        motion = self._motion(as_box(box))
         particles = self._spread(motion, measured.frame, draw)
         boxes = motion.boxes(particles.states)
-        return replace(
-            judged,
-            box=found.box,
-            confidence=found.confidence,
-            track=Track(),
-            particles=particles,
-            boxes=boxes,
-        )
+        return replace(judged, box=box, particles=particles, boxes=boxes, learns=False)
 
     def _learn(
         self, target: Target, prediction: Prediction, measured: Measurement, judged: Judgment
@@ -247,6 +252,7 @@ class Follower:
             foresight=foresight,
             particles=particles,
             templates=learned.templates,
+            first_templates={**learned.templates, **target.first_templates},
             distraction=measured.distraction,
             track=judged.track,
             seen_box=estimate.box if is_seen else target.seen_box,

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pf_tracker_ros.filter import KalmanForesight, ParticleSet
 from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.tracking.judgment import Judgment
@@ -22,6 +25,14 @@ class WhileHidden(Protocol):
             target: After the last frame.
             measured: In this one.
             judged: What would be told if the target was seen.
+        """
+
+    def begin_anew(self, target: Target, judged: Judgment) -> NDArray[np.float64] | None:
+        """(4,) box, pixels, around which the particles are drawn anew; None where they go on.
+
+        Args:
+            target: After the last frame.
+            judged: In this one, in which the target is hidden.
         """
 
     def go_on(
@@ -58,6 +69,10 @@ class Coast:
         box = target.motion.boxes(measured.predicted.mean[None])[0]
         return replace(judged, box=box, particles=measured.predicted, learns=False)
 
+    def begin_anew(self, target: Target, judged: Judgment) -> NDArray[np.float64] | None:
+        """See `WhileHidden.begin_anew`."""
+        return None
+
     def go_on(
         self,
         target: Target,
@@ -81,6 +96,16 @@ class FollowLikeliest:
     def judge(self, target: Target, measured: Measurement, judged: Judgment) -> Judgment:
         """See `WhileHidden.judge`."""
         return judged
+
+    def begin_anew(self, target: Target, judged: Judgment) -> NDArray[np.float64] | None:
+        """See `WhileHidden.begin_anew`.
+
+        The size would follow whatever there is: once lost, the target has that which it had last.
+        """
+        if judged.track.state != "lost":
+            return None
+        size = np.array(target.seen_box[2:])
+        return np.hstack([judged.box[:2] + (judged.box[2:] - size) / 2, size])
 
     def go_on(
         self,

@@ -57,6 +57,14 @@ class Measurement:
     distraction: Distraction
     search: Search | None = None
 
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the particles' centers, box sizes."""
+        centers = self.boxes[:, :2] + self.boxes[:, 2:] / 2
+        offsets = centers - self.particles.weights @ centers
+        variance = self.particles.weights @ np.square(offsets).sum(axis=1)
+        return math.sqrt(variance / (self.box[2] * self.box[3]))
+
 
 class Measurer:
     """Weighs every particle where the motion took it; their mean is the estimate.

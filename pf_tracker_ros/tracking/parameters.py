@@ -61,6 +61,11 @@ class TrackerParameters:
         maximum=4096,
         read_only=True,
     )
+    follow_light: bool = declared(
+        False,
+        "Whether images of 8 bit that become brighter or darker as a whole, by an exposure that is "
+        "set anew or a lamp, are shown to the cues in the brightness of those before.",
+    )
     motion: MotionParameters = group(MotionParameters)
     proposal: ProposalParameters = group(ProposalParameters)
     resampling: ResamplingParameters = group(ResamplingParameters)

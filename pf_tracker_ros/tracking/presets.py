@@ -21,6 +21,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         "default": MappingProxyType(
             {
                 "particles": 200,
+                "follow_light": True,
                 "motion.model": "constant_velocity_and_size",
                 "motion.position_noise": 0.6,
                 "motion.size_noise": 0.05,
@@ -32,7 +33,8 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "template.confident_above": 0.35,
                 "track.occluded_below": 0.25,
                 "track.recovered_above": 0.45,
-                "track.confidence_rate": 0.07,
+                "track.confidence": "identity",
+                "track.confidence_rate": 0.1,
                 "track.while_hidden": "follow",
             }
         ),

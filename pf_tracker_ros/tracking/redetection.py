@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.cues import CueFusion
 from pf_tracker_ros.parameters import declared
+from pf_tracker_ros.tracking.confidence import Confidence
 from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 from pf_tracker_ros.tracking.target import Target
 
 # Windows overlap by half, so that the target is near enough to the middle of one of them.
 _OVERLAP = 0.5
 # Confidence that what is found must exceed to be taken for the target.
-_ACCEPT_ABOVE = 0.7
+_ACCEPT_ABOVE = 0.8
 # Every how many frames the place where the target was last seen is looked at.
 _REVISIT_INTERVAL = 3
 # Steps of this share of a whole row of places visit it evenly, neighbors far apart in time.
@@ -65,8 +66,8 @@ def window_centers(
     return places * np.array([image_size[0] / across, image_size[1] / down])
 
 
-class Found(NamedTuple):
-    """What was found elsewhere in the image.
+class _Look(NamedTuple):
+    """What was likeliest in a window.
 
     Attributes:
         box: (4,) x, y, width, height in pixels.
@@ -87,6 +88,7 @@ class Redetector:
     Args:
         measurer: Looks into a window.
         fusion: The cues.
+        confidence: Judges what is found.
         parameters: How many windows.
         side: Of a window, box sizes.
         doubtful_below: Confidence of a first look below which there is no second.
@@ -96,6 +98,7 @@ class Redetector:
         self,
         measurer: SearchingMeasurer,
         fusion: CueFusion,
+        confidence: Confidence,
         parameters: RedetectionParameters,
         *,
         side: float,
@@ -103,6 +106,7 @@ class Redetector:
     ) -> None:
         self._measurer = measurer
         self._fusion = fusion
+        self._confidence = confidence
         self._windows = parameters.windows
         self._side = side
         self._doubtful_below = doubtful_below
@@ -113,8 +117,8 @@ class Redetector:
         measured: Measurement,
         box: NDArray[np.float64],
         lost: bool,
-    ) -> Found | None:
-        """The target, if it is in one of the windows whose turn it is.
+    ) -> NDArray[np.float64] | None:
+        """(4,) box of the target, if it is in one of the windows whose turn it is.
 
         Args:
             target: As it was before this frame.
@@ -135,21 +139,22 @@ class Redetector:
             before = target.hidden_frames * self._windows
             elsewhere = window_centers(measured.frame.size, side, before, self._windows)
             centers = np.vstack([centers, elsewhere])
-        best = Found(seen, _ACCEPT_ABOVE)
+        best = _Look(seen, _ACCEPT_ABOVE)
         for center in centers:
             look = self._look(target, measured, np.hstack([center - size / 2, size]))
             if look.confidence >= self._doubtful_below:
                 look = self._look(target, measured, look.box)
-                best = max(best, look, key=lambda found: found.confidence)
-        return best if best.confidence > _ACCEPT_ABOVE else None
+                best = max(best, look, key=lambda one: one.confidence)
+        return best.box if best.confidence > _ACCEPT_ABOVE else None
 
-    def _look(self, target: Target, measured: Measurement, place: NDArray[np.float64]) -> Found:
+    def _look(self, target: Target, measured: Measurement, place: NDArray[np.float64]) -> _Look:
         """What is likeliest in a window around a (4,) box, and how likely it is the target."""
         search, region = self._measurer.look(measured.frame, place)
         strengths = self._fusion.strengths(region, search.boxes, target.templates)
         if not strengths:
-            return Found(place, 0.0)
+            return _Look(place, 0.0)
         likelihood = self._fusion.search(strengths, target.templates, measured.powers)
         box = search.boxes[int(np.argmax(likelihood))]
         seen = self._fusion.observe(region, box)
-        return Found(box, self._fusion.match(seen, target.templates).similarity)
+        match = self._fusion.match(seen, target.templates)
+        return _Look(box, self._confidence.judge(target, seen, match))

@@ -15,6 +15,7 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Foreground, Frame
 from pf_tracker_ros.frames.gain_control import GainControl
+from pf_tracker_ros.frames.light import Light
 from pf_tracker_ros.tracking.estimate import TrackState
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.target import Target
@@ -27,8 +28,8 @@ _BACKGROUND_KEY = 0
 class Scene:
     """One camera: what belongs to its images is here, and its targets by their ids.
 
-    The gain control, for images of more than 8 bits, and the background model follow the images,
-    one step a frame, however many targets there are. A target is a value with a source of random
+    The gain control, for images of more than 8 bits, the light, for those of 8 bits, and the
+    background model follow the images, one step a frame, however many targets there are. A target is a value with a source of random
     numbers of its own, so none depends on whether there are others; but where the background model
     begins anew, it is told where all of them are.
 
@@ -45,6 +46,7 @@ class Scene:
         self._seed = seed
         self._frame: Frame | None = None
         self._gain = GainControl()
+        self._light = Light()
         self._background: BackgroundModel | None = None
         self._targets: dict[int, Target] = {}
         self._next_id = _FIRST_ID
@@ -68,17 +70,17 @@ class Scene:
         """
         frame = self._frame
         boxes = [*self._boxes, box]
-        gain = self._gain
+        gain, light = self._gain, self._light
         if frame is None or frame.image is not image:
-            gain = gain.follow(image, 0.0)
-            frame = self._open(image, gain, boxes)
+            gain, light = gain.follow(image, 0.0), self._follow_light(image, 0.0)
+            frame = self._open(image, gain, light, boxes)
         elif self._follower.needs_foreground and self._background is None:
             self._observe_background(frame, boxes)
         number = self._next_id
         target = self._follower.begin(frame, box, self._randomness(number), state)
         self._targets[number] = target
         self._next_id += 1
-        self._frame, self._gain = frame, gain
+        self._frame, self._gain, self._light = frame, gain, light
         return number
 
     def stop(self, number: int) -> None:
@@ -96,13 +98,13 @@ class Scene:
             image: Of the size and kind of the last one; checked.
             interval: Seconds since that one.
         """
-        gain = self._gain.follow(image, interval)
-        frame = self._open(image, gain, self._boxes)
+        gain, light = self._gain.follow(image, interval), self._follow_light(image, interval)
+        frame = self._open(image, gain, light, self._boxes)
         self._targets = {
             number: self._follower.follow(target, frame, interval)
             for number, target in self._targets.items()
         }
-        self._frame, self._gain = frame, gain
+        self._frame, self._gain, self._light = frame, gain, light
 
     def reconfigure(self, follower: Follower) -> None:
         """Go on with other parameters; the targets are kept."""
@@ -125,9 +127,18 @@ class Scene:
         """Where the targets are, as the last frame left them."""
         return [target.estimate.box for target in self._targets.values()]
 
-    def _open(self, image: NDArray[np.generic], gain: GainControl, boxes: Sequence[Box]) -> Frame:
+    def _follow_light(self, image: NDArray[np.generic], interval: float) -> Light:
+        """The light of the next frame; as it is, where no target has been seen in another."""
+        if not self._follower.parameters.follow_light:
+            return Light()
+        before = self._light if self._targets else Light()
+        return before.follow(image, interval)
+
+    def _open(
+        self, image: NDArray[np.generic], gain: GainControl, light: Light, boxes: Sequence[Box]
+    ) -> Frame:
         """The next frame; boxes tell where targets are."""
-        frame = Frame(image, span=gain.span)
+        frame = Frame(image, span=gain.span, light=light.gain)
         if self._follower.needs_foreground:
             self._observe_background(frame, boxes)
         return frame

@@ -25,6 +25,7 @@ class Target:
         foresight: A Kalman filter that runs ahead of the particles; None where none is asked for.
         particles: Its state, as drawn for the next frame.
         templates: What it looks like.
+        first_templates: What it looked like when it was first seen by each cue.
         distraction: How much of what is around it looks like it.
         track: Whether it is seen, and for how long it has not been.
         seen_box: Its last box while it was tracked.
@@ -39,6 +40,7 @@ class Target:
     foresight: KalmanForesight | None
     particles: ParticleSet
     templates: Templates
+    first_templates: Templates
     distraction: Distraction
     track: Track
     seen_box: Box

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pf_tracker_ros.parameters import declared
+from pf_tracker_ros.tracking.confidence import CONFIDENCES
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
 from pf_tracker_ros.tracking.track_state import TrackThresholds
 
@@ -13,6 +14,12 @@ from pf_tracker_ros.tracking.track_state import TrackThresholds
 class TrackParameters(TrackThresholds):
     """When the target counts as hidden, seen again, or gone, and what is done then."""
 
+    confidence: str = declared(
+        "similarity",
+        "What the confidence is: similarity to the templates, or, by identity, the probability that "
+        "it is the target, which also asks what it looked like first, and what stands out beside it.",
+        choices=CONFIDENCES,
+    )
     confidence_rate: float = declared(
         1.0,
         "Share of each frame in the confidence while it rises; it falls at once. With less, good "

@@ -1,0 +1,153 @@
+"""Footage that misleads a tracker: light that changes, another scene, a target that goes away."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.evaluation import has_target
+from pf_tracker_ros.footage import Footage
+
+Image = NDArray[np.uint8]
+Light = Callable[[float], float]
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A few seconds of footage, kept.
+
+    Attributes:
+        name: Of it.
+        images: (height, width, 3), 8 bit, blue first; gray ones have three equal channels.
+        boxes: (frames, 4) true boxes, pixels; NaN where the target is not in the image.
+        interval: Seconds between frames.
+    """
+
+    name: str
+    images: tuple[Image, ...]
+    boxes: NDArray[np.float64]
+    interval: float
+
+    @classmethod
+    def of(cls, footage: Footage, frames: int | None = None) -> Clip:
+        """The first frames of a sequence with ground truth, or all of it."""
+        images = []
+        for frame in footage.frames():
+            image = frame.image
+            images.append(image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
+            if len(images) == frames:
+                break
+        boxes = np.asarray(footage.ground_truth)[: len(images)].copy()
+        boxes[~has_target(boxes)] = np.nan
+        return cls(footage.name, tuple(images), boxes, footage.nominal_interval)
+
+    @property
+    def is_colored(self) -> bool:
+        """Whether there are colors in the first image."""
+        return float(np.ptp(self.images[0], axis=2).mean()) >= 2.0
+
+
+def step(gain: float) -> Light:
+    """Light that jumps at time 0."""
+    return lambda time: 1.0 if time < 0.0 else gain
+
+
+def ramp(gain: float, seconds: float) -> Light:
+    """Light that changes evenly from time 0 on."""
+    return lambda time: 1.0 + (gain - 1.0) * min(max(time / seconds, 0.0), 1.0)
+
+
+def flicker(depth: float, hertz: float) -> Light:
+    """Light that pulses from time 0 on, between `1 - depth` and `1 + depth`."""
+    return lambda time: 1.0 + depth * math.sin(2.0 * math.pi * hertz * time) * (time >= 0.0)
+
+
+def relit(clip: Clip, light: Light) -> Iterator[Image]:
+    """The images of a clip in another light, time 0 in its middle."""
+    middle = len(clip.images) // 2
+    for index, image in enumerate(clip.images):
+        gain = light((index - middle) * clip.interval)
+        yield image if gain == 1.0 else cv2.convertScaleAbs(image, alpha=gain)
+
+
+def cut(clip: Clip, scene: Clip, before: int, after: int) -> Iterator[Image]:
+    """Frames of a clip, then those of another scene, brought to the same size.
+
+    Args:
+        clip: Begins.
+        scene: Goes on; played to and fro if it is too short.
+        before: Frames of the clip.
+        after: Frames of the scene.
+    """
+    yield from clip.images[:before]
+    height, width = clip.images[0].shape[:2]
+    for index in range(after):
+        image = scene.images[_to_and_fro(index, len(scene.images))]
+        yield cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def departure(
+    target: Clip, background: Clip, seconds: tuple[float, float, float], interval: float
+) -> Clip:
+    """A cut-out of a target that walks over a moving background, leaves the image and comes back.
+
+    It leaves to the right, and comes back from the left and further down.
+
+    Args:
+        target: What is in its first box is cut out.
+        background: Played to and fro, behind it.
+        seconds: For which it is in view, gone, and in view again.
+        interval: Seconds between frames.
+    """
+    x, y, width, height = (round(side) for side in target.boxes[0])
+    sprite = target.images[0][max(y, 0) : y + height, max(x, 0) : x + width].astype(np.float32)
+    scale = background.images[0].shape[0] / 8.0 / math.sqrt(sprite.shape[0] * sprite.shape[1])
+    sprite = cv2.resize(sprite, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    height, width = sprite.shape[:2]
+    down, across = np.mgrid[:height, :width]
+    distance = np.hypot((across + 0.5) / width * 2 - 1, (down + 0.5) / height * 2 - 1)
+    mask = np.clip((1.0 - distance) * min(width, height) / 4, 0.0, 1.0)[..., None]
+    mask = mask.astype(np.float32)
+
+    counts = [round(duration / interval) for duration in seconds]
+    images, boxes = [], []
+    image_height, image_width = background.images[0].shape[:2]
+    for index in range(sum(counts)):
+        image = background.images[_to_and_fro(index, len(background.images))]
+        is_gone = counts[0] <= index < counts[0] + counts[1]
+        # It crosses two thirds of the image in the time that it is in view at first.
+        speed = (image_width / 1.5 + width) / counts[0]
+        if index < counts[0]:
+            x, y = image_width - (counts[0] - index) * speed, image_height / 4
+        else:
+            x, y = (index - counts[0] - counts[1] + 1) * speed - width, image_height / 2
+        x = min(x, image_width * 0.6) if index >= counts[0] else x
+        y += image_height / 10 * math.sin(index * interval * 2.0)
+        boxes.append([math.nan] * 4 if is_gone else [x, y, width, height])
+        images.append(image if is_gone else _pasted(image, sprite, mask, x, y))
+    name = f"{target.name} over {background.name}"
+    return Clip(name, tuple(images), np.array(boxes), interval)
+
+
+def _pasted(
+    image: Image, sprite: NDArray[np.float32], mask: NDArray[np.float32], x: float, y: float
+) -> Image:
+    """An image with a sprite at a place of whole and broken pixels, cut off at the borders."""
+    height, width = image.shape[:2]
+    shift = np.array([[1.0, 0.0, x], [0.0, 1.0, y]])
+    alpha = cv2.warpAffine(mask, shift, (width, height))[..., None]
+    moved = cv2.warpAffine(sprite, shift, (width, height), borderMode=cv2.BORDER_REPLICATE)
+    return np.rint(image * (1.0 - alpha) + moved * alpha).astype(np.uint8)
+
+
+def _to_and_fro(index: int, count: int) -> int:
+    """Number of the frame, of `count`, that is shown at an index that may go beyond."""
+    if count == 1:
+        return 0
+    place = index % (2 * count - 2)
+    return min(place, 2 * count - 2 - place)
