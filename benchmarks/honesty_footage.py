@@ -14,10 +14,12 @@ from pf_tracker_ros.evaluation import has_target
 from pf_tracker_ros.footage import Footage
 
 Image = NDArray[np.uint8]
+# Correlation of two images' pixels from which on they show the same place.
+_SAME_ABOVE = 0.9
 Light = Callable[[float], float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Clip:
     """A few seconds of footage, kept.
 
@@ -51,6 +53,21 @@ class Clip:
         """Whether there are colors in the first image."""
         return float(np.ptp(self.images[0], axis=2).mean()) >= 2.0
 
+    @property
+    def motion(self) -> float:
+        """Mean difference of a pixel from one image to the next, gray levels."""
+        pairs = zip(self.images[:-1:5], self.images[1::5], strict=False)
+        return float(np.mean([cv2.absdiff(*pair).mean() for pair in pairs]))
+
+
+def same_place(one: Clip, other: Clip) -> bool:
+    """Whether two clips begin with much the same image: they show one place."""
+    first, second = (
+        cv2.resize(clip.images[0], (32, 24), interpolation=cv2.INTER_AREA).ravel()
+        for clip in (one, other)
+    )
+    return float(np.corrcoef(first, second)[0, 1]) > _SAME_ABOVE
+
 
 def step(gain: float) -> Light:
     """Light that jumps at time 0."""
@@ -75,16 +92,15 @@ def relit(clip: Clip, light: Light) -> Iterator[Image]:
         yield image if gain == 1.0 else cv2.convertScaleAbs(image, alpha=gain)
 
 
-def cut(clip: Clip, scene: Clip, before: int, after: int) -> Iterator[Image]:
-    """Frames of a clip, then those of another scene, brought to the same size.
+def cut(clip: Clip, scene: Clip, after: int) -> Iterator[Image]:
+    """The frames of a clip, then those of another scene, brought to the same size.
 
     Args:
         clip: Begins.
         scene: Goes on; played to and fro if it is too short.
-        before: Frames of the clip.
         after: Frames of the scene.
     """
-    yield from clip.images[:before]
+    yield from clip.images
     height, width = clip.images[0].shape[:2]
     for index in range(after):
         image = scene.images[_to_and_fro(index, len(scene.images))]

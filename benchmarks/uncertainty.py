@@ -4,6 +4,8 @@ A frame counts as right where the box overlaps the true one by more than a half.
 
     python benchmarks/uncertainty.py SEQUENCE_DIR... --preset default --seeds 3
 
+With two or more `--group`s it also tells the area under the ROC curve in each group of sequences.
+
 It writes uncertainty.md, uncertainty.csv (a line for each range of confidence) and uncertainty.png.
 """
 
@@ -13,14 +15,15 @@ import csv
 import math
 import os
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 # One thread also for the linear algebra, which reads this when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
+import carry_over
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -41,6 +44,8 @@ from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.tracking.presets import PRESETS
 
 RIGHT_ABOVE = 0.5
+# The target is lost, whatever is told, where the overlap has been below this for so many seconds.
+GONE_BELOW, GONE_FOR = 0.1, 3.0
 SHARES = (0.5, 0.9, 0.99)
 RANGES = 10
 NOTE = (
@@ -60,12 +65,14 @@ class Frames:
         confidence: (F,) 0 to 1.
         is_tracking: (F,) whether the state was tracking.
         distance: (F,) squared Mahalanobis distance of the true center.
+        astray: (F,) seconds for which the box has been beside the target.
     """
 
     overlap: NDArray[np.float64]
     confidence: NDArray[np.float64]
     is_tracking: NDArray[np.bool_]
     distance: NDArray[np.float64]
+    astray: NDArray[np.float64]
 
     @property
     def is_right(self) -> NDArray[np.bool_]:
@@ -93,12 +100,15 @@ class _Recorder:
         return self.estimates[-1]
 
 
-def compared(estimates: Sequence[Estimate], true_boxes: NDArray[np.float64]) -> Frames:
+def compared(
+    estimates: Sequence[Estimate], true_boxes: NDArray[np.float64], interval: float
+) -> Frames:
     """What was told of the frames that have a true box.
 
     Args:
         estimates: One a frame.
         true_boxes: (frames, 4), pixels.
+        interval: Seconds between frames.
     """
     known = has_target(true_boxes)
     told = [one for one, is_known in zip(estimates, known, strict=True) if is_known]
@@ -107,12 +117,20 @@ def compared(estimates: Sequence[Estimate], true_boxes: NDArray[np.float64]) -> 
     offsets = true_boxes[:, :2] + true_boxes[:, 2:] / 2 - boxes[:, :2] - boxes[:, 2:] / 2
     # A cloud that has shrunk to a point still does not know the center to a millionth of a pixel.
     covariances = np.array([one.covariance for one in told]) + 1e-12 * np.eye(2)
+    overlaps = overlap(boxes, true_boxes)
     return Frames(
-        overlap(boxes, true_boxes),
+        overlaps,
         np.array([one.confidence for one in told]),
         np.array([one.state == "tracking" for one in told]),
         np.einsum("fi,fi->f", offsets, np.linalg.solve(covariances, offsets[..., None])[..., 0]),
+        interval * _in_a_row(overlaps < GONE_BELOW),
     )
+
+
+def _in_a_row(holds: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """(F,) for how many frames in a row something of (F,) holds."""
+    number = np.arange(1, len(holds) + 1)
+    return number - np.maximum.accumulate(np.where(holds, 0, number))
 
 
 def together(parts: Sequence[Frames]) -> Frames:
@@ -120,7 +138,7 @@ def together(parts: Sequence[Frames]) -> Frames:
     return Frames(
         *(
             np.concatenate([getattr(part, name) for part in parts])
-            for name in ("overlap", "confidence", "is_tracking", "distance")
+            for name in (field.name for field in fields(Frames))
         )
     )
 
@@ -149,28 +167,46 @@ def inside(frames: Frames, share: float) -> float:
     return float((frames.distance[frames.is_tracking] <= -2.0 * math.log1p(-share)).mean())
 
 
-def measured(sequences: Sequence[Footage], preset: str, seeds: int) -> Frames:
-    """What a preset tells of all frames of all sequences, but the first of each."""
+def measured(sequences: Sequence[Footage], preset: str, seeds: int) -> list[Frames]:
+    """What a preset tells of all frames of each sequence, but the first one."""
     parts = []
     with progress_bar(frame_count(sequences)) as on_progress:
         for footage in sequences:
             recorders = [_Recorder(preset, seed) for seed in range(seeds)]
             result = evaluate_sequence(footage, recorders.__getitem__, range(seeds), on_progress)
-            parts += [compared(one.estimates, result.true_boxes[1:]) for one in recorders]
-    return together(parts)
+            true_boxes, interval = result.true_boxes[1:], footage.nominal_interval
+            runs = [compared(one.estimates, true_boxes, interval) for one in recorders]
+            parts.append(together(runs))
+    return parts
 
 
-def summary(frames: Frames, title: str) -> Table:
-    """The figures as a table."""
+def summary(frames: Frames, title: str, groups: Mapping[str, Frames] | None = None) -> Table:
+    """The figures as a table.
+
+    Args:
+        frames: All.
+        title: Of the table.
+        groups: Name of a group of sequences to its frames.
+    """
     right, tracking = frames.is_right, frames.is_tracking
+    gone = frames.astray > GONE_FOR
     rows = [
         ["area under the ROC curve of the confidence", _text(roc_area(frames.confidence, right))],
+        *(
+            [f"the same in {name}", _text(roc_area(one.confidence, one.is_right))]
+            for name, one in (groups or {}).items()
+        ),
         *(
             [f"true center inside the {share:.0%} ellipse", _text(inside(frames, share))]
             for share in SHARES
         ),
         ["right frames that are called tracking", _text(_mean(tracking[right]))],
         ["wrong frames that are called tracking", _text(_mean(tracking[~right]))],
+        [
+            f"frames more than {GONE_FOR:g} s after the target was lost that are called occluded "
+            "or lost",
+            _text(_mean(~tracking[gone])),
+        ],
     ]
     return Table(title, ("figure", "value"), [rows])
 
@@ -213,15 +249,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables and write the files."""
     parser = options_of.parser(__doc__)
     parser.add_argument("--preset", default="default", help=f"{', '.join(PRESETS)} [default]")
+    parser.add_argument(
+        "--group",
+        action="append",
+        default=[],
+        metavar="PATTERN",
+        help="a group of sequences: a regular expression that their names begin with; several",
+    )
     options = parser.parse_args(arguments)
     try:
         Tracker.from_preset(options.preset)
         sequences = read_sequences(options.sequences)
         options.output.mkdir(parents=True, exist_ok=True)
-        frames = measured(sequences, options.preset, options.seeds)
+        names = [footage.name for footage in sequences]
+        members = carry_over.grouped(names, options.group) if options.group else {}
+        parts = measured(sequences, options.preset, options.seeds)
+        frames = together(parts)
+        groups = {
+            name: together([parts[number] for number in numbers])
+            for name, numbers in members.items()
+        }
         runs = f"{counted(len(sequences), 'sequence', 'sequences')}, "
         runs += counted(options.seeds, "seed", "seeds")
-        tables = [summary(frames, f"Uncertainty of preset {options.preset}: {runs}")]
+        tables = [summary(frames, f"Uncertainty of preset {options.preset}: {runs}", groups)]
         tables.append(reliability(frames))
         for table in tables:
             table.show()

@@ -75,7 +75,6 @@ class ContrastTemplate:
         """0 to 1: the target's own contrast, and so how much its colors say."""
         return max(float((self.inside - self.ring) @ self.probabilities), 0.0)
 
-
     @cached_property
     def is_colored(self) -> bool:
         """Whether there are other colors than grays."""

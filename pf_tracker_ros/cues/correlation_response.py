@@ -41,12 +41,15 @@ _EVEN_CLUTTER, _EVEN_LEVEL, _EXPONENT = 0.135, 0.4, 6.5
 # Mean difference between the largest and the smallest of a pixel's channels, in gray levels, from
 # which on a window shows colors; some cameras give gray images three channels.
 _LEAST_COLOR = 2.0
-# How far a box must stand out, in standard deviations of the response map, to speak neither for the
-# target nor against it: for the filter as it is, and for that of the first frame. And how fast the
-# log odds grow with the logarithm.
-_EVEN_STANDING_OUT, _ODDS_GROWTH = 8.0, 0.4
-_EVEN_FIRST_STANDING_OUT, _FIRST_ODDS_GROWTH = 3.6, 1.8
+# How fast the log odds that it is the target grow with the logarithm of how far the box stands out,
+# in standard deviations of the response map, and where they are even: for the filter as it is, ...
+_ODDS_GROWTH, _EVEN_STANDING_OUT = 0.4, 8.0
+# ... and for that of the first frame.
+_FIRST_ODDS_GROWTH, _EVEN_FIRST_STANDING_OUT = 1.8, 3.6
 _LEAST_STANDING_OUT = 0.1
+# How fast they fall with the logarithm of the response at the box, as a share of the one to what
+# was learned from last, below the share that the target itself hardly ever falls below.
+_LEVEL_ODDS, _LEAST_LEVEL = 6.5, 0.5
 # Responses below this share of the one to the trained window are as good as none.
 _SMALLEST = 1e-9
 
@@ -209,7 +212,11 @@ class CorrelationResponse(SearchableCue):
     def log_odds(
         self, seen: View, template: CorrelationTemplate, first: CorrelationTemplate
     ) -> float:
-        """See `Cue.log_odds`: how far the box stands out, for the filter and for the first one."""
+        """See `Cue.log_odds`.
+
+        How far the box stands out for the filter, and near it for the first one, and whether the
+        response is on the level of the last one that was learned from.
+        """
         region, box = seen
         values, window = self._responses(region, template)[len(self._steps) // 2]
         at_box = float(_read(values, window, (box[:2] + box[2:] / 2)[None])[0])
@@ -218,9 +225,10 @@ class CorrelationResponse(SearchableCue):
             lambda: response(first.filter, window.spectrum, self._cells),
         )
         near = _peak_near(early, window, box)
-        return _ODDS_GROWTH * math.log(
-            _standing_out(at_box, values) / _EVEN_STANDING_OUT
-        ) + _FIRST_ODDS_GROWTH * math.log(_standing_out(near, early) / _EVEN_FIRST_STANDING_OUT)
+        odds = _ODDS_GROWTH * math.log(_standing_out(at_box, values) / _EVEN_STANDING_OUT)
+        odds += _FIRST_ODDS_GROWTH * math.log(_standing_out(near, early) / _EVEN_FIRST_STANDING_OUT)
+        level = max(at_box, _SMALLEST) / template.reference
+        return odds + _LEVEL_ODDS * min(math.log(level / _LEAST_LEVEL), 0.0)
 
     def strength(
         self, region: Region, boxes: NDArray[np.float64], template: CorrelationTemplate

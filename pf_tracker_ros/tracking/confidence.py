@@ -9,8 +9,8 @@ from pf_tracker_ros.cues.fusion import Templates
 from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.tracking.target import Target
 
-# Of the particles' centers in frames in which the target is seen well, box sizes; spread out more,
-# they do not agree on a place, and the log odds fall with the logarithm.
+# Standard deviation of the particles' centers while a target is seen well, box sizes; where they
+# agree less on a place, the log odds fall with its logarithm, so fast.
 _USUAL_SPREAD, _LEAST_SPREAD, _SPREAD_ODDS = 0.023, 0.005, 1.1
 
 
@@ -61,10 +61,13 @@ CONFIDENCES.register("similarity")(Confidence)
 
 @CONFIDENCES.register("identity")
 class IdentityConfidence(Confidence):
-    """The probability that it is the target, and not something else.
+    """The probability that it is the target, and not something else that is much like it.
 
-    What the cues have to say adds up: how far the box stands out from what is around it, by the
-    templates as they are and by those of the first frame, and whether it has the first one's colors.
+    The log odds of all cues add up. They ask of the box itself whether it stands out from what is
+    around it, and whether it looks like the target did last and in the first frame: what was
+    learned by mistake since then does not count there. A cloud that is spread out speaks against
+    it. Their constants were fitted by logistic regression to frames that are right and wrong; how
+    that carries over to other footage is in `docs/benchmarks.md`.
 
     Args:
         fusion: As for `Confidence`.

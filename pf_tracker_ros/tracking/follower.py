@@ -30,7 +30,7 @@ from pf_tracker_ros.tracking.measurement import Measurement, Measurer, Searching
 from pf_tracker_ros.tracking.parameter_checks import check_proposal
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.prediction import KalmanPredictor, Prediction, Predictor
-from pf_tracker_ros.tracking.redetection import Redetector
+from pf_tracker_ros.tracking.redetection import Found, Redetector
 from pf_tracker_ros.tracking.target import Target
 from pf_tracker_ros.tracking.track_state import Track
 
@@ -184,28 +184,54 @@ class Follower:
     ) -> Judgment:
         """Whether the target is seen; if not, what is told of it, or where it is found again."""
         thresholds = self.parameters.track
-        now = self._confidence.judge(
-            target, measured.seen, measured.match, measured.spread
-        )
+        now = self._confidence.judge(target, measured.seen, measured.match, measured.spread)
         confidence = self._confidence.update(target.estimate.confidence, now)
         track = target.track.advance(confidence, now, interval, thresholds)
+        if self._redetector is None:
+            # Nobody looks for another.
+            track = replace(track, probation=0.0)
         judged = Judgment(measured.box, confidence, track, measured.particles, measured.boxes)
-        if track.state == "tracking":
+        if track.is_settled:
             return judged
-        judged = self._while_hidden.judge(target, measured, judged)
-        if now > thresholds.recovered_above:
+        is_seen, box = track.state == "tracking", None
+        if not is_seen:
+            judged = self._while_hidden.judge(target, measured, judged)
+            box = self._while_hidden.begin_anew(target, judged)
+        if track.state != "occluded":
+            # What looks like it elsewhere may be the target, what is followed something else.
+            judged = replace(judged, learns=False)
+        if now > thresholds.recovered_above and not track.probation:
             return judged
-        box = self._while_hidden.begin_anew(target, judged)
-        if self._redetector is not None:
-            found = self._redetector.find(target, measured, judged.box, track.state == "lost")
-            box = box if found is None else found
+        found = self._find(target, measured, judged, now if is_seen else 0.0)
+        if found is not None:
+            box, judged = found.box, self._believe(found, judged)
         if box is None:
             return judged
-        # What is found counts as hidden, and nothing is learned of it, until more frames agree.
         motion = self._motion(as_box(box))
         particles = self._spread(motion, measured.frame, draw)
         boxes = motion.boxes(particles.states)
         return replace(judged, box=box, particles=particles, boxes=boxes, learns=False)
+
+    def _find(
+        self, target: Target, measured: Measurement, judged: Judgment, rival: float
+    ) -> Found | None:
+        """The target elsewhere; see `Redetector.find`."""
+        if self._redetector is None:
+            return None
+        everywhere = judged.track.state != "occluded"
+        return self._redetector.find(target, measured, judged.box, everywhere, rival)
+
+    def _believe(self, found: Found, judged: Judgment) -> Judgment:
+        """What is told once the target is found elsewhere.
+
+        Where it went out of sight a moment ago it is that. After a longer time it may be something
+        like it: then it counts as lost until more frames agree.
+        """
+        if judged.track.state == "occluded":
+            return replace(judged, confidence=found.confidence, track=Track())
+        if judged.track.state == "lost":
+            return judged
+        return replace(judged, confidence=0.0, track=judged.track.lose(self.parameters.track))
 
     def _learn(
         self, target: Target, prediction: Prediction, measured: Measurement, judged: Judgment

@@ -18,7 +18,7 @@ from pf_tracker_ros.tracking.target import Target
 # Windows overlap by half, so that the target is near enough to the middle of one of them.
 _OVERLAP = 0.5
 # Confidence that what is found must exceed to be taken for the target.
-_ACCEPT_ABOVE = 0.8
+_ACCEPT_ABOVE = 0.65
 # Every how many frames the place where the target was last seen is looked at.
 _REVISIT_INTERVAL = 3
 # Steps of this share of a whole row of places visit it evenly, neighbors far apart in time.
@@ -66,8 +66,8 @@ def window_centers(
     return places * np.array([image_size[0] / across, image_size[1] / down])
 
 
-class _Look(NamedTuple):
-    """What was likeliest in a window.
+class Found(NamedTuple):
+    """What is likeliest in a window.
 
     Attributes:
         box: (4,) x, y, width, height in pixels.
@@ -116,15 +116,18 @@ class Redetector:
         target: Target,
         measured: Measurement,
         box: NDArray[np.float64],
-        lost: bool,
-    ) -> NDArray[np.float64] | None:
-        """(4,) box of the target, if it is in one of the windows whose turn it is.
+        everywhere: bool,
+        rival: float = 0.0,
+    ) -> Found | None:
+        """The target, if it is in one of the windows whose turn it is.
 
         Args:
             target: As it was before this frame.
             measured: In this frame.
-            box: (4,) that was looked around already, for nothing.
-            lost: Look all over the image, and not only where the target was last seen.
+            box: (4,) that was looked around already.
+            everywhere: Look all over the image, and not only where the target was last seen.
+            rival: Confidence that it is in that box, which has to be exceeded elsewhere; 0 where it
+                is not.
         """
         if self._windows == 0:
             return None
@@ -134,27 +137,30 @@ class Redetector:
         is_elsewhere = (np.abs(box[:2] - seen[:2]) > size / 2).any()
         if is_elsewhere and target.hidden_frames % _REVISIT_INTERVAL == 0:
             centers = seen[None, :2] + size / 2
-        if lost:
+        if everywhere:
             side = self._side * math.sqrt(size[0] * size[1])
-            before = target.hidden_frames * self._windows
+            before = target.followed_frames * self._windows
             elsewhere = window_centers(measured.frame.size, side, before, self._windows)
             centers = np.vstack([centers, elsewhere])
-        best = _Look(seen, _ACCEPT_ABOVE)
+        needed = max(_ACCEPT_ABOVE, rival)
+        best = Found(seen, needed)
         for center in centers:
             look = self._look(target, measured, np.hstack([center - size / 2, size]))
             if look.confidence >= self._doubtful_below:
                 look = self._look(target, measured, look.box)
+                if rival and (np.abs(look.box[:2] - box[:2]) <= size / 2).all():
+                    continue
                 best = max(best, look, key=lambda one: one.confidence)
-        return best.box if best.confidence > _ACCEPT_ABOVE else None
+        return best if best.confidence > needed else None
 
-    def _look(self, target: Target, measured: Measurement, place: NDArray[np.float64]) -> _Look:
+    def _look(self, target: Target, measured: Measurement, place: NDArray[np.float64]) -> Found:
         """What is likeliest in a window around a (4,) box, and how likely it is the target."""
         search, region = self._measurer.look(measured.frame, place)
         strengths = self._fusion.strengths(region, search.boxes, target.templates)
         if not strengths:
-            return _Look(place, 0.0)
+            return Found(place, 0.0)
         likelihood = self._fusion.search(strengths, target.templates, measured.powers)
         box = search.boxes[int(np.argmax(likelihood))]
         seen = self._fusion.observe(region, box)
         match = self._fusion.match(seen, target.templates)
-        return _Look(box, self._confidence.judge(target, seen, match))
+        return Found(box, self._confidence.judge(target, seen, match))

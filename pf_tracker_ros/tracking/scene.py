@@ -29,9 +29,9 @@ class Scene:
     """One camera: what belongs to its images is here, and its targets by their ids.
 
     The gain control, for images of more than 8 bits, the light, for those of 8 bits, and the
-    background model follow the images, one step a frame, however many targets there are. A target is a value with a source of random
-    numbers of its own, so none depends on whether there are others; but where the background model
-    begins anew, it is told where all of them are.
+    background model follow the images, one step a frame, however many targets there are. A target
+    is a value with a source of random numbers of its own, so none depends on whether there are
+    others; but where the background model begins anew, it is told where all of them are.
 
     A scene can be copied and pickled, with its targets but without its last image: the copy goes on
     with the same bits and on its own, `copy.copy` as deep as `copy.deepcopy`.

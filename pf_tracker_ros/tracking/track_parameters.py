@@ -16,8 +16,9 @@ class TrackParameters(TrackThresholds):
 
     confidence: str = declared(
         "similarity",
-        "What the confidence is: similarity to the templates, or, by identity, the probability that "
-        "it is the target, which also asks what it looked like first, and what stands out beside it.",
+        "What the confidence tells: similarity how much what is in the box looks like the "
+        "templates; identity how probable it is that it is the target, by how it stands out from "
+        "what is around it, and by what the target looked like last and in the first frame.",
         choices=CONFIDENCES,
     )
     confidence_rate: float = declared(

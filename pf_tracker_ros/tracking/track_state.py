@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from pf_tracker_ros.parameters import declared
 from pf_tracker_ros.tracking.estimate import TrackState
 
+# Seconds for which a target that was lost and is seen again may still turn out to be another.
+_PROBATION = 2.0
+
 
 @dataclass(frozen=True)
 class TrackThresholds:
@@ -41,10 +44,22 @@ class Track:
     Attributes:
         state: As in `Estimate.state`.
         hidden_for: Seconds since the target was last seen, 0 while tracking.
+        probation: Seconds for which it may yet turn out that something else was found instead of
+            the target that was lost; nothing is learned of it in them.
     """
 
     state: TrackState = "tracking"
     hidden_for: float = 0.0
+    probation: float = 0.0
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the target is seen, and was not lost a short time ago."""
+        return self.state == "tracking" and self.probation == 0.0
+
+    def lose(self, thresholds: TrackThresholds) -> Track:
+        """The track if what is followed was something else all the time."""
+        return Track("lost", thresholds.lost_after)
 
     def advance(
         self, confidence: float, similarity: float, interval: float, thresholds: TrackThresholds
@@ -53,8 +68,8 @@ class Track:
 
         Args:
             confidence: After that frame, 0 to 1.
-            similarity: What that frame alone says, 0 to 1; a glimpse starts the clock again, even
-                before the confidence has risen.
+            similarity: What that frame alone says, 0 to 1; a glimpse starts the clock of a target
+                that is occluded again, even before the confidence has risen.
             interval: Seconds since the last frame.
             thresholds: When it counts as hidden, seen again, or gone.
         """
@@ -62,7 +77,11 @@ class Track:
         if self.state != "tracking":
             needed = max(needed, thresholds.recovered_above)
         if confidence >= needed:
-            return Track()
-        hidden_for = interval + (self.hidden_for if similarity < needed else 0.0)
-        gone = hidden_for >= thresholds.lost_after
+            was_lost = self.state == "lost"
+            return Track(probation=_PROBATION if was_lost else max(self.probation - interval, 0.0))
+        # What is not confirmed on probation is as lost as it was before.
+        was_lost = self.state == "lost" or self.probation > 0.0
+        is_glimpsed = similarity >= needed and not was_lost
+        hidden_for = interval + (0.0 if is_glimpsed else self.hidden_for)
+        gone = was_lost or hidden_for >= thresholds.lost_after
         return Track("lost" if gone else "occluded", hidden_for)

@@ -2,6 +2,7 @@
 
 import csv
 import math
+from dataclasses import replace
 from itertools import product
 
 import cv2
@@ -46,7 +47,7 @@ def test_frames_are_compared_with_the_truth_by_hand(uncertainty):
     true_boxes = np.array(
         [[0.0, 2.0, 10.0, 10.0], [0.0, 0.0, 10.0, 10.0], [math.nan] * 4, [0.0, 0.0, 10.0, 10.0]]
     )
-    frames = uncertainty.compared(told, true_boxes)
+    frames = uncertainty.compared(told, true_boxes, 0.04)
     np.testing.assert_allclose(frames.distance, [4.0, 1.0, 9.0])
     np.testing.assert_allclose(frames.overlap, [8 / 12, 8 / 12, 4 / 16])
     assert frames.is_right.tolist() == [True, True, False]
@@ -58,18 +59,41 @@ def test_an_ellipse_holds_the_share_of_a_gaussian_that_it_should(uncertainty):
     covariance = np.array([[9.0, 4.0], [4.0, 5.0]])
     centers = np.random.default_rng(0).multivariate_normal([0, 0], covariance, 4000)
     told = [estimate(covariance=covariance)] * 4000
-    frames = uncertainty.compared(told, np.hstack([centers, np.full((4000, 2), 10.0)]))
+    frames = uncertainty.compared(told, np.hstack([centers, np.full((4000, 2), 10.0)]), 0.04)
     for share in (0.5, 0.9, 0.99):
         assert uncertainty.inside(frames, share) == pytest.approx(share, abs=0.02)
 
 
 def test_the_table_of_reliability_by_hand(uncertainty):
     told = [estimate(x, confidence=c) for x, c in ((0, 1.0), (0, 0.95), (9, 0.92), (9, 0.0))]
-    frames = uncertainty.compared(told, np.tile([0.0, 0.0, 10.0, 10.0], (4, 1)))
+    frames = uncertainty.compared(told, np.tile([0.0, 0.0, 10.0, 10.0], (4, 1)), 0.04)
     rows = uncertainty.reliability(uncertainty.together([frames, frames])).groups[0]
     assert rows[0] == ["0.0 to 0.1", "2", "0.000"]
     assert rows[1] == ["0.1 to 0.2", "0", "-"]
     assert rows[9] == ["0.9 to 1.0", "6", "0.667"]
+
+
+def test_frames_long_after_the_target_was_lost_are_counted_by_hand(uncertainty):
+    """At 1 Hz: astray from the third frame on, found once, astray again for five frames."""
+    places = [0, 0, 50, 50, 50, 50, 0, 50, 50, 50, 50, 50]
+    states = ["tracking"] * 5 + ["lost"] + ["tracking"] * 5 + ["occluded"]
+    told = [estimate(x, state) for x, state in zip(places, states, strict=True)]
+    true_boxes = np.tile([0.0, 0.0, 10.0, 10.0], (12, 1))
+    frames = uncertainty.compared(told, true_boxes, 1.0)
+    assert frames.astray.tolist() == [0, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 5]
+    # The sixth, the eleventh and the twelfth frame; of these the eleventh is called tracking.
+    row = uncertainty.summary(frames, "").groups[0][-1]
+    assert row[0].startswith("frames more than 3 s after the target was lost")
+    assert row[1] == "0.667"
+
+
+def test_each_group_has_an_area_of_its_own(uncertainty):
+    told = [estimate(confidence=0.9), estimate(9.0, confidence=0.2)]
+    true_boxes = np.tile([0.0, 0.0, 10.0, 10.0], (2, 1))
+    good, bad = (uncertainty.compared(each, true_boxes, 0.04) for each in (told, told[::-1]))
+    bad = replace(bad, confidence=bad.confidence[::-1])
+    table = uncertainty.summary(uncertainty.together([good, bad]), "", {"a": good, "b": bad})
+    assert table.groups[0][1:3] == [["the same in a", "1.000"], ["the same in b", "0.000"]]
 
 
 def test_the_command_writes_its_files(uncertainty, moving_square_sequence, tmp_path, capsys):

@@ -1,17 +1,22 @@
-"""The confidence from frame to frame."""
+"""The confidence in a look, and from frame to frame."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from pf_tracker_ros.cues import Match
-from pf_tracker_ros.tracking.confidence import Confidence
+from pf_tracker_ros.filter.randomness import Randomness
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.tracking.confidence import CONFIDENCES, Confidence, IdentityConfidence
 from pf_tracker_ros.tracking.track_parameters import TrackParameters
 
 
-def told(rate, before, similarities):
-    """The confidences after frames of these similarities, whatever their likelihood."""
-    confidence, after = Confidence(rate), []
-    for number, similarity in enumerate(similarities):
-        before = confidence.update(before, Match(-10.0 * number, similarity))
+def told(rate, before, looks):
+    """The confidences after frames that alone say so much."""
+    confidence, after = Confidence(None, rate), []
+    for now in looks:
+        before = confidence.update(before, now)
         after.append(before)
     return after
 
@@ -27,3 +32,67 @@ def test_by_default_it_is_what_the_frame_says():
 
 def test_it_never_rises_above_what_the_frames_say():
     assert told(0.5, 0.0, [0.8] * 60)[-1] == pytest.approx(0.8)
+
+
+@pytest.fixture
+def follower(make_follower):
+    return make_follower("default")
+
+
+@pytest.fixture
+def target(follower, couple):
+    draw = Randomness.of(np.random.default_rng(3))
+    return follower.begin(Frame(couple.images[0]), tuple(couple.first[0]), draw)
+
+
+@pytest.fixture
+def look(follower, target, couple):
+    """What the confidence says of a box in the second frame."""
+
+    def judge(box, of=target, image=couple.images[1], **spread):
+        box = np.array(box)
+        search, region = follower._measurer.look(Frame(image), box)
+        seen = follower._fusion.observe(region, box)
+        match = follower._fusion.match(seen, of.templates)
+        return follower._confidence.judge(of, seen, match, **spread)
+
+    return judge
+
+
+def test_there_are_two_kinds():
+    assert dict(CONFIDENCES) == {"similarity": Confidence, "identity": IdentityConfidence}
+
+
+def test_it_is_of_the_box_and_not_of_the_best_place_around(look, couple):
+    """The target stays in reach of the search, as strong as before; the box moves away from it."""
+    box = couple.first[1]
+    there, *beside = (look(box + [shift, 0, 0, 0]) for shift in (0, 16, 30, -30))
+    assert there > 0.9
+    assert max(beside) < 0.25
+
+
+def test_another_target_is_another(look, couple):
+    assert look(couple.second[1]) < 0.05
+
+
+def test_what_was_learned_by_mistake_is_not_what_it_was_first(follower, target, look, couple):
+    """All templates are those of the other; those of the first frame tell."""
+    draw = Randomness.of(np.random.default_rng(3))
+    frame = Frame(couple.images[0])
+    other = follower.begin(frame, tuple(couple.second[0]), draw)
+    misled = replace(target, templates=other.templates)
+    assert look(couple.second[1], other) > 0.9
+    assert look(couple.second[1], misled) < 0.5 * look(couple.second[1], other)
+
+
+def test_particles_that_do_not_agree_on_a_place_speak_against_it(look, couple):
+    box = couple.first[1]
+    assert look(box, spread=0.5) < look(box, spread=0.1) < look(box, spread=0.02)
+
+
+def test_a_preset_without_such_a_cue_tells_the_similarity(make_follower, couple):
+    follower = make_follower("zhang2015", {"track.confidence": "identity"})
+    draw = Randomness.of(np.random.default_rng(3))
+    target = follower.begin(Frame(couple.images[0]), tuple(couple.first[0]), draw)
+    match = Match(-1.0, 0.42)
+    assert follower._confidence.judge(target, target.templates, match) == 0.42

@@ -38,7 +38,28 @@ def test_a_glimpse_starts_the_clock_again_before_the_confidence_has_risen():
     for similarity in (0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 0.0, 0.0, 0.9):
         track = track.advance(0.1, similarity, 0.25, THRESHOLDS)
         seen.append(track.state)
-    assert seen == ["occluded"] * 6 + ["lost"] * 2 + ["occluded"]
+    assert seen == ["occluded"] * 6 + ["lost"] * 3
+
+
+def test_a_target_that_was_lost_is_on_probation_for_two_seconds():
+    """In them it is as lost as before if it is hidden again; after them it is occluded first."""
+    for frames, then in ((4, "lost"), (8, "occluded")):
+        track = Track("lost", 5.0)
+        for _ in range(1 + frames):
+            track = track.advance(0.9, 0.9, 0.25, THRESHOLDS)
+            assert track.state == "tracking"
+        assert track.is_settled == (then == "occluded")
+        assert track.advance(0.0, 0.0, 0.25, THRESHOLDS).state == then
+
+
+def test_a_target_that_was_hidden_for_a_moment_is_settled_at_once():
+    track = Track("occluded", 0.5).advance(0.9, 0.9, 0.25, THRESHOLDS)
+    assert track.is_settled
+
+
+def test_a_track_that_followed_something_else_is_lost():
+    track = Track(probation=1.0).lose(THRESHOLDS)
+    assert (track.state, track.hidden_for) == ("lost", THRESHOLDS.lost_after)
 
 
 def test_a_lost_target_that_is_seen_again_is_tracked():

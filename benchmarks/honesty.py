@@ -1,0 +1,295 @@
+r"""Does a preset say "tracking" when it is not? Footage that misleads it, made of sequences.
+
+Light that changes in the middle; a cut to another scene, in which the target is not; and a target
+that leaves for five seconds, over moving backgrounds.
+
+    python benchmarks/honesty.py SEQUENCE_DIR... --preset default --seeds 1
+
+Of the sequences with colors every third one is a scene to cut to, at most 8, and of the others at
+most 12 are targets. It writes honesty.md and honesty.csv (a line a run).
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import sys
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+from pathlib import Path
+
+# One thread also for the linear algebra, which reads this when NumPy is imported.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import arguments as options_of
+import cv2
+import numpy as np
+from honesty_footage import (
+    Clip,
+    Image,
+    Light,
+    cut,
+    departure,
+    flicker,
+    ramp,
+    relit,
+    same_place,
+    step,
+)
+from numpy.typing import NDArray
+from tables import Table
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.evaluation import (
+    EvaluationError,
+    find_sequences,
+    has_target,
+    overlap,
+    read_sequences,
+)
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.tracking.presets import PRESETS
+
+LIGHTS: dict[str, Light] = {
+    "as it is": step(1.0),
+    "half from one frame on": step(0.5),
+    "1.7 times from one frame on": step(1.7),
+    "down to half in 2 s": ramp(0.5, 2.0),
+    "up to 1.7 times in 2 s": ramp(1.7, 2.0),
+    "10 Hz, 30 % up and down": flicker(0.3, 10.0),
+}
+TARGETS, SCENES, BACKGROUNDS = 12, 8, 2
+BEFORE_CUT, AFTER_CUT = 50, 100
+# Frames of a background, played to and fro.
+MOST_BACKGROUND = 100
+# Seconds in view, gone, and in view again; seconds between frames.
+DEPARTURE, INTERVAL = (3.0, 5.0, 4.0), 0.04
+SURE_ABOVE = 0.5
+# Frames for which something else may be taken for the target, and seconds in which it has to be
+# back.
+MOST_WRONG, BACK_WITHIN = 10, 2.0
+RIGHT_ABOVE = 0.5
+
+
+@dataclass(frozen=True)
+class Told:
+    """What was told of F frames, without the first.
+
+    Attributes:
+        boxes: (F, 4), pixels.
+        is_tracking: (F,) whether the state was tracking.
+        confidence: (F,) 0 to 1.
+    """
+
+    boxes: NDArray[np.float64]
+    is_tracking: NDArray[np.bool_]
+    confidence: NDArray[np.float64]
+
+    @property
+    def is_sure(self) -> NDArray[np.bool_]:
+        """(F,) whether it said that it tracks, and with some confidence."""
+        return self.is_tracking & (self.confidence > SURE_ABOVE)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One figure of one run.
+
+    Attributes:
+        kind: Of footage.
+        name: Of the footage.
+        seed: Of the tracker.
+        figure: Overlap after the light changed, frames in which it was sure after the cut, or while
+            the target was gone.
+        seconds: Until the target was tracked again; NaN where nothing is asked, infinite for never.
+        is_apart: Whether the other scene is the place of the target itself.
+    """
+
+    kind: str
+    name: str
+    seed: int
+    figure: float
+    seconds: float = math.nan
+    is_apart: bool = False
+
+
+def told(
+    preset: str, seed: int, images: Iterable[Image], box: NDArray[np.float64], interval: float
+) -> Told:
+    """What a preset tells of the images after the first one."""
+    cv2.setNumThreads(1)
+    tracker = Tracker.from_preset(preset, seed)
+    estimates = []
+    for image in images:
+        if tracker.started:
+            estimates.append(tracker.update(image, interval))
+        else:
+            tracker.start(image, box)
+    return Told(
+        np.array([one.box for one in estimates]),
+        np.array([one.state == "tracking" for one in estimates]),
+        np.array([one.confidence for one in estimates]),
+    )
+
+
+def in_light(preset: str, seed: int, folder: Path, kind: str) -> Run:
+    """Mean overlap in the second half of a sequence, in which the light is another."""
+    clip = read(folder)
+    answer = told(preset, seed, relit(clip, LIGHTS[kind]), clip.boxes[0], clip.interval)
+    middle = len(clip.images) // 2
+    boxes, true_boxes = answer.boxes[middle - 1 :], clip.boxes[middle:]
+    known = has_target(true_boxes)
+    return Run(kind, clip.name, seed, float(overlap(boxes[known], true_boxes[known]).mean()))
+
+
+def after_cut(preset: str, seed: int, folder: Path, scene_folder: Path) -> Run:
+    """Frames of another scene in which the target is told to be tracked."""
+    clip, scene = read(folder, BEFORE_CUT), read(scene_folder, AFTER_CUT)
+    images = cut(clip, scene, AFTER_CUT)
+    answer = told(preset, seed, images, clip.boxes[0], clip.interval)
+    count = int(answer.is_sure[-AFTER_CUT:].sum())
+    name = f"{clip.name} to {scene.name}"
+    return Run("cut", name, seed, count, is_apart=same_place(clip, scene))
+
+
+def away(preset: str, seed: int, folder: Path, background_folder: Path) -> Run:
+    """Frames in which a target that is gone is told to be tracked, and how soon it is back."""
+    clip, background = read(folder, 1), read(background_folder, MOST_BACKGROUND)
+    shown = departure(clip, background, DEPARTURE, INTERVAL)
+    answer = told(preset, seed, shown.images, shown.boxes[0], INTERVAL)
+    true_boxes = shown.boxes[1:]
+    is_there = has_target(true_boxes)
+    gone = np.flatnonzero(~is_there)
+    later = np.arange(gone[-1] + 1, len(true_boxes))
+    in_full = later[true_boxes[later, 0] >= 0.0][0]
+    is_right = overlap(answer.boxes[later], true_boxes[later]) > RIGHT_ABOVE
+    back = later[is_right & answer.is_tracking[later]]
+    seconds = max(float(back[0] - in_full) * INTERVAL, 0.0) if len(back) else math.inf
+    return Run("gone", shown.name, seed, int(answer.is_sure[gone].sum()), seconds)
+
+
+@lru_cache(maxsize=2)
+def read(folder: Path, frames: int | None = None) -> Clip:
+    """The sequence in a folder, or its first frames."""
+    return Clip.of(read_sequences([folder])[0], frames)
+
+
+def measured(preset: str, seeds: int, folders: Sequence[Path], processes: int) -> list[Run]:
+    """All runs, on the sequences that show colors.
+
+    Raises:
+        EvaluationError: There are not two of them.
+    """
+    starts = {folder: read(folder, MOST_BACKGROUND) for folder in folders}
+    colored = [folder for folder, start in starts.items() if start.is_colored]
+    scenes = colored[::3][:SCENES]
+    targets = [folder for folder in colored if folder not in scenes][:TARGETS]
+    if not targets:
+        raise EvaluationError("fewer than two sequences with colors: a target and another scene")
+    backgrounds = sorted(scenes, key=lambda folder: -starts[folder].motion)[:BACKGROUNDS]
+    with ProcessPoolExecutor(processes) as pool:
+        jobs = [
+            pool.submit(job, preset, seed, *of)
+            for seed in range(seeds)
+            for job, each in (
+                (in_light, product(colored, LIGHTS)),
+                (after_cut, product(targets, scenes)),
+                (away, product(targets, backgrounds)),
+            )
+            for of in each
+        ]
+        return [job.result() for job in jobs]
+
+
+def light_table(runs: Sequence[Run]) -> Table:
+    """Mean overlap in another light, against that in the light as it is."""
+    by_kind = {
+        kind: {(run.name, run.seed): run.figure for run in runs if run.kind == kind}
+        for kind in LIGHTS
+    }
+    plain = by_kind["as it is"]
+    rows = []
+    for kind, figures in by_kind.items():
+        changes = {one: figures[one] - plain[one] for one in figures}
+        worst = min(changes, key=lambda one: changes[one])
+        rows.append(
+            [
+                kind,
+                worst[0],
+                f"{np.mean(list(figures.values())):.3f}",
+                f"{np.mean(list(changes.values())):+.3f}",
+                f"{changes[worst]:+.3f}",
+            ]
+        )
+    headings = ("light", "worst sequence", "mean overlap after", "change", "of the worst")
+    return Table("Light that changes", headings, [rows], names=2)
+
+
+def cut_table(runs: Sequence[Run]) -> Table:
+    """How often something in another scene is told to be the target."""
+    rows = []
+    for name, is_apart in (("other places", False), ("the same place at another time", True)):
+        pairs = [run for run in runs if run.kind == "cut" and run.is_apart == is_apart]
+        if not pairs:
+            continue
+        counts = np.array([run.figure for run in pairs])
+        longest = sorted(pairs, key=lambda run: -run.figure)[:3]
+        named = ", ".join(f"{run.name} {run.figure:.0f}" for run in longest if run.figure)
+        share = counts.sum() / (AFTER_CUT * len(pairs))
+        rows.append([name, named or "-", str(len(pairs)), f"{share:.1%}"])
+    title = f"Cut to another scene, {AFTER_CUT} frames: tracking above {SURE_ABOVE}"
+    return Table(title, ("scenes", "most frames", "runs", "share of the frames"), [rows], names=2)
+
+
+def away_table(runs: Sequence[Run]) -> Table:
+    """Whether a target that is gone is told to be, and is found when it is back."""
+    gone = [run for run in runs if run.kind == "gone"]
+    wrong = [run.name for run in gone if run.figure > MOST_WRONG]
+    late = [run.name for run in gone if run.seconds > BACK_WITHIN]
+    rows = [
+        [f"something else tracked for more than {MOST_WRONG} frames", str(len(wrong))],
+        [f"back within {BACK_WITHIN:g} s", str(len(gone) - len(late))],
+    ]
+    title = f"A target that is gone for {DEPARTURE[1]:g} s, {len(gone)} runs"
+    return Table(title, ("runs with", "count"), [rows])
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, print the tables and write the files."""
+    parser = options_of.parser(__doc__)
+    parser.set_defaults(seeds=1)
+    parser.add_argument("--preset", default="default", help=f"{', '.join(PRESETS)} [default]")
+    parser.add_argument(
+        "--processes", type=options_of.at_least(1), default=1, metavar="N", help="side by side [1]"
+    )
+    options = parser.parse_args(arguments)
+    try:
+        Tracker.from_preset(options.preset)
+        folders = find_sequences(options.sequences)
+        options.output.mkdir(parents=True, exist_ok=True)
+        runs = measured(options.preset, options.seeds, folders, options.processes)
+        tables = [light_table(runs), cut_table(runs), away_table(runs)]
+        lines = [f"# Honesty of preset {options.preset}", ""]
+        for table in tables:
+            table.show()
+            lines += [f"## {table.title}", "", *table.markdown(), ""]
+        (options.output / "honesty.md").write_text("\n".join(lines), encoding="utf-8")
+        with (options.output / "honesty.csv").open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(["kind", "footage", "seed", "figure", "seconds"])
+            writer.writerows(
+                [run.kind, run.name, run.seed, run.figure, run.seconds] for run in runs
+            )
+    except (EvaluationError, FootageError, ParameterError, OSError) as error:
+        parser.error(" ".join(str(error).split()))
+    print(f"files in {options.output}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

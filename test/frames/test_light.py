@@ -1,0 +1,125 @@
+"""Light that changes: told from all else that changes, and taken back from the colors."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.frames.light import Light, relit_levels
+from pf_tracker_ros.frames.tiles import Part
+
+INTERVAL = 0.04
+SIZE = (120, 160)
+
+
+def scene(seed=0, low=40, high=140, size=SIZE):
+    coarse = np.random.default_rng(seed).integers(low, high, (12, 16, 3), np.uint8)
+    return cv2.resize(coarse, size[::-1], interpolation=cv2.INTER_CUBIC)
+
+
+def gray(seed, low, high):
+    return scene(seed, low, high)[..., :1].repeat(3, axis=2)
+
+
+def lit(image, gain):
+    return cv2.convertScaleAbs(image, alpha=gain)
+
+
+def followed(images, light=None, interval=INTERVAL):
+    light = light or Light()
+    for image in images:
+        light = light.follow(image, interval)
+    return light.gain
+
+
+@pytest.mark.parametrize("gain", [0.4, 0.5, 0.8, 1.3, 1.7, 2.5])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_jump_of_the_light_is_measured(gain, channels):
+    image = scene()
+    image = image if channels == 3 else image[..., 0]
+    assert followed([image, lit(image, gain)]) == pytest.approx(gain, rel=0.02)
+
+
+@pytest.mark.parametrize("gain", [1.7, 2.5])
+def test_pixels_that_are_cut_off_do_not_count(gain):
+    """Half of the scene is so bright that it becomes white."""
+    image = scene()
+    image[:, 80:] = scene(1, 180, 255)[:, 80:]
+    assert followed([image, lit(image, gain)]) == pytest.approx(gain, rel=0.03)
+
+
+def test_a_light_that_comes_and_goes_leaves_nothing():
+    image = scene()
+    assert followed([image, lit(image, 0.5), image]) == 1.0
+
+
+def test_the_jumps_of_several_images_are_one():
+    image = scene()
+    steps = [lit(image, gain) for gain in (1.0, 0.9, 0.8, 0.7, 0.6)]
+    assert followed(steps) == pytest.approx(0.6, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        pytest.param(scene(), scene(), id="nothing"),
+        pytest.param(gray(0, 20, 120), gray(1, 40, 190), id="another, brighter scene"),
+        pytest.param(scene(), np.roll(scene(), (3, 9), (0, 1)), id="the camera's view"),
+        pytest.param(scene(), np.zeros((*SIZE, 3), np.uint8), id="a shutter"),
+        pytest.param(scene(), np.full((*SIZE, 3), 255, np.uint8), id="a flash"),
+    ],
+)
+def test_what_is_no_change_of_the_light_is_none(before, after):
+    assert followed([before, after]) == 1.0
+
+
+def test_a_bright_thing_that_comes_in_is_no_light():
+    after = scene().copy()
+    after[20:100, 30:90] = 230
+    assert followed([scene(), after]) == 1.0
+
+
+def test_what_the_camera_regains_by_itself_is_given_back():
+    """10 s later a third is left; what is less than a step of the colors is none."""
+    image = scene()
+    light = Light().follow(image, INTERVAL).follow(lit(image, 0.5), INTERVAL)
+    assert followed([lit(image, 0.5)], light, 10.0) == pytest.approx(0.5 ** np.exp(-1), rel=0.02)
+    assert followed([lit(image, 0.5)], light, 40.0) == 1.0
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    st.lists(st.floats(0.0, 30.0), min_size=1, max_size=8),
+    st.sampled_from([(1, 1), (1, 400), (300, 2), (37, 53)]),
+)
+def test_whatever_comes_the_gain_stays_within_a_factor_of_four(gains, size):
+    image = scene(3, 0, 256, size).reshape(*size, 3)
+    light = Light()
+    for gain in gains:
+        light = light.follow(lit(image, gain).reshape(*size, 3), INTERVAL)
+        assert 0.25 <= light.gain <= 4.0
+
+
+@pytest.mark.parametrize("kind", [np.uint16, np.float32])
+def test_images_of_more_bits_have_a_gain_control_instead(kind):
+    image = scene()[..., 0].astype(kind)
+    assert followed([image, image // 2]) == 1.0
+
+
+def test_a_frame_is_seen_in_the_light_of_before():
+    """In full, in parts and reduced."""
+    image = scene()
+    dark = Frame(lit(image, 0.5), light=0.5)
+    part = Part(10, 50, 20, 90)
+    assert np.abs(dark.pixels.astype(int) - image).max() <= 1
+    np.testing.assert_array_equal(dark.view(part), dark.pixels[part.slices])
+    reduced, expected = dark.view(Part(0, 30, 0, 40), 4), Frame(image).view(Part(0, 30, 0, 40), 4)
+    assert np.abs(reduced.astype(int) - expected).max() <= 2
+    assert dark.image.max() < image.max()
+
+
+def test_levels_are_brought_back_rounded_and_within_bounds():
+    levels = relit_levels(0.5)
+    assert levels[[0, 1, 100, 127, 128, 255]].tolist() == [0, 2, 200, 254, 255, 255]
