@@ -65,7 +65,7 @@ LIGHTS: dict[str, Light] = {
 }
 TARGETS, SCENES, BACKGROUNDS = 12, 8, 2
 BEFORE_CUT, AFTER_CUT = 50, 100
-# Frames of a background, played to and fro.
+# Frames of a background, played back and forth.
 MOST_BACKGROUND = 100
 # Seconds in view, gone, and in view again; seconds between frames.
 DEPARTURE, INTERVAL = (3.0, 5.0, 4.0), 0.04

@@ -97,13 +97,13 @@ def cut(clip: Clip, scene: Clip, after: int) -> Iterator[Image]:
 
     Args:
         clip: Begins.
-        scene: Goes on; played to and fro if it is too short.
+        scene: Goes on; played back and forth if it is too short.
         after: Frames of the scene.
     """
     yield from clip.images
     height, width = clip.images[0].shape[:2]
     for index in range(after):
-        image = scene.images[_to_and_fro(index, len(scene.images))]
+        image = scene.images[_back_and_forth(index, len(scene.images))]
         yield cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
 
 
@@ -134,7 +134,7 @@ def departure(
     images, boxes = [], []
     image_height, image_width = background.images[0].shape[:2]
     for index in range(sum(counts)):
-        image = background.images[_to_and_fro(index, len(background.images))]
+        image = background.images[_back_and_forth(index, len(background.images))]
         is_gone = counts[0] <= index < counts[0] + counts[1]
         # It crosses two thirds of the image in the time that it is in view at first.
         speed = (image_width / 1.5 + width) / counts[0]
@@ -161,7 +161,7 @@ def _pasted(
     return np.rint(image * (1.0 - alpha) + moved * alpha).astype(np.uint8)
 
 
-def _to_and_fro(index: int, count: int) -> int:
+def _back_and_forth(index: int, count: int) -> int:
     """Number of the frame, of `count`, that is shown at an index that may go beyond."""
     if count == 1:
         return 0

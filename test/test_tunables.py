@@ -11,7 +11,7 @@ from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
 INTERVAL = 0.1
 SEEDS = range(3)
-HIDDEN, GONE = range(18, 22), range(44, 66)
+DIM, HIDDEN, GONE = range(10, 14), range(18, 22), range(44, 66)
 FIRST_BOX = (20, 30, 24, 24)
 TOLD = ("box", "state", "confidence", "covariance", "particles")
 
@@ -24,7 +24,7 @@ BESIDE = {
 
 @pytest.fixture(scope="module")
 def scene():
-    """A square that grows and shrinks, is hidden, goes on, is lost, and comes back elsewhere."""
+    """A square that grows and shrinks, in changing light, is hidden, lost, and back elsewhere."""
     generator = np.random.default_rng(3)
     coarse = generator.integers(40, 160, (12, 16, 3), dtype=np.uint8)
     ground = cv2.resize(coarse, (160, 120), interpolation=cv2.INTER_CUBIC)
@@ -40,6 +40,8 @@ def scene():
             image[y : y + side, x : x + side] = patch
         if index in HIDDEN:
             image[:, 50:90] = 90
+        if index in DIM:
+            image = cv2.convertScaleAbs(image, alpha=0.93)
         noisy = image + generator.normal(0.0, 2.0, image.shape)
         images.append(np.clip(noisy, 0, 255).astype(np.uint8))
     return images

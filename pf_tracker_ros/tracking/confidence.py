@@ -6,7 +6,6 @@ import math
 
 from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import Templates
-from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.tracking.target import Target
 
 # Standard deviation of the particles' centers while a target is seen well, box sizes; where they
@@ -15,7 +14,14 @@ _USUAL_SPREAD, _LEAST_SPREAD, _SPREAD_ODDS = 0.023, 0.005, 1.1
 
 
 class Confidence:
-    """How well what is in the box fits the templates.
+    """The probability that it is the target, and not something else that is much like it.
+
+    The log odds of all cues add up. They ask of the box itself whether it stands out from what is
+    around it, and whether it looks like the target did last and in the first frame: what was
+    learned by mistake since then does not count there. A cloud that is spread out speaks against
+    it. Their constants were fitted by logistic regression to frames that are right and wrong; how
+    that carries over to other footage is in `docs/benchmarks.md`. Where no cue can tell, the
+    confidence is how well the box fits the templates.
 
     From frame to frame it falls at once, and rises as fast as is allowed.
 
@@ -41,7 +47,11 @@ class Confidence:
             spread: Standard deviation of the particles' centers, box sizes; as usual where there
                 are none.
         """
-        return match.similarity
+        odds = self._fusion.log_odds(seen, target.templates, target.first_templates)
+        if odds is None:
+            return match.similarity
+        odds -= _SPREAD_ODDS * math.log(max(spread, _LEAST_SPREAD) / _USUAL_SPREAD)
+        return 1.0 / (1.0 + math.exp(-odds))
 
     def update(self, before: float, now: float) -> float:
         """The confidence after a frame, 0 to 1.
@@ -53,33 +63,3 @@ class Confidence:
         if now <= before:
             return now
         return self._rate * now + (1.0 - self._rate) * before
-
-
-CONFIDENCES = Registry[Confidence]("kind of confidence")
-CONFIDENCES.register("similarity")(Confidence)
-
-
-@CONFIDENCES.register("identity")
-class IdentityConfidence(Confidence):
-    """The probability that it is the target, and not something else that is much like it.
-
-    The log odds of all cues add up. They ask of the box itself whether it stands out from what is
-    around it, and whether it looks like the target did last and in the first frame: what was
-    learned by mistake since then does not count there. A cloud that is spread out speaks against
-    it. Their constants were fitted by logistic regression to frames that are right and wrong; how
-    that carries over to other footage is in `docs/benchmarks.md`.
-
-    Args:
-        fusion: As for `Confidence`.
-        rate: As for `Confidence`.
-    """
-
-    def judge(
-        self, target: Target, seen: Templates, match: Match, spread: float = _USUAL_SPREAD
-    ) -> float:
-        """See `Confidence.judge`; without a cue that can tell, it is as there."""
-        odds = self._fusion.log_odds(seen, target.templates, target.first_templates)
-        if odds is None:
-            return match.similarity
-        odds -= _SPREAD_ODDS * math.log(max(spread, _LEAST_SPREAD) / _USUAL_SPREAD)
-        return 1.0 / (1.0 + math.exp(-odds))

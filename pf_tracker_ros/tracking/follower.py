@@ -22,7 +22,7 @@ from pf_tracker_ros.filter import (
 )
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.confidence import CONFIDENCES
+from pf_tracker_ros.tracking.confidence import Confidence
 from pf_tracker_ros.tracking.estimate import Estimate, FrozenPowers, TrackState
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
 from pf_tracker_ros.tracking.judgment import Judgment
@@ -33,6 +33,10 @@ from pf_tracker_ros.tracking.prediction import KalmanPredictor, Prediction, Pred
 from pf_tracker_ros.tracking.redetection import Found, Redetector
 from pf_tracker_ros.tracking.target import Target
 from pf_tracker_ros.tracking.track_state import Track
+
+# Confidence that a frame alone must give for anything to be learned of it, however the cues' own
+# similarity is.
+_LEARN_ABOVE = 0.1
 
 
 class _Learned(NamedTuple):
@@ -69,8 +73,7 @@ class Follower:
             }
         )
         check_proposal(parameters, self._fusion)
-        kind, rate = parameters.track.confidence, parameters.track.confidence_rate
-        self._confidence = CONFIDENCES[kind](self._fusion, rate)
+        self._confidence = Confidence(self._fusion, parameters.track.confidence_rate)
         self._predictor = Predictor()
         self._measurer = Measurer(self._fusion, parameters.working_size)
         self._redetector: Redetector | None = None
@@ -190,7 +193,11 @@ class Follower:
         if self._redetector is None:
             # Nobody looks for another.
             track = replace(track, probation=0.0)
-        judged = Judgment(measured.box, confidence, track, measured.particles, measured.boxes)
+        # The best place around may be like the target, and the box beside it.
+        learns = self._redetector is None or now >= _LEARN_ABOVE
+        judged = Judgment(
+            measured.box, confidence, track, measured.particles, measured.boxes, learns
+        )
         if track.is_settled:
             return judged
         is_seen, box = track.state == "tracking", None

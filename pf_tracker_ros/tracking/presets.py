@@ -31,9 +31,8 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "cues": ("color_contrast", "correlation_response"),
                 "template.update_above": 0.0,
                 "template.confident_above": 0.35,
-                "track.occluded_below": 0.25,
-                "track.recovered_above": 0.45,
-                "track.confidence": "identity",
+                "track.occluded_below": 0.28,
+                "track.recovered_above": 0.48,
                 "track.confidence_rate": 0.1,
                 "track.while_hidden": "follow",
             }

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pf_tracker_ros.parameters import declared
-from pf_tracker_ros.tracking.confidence import CONFIDENCES
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
 from pf_tracker_ros.tracking.track_state import TrackThresholds
 
@@ -14,13 +13,6 @@ from pf_tracker_ros.tracking.track_state import TrackThresholds
 class TrackParameters(TrackThresholds):
     """When the target counts as hidden, seen again, or gone, and what is done then."""
 
-    confidence: str = declared(
-        "similarity",
-        "What the confidence tells: similarity how much what is in the box looks like the "
-        "templates; identity how probable it is that it is the target, by how it stands out from "
-        "what is around it, and by what the target looked like last and in the first frame.",
-        choices=CONFIDENCES,
-    )
     confidence_rate: float = declared(
         1.0,
         "Share of each frame in the confidence while it rises; it falls at once. With less, good "

@@ -8,7 +8,7 @@ import pytest
 from pf_tracker_ros.cues import Match
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.confidence import CONFIDENCES, Confidence, IdentityConfidence
+from pf_tracker_ros.tracking.confidence import Confidence
 from pf_tracker_ros.tracking.track_parameters import TrackParameters
 
 
@@ -51,16 +51,12 @@ def look(follower, target, couple):
 
     def judge(box, of=target, image=couple.images[1], **spread):
         box = np.array(box)
-        search, region = follower._measurer.look(Frame(image), box)
+        _, region = follower._measurer.look(Frame(image), box)
         seen = follower._fusion.observe(region, box)
         match = follower._fusion.match(seen, of.templates)
         return follower._confidence.judge(of, seen, match, **spread)
 
     return judge
-
-
-def test_there_are_two_kinds():
-    assert dict(CONFIDENCES) == {"similarity": Confidence, "identity": IdentityConfidence}
 
 
 def test_it_is_of_the_box_and_not_of_the_best_place_around(look, couple):
@@ -90,8 +86,8 @@ def test_particles_that_do_not_agree_on_a_place_speak_against_it(look, couple):
     assert look(box, spread=0.5) < look(box, spread=0.1) < look(box, spread=0.02)
 
 
-def test_a_preset_without_such_a_cue_tells_the_similarity(make_follower, couple):
-    follower = make_follower("zhang2015", {"track.confidence": "identity"})
+def test_where_no_cue_can_tell_it_is_the_similarity(make_follower, couple):
+    follower = make_follower("zhang2015")
     draw = Randomness.of(np.random.default_rng(3))
     target = follower.begin(Frame(couple.images[0]), tuple(couple.first[0]), draw)
     match = Match(-1.0, 0.42)

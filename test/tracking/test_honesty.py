@@ -11,8 +11,8 @@ WIDTH, HEIGHT, SIDE = 240, 160, 32
 INTERVAL = 0.04
 
 
-def texture(seed, height, width, low=0, high=250, grain=6):
-    noise = np.random.default_rng(seed).integers(low, high, (height // grain, width // grain, 3))
+def texture(seed, height, width, low=0, high=250):
+    noise = np.random.default_rng(seed).integers(low, high, (height // 6, width // 6, 3))
     return cv2.resize(noise.astype(np.uint8), (width, height), interpolation=cv2.INTER_CUBIC)
 
 
@@ -73,7 +73,7 @@ def test_another_scene_is_not_the_target(seed):
     tracker = walked(seed)
     states = []
     for index in range(40):
-        scene = np.roll(texture(9, HEIGHT, WIDTH, 0, 220, 10), 2 * index, 1)
+        scene = np.roll(texture(9, HEIGHT, WIDTH, 0, 220), 2 * index, 1)
         estimate = tracker.update(scene, INTERVAL)
         states.append(estimate.state == "tracking" and estimate.confidence > 0.5)
     assert sum(states) <= 1
