@@ -9,8 +9,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hypothesis import settings
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+# A long run of the properties is made by hand, with as many cases each as this says.
+CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
+if CASES:
+    settings.register_profile("long", max_examples=CASES, deadline=None)
+    settings.load_profile("long")
 
 
 @pytest.fixture(scope="session")
@@ -195,3 +201,16 @@ def ros_domain(_domain_numbers, monkeypatch, tmp_path):
         for name in ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"):
             monkeypatch.delenv(name, raising=False)
         yield domain
+
+
+@pytest.fixture(scope="session")
+def noise():
+    """A function that makes images of textured noise."""
+
+    def make(height=48, width=64, channels=3, seed=0, kind=np.uint8):
+        shape = (height, width, channels) if channels > 1 else (height, width)
+        return np.random.default_rng(seed).integers(
+            0, np.iinfo(kind).max, shape, dtype=kind, endpoint=True
+        )
+
+    return make

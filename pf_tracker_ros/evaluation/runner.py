@@ -9,7 +9,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +16,7 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.evaluation.ground_truth import count_mismatch, usable_ground_truth
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceResult
 from pf_tracker_ros.footage import Footage
+from pf_tracker_ros.opencv import one_opencv_thread
 from pf_tracker_ros.stamps import NANOSECONDS
 
 Image = NDArray[Any]
@@ -93,7 +93,7 @@ def evaluate_sequence(
     lost = np.zeros((len(seeds), frames), dtype=bool)
     cpu_seconds = np.empty((len(seeds), frames - 1))
     done, last_stamp = 0, 0
-    with _one_opencv_thread():
+    with one_opencv_thread():
         for index, frame in enumerate(footage.frames()):
             if index >= frames:
                 raise count_mismatch(footage.name, f"more than {frames}", frames)
@@ -143,16 +143,6 @@ def _naming(sequence: str, index: int) -> Iterator[None]:
         yield
     except ValueError as error:
         raise EvaluationError(f"{sequence}, frame {index + 1}: {error}") from error
-
-
-@contextmanager
-def _one_opencv_thread() -> Iterator[None]:
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
 
 
 def _wait_for_other_threads() -> None:
