@@ -17,16 +17,18 @@ from types import FrameType
 from typing import Any
 
 from pf_tracker_ros.evaluation.command_line import parse_parameters
+from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
 from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.opencv import quiet_opencv
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.recordings import errors
-from pf_tracker_ros.recordings.command_line import parser
+from pf_tracker_ros.recordings.command_line import BESIDE, parser
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.outputs import MakeWriter, OutputFolder
 from pf_tracker_ros.recordings.progress import progress_bar
 from pf_tracker_ros.recordings.recording import Recording, open_recording
+from pf_tracker_ros.recordings.report import RecordingReport
 from pf_tracker_ros.recordings.tables import BoxesCsv, BoxesParquet
 from pf_tracker_ros.recordings.target import choose_target
 from pf_tracker_ros.recordings.topics import TopicBag
@@ -83,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (EvaluationError, ParameterError) as error:
         return _complain(error, errors.REFUSED)
     except KeyboardInterrupt:
-        return _complain("interrupted, nothing is kept", errors.INTERRUPTED)
+        return _complain("interrupted at once; what was not finished is gone", errors.INTERRUPTED)
 
 
 def _run(options: argparse.Namespace, stop: _Stop) -> int:
@@ -93,6 +95,8 @@ def _run(options: argparse.Namespace, stop: _Stop) -> int:
         ("yaml", "recordings", True),
         ("rosbags", "recordings", options.bag),
         ("pyarrow", "parquet", options.parquet),
+        ("matplotlib", "recordings", options.report is not None),
+        ("jinja2", "recordings", options.report is not None),
     ):
         if wanted:
             _require(package, extra)
@@ -103,28 +107,30 @@ def _run(options: argparse.Namespace, stop: _Stop) -> int:
     )
     target = choose_target(recording, options.box)
     preset = PresetInForce.of({"preset": options.preset, **in_force}).summary
-    outputs = OutputFolder(options.output, _makers(options, recording, preset))
+    outputs = _open_outputs(options, recording, preset)
     tracking = track_recording(recording, target, options.preset, parameters, options.seed)
     summary = _Summary()
     failures: list[Exception] = []
     try:
-        _track(tracking, recording, outputs, summary, stop)
-    except (FootageError, RecordingError) as error:
-        if summary.frames == 0:
-            outputs.discard()
-            raise
-        failures.append(error)
+        try:
+            _track(tracking, recording, outputs, summary, stop)
+        except (FootageError, RecordingError) as error:
+            if summary.frames == 0:
+                raise
+            failures.append(error)
+        for folder in outputs:
+            failures += folder.close()
     except BaseException:
-        outputs.discard()
+        for folder in outputs:
+            folder.discard()
         raise
-    failures += outputs.close()
     return _report(options, summary, stop, failures)
 
 
 def _track(
     tracking: Generator[TrackedFrame, None, None],
     recording: Recording,
-    outputs: OutputFolder,
+    outputs: Sequence[OutputFolder],
     summary: _Summary,
     stop: _Stop,
 ) -> None:
@@ -135,7 +141,8 @@ def _track(
             closing(tracking) as frames,
         ):
             for tracked in frames:
-                outputs.write(tracked)
+                for folder in outputs:
+                    folder.write(tracked)
                 summary.add(tracked)
                 advance()
                 if stop.exit_code:
@@ -144,9 +151,9 @@ def _track(
         summary.seconds = time.monotonic() - began
 
 
-def _makers(
+def _open_outputs(
     options: argparse.Namespace, recording: Recording, preset: str
-) -> dict[str, MakeWriter]:
+) -> list[OutputFolder]:
     makers: dict[str, MakeWriter] = {BOXES: BoxesCsv}
     if options.parquet:
         makers[PARQUET] = BoxesParquet
@@ -154,7 +161,22 @@ def _makers(
         makers[VIDEO] = functools.partial(AnnotatedVideo, frame_rate=1.0 / recording.interval)
     if options.bag:
         makers[BAG] = functools.partial(TopicBag, preset=preset)
-    return makers
+    if options.report is None:
+        return [OutputFolder(options.output, makers)]
+    facts = {"recording": str(recording.path), "preset": preset, "seed": str(options.seed)}
+    report = {
+        REPORT_FILE: functools.partial(
+            RecordingReport, recording=recording, preset=preset, facts=facts
+        )
+    }
+    if options.report in (BESIDE, options.output):
+        return [OutputFolder(options.output, {**makers, **report})]
+    outputs = OutputFolder(options.output, makers)
+    try:
+        return [outputs, OutputFolder(options.report, {**report})]
+    except BaseException:
+        outputs.discard()
+        raise
 
 
 def _report(

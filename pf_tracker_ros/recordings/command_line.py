@@ -33,11 +33,14 @@ exit codes:
   {errors.NO_PERMISSION}    this user may not write there
   {errors.DISK_FULL}    the disk is full
   {errors.WRONG_TARGET}    the target is refused, or its file is wrong or of another recording
-  {errors.INTERRUPTED}  interrupted (Ctrl-C); twice, nothing is kept
+  {errors.INTERRUPTED}  interrupted (Ctrl-C); the second time at once, without finishing the files
   {errors.TERMINATED}  terminated
 
 Where the work ends early, the files hold the frames up to there, and are whole.
 """
+
+BESIDE = Path()
+"""What `--report` without a folder stands for: that of the other outputs."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -97,6 +100,15 @@ def parser() -> argparse.ArgumentParser:
         action="store_true",
         help="write topics.mcap: ~/box, ~/status, ~/particles and ~/overlay, to play beside the "
         "recording (needs rosbags)",
+    )
+    parser.add_argument(
+        "--report",
+        type=Path,
+        nargs="?",
+        const=BESIDE,
+        metavar="DIR",
+        help="write report.html: plots and pictures on one page, into DIR or beside boxes.csv "
+        "(needs Matplotlib and Jinja2)",
     )
     parser.add_argument(
         "--bag-topic", default="", metavar="TOPIC", help="image topic of a bag that has several"

@@ -51,7 +51,7 @@ def test_every_module_of_the_source_is_installed_and_that_one_is_imported(instal
     code = f"import {PACKAGE}; print({PACKAGE}.__path__[0])"
     installed = Path(installation.evaluate(code))
     assert installed.is_relative_to(installation.prefix)
-    patterns = ("*.py", "py.typed")
+    patterns = ("*.py", "py.typed", "*.jinja")
     assert files_of(installed, *patterns) == files_of(REPOSITORY / PACKAGE, *patterns)
 
 

@@ -32,6 +32,7 @@ ROSDEP_KEYS = {
     "cv2": "python3-opencv",
     "hypothesis": "python3-hypothesis",
     "jinja2": "python3-jinja2",
+    "markupsafe": "python3-markupsafe",
     "matplotlib": "python3-matplotlib",
     "numpy": "python3-numpy",
     "pytest": "python3-pytest",
