@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+pytest_plugins = ["pf_tracker_ros.testing"]
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 # A long run of the properties is made by hand, with as many cases each as this says.
 CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))

@@ -2,40 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.evaluation import metrics
-from pf_tracker_ros.evaluation.reports.content import SequenceContent, kept_boxes
+from pf_tracker_ros.evaluation.reports.content import SequenceContent
 from pf_tracker_ros.evaluation.reports.page import Report, Section, render
-from pf_tracker_ros.evaluation.reports.pictures import take_pictures
+from pf_tracker_ros.evaluation.reports.pictures import Picture, take_pictures
 from pf_tracker_ros.evaluation.results import Scores
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings.recording import Recording
+from pf_tracker_ros.recordings.summaries import ABSENT, FrameSummary, content_of_frames, summary_of
 from pf_tracker_ros.recordings.tracking import TrackedFrame
-
-_ABSENT = (np.nan, np.nan, np.nan, np.nan)
-
-
-@dataclass(frozen=True)
-class _Row:
-    """What a report needs of a frame, which is little beside its image."""
-
-    state: str
-    outcome: str
-    box: Box | None
-    true_box: Box | None
-    confidence: float
-    effective_sample_size: float
-    powers: Mapping[str, float]
-    seconds: float
 
 
 class RecordingReport:
@@ -55,23 +39,11 @@ class RecordingReport:
         self._recording = recording
         self._preset = preset
         self._facts = facts
-        self._rows: list[_Row] = []
+        self._frames: list[FrameSummary] = []
 
     def write(self, tracked: TrackedFrame) -> None:
         """Remember what is known of a frame."""
-        estimate = tracked.estimate
-        self._rows.append(
-            _Row(
-                tracked.state,
-                tracked.outcome,
-                tracked.box,
-                tracked.frame.true_box,
-                float(estimate.confidence) if estimate else np.nan,
-                float(estimate.effective_sample_size) if estimate else np.nan,
-                dict(estimate.powers) if estimate else {},
-                tracked.seconds,
-            )
-        )
+        self._frames.append(summary_of(tracked))
 
     def close(self) -> None:
         """Write the page.
@@ -79,71 +51,70 @@ class RecordingReport:
         Raises:
             OSError: It cannot be written.
         """
-        with self._file:
-            self._file.write(self._page().encode("utf-8", "replace"))
-
-    def _page(self) -> str:
-        content = self._content()
-        # What could be read once is there again, or the page has fewer pictures.
-        try:
-            pictures = take_pictures(content, self._images())
-        except FootageError:
-            pictures = {}
-        return render(
-            Report(
-                title=f"{self._recording.path.name}, tracked",
-                preset=self._preset,
-                facts=self._facts,
-                sections=[Section(content, pictures)],
-                mean=content.scores,
-            )
+        true_boxes = None
+        if self._recording.has_ground_truth:
+            true_boxes = np.array([each.true_box or ABSENT for each in self._frames])
+        page = recording_page(
+            self._recording, self._frames, true_boxes, preset=self._preset, facts=self._facts
         )
+        with self._file:
+            self._file.write(page.encode("utf-8", "replace"))
 
-    def _images(self) -> Iterator[tuple[int, NDArray[Any] | None]]:
-        with closing(self._recording.frames()) as frames:
+
+def recording_page(
+    recording: Recording,
+    frames: Sequence[FrameSummary],
+    true_boxes: NDArray[np.float64] | None,
+    *,
+    preset: str,
+    facts: Mapping[str, str],
+) -> str:
+    """The page of one recording, with the figures of an evaluation where there is a truth.
+
+    Args:
+        recording: What was tracked in; its frames are read again for the pictures.
+        frames: What is known of them, in order, at least one.
+        true_boxes: (frames, 4) what the boxes are compared with; None without such.
+        preset: That tracked.
+        facts: Further facts of the run, name to value.
+    """
+    content = content_of_frames(recording.path.name, frames, true_boxes)
+    content = _scored(content, np.array([each.seconds for each in frames]))
+    return render(
+        Report(
+            title=f"{recording.path.name}, tracked",
+            preset=preset,
+            facts=facts,
+            sections=[Section(content, _pictures(content, recording))],
+            mean=content.scores,
+        )
+    )
+
+
+def _pictures(content: SequenceContent, recording: Recording) -> dict[int, Picture]:
+    def images() -> Iterator[tuple[int, NDArray[Any] | None]]:
+        with closing(recording.frames()) as frames:
             for frame in frames:
                 yield frame.index, frame.image
 
-    def _content(self) -> SequenceContent:
-        rows = self._rows
-        names = dict.fromkeys(name for row in rows for name in row.powers)
-        boxes = kept_boxes([row.box for row in rows])
-        true_boxes = None
-        if self._recording.has_ground_truth:
-            true_boxes = np.array([row.true_box or _ABSENT for row in rows])
-        content = SequenceContent(
-            name=self._recording.path.name,
-            boxes=boxes,
-            true_boxes=true_boxes,
-            states=tuple(row.state for row in rows),
-            confidence=_column(rows, lambda row: row.confidence),
-            effective_sample_size=_column(rows, lambda row: row.effective_sample_size),
-            powers={
-                name: _column(rows, lambda row, name=name: row.powers.get(name, np.nan))  # type: ignore[misc]
-                for name in names
-            },
-            scores=None,
-            success_curve=None,
-            precision_curve=None,
-        )
-        return _scored(content, [row.seconds for row in rows if row.outcome == "tracked"])
+    # What could be read once is there again, or the page has no pictures.
+    try:
+        return take_pictures(content, images())
+    except FootageError:
+        return {}
 
 
-def _column(rows: list[_Row], value: Callable[[_Row], float]) -> NDArray[np.float64]:
-    return np.array([value(row) for row in rows], dtype=np.float64)
-
-
-def _scored(content: SequenceContent, seconds: list[float]) -> SequenceContent:
-    """The same with the figures of an evaluation, where there is a truth to compare with."""
+def _scored(content: SequenceContent, seconds: NDArray[np.float64]) -> SequenceContent:
     overlaps, errors = content.overlaps, content.center_errors
     if overlaps is None or errors is None or np.isnan(overlaps).all():
         return content
+    is_timed = not np.isnan(seconds).all()
     return replace(
         content,
         scores=Scores(
             success_auc=metrics.success_auc(overlaps),
             precision_20px=metrics.precision(errors),
-            cpu_ms_median=1e3 * float(np.median(seconds)) if seconds else np.nan,
+            cpu_ms_median=1e3 * float(np.nanmedian(seconds)) if is_timed else np.nan,
             frames=content.frames,
         ),
         success_curve=metrics.success_curve(overlaps),
