@@ -23,6 +23,7 @@ from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.opencv import quiet_opencv
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.recordings import errors
+from pf_tracker_ros.recordings.archive_command import run_archive
 from pf_tracker_ros.recordings.command_line import BESIDE, parser
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.outputs import MakeWriter, OutputFolder
@@ -75,8 +76,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit code, as `track --help` lists them; for any but 0, a line on standard error says why.
     """
+    stop = _Stop()
     try:
-        with _noticing_signals() as stop, quiet_opencv():
+        with _noticing_signals(stop), quiet_opencv():
             return _run(parser().parse_args(arguments), stop)
     except FootageError as error:
         return _complain(error, errors.UNREADABLE_SOURCE)
@@ -85,7 +87,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (EvaluationError, ParameterError) as error:
         return _complain(error, errors.REFUSED)
     except KeyboardInterrupt:
-        return _complain("interrupted at once; what was not finished is gone", errors.INTERRUPTED)
+        return _complain(
+            f"{stop.word} at once; what was not finished is gone",
+            stop.exit_code or errors.INTERRUPTED,
+        )
 
 
 def _run(options: argparse.Namespace, stop: _Stop) -> int:
@@ -101,7 +106,13 @@ def _run(options: argparse.Namespace, stop: _Stop) -> int:
         if wanted:
             _require(package, extra)
     parameters = parse_parameters(options.parameter)
+    if options.archive is None and (options.source is None or options.dry_run):
+        what = "there is no SOURCE" if options.source is None else "--dry-run is for an archive"
+        raise RecordingError(f"{what}; give one, or --archive FOLDER_OR_LIST")
     in_force = Tracker.from_preset(options.preset, options.seed, parameters).parameters
+    if options.archive is not None:
+        stop.at_once = True
+        return run_archive(options)
     recording = open_recording(
         options.source, bag_topic=options.bag_topic, frame_rate=options.frame_rate
     )
@@ -190,8 +201,9 @@ def _report(
         kept = f"; {summary.frames} frames were tracked" if summary.frames else ""
         _complain(f"{failure}{kept}", found)
     if stop.exit_code:
-        word = "interrupted" if stop.exit_code == errors.INTERRUPTED else "terminated"
-        return _complain(f"{word} after {summary.frames} frames, which are kept", stop.exit_code)
+        return _complain(
+            f"{stop.word} after {summary.frames} frames, which are kept", stop.exit_code
+        )
     if code == errors.DONE:
         if summary.refused:
             print(
@@ -218,28 +230,34 @@ def _require(package: str, extra: str) -> None:
 
 @dataclass
 class _Stop:
-    """Whether the work shall end after the frame at hand, and with which exit code."""
+    """Whether the work shall end, with which exit code, and whether before the frame is done."""
 
     exit_code: int = 0
+    at_once: bool = False
+
+    @property
+    def word(self) -> str:
+        """Why."""
+        return "terminated" if self.exit_code == errors.TERMINATED else "interrupted"
 
 
 @contextmanager
-def _noticing_signals() -> Iterator[_Stop]:
+def _noticing_signals(stop: _Stop) -> Iterator[None]:
     """Let Ctrl-C and SIGTERM end the work after a frame; the second one ends it at once."""
-    stop = _Stop()
     if threading.current_thread() is not threading.main_thread():
         # Only the main thread may say what happens on a signal.
-        yield stop
+        yield
         return
 
     def notice(number: int, frame: FrameType | None) -> None:
-        if stop.exit_code:
-            raise KeyboardInterrupt
+        is_second = bool(stop.exit_code)
         stop.exit_code = _SIGNALS[signal.Signals(number)]
+        if is_second or stop.at_once:
+            raise KeyboardInterrupt
 
     before = {number: signal.signal(number, notice) for number in _SIGNALS}
     try:
-        yield stop
+        yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -60,6 +60,7 @@ def parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "source",
+        nargs="?",
         metavar="SOURCE",
         help="a rosbag2 folder or .mcap file, a video, a folder of images or a sequence folder",
     )
@@ -120,7 +121,33 @@ def parser() -> argparse.ArgumentParser:
         metavar="HZ",
         help="of a folder of images, which does not tell (default: %(default)g)",
     )
+    parser.add_argument(
+        "--archive",
+        type=Path,
+        metavar="FOLDER_OR_LIST",
+        help="track every recording below a folder that has its target file beside it or is a "
+        "sequence, or those that a text file lists, into a folder each; what is done of the same "
+        "inputs, version and parameters is not done again",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=_jobs,
+        default=1,
+        metavar="N",
+        help="processes for an archive (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="say what would be done for an archive, and how long it would take, from a sample",
+    )
     return parser
+
+
+def _jobs(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}; allowed: whole numbers from 1")
+    return int(text)
 
 
 def _box(text: str) -> Box:

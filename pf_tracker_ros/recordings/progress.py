@@ -10,15 +10,18 @@ _REDRAWN_EVERY = 0.1
 
 
 @contextmanager
-def progress_bar(name: str, total: int | None) -> Iterator[Callable[[], None]]:
-    """Show on standard error, if it is a terminal, how far a recording is. Needs Rich.
+def progress_bar(
+    name: str, total: int | None, unit: str = "frames"
+) -> Iterator[Callable[[], None]]:
+    """Show on standard error, if it is a terminal, how far the work is. Needs Rich.
 
     Args:
-        name: Of the recording.
+        name: Of the recording, or of what else is worked through.
         total: Its frames, None where that is unknown.
+        unit: What is counted.
 
     Yields:
-        What to call after each frame.
+        What to call after each of them.
     """
     from rich.console import Console
     from rich.progress import (
@@ -35,7 +38,7 @@ def progress_bar(name: str, total: int | None) -> Iterator[Callable[[], None]]:
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]:.0f} frames/s"),
+        TextColumn("{task.fields[rate]:.3g} " + unit + "/s"),
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
