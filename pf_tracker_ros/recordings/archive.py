@@ -244,11 +244,19 @@ def write_manifest(output: Path, entries_by_name: dict[str, ArchiveEntry]) -> No
         RecordingError: It cannot be written.
     """
     document = [asdict(entry) for entry in entries_by_name.values()]
-    path = output / MANIFEST
+    write_whole(output / MANIFEST, json.dumps(document, indent=1) + "\n")
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file anew, whole or not at all.
+
+    Raises:
+        RecordingError: It cannot be written.
+    """
     try:
-        with tempfile.TemporaryDirectory(prefix=_WORKPLACE, dir=output) as folder:
-            draft = Path(folder) / MANIFEST
-            draft.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+        with tempfile.TemporaryDirectory(prefix=_WORKPLACE, dir=path.parent) as folder:
+            draft = Path(folder) / path.name
+            draft.write_text(text, encoding="utf-8", errors="replace")
             draft.replace(path)
     except OSError as error:
         raise unwritable(path, error) from error

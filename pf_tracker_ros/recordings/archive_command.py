@@ -10,8 +10,10 @@ from contextlib import closing
 from datetime import timedelta
 from itertools import islice
 from pathlib import Path
+from urllib.parse import quote
 
 from pf_tracker_ros.evaluation.command_line import parse_parameters
+from pf_tracker_ros.evaluation.reports.page import REPORT_FILE, fill
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings.archive import (
     ArchiveEntry,
@@ -22,6 +24,7 @@ from pf_tracker_ros.recordings.archive import (
     make_tasks,
     run_tasks,
     write_manifest,
+    write_whole,
 )
 from pf_tracker_ros.recordings.command_line import BESIDE
 from pf_tracker_ros.recordings.errors import DONE, FAILED, RecordingError
@@ -73,6 +76,8 @@ def run_archive(options: argparse.Namespace) -> int:
             told = {task.name: found[task.name] or done_entry(task) for task in tasks}
             known = {name: entry for name, entry in told.items() if entry is not None}
             write_manifest(output, known)
+        if options.report is not None:
+            _write_report([known[task.name] for task in tasks], options, output)
     _print_table([known[task.name] for task in tasks], len(waiting), output)
     return FAILED if any(entry.error for entry in known.values()) else DONE
 
@@ -86,6 +91,34 @@ def _arguments(options: argparse.Namespace) -> list[str]:
         arguments.append(f"--bag-topic={options.bag_topic}")
     arguments += [f"--{flag}" for flag in ("video", "parquet", "bag") if getattr(options, flag)]
     return arguments + (["--report"] if options.report is not None else [])
+
+
+def _write_report(found: Sequence[ArchiveEntry], options: argparse.Namespace, output: Path) -> None:
+    frames = sum(entry.frames for entry in found)
+    failed = sum(bool(entry.error) for entry in found)
+    page = fill(
+        "archive.html.jinja",
+        title=f"{options.archive.name}, tracked",
+        facts={
+            "archive": str(options.archive),
+            "preset": options.preset,
+            "parameters": ", ".join(options.parameter) or "those of the preset",
+            "recordings": f"{len(found)}, of which {failed} failed",
+            "frames": str(frames),
+        },
+        # What needs to be looked at comes first.
+        rows=[
+            {
+                "name": entry.name,
+                "address": None if entry.error else quote(f"{entry.name}/{REPORT_FILE}"),
+                "frames": entry.frames,
+                "states": entry.states,
+                "error": entry.error,
+            }
+            for entry in sorted(found, key=lambda entry: not entry.error)
+        ],
+    )
+    write_whole(output / REPORT_FILE, page)
 
 
 def _print_table(entries: Sequence[ArchiveEntry], tracked: int, output: Path) -> None:

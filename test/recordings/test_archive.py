@@ -3,10 +3,12 @@
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import time
 from pathlib import Path
+from urllib.parse import unquote
 
 import pytest
 
@@ -81,6 +83,27 @@ def test_each_recording_is_tracked_and_broken_ones_are_told(serial, archive, tra
         "shots": 7,
     }
     assert all(entry["states"] == {"tracking": 20} for entry in manifest if not entry["error"])
+
+
+def test_a_report_of_the_archive_leads_to_those_of_its_recordings(
+    write_sequence, moving_square, track, tmp_path
+):
+    pytest.importorskip("jinja2")
+    pytest.importorskip("matplotlib")
+    folder = tmp_path / "archive"
+    write_sequence("one #1 <b>", moving_square.images, moving_square.boxes, folder)
+    broken = write_sequence("broken", moving_square.images[:2], moving_square.boxes[:2], folder)
+    (broken / "img" / "0002.png").write_bytes(b"no picture")
+    output = tmp_path / "out"
+    code, _, _ = track("--archive", folder, "--output", output, *QUICK, "--report")
+    assert code == 1
+    page = (output / "report.html").read_text()
+    (address,) = re.findall(r'<a href="([^"]*)">one #1 &lt;b&gt;</a>', page)
+    assert (output / unquote(address)).read_text().startswith("<!doctype html>")
+    assert page.index('data-sequence="broken"') < page.index('data-sequence="one #1')
+    assert "0002.png cannot be decoded" in page
+    assert "2, of which 1 failed" in page
+    assert '<td data-figure="tracking" data-value="1.0">100.0 %</td>' in page
 
 
 def test_two_processes_find_the_same(serial, archive, track, tmp_path):

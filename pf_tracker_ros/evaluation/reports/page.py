@@ -90,16 +90,8 @@ class Change(NamedTuple):
 
 def render(report: Report) -> str:
     """The page, whole: styles, plots and pictures are in it, and it asks nobody for anything."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
-    environment = Environment(
-        loader=PackageLoader("pf_tracker_ros.evaluation.reports", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     contents = [section.content for section in report.sections]
     success = [each.success_curve for each in contents if each.success_curve is not None]
     precision = [each.precision_curve for each in contents if each.precision_curve is not None]
@@ -110,7 +102,8 @@ def render(report: Report) -> str:
     series = [
         {heading: Markup(plot) for heading, plot in series_plots(each).items()} for each in contents
     ]
-    return environment.get_template("report.html.jinja").render(
+    return fill(
+        "report.html.jinja",
         report=report,
         plots=plots,
         sections=list(zip(report.sections, series, strict=True)),
@@ -118,6 +111,20 @@ def render(report: Report) -> str:
         has_scores=any(each.scores is not None for each in contents),
         is_known=lambda value: not math.isnan(value),
     )
+
+
+def fill(template: str, **values: Any) -> str:
+    """A page of one of the templates here; what a name says is text, whatever it looks like."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("pf_tracker_ros.evaluation.reports", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(template).render(**values)
 
 
 def changes(contents: Sequence[SequenceContent], other: Results) -> list[Change]:
