@@ -110,7 +110,7 @@ def _write_report(found: Sequence[ArchiveEntry], options: argparse.Namespace, ou
         rows=[
             {
                 "name": entry.name,
-                "address": None if entry.error else quote(f"{entry.name}/{REPORT_FILE}"),
+                "address": quote(f"{entry.name}/{REPORT_FILE}"),
                 "frames": entry.frames,
                 "states": entry.states,
                 "error": entry.error,
