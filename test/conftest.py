@@ -3,6 +3,9 @@
 import itertools
 import json
 import os
+import re
+import shutil
+import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -216,3 +219,44 @@ def noise():
         )
 
     return make
+
+
+@pytest.fixture
+def browse(tmp_path):
+    """Opens a page in a frame of a width in Chromium; returns what a script in it reports."""
+    browser = shutil.which("chromium") or shutil.which("chromium-browser")
+    if browser is None:
+        pytest.skip("no Chromium to look at the page with: apt install chromium")
+
+    def open_(page, script, width):
+        ending = f"<script>parent.postMessage(JSON.stringify((() => {{{script}}})()), '*')</script>"
+        # The page forbids itself all requests: what it tried all the same is told as well.
+        errors = (
+            "<script>window.errors = []; onerror = (what) => errors.push(what); addEventListener("
+            "'securitypolicyviolation', (event) => errors.push(event.blockedURI))</script>"
+        )
+        inner = page.replace("<head>", f"<head>{errors}", 1).replace("</body>", f"{ending}</body>")
+        (tmp_path / "page.html").write_text(inner)
+        (tmp_path / "frame.html").write_text(
+            "<!doctype html><pre id=said></pre><script>addEventListener('message', (event) => "
+            "document.getElementById('said').textContent = event.data)</script>"
+            f"<iframe src=page.html style='width:{width}px;height:900px;border:0'></iframe>"
+        )
+        outcome = subprocess.run(
+            [
+                *(browser, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"),
+                *("--disable-background-networking", "--disable-component-update"),
+                *("--enable-logging=stderr", f"--user-data-dir={tmp_path / 'profile'}"),
+                *("--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=5000"),
+                (tmp_path / "frame.html").as_uri(),
+            ],
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=True,
+        )
+        assert "CONSOLE" not in outcome.stderr
+        (said,) = re.findall(r"<pre id=\"said\">(.*?)</pre>", outcome.stdout, re.DOTALL)
+        return json.loads(said.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
+
+    return open_

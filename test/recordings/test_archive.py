@@ -85,9 +85,9 @@ def test_each_recording_is_tracked_and_broken_ones_are_told(serial, archive, tra
     assert all(entry["states"] == {"tracking": 20} for entry in manifest if not entry["error"])
 
 
-def test_a_report_of_the_archive_leads_to_those_of_its_recordings(
-    write_sequence, moving_square, track, tmp_path
-):
+@pytest.fixture
+def reported(write_sequence, moving_square, track, tmp_path):
+    """The output folder of an archive of two recordings, one of them broken, with its report."""
     pytest.importorskip("jinja2")
     pytest.importorskip("matplotlib")
     folder = tmp_path / "archive"
@@ -97,13 +97,30 @@ def test_a_report_of_the_archive_leads_to_those_of_its_recordings(
     output = tmp_path / "out"
     code, _, _ = track("--archive", folder, "--output", output, *QUICK, "--report")
     assert code == 1
-    page = (output / "report.html").read_text()
+    return output
+
+
+def test_a_report_of_the_archive_leads_to_those_of_its_recordings(reported):
+    page = (reported / "report.html").read_text()
     (address,) = re.findall(r'<a href="([^"]*)">one #1 &lt;b&gt;</a>', page)
-    assert (output / unquote(address)).read_text().startswith("<!doctype html>")
+    assert (reported / unquote(address)).read_text().startswith("<!doctype html>")
     assert page.index('data-sequence="broken"') < page.index('data-sequence="one #1')
     assert "0002.png cannot be decoded" in page
     assert "2, of which 1 failed" in page
     assert '<td data-figure="tracking" data-value="1.0">100.0 %</td>' in page
+
+
+def test_the_report_of_an_archive_can_be_sorted_and_is_not_too_wide(reported, browse):
+    said = browse(
+        (reported / "report.html").read_text(),
+        """
+        document.querySelectorAll("#sequences th button").forEach((one) => one.click());
+        const rows = document.querySelectorAll("#sequences tbody tr");
+        return {errors, rows: rows.length, scroll: document.documentElement.scrollWidth};
+        """,
+        390,
+    )
+    assert said == {"errors": [], "rows": 2, "scroll": 390}
 
 
 def test_two_processes_find_the_same(serial, archive, track, tmp_path):

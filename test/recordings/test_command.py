@@ -3,6 +3,8 @@
 import os
 import resource
 import signal
+import subprocess
+import sys
 import time
 
 import cv2
@@ -309,3 +311,47 @@ def test_the_image_topic_of_a_bag_can_be_named(track, rows, moving_square_sequen
     assert track(bag, "--output", tmp_path / "a", "--bag-topic", "/right/image")[0] == 3
     assert track(bag, "--output", tmp_path / "a", "--bag-topic", "/left/image", *QUICK)[0] == 0
     assert len(rows(tmp_path / "a")) == 20
+
+
+def test_it_needs_no_ros(moving_square_sequence, tmp_path):
+    bag = tmp_path / "drive.mcap"
+    write_footage(open_footage(moving_square_sequence), bag)
+    code = """
+import sys
+class NoRos:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {"rclpy", "sensor_msgs", "std_msgs", "geometry_msgs"}:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, NoRos())
+from pf_tracker_ros.recordings.__main__ import main
+sys.exit(main(sys.argv[1:]))
+"""
+    arguments = [bag, "--output", tmp_path / "out", *QUICK, "--video", "--bag", "--report"]
+    outcome = subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (outcome.returncode, outcome.stderr) == (0, "")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        *("boxes.csv", "overlay.mp4", "topics.mcap", "report.html")
+    }
+
+
+def test_the_second_ctrl_c_ends_it_at_once(start_track, long_sequence, tmp_path):
+    process = start_track(long_sequence, "--output", "out", *QUICK, "--video", "--report")
+    output = tmp_path / "out"
+    wait_for_rows(output, 30)
+    process.send_signal(signal.SIGINT)
+    # The report takes a while.
+    while not (output / "boxes.csv").exists():
+        assert process.poll() is None
+        time.sleep(0.001)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors == "track: error: interrupted at once; what was not finished is gone\n"
+    assert hidden(output) == []
+    assert not (output / "report.html").exists()
