@@ -126,7 +126,8 @@ def _run(options: argparse.Namespace, stop: _Stop) -> int:
         try:
             _track(tracking, recording, outputs, summary, stop)
         except (FootageError, RecordingError) as error:
-            if summary.frames == 0:
+            # Without a target there is nothing to keep.
+            if summary.states.keys() <= {"idle", "skipped"}:
                 raise
             failures.append(error)
         for folder in outputs:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import shutil
@@ -26,6 +27,10 @@ class FrameWriter(Protocol):
 
     def close(self) -> None:
         """Finish the file, which then is whole."""
+        ...
+
+    def discard(self) -> None:
+        """Give the file up, unfinished, and all that it takes to write it."""
         ...
 
 
@@ -100,6 +105,11 @@ class OutputFolder:
 
     def discard(self) -> None:
         """Leave nothing but what was put into place."""
+        for writer in self._writers.values():
+            # What it is about is being given up already.
+            with contextlib.suppress(Exception):
+                writer.discard()
+        self._writers = {}
         if self._workplace is not None:
             shutil.rmtree(self._workplace, ignore_errors=True)
         for folder in self._made:

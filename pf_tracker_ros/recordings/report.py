@@ -60,6 +60,10 @@ class RecordingReport:
         with self._file:
             self._file.write(page.encode("utf-8", "replace"))
 
+    def discard(self) -> None:
+        """Give the file up."""
+        self._file.close()
+
 
 def recording_page(
     recording: Recording,

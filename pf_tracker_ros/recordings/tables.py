@@ -56,6 +56,10 @@ class BoxesCsv:
         """Finish the file."""
         self._file.close()
 
+    def discard(self) -> None:
+        """Give the file up."""
+        self._file.close()
+
     def _write(self, rows: Iterable[tuple[Any, ...]]) -> None:
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows(rows)
@@ -104,6 +108,10 @@ class BoxesParquet:
         with self._file:
             self._write_rows()
             self._writer.close()
+
+    def discard(self) -> None:
+        """Give the file up."""
+        self._file.close()
 
     def _write_rows(self) -> None:
         columns = zip(*self._rows, strict=True) if self._rows else [()] * len(COLUMNS)

@@ -2,14 +2,14 @@
 
 A target file `drive.target.yaml` stands beside `drive.mcap`:
 
-    recording: drive.mcap         # of which recording it is, the name of its file or folder
-    image_size: [768, 576]        # width and height of its images, pixels
-    targets:
-      - box: [293.0, 97.0, 115.0, 82.0]   # x, y, width, height, pixels
-        stamp: 1700000000000000000        # of the frame it was drawn on, ns; 0: the first one
-        label: car                        # what it is, if that is known
+    target_box: [293.0, 97.0, 115.0, 82.0]   # x, y, width, height, pixels
+    frame: 3                                 # on which it was drawn, counted from 0
+    stamp: 1700000000000000000               # of that frame, nanoseconds
+    label: car                               # what it is
+    recording: drive.mcap                    # in which: the name of its file or folder
+    image_size: [768, 576]                   # width and height of its images, pixels
 
-`recording`, `image_size`, `stamp` and `label` may be left out.
+All but `target_box` may be left out; without `frame` and `stamp` it is drawn on the first frame.
 """
 
 from __future__ import annotations
@@ -28,8 +28,7 @@ from pf_tracker_ros.recordings.errors import REFUSED, WRONG_TARGET, RecordingErr
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
 
 TARGET_ENDING = ".target.yaml"
-_KEYS = {"recording", "image_size", "targets"}
-_TARGET_KEYS = {"box", "stamp", "label"}
+_KEYS = {"target_box", "frame", "stamp", "label", "recording", "image_size"}
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,9 @@ class Target:
 
     Attributes:
         box: (x, y, width, height) in pixels; None takes the first true box.
-        stamp: Of the frame that the box was drawn on, nanoseconds; 0 for the first one.
+        stamp: Of the frame that the box was drawn on, nanoseconds; 0 where that is unknown.
+        frame: Of that frame, counted from 0; None where that is unknown. Without either it is the
+            first one.
         image_size: (width, height) of the image that it was drawn on, None where that is unknown.
         source: Where it comes from, for messages.
         label: What it is, or empty.
@@ -46,6 +47,7 @@ class Target:
 
     box: Box | None
     stamp: int = 0
+    frame: int | None = None
     image_size: tuple[int, int] | None = None
     source: str = ""
     label: str = ""
@@ -58,9 +60,14 @@ class Target:
         """
         if self.box is None:
             return None if frame.true_box is None else box_as_sent(frame.true_box)
-        if self.stamp and frame.stamp < self.stamp:
+        is_before = (
+            frame.index < self.frame
+            if self.frame is not None
+            else self.stamp and frame.stamp < self.stamp
+        )
+        if is_before:
             return None
-        if self.stamp and frame.stamp != self.stamp:
+        if self.frame not in (None, frame.index) or self.stamp not in (0, frame.stamp):
             raise self.missed()
         if frame.image is None:
             raise RecordingError(f"frame {frame.index}, with the target: {frame.problem}", REFUSED)
@@ -77,8 +84,10 @@ class Target:
         """The error of a recording that has not the frame that the target was drawn on."""
         if self.box is None:
             return RecordingError("there is no true box in any frame; give --box x,y,w,h")
+        known = [f"number {self.frame}"] if self.frame is not None else []
+        known += [f"stamped {self.stamp} ns"] if self.stamp else []
         return RecordingError(
-            f"{self.source} is of a frame stamped {self.stamp} ns, which this recording does not "
+            f"{self.source} is of a frame {', '.join(known)}, which this recording does not "
             "have: it belongs to another recording",
             WRONG_TARGET,
         )
@@ -133,25 +142,24 @@ def read_target_file(path: Path, source: Path) -> Target:
             "this recording, or correct 'recording' in it",
             WRONG_TARGET,
         )
-    targets = document.get("targets")
-    if not isinstance(targets, list) or len(targets) != 1:
-        raise _wrong(path, "'targets'", targets, "a list of one target")
-    (target,) = targets
-    if not isinstance(target, dict):
-        raise _wrong(path, "a target", target, "a mapping with box, stamp and label")
-    _check_keys(path, target, _TARGET_KEYS)
-    stamp = target.get("stamp", 0)
-    if isinstance(stamp, bool) or not isinstance(stamp, int) or stamp < 0:
-        raise _wrong(path, "'stamp'", stamp, "nanoseconds, a whole number from 0")
-    box = _numbers(path, "'box'", target.get("box"), 4, "four numbers, x, y, width, height")
+    what = "'target_box'"
+    box = _numbers(
+        path, what, document.get("target_box"), 4, "four numbers, x, y, width and height in pixels"
+    )
     if min(box[2:]) <= 0:
-        raise _wrong(path, "'box'", target["box"], "a width and height above 0")
-    size = document.get("image_size")
+        raise _wrong(path, what, document["target_box"], "a width and height above 0")
     image_size = None
-    if size is not None:
+    if (size := document.get("image_size")) is not None:
         width, height = _numbers(path, "'image_size'", size, 2, "two numbers, width and height")
         image_size = (int(width), int(height))
-    return Target(as_box(box), stamp, image_size, str(path), str(target.get("label", "")))
+    return Target(
+        as_box(box),
+        stamp=_whole(path, document, "stamp") or 0,
+        frame=_whole(path, document, "frame"),
+        image_size=image_size,
+        source=str(path),
+        label=str(document.get("label", "")),
+    )
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
@@ -166,7 +174,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         reason = " ".join(str(error).split())
         raise RecordingError(f"{path} cannot be read as YAML ({reason})", WRONG_TARGET) from error
     if not isinstance(document, dict):
-        raise _wrong(path, "it", document, "a mapping with recording, image_size and targets")
+        raise _wrong(path, "it", document, "a mapping with target_box, frame and stamp")
     return document
 
 
@@ -176,6 +184,15 @@ def _check_keys(path: Path, mapping: dict[str, Any], allowed: set[str]) -> None:
         raise RecordingError(
             f"{path} has {', '.join(unknown)}; allowed: {', '.join(sorted(allowed))}", WRONG_TARGET
         )
+
+
+def _whole(path: Path, document: dict[str, Any], name: str) -> int | None:
+    value = document.get(name)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise _wrong(path, f"'{name}'", value, "a whole number from 0")
+    return int(value)
 
 
 def _numbers(path: Path, what: str, value: Any, count: int, allowed: str) -> list[float]:

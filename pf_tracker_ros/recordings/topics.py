@@ -72,6 +72,11 @@ class TopicBag:
         """Finish the file."""
         self._writer.__exit__(None, None, None)
 
+    def discard(self) -> None:
+        """Give the file up."""
+        error = InterruptedError()
+        self._writer.__exit__(type(error), error, None)
+
     def _level(self, tracked: TrackedFrame) -> int:
         return _ERROR if tracked.outcome == "refused" else SEVERITIES[self._last_state]
 

@@ -76,14 +76,18 @@ class AnnotatedVideo:
             RecordingError: OpenCV cannot write the file, or has written less than it was given.
             OSError: There is no room for it.
         """
-        self._frames.put(None)
-        self._thread.join()
-        if self._writer is not None:
-            self._writer.release()
+        self.discard()
         if self._error is not None:
             raise self._error
         if self._writer is not None:
             self._check()
+
+    def discard(self) -> None:
+        """Let the thread end and the file go, whatever it holds."""
+        self._frames.put(None)
+        self._thread.join()
+        if self._writer is not None:
+            self._writer.release()
 
     def _encode(self) -> None:
         picture: NDArray[Any] | None = None

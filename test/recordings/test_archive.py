@@ -26,7 +26,7 @@ def archive(write_sequence, moving_square, tmp_path):
     for number in range(10):
         parent = folder / f"day_{number % 2}"
         write_sequence(f"drive_{number}", moving_square.images, moving_square.boxes, parent)
-    target = "targets: [{box: [20, 30, 24, 24]}]"
+    target = "target_box: [20, 30, 24, 24]"
     images = write_sequence("pictures", moving_square.images, moving_square.boxes, folder)
     (images / "img").rename(folder / "shots")
     shutil.rmtree(images)
@@ -261,7 +261,7 @@ def test_a_target_file_is_for_the_recording_that_it_names(tmp_path):
     for name in ("drive.mp4", "drive.txt", "drive.avi"):
         (tmp_path / name).write_bytes(b"")
     target = tmp_path / "drive.target.yaml"
-    target.write_text("recording: drive.avi\ntargets: [{box: [1, 2, 3, 4]}]")
+    target.write_text("recording: drive.avi\ntarget_box: [1, 2, 3, 4]")
     assert list(find_recordings(tmp_path)) == ["drive.avi"]
 
 

@@ -5,6 +5,7 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import cv2
@@ -184,6 +185,14 @@ def test_a_box_outside_the_image_is_refused(track, moving_square_sequence, tmp_p
     )
     assert code == 7
     assert "frame 0, box from --box: target refused: " in one_sentence(errors)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_run_that_is_refused_leaves_no_thread_behind(track, moving_square_sequence, tmp_path):
+    before = threading.active_count()
+    outside = ("--box", "900,30,24,24", "--video", "--bag", "--report")
+    assert track(moving_square_sequence, "--output", tmp_path / "out", *outside)[0] == 7
+    assert threading.active_count() == before
     assert not (tmp_path / "out").exists()
 
 

@@ -37,22 +37,27 @@ def test_a_box_goes_before_the_file_and_the_file_before_the_truth(
 ):
     recording = open_recording(moving_square_sequence)
     assert choose_target(recording, None).box is None
-    write_target("targets: [{box: [1, 2, 3, 4.5], label: car}]")
+    write_target("target_box: [1, 2, 3, 4.5]\nlabel: car")
     target = choose_target(recording, None)
     assert (target.box, target.stamp, target.label) == ((1.0, 2.0, 3.0, 4.5), 0, "car")
     assert choose_target(recording, (5, 6, 7, 8)).box == (5.0, 6.0, 7.0, 8.0)
 
 
+@pytest.mark.parametrize(
+    "where",
+    [
+        "frame: 6",
+        f"stamp: {10**9 + 6 * 40_000_000}",
+        f"frame: 6  # counted from 0\nstamp: {10**9 + 6 * 40_000_000}  # of that frame",
+        "recording: moving_square\nimage_size: [160, 120]\nframe: 6\nstamp: 0",
+    ],
+)
 def test_tracking_begins_on_the_frame_that_the_target_was_drawn_on(
-    track, rows, moving_square_sequence, write_target, tmp_path
+    track, rows, write_target, tmp_path, where
 ):
-    stamp = 10**9 + 6 * 40_000_000
     box = [44.0, 42.0, 24.0, 24.0]
-    write_target(
-        "recording: moving_square\nimage_size: [160, 120]\n"
-        f"targets:\n  - box: {box}\n    stamp: {stamp}\n"
-    )
-    assert track(moving_square_sequence, "--output", tmp_path / "out", *QUICK)[0] == 0
+    source = write_target(f"target_box: {box}\n{where}\n").with_name("moving_square")
+    assert track(source, "--output", tmp_path / "out", *QUICK)[0] == 0
     found = rows(tmp_path / "out")
     assert [row["state"] for row in found[:6]] == ["idle"] * 6
     assert {row["x"] for row in found[:6]} == {""}
@@ -74,29 +79,34 @@ def test_the_truth_begins_where_the_target_appears(track, rows, moving_square, w
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("recording: other.mcap\ntargets: [{box: [1, 2, 3, 4]}]", "is the target of 'other.mcap'"),
+        ("recording: other.mcap\ntarget_box: [1, 2, 3, 4]", "is the target of 'other.mcap'"),
         (
-            "image_size: [640, 480]\ntargets: [{box: [1, 2, 3, 4]}]",
+            "image_size: [640, 480]\ntarget_box: [1, 2, 3, 4]",
             "is of images of 640 x 480 px, and these have 160 x 120 px: it belongs to another",
         ),
         (
-            "targets: [{box: [20, 30, 24, 24], stamp: 1000000007}]",
+            "target_box: [20, 30, 24, 24]\nstamp: 1000000007",
             "is of a frame stamped 1000000007 ns, which this recording does not have",
         ),
         (
-            "targets: [{box: [20, 30, 24, 24], stamp: 1700000000000000000}]",
+            "target_box: [20, 30, 24, 24]\nstamp: 1700000000000000000",
             "is of a frame stamped 1700000000000000000 ns, which this recording does not have",
         ),
-        ("targets: []", "'targets' is []; allowed: a list of one target"),
-        ("targets: [{box: [1, 2, 3]}]", "allowed: four numbers"),
-        ("targets: [{box: [1, 2, .nan, 3]}]", "allowed: four numbers"),
-        ("targets: [{box: [1, 2, 3, 0]}]", "allowed: a width and height above 0"),
-        ("targets: [{box: [1, 2, 3, 4], stamp: soon}]", "'stamp' is 'soon'"),
-        ("targets: [{box: [1, 2, 3, 4], age: 3}]", "has age; allowed: box, label, stamp"),
-        ("box: [1, 2, 3, 4]", "has box; allowed: image_size, recording, targets"),
+        (
+            "target_box: [20, 30, 24, 24]\nframe: 3\nstamp: 1000000000",
+            "is of a frame number 3, stamped 1000000000 ns, which this recording does not have",
+        ),
+        ("target_box: [20, 30, 24, 24]\nframe: 400", "is of a frame number 400, which this"),
+        ("label: car", "'target_box' is None; allowed: four numbers"),
+        ("target_box: [1, 2, 3]", "allowed: four numbers"),
+        ("target_box: [1, 2, .nan, 3]", "allowed: four numbers"),
+        ("target_box: [1, 2, 3, 0]", "allowed: a width and height above 0"),
+        ("target_box: [1, 2, 3, 4]\nstamp: soon", "'stamp' is 'soon'"),
+        ("target_box: [1, 2, 3, 4]\nframe: -1", "'frame' is -1"),
+        ("target_box: [1, 2, 3, 4]\nage: 3", "has age; allowed: frame, image_size, label"),
         ("- 1", "it is [1]; allowed: a mapping"),
-        ("targets: [", "cannot be read as YAML"),
-        ("targets: [{box: [900, 2, 3, 4]}]", "target refused"),
+        ("target_box: [", "cannot be read as YAML"),
+        ("target_box: [900, 2, 3, 4]", "target refused"),
     ],
 )
 def test_a_file_that_is_wrong_or_of_another_recording(track, write_target, tmp_path, text, said):
@@ -107,6 +117,7 @@ def test_a_file_that_is_wrong_or_of_another_recording(track, write_target, tmp_p
     assert str(path) in line
     assert said in line
     assert path.read_text() == text
+    assert not (tmp_path / "out").exists()
 
 
 def test_boxes_are_those_that_a_message_can_tell(moving_square_sequence):
