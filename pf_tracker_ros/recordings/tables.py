@@ -105,13 +105,21 @@ class BoxesParquet:
 
     def close(self) -> None:
         """Finish the file."""
-        with self._file:
-            self._write_rows()
-            self._writer.close()
+        try:
+            with self._file:
+                self._write_rows()
+                self._writer.close()
+        finally:
+            self._forget_writer()
 
     def discard(self) -> None:
         """Give the file up."""
+        self._forget_writer()
         self._file.close()
+
+    def _forget_writer(self) -> None:
+        # Else it would write into the closed file when it is collected, and complain.
+        self._writer.is_open = False
 
     def _write_rows(self) -> None:
         columns = zip(*self._rows, strict=True) if self._rows else [()] * len(COLUMNS)
