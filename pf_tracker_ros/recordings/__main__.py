@@ -196,7 +196,8 @@ def _report(
 ) -> int:
     """Say what came of it, and with which exit code."""
     code = errors.DONE
-    for failure in failures:
+    # What cannot be written any further can as a rule not be finished either, and is told once.
+    for failure in {str(failure): failure for failure in failures}.values():
         found = getattr(failure, "exit_code", errors.UNREADABLE_SOURCE)
         code = code or found
         kept = f"; {summary.frames} frames were tracked" if summary.frames else ""

@@ -282,6 +282,19 @@ def test_a_full_disk_takes_the_video_and_leaves_the_boxes(
     assert not (tmp_path / "out" / "overlay.mp4").exists()
 
 
+def test_a_full_disk_ends_a_bag_in_one_sentence(start_track, rows, long_sequence, tmp_path):
+    process = start_track(long_sequence, "--output", "out", *QUICK, "--bag")
+    wait_for_rows(tmp_path / "out", 0)
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
+    said, errors = process.communicate(timeout=60)
+    assert (process.returncode, said) == (6, "")
+    line = one_sentence(errors)
+    assert "topics.mcap cannot be written any further" in line
+    # The rows of the frame that did not fit are whole.
+    assert len(rows(tmp_path / "out")) - 1 <= int(line.split("; ")[-1].split()[0]) < 1000
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["boxes.csv"]
+
+
 @pytest.mark.parametrize(
     ("number", "code"), [("ENOSPC", 6), ("EDQUOT", 6), ("EROFS", 5), ("EACCES", 5), ("EIO", 1)]
 )
