@@ -36,7 +36,10 @@ EXTRAS = {
     ],
     "opencv": OPENCV,
     "bags": BAGS,
-    "evaluation": ["rich>=13", "matplotlib>=3.6"],
+    "evaluation": ["rich>=13", "matplotlib>=3.6", "jinja2>=3"],
+    # The command `track`; with a ROS from apt, rosdep has all of it but rosbags, which writes bags.
+    "recordings": ["rich>=13", "matplotlib>=3.6", "jinja2>=3", "pyyaml", *BAGS],
+    "parquet": ["pyarrow>=14"],
     # Peers that benchmarks compare with, in an environment of its own: `particles` wants NumPy 1.
     "benchmark": ["particles>=0.4,<0.5", "rich>=13", "matplotlib>=3.6"],
     # colcon takes pytest as the test runner because it finds it under this name.
@@ -67,7 +70,7 @@ setup(
     project_urls={"Issues": "https://github.com/pf-tracker-ros/pf_tracker_ros/issues"},
     python_requires=">=3.10",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed"]},
+    package_data={PACKAGE: ["py.typed", "evaluation/reports/*.jinja"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (SHARE, ["package.xml"]),
@@ -82,6 +85,7 @@ setup(
             f"tracker = {PACKAGE}.commands:tracker",
             f"replay = {PACKAGE}.commands:replay",
             f"evaluate = {PACKAGE}.commands:evaluate",
+            f"track = {PACKAGE}.commands:track",
         ],
     },
 )

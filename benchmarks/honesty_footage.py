@@ -116,7 +116,7 @@ def departure(
 
     Args:
         target: What is in its first box is cut out.
-        background: Played to and fro, behind it.
+        background: Played back and forth, behind it.
         seconds: For which it is in view, gone, and in view again.
         interval: Seconds between frames.
     """

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from recording import BOX, OVERLAY, STATUS, TOPICS, Recorder, status_values
 from rich.table import Table
 
+from pf_tracker_ros.decoding.image_decoding import decode
 from pf_tracker_ros.footage import BagWriter
-from pf_tracker_ros.node.images.image_decoding import decode
 from pf_tracker_ros.node.message_building import box_of_polygon
 
 Picture = NDArray[np.uint8]

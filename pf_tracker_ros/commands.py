@@ -80,6 +80,18 @@ def evaluate() -> int:
     return main()
 
 
+def track() -> int:
+    """Run the command `track`, and return its exit code."""
+    _require_opencv("track")
+    try:
+        from pf_tracker_ros.recordings.__main__ import main
+    except KeyboardInterrupt:
+        print("track: interrupted", file=sys.stderr)
+        return 130
+
+    return main()
+
+
 def _is_unicode(text: str) -> bool:
     try:
         text.encode()

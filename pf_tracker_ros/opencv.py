@@ -4,7 +4,14 @@ Only one of them may be in an environment, as all bring the same module; which o
 to choose, and installing another over it would replace it.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
+
+# OpenCV's LOG_LEVEL_ERROR.
+_ERRORS_ALONE = 2
 
 
 def require_opencv() -> None:
@@ -20,3 +27,35 @@ def require_opencv() -> None:
             "python3-opencv)",
             name="cv2",
         )
+
+
+@contextmanager
+def one_opencv_thread() -> Iterator[None]:
+    """Hold OpenCV to one thread for the length of a block.
+
+    The tracker looks at small regions: more threads make it no faster and keep other cores busy.
+    """
+    import cv2
+
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+@contextmanager
+def quiet_opencv() -> Iterator[None]:
+    """Keep OpenCV's warnings off standard error for the length of a block.
+
+    A disk that is full has it warn of every frame of a video.
+    """
+    import cv2
+
+    before = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(_ERRORS_ALONE)
+    try:
+        yield
+    finally:
+        cv2.utils.logging.setLogLevel(before)

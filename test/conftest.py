@@ -3,14 +3,25 @@
 import itertools
 import json
 import os
+import re
+import shutil
+import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from hypothesis import settings
+
+pytest_plugins = ["pf_tracker_ros.testing"]
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+# A long run of the properties is made by hand, with as many cases each as this says.
+CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
+if CASES:
+    settings.register_profile("long", max_examples=CASES, deadline=None)
+    settings.load_profile("long")
 
 
 @pytest.fixture(scope="session")
@@ -195,3 +206,57 @@ def ros_domain(_domain_numbers, monkeypatch, tmp_path):
         for name in ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"):
             monkeypatch.delenv(name, raising=False)
         yield domain
+
+
+@pytest.fixture(scope="session")
+def noise():
+    """A function that makes images of textured noise."""
+
+    def make(height=48, width=64, channels=3, seed=0, kind=np.uint8):
+        shape = (height, width, channels) if channels > 1 else (height, width)
+        return np.random.default_rng(seed).integers(
+            0, np.iinfo(kind).max, shape, dtype=kind, endpoint=True
+        )
+
+    return make
+
+
+@pytest.fixture
+def browse(tmp_path):
+    """Opens a page in a frame of a width in Chromium; returns what a script in it reports."""
+    browser = shutil.which("chromium") or shutil.which("chromium-browser")
+    if browser is None:
+        pytest.skip("no Chromium to look at the page with: apt install chromium")
+
+    def open_(page, script, width):
+        ending = f"<script>parent.postMessage(JSON.stringify((() => {{{script}}})()), '*')</script>"
+        # The page forbids itself all requests: what it tried all the same is told as well.
+        errors = (
+            "<script>window.errors = []; onerror = (what) => errors.push(what); addEventListener("
+            "'securitypolicyviolation', (event) => errors.push(event.blockedURI))</script>"
+        )
+        inner = page.replace("<head>", f"<head>{errors}", 1).replace("</body>", f"{ending}</body>")
+        (tmp_path / "page.html").write_text(inner)
+        (tmp_path / "frame.html").write_text(
+            "<!doctype html><pre id=said></pre><script>addEventListener('message', (event) => "
+            "document.getElementById('said').textContent = event.data)</script>"
+            f"<iframe src=page.html style='width:{width}px;height:900px;border:0'></iframe>"
+        )
+        outcome = subprocess.run(
+            [
+                *(browser, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"),
+                *("--disable-background-networking", "--disable-component-update"),
+                *("--enable-logging=stderr", f"--user-data-dir={tmp_path / 'profile'}"),
+                *("--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=5000"),
+                (tmp_path / "frame.html").as_uri(),
+            ],
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=True,
+        )
+        assert "CONSOLE" not in outcome.stderr
+        (said,) = re.findall(r"<pre id=\"said\">(.*?)</pre>", outcome.stdout, re.DOTALL)
+        return json.loads(said.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
+
+    return open_

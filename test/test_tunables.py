@@ -11,7 +11,7 @@ from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
 INTERVAL = 0.1
 SEEDS = range(3)
-DIM, HIDDEN, GONE = range(10, 14), range(18, 22), range(44, 66)
+DIM, HIDDEN, GONE = range(26, 30), range(18, 22), range(44, 66)
 FIRST_BOX = (20, 30, 24, 24)
 TOLD = ("box", "state", "confidence", "covariance", "particles")
 

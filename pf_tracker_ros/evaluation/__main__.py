@@ -8,7 +8,7 @@ import importlib
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from types import FrameType
 from typing import Any
@@ -17,10 +17,11 @@ from pf_tracker_ros.evaluation.command_line import parse_parameters, parser
 from pf_tracker_ros.evaluation.outputs import Outputs
 from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
 from pf_tracker_ros.evaluation.report import print_table
+from pf_tracker_ros.evaluation.reports.writing import EvaluationReport
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure, SequenceResult
 from pf_tracker_ros.evaluation.sequences import read_sequences
 from pf_tracker_ros.evaluation.several import evaluate_each
-from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.tracking.tracker import Tracker
 
@@ -60,6 +61,7 @@ def _run(options: argparse.Namespace) -> int:
     _require("rich")
     if options.plot is not None:
         _require("matplotlib")
+    report = _begin_report(options)
     parameters = parse_parameters(options.parameter)
     outputs = Outputs(options.output, options.plot, options.preset, parameters)
     make_tracker = functools.partial(Tracker.from_preset, options.preset, parameters=parameters)
@@ -82,8 +84,10 @@ def _run(options: argparse.Namespace) -> int:
     if not results:
         _complain("no sequence could be evaluated")
         return INCOMPLETE
+    evaluated = [(sequences[number], results[number]) for number in sorted(results)]
+    is_reported = report is None or _write_report(report, options.preset, parameters, evaluated)
     runs = "1 seed" if options.seeds == 1 else f"mean of {options.seeds} seeds"
-    is_complete = len(results) == len(sequences) and outputs.are_written
+    is_complete = len(results) == len(sequences) and outputs.are_written and is_reported
     try:
         print_table(f"preset {options.preset}, {runs}", _in_order(results))
     except BrokenPipeError:
@@ -92,6 +96,32 @@ def _run(options: argparse.Namespace) -> int:
         _complain(f"the table cannot be printed ({error.strerror})")
         return INCOMPLETE
     return SUCCESS if is_complete else INCOMPLETE
+
+
+def _begin_report(options: argparse.Namespace) -> EvaluationReport | None:
+    if options.report is None:
+        if options.compare:
+            raise EvaluationError("--compare is for the report; allowed: with --report DIR")
+        return None
+    for package in ("matplotlib", "jinja2"):
+        _require(package)
+    return EvaluationReport(options.report, options.compare)
+
+
+def _write_report(
+    report: EvaluationReport,
+    preset: str,
+    parameters: Mapping[str, Any],
+    evaluated: Sequence[tuple[Footage, SequenceResult]],
+) -> bool:
+    """Write the report, and tell whether that went well."""
+    try:
+        failure = report.write(preset, parameters, evaluated)
+    except FootageError as error:
+        failure = f"there is no report: {error}"
+    if failure is not None:
+        _complain(failure)
+    return failure is None
 
 
 def _in_order(results: dict[int, SequenceResult]) -> list[SequenceResult]:

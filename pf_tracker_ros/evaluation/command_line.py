@@ -129,6 +129,21 @@ def parser() -> argparse.ArgumentParser:
         "as several compete for caches and memory",
     )
     parser.add_argument("--output", type=Path, metavar="FILE.json", help="write the results here")
+    parser.add_argument(
+        "--report",
+        type=Path,
+        metavar="DIR",
+        help="write report.html here at the end: plots and pictures of every sequence on one page "
+        "(needs Matplotlib and Jinja2)",
+    )
+    parser.add_argument(
+        "--compare",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE.json",
+        help="results of another run, which the report tells the differences to; may be repeated",
+    )
     parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw the success plot here")
     return parser
 

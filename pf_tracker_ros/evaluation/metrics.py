@@ -11,8 +11,13 @@ neither overlap nor center error (both NaN) and takes no part in any share of fr
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+Measure = Callable[[ArrayLike, ArrayLike], NDArray[np.float64]]
+"""How well boxes fit true boxes: a number for each pair."""
 
 # k / 20 is the double nearest to each threshold; a box that overlaps by exactly .15 is then not
 # above the threshold .15, which it would be with k * 0.05.
@@ -122,6 +127,23 @@ def precision(errors: ArrayLike, radius: float = PRECISION_RADIUS) -> float:
         ValueError: No frame has a center error.
     """
     return float((_known(errors, "center error") <= radius).mean())
+
+
+def precision_curve(errors: ArrayLike) -> NDArray[np.float64]:
+    """Share of frames whose center error is at most 0, 1, .. 50 pixels.
+
+    Args:
+        errors: (frames,) center errors in pixels; NaN frames are left out.
+
+    Returns:
+        (51,) shares, not decreasing.
+
+    Raises:
+        ValueError: No frame has a center error.
+    """
+    known = _known(errors, "center error")
+    curve: NDArray[np.float64] = (known[:, None] <= np.arange(51)).mean(axis=0)
+    return curve
 
 
 def _as_boxes(boxes: ArrayLike) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -46,6 +46,23 @@ class SequenceFailure:
     error: Exception
 
 
+@dataclass(frozen=True, eq=False)
+class FrameDetails:
+    """What a tracker that knows more than a box told of each frame.
+
+    Attributes:
+        states: (frames,) as the tracker calls them, empty where it did not tell.
+        confidence: (frames,) 0 to 1, NaN where it did not tell.
+        effective_sample_size: (frames,), NaN where it did not tell.
+        powers: Name of a cue to its (frames,) power.
+    """
+
+    states: tuple[str, ...]
+    confidence: NDArray[np.float64]
+    effective_sample_size: NDArray[np.float64]
+    powers: Mapping[str, NDArray[np.float64]]
+
+
 @dataclass(frozen=True)
 class SequenceResult:
     """One pass over one sequence, once for each seed.
@@ -62,6 +79,7 @@ class SequenceResult:
             and while the tracker calls the target lost, the last one before.
         lost: (seeds, frames) whether the tracker called the target lost.
         cpu_seconds: (seeds, frames - 1) CPU time of each `update`.
+        details: What the tracker of the first seed told besides; None where nobody asked it.
     """
 
     name: str
@@ -70,6 +88,7 @@ class SequenceResult:
     boxes: NDArray[np.float64]
     lost: NDArray[np.bool_]
     cpu_seconds: NDArray[np.float64]
+    details: FrameDetails | None = None
 
     @cached_property
     def overlaps(self) -> NDArray[np.float64]:
@@ -90,6 +109,11 @@ class SequenceResult:
     def success_curve(self) -> NDArray[np.float64]:
         """(21,) success curve, mean over the seeds."""
         return np.mean([metrics.success_curve(overlaps) for overlaps in self.overlaps], axis=0)
+
+    @property
+    def precision_curve(self) -> NDArray[np.float64]:
+        """(51,) precision curve, mean over the seeds."""
+        return np.mean([metrics.precision_curve(row) for row in self.center_errors], axis=0)
 
     @property
     def success_auc_deviation(self) -> float:

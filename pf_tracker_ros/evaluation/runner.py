@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.evaluation.ground_truth import count_mismatch, usable_ground_truth
-from pf_tracker_ros.evaluation.results import EvaluationError, SequenceResult
+from pf_tracker_ros.evaluation.results import EvaluationError, FrameDetails, SequenceResult
 from pf_tracker_ros.footage import Footage
+from pf_tracker_ros.opencv import one_opencv_thread
 from pf_tracker_ros.stamps import NANOSECONDS
 
 Image = NDArray[Any]
@@ -92,8 +93,9 @@ def evaluate_sequence(
     boxes = np.empty((len(seeds), frames, 4))
     lost = np.zeros((len(seeds), frames), dtype=bool)
     cpu_seconds = np.empty((len(seeds), frames - 1))
+    told: list[_Told] = []
     done, last_stamp = 0, 0
-    with _one_opencv_thread():
+    with one_opencv_thread():
         for index, frame in enumerate(footage.frames()):
             if index >= frames:
                 raise count_mismatch(footage.name, f"more than {frames}", frames)
@@ -104,13 +106,15 @@ def evaluate_sequence(
             for run, tracker in enumerate(trackers):
                 with _naming(footage.name, index):
                     if index == 0:
-                        tracker.start(image, _as_box(true_boxes[0]))
+                        begun = tracker.start(image, _as_box(true_boxes[0]))
                         boxes[run, 0] = true_boxes[0]
+                        told += [_told(begun)] if run == 0 else []
                         continue
                     dt = (frame.stamp - last_stamp) / NANOSECONDS
                     before = time.process_time()
                     answer = tracker.update(image, dt)
                     cpu_seconds[run, index - 1] = time.process_time() - before
+                    told += [_told(answer)] if run == 0 else []
                     lost[run, index] = answer.state == "lost"
                     boxes[run, index] = (
                         boxes[run, index - 1] if lost[run, index] else _finite(answer.box)
@@ -121,7 +125,38 @@ def evaluate_sequence(
                 on_progress(footage.name, 1)
     if done != frames:
         raise count_mismatch(footage.name, str(done), frames)
-    return SequenceResult(footage.name, tuple(seeds), true_boxes, boxes, lost, cpu_seconds)
+    return SequenceResult(
+        footage.name, tuple(seeds), true_boxes, boxes, lost, cpu_seconds, _details(told)
+    )
+
+
+class _Told(NamedTuple):
+    """What a tracker told of one frame besides its box, as far as it knows such."""
+
+    state: str
+    confidence: float
+    effective_sample_size: float
+    powers: Mapping[str, float]
+
+
+def _told(answer: object) -> _Told:
+    # Of the answer itself no more is kept than this: it may hold all particles.
+    return _Told(
+        str(getattr(answer, "state", "")),
+        float(getattr(answer, "confidence", math.nan)),
+        float(getattr(answer, "effective_sample_size", math.nan)),
+        dict(getattr(answer, "powers", {})),
+    )
+
+
+def _details(told: Sequence[_Told]) -> FrameDetails:
+    names = dict.fromkeys(name for each in told for name in each.powers)
+    return FrameDetails(
+        tuple(each.state for each in told),
+        np.array([each.confidence for each in told]),
+        np.array([each.effective_sample_size for each in told]),
+        {name: np.array([each.powers.get(name, math.nan) for each in told]) for name in names},
+    )
 
 
 def _as_box(row: NDArray[np.float64]) -> Box:
@@ -143,16 +178,6 @@ def _naming(sequence: str, index: int) -> Iterator[None]:
         yield
     except ValueError as error:
         raise EvaluationError(f"{sequence}, frame {index + 1}: {error}") from error
-
-
-@contextmanager
-def _one_opencv_thread() -> Iterator[None]:
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
 
 
 def _wait_for_other_threads() -> None:

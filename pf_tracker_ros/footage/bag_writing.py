@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shutil
+import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -13,7 +14,12 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.footage.bags import GROUND_TRUTH_TYPE, IMAGE_TYPE
 from pf_tracker_ros.footage.base import Footage, FootageError
-from pf_tracker_ros.footage.messages import box_corners, image_encoding
+from pf_tracker_ros.footage.messages import (
+    PARTICLE_FIELDS,
+    box_corners,
+    image_encoding,
+    particle_columns,
+)
 from pf_tracker_ros.stamps import parts
 
 if TYPE_CHECKING:
@@ -21,6 +27,12 @@ if TYPE_CHECKING:
 
     from rosbags.interfaces import Connection, Qos
     from rosbags.typesys.store import Typestore
+
+# sensor_msgs/PointField has it so.
+_FLOAT32 = 7
+
+PARTICLES_TYPE = "sensor_msgs/msg/PointCloud2"
+STATUS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 
 Reliability = Literal["reliable", "best_effort"]
 
@@ -114,15 +126,21 @@ class BagWriter:
         self._writer.write(self._connections[topic], log_time, message)
 
     def write_image(
-        self, topic: str, stamp: int, image: NDArray[Any], frame_id: str = "camera"
+        self,
+        topic: str,
+        stamp: int,
+        image: NDArray[Any],
+        frame_id: str = "camera",
+        log_time: int | None = None,
     ) -> None:
-        """Write an image as sensor_msgs/msg/Image, logged at its stamp.
+        """Write an image as sensor_msgs/msg/Image.
 
         Args:
             topic: One of the added topics.
             stamp: Nanoseconds.
             image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
             frame_id: Frame of the header.
+            log_time: Nanoseconds; None takes the stamp.
         """
         types = self._typestore.types
         pixels = np.ascontiguousarray(image, dtype=image.dtype.newbyteorder("<"))
@@ -135,18 +153,24 @@ class BagWriter:
             step=pixels.strides[0],
             data=pixels.reshape(-1).view(np.uint8),
         )
-        self._write_message(topic, stamp, message, IMAGE_TYPE)
+        self._write_message(topic, _or(log_time, stamp), message, IMAGE_TYPE)
 
     def write_box(
-        self, topic: str, stamp: int, box: Sequence[float], frame_id: str = "camera"
+        self,
+        topic: str,
+        stamp: int,
+        box: Sequence[float],
+        frame_id: str = "camera",
+        log_time: int | None = None,
     ) -> None:
-        """Write a box as geometry_msgs/msg/PolygonStamped of its corners, logged at its stamp.
+        """Write a box as geometry_msgs/msg/PolygonStamped of its corners.
 
         Args:
             topic: One of the added topics.
             stamp: Nanoseconds.
             box: (x, y, width, height) in pixels.
             frame_id: Frame of the header.
+            log_time: Nanoseconds; None takes the stamp.
         """
         types = self._typestore.types
         point = types["geometry_msgs/msg/Point32"]
@@ -156,7 +180,83 @@ class BagWriter:
                 points=[point(x=x, y=y, z=0.0) for x, y in box_corners(box)]
             ),
         )
-        self._write_message(topic, stamp, message, GROUND_TRUTH_TYPE)
+        self._write_message(topic, _or(log_time, stamp), message, GROUND_TRUTH_TYPE)
+
+    def write_particles(
+        self,
+        topic: str,
+        stamp: int,
+        boxes: NDArray[np.float64],
+        weights: NDArray[np.float64],
+        *,
+        frame_id: str = "camera",
+        log_time: int | None = None,
+    ) -> None:
+        """Write particles as sensor_msgs/msg/PointCloud2 of their boxes' centers.
+
+        Args:
+            topic: One of the added topics.
+            stamp: Nanoseconds.
+            boxes: (N, 4) x, y, width, height in pixels.
+            weights: (N,) their weights.
+            frame_id: Frame of the header.
+            log_time: Nanoseconds; None takes the stamp.
+        """
+        types = self._typestore.types
+        columns = particle_columns(boxes, weights)
+        field = types["sensor_msgs/msg/PointField"]
+        step = columns.itemsize * len(PARTICLE_FIELDS)
+        message = types[PARTICLES_TYPE](
+            header=self._header(stamp, frame_id),
+            height=1,
+            width=len(columns),
+            fields=[
+                field(name=name, offset=index * columns.itemsize, datatype=_FLOAT32, count=1)
+                for index, name in enumerate(PARTICLE_FIELDS)
+            ],
+            is_bigendian=sys.byteorder == "big",
+            point_step=step,
+            row_step=step * len(columns),
+            data=np.frombuffer(columns.tobytes(), np.uint8),
+            is_dense=True,
+        )
+        self._write_message(topic, _or(log_time, stamp), message, PARTICLES_TYPE)
+
+    def write_status(
+        self,
+        topic: str,
+        stamp: int,
+        *,
+        name: str,
+        level: int,
+        text: str,
+        values: Mapping[str, str | float | int],
+        frame_id: str = "camera",
+        log_time: int | None = None,
+    ) -> None:
+        """Write one status as diagnostic_msgs/msg/DiagnosticArray.
+
+        Args:
+            topic: One of the added topics.
+            stamp: Nanoseconds.
+            name: Of the node that tells it.
+            level: 0 OK, 1 WARN, 2 ERROR.
+            text: One sentence for people.
+            values: What there is to know, key to value.
+            frame_id: Frame of the header.
+            log_time: Nanoseconds; None takes the stamp.
+        """
+        types = self._typestore.types
+        pair = types["diagnostic_msgs/msg/KeyValue"]
+        status = types["diagnostic_msgs/msg/DiagnosticStatus"](
+            level=level,
+            name=name,
+            message=text,
+            hardware_id="",
+            values=[pair(key=key, value=str(value)) for key, value in values.items()],
+        )
+        message = types[STATUS_TYPE](header=self._header(stamp, frame_id), status=[status])
+        self._write_message(topic, _or(log_time, stamp), message, STATUS_TYPE)
 
     def _header(self, stamp: int, frame_id: str) -> Any:
         types = self._typestore.types
@@ -166,8 +266,8 @@ class BagWriter:
             frame_id=frame_id,
         )
 
-    def _write_message(self, topic: str, stamp: int, message: Any, message_type: str) -> None:
-        self.write(topic, stamp, bytes(self._typestore.serialize_cdr(message, message_type)))
+    def _write_message(self, topic: str, log_time: int, message: Any, message_type: str) -> None:
+        self.write(topic, log_time, bytes(self._typestore.serialize_cdr(message, message_type)))
 
 
 def write_footage(
@@ -207,6 +307,10 @@ def write_footage(
                 writer.write_box(ground_truth_topic, frame.stamp, boxes[count], frame_id)
             count += 1
     return count
+
+
+def _or(log_time: int | None, stamp: int) -> int:
+    return stamp if log_time is None else log_time
 
 
 def _qos(reliability: Reliability, depth: int) -> Qos:

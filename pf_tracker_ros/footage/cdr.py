@@ -1,4 +1,4 @@
-"""The head of a serialized ROS message, read without deserializing the rest.
+"""Serialized ROS messages of the few types that recordings are read for, without any ROS.
 
 A CDR message begins with four bytes of encapsulation, of which the second tells the byte order;
 a message whose first field is a std_msgs/Header goes on with its stamp: int32 seconds, uint32
@@ -8,6 +8,8 @@ nanoseconds.
 from __future__ import annotations
 
 import struct
+from dataclasses import dataclass
+from typing import Any
 
 from pf_tracker_ros.footage.base import FootageError
 from pf_tracker_ros.stamps import join
@@ -48,3 +50,126 @@ def header_stamp(message: bytes) -> int:
         )
     seconds, nanoseconds = struct.unpack_from(layout, message, _ENCAPSULATION_SIZE)
     return join(seconds, nanoseconds)
+
+
+@dataclass(frozen=True, eq=False)
+class RawImageMessage:
+    """A sensor_msgs/Image; the fields are those of the message, its header as two.
+
+    Attributes:
+        stamp: Nanoseconds.
+        frame_id: Frame of the header.
+        data: A view of the serialized message.
+    """
+
+    stamp: int
+    frame_id: str
+    height: int
+    width: int
+    encoding: str
+    is_bigendian: int
+    step: int
+    data: memoryview
+
+
+@dataclass(frozen=True, eq=False)
+class CompressedImageMessage:
+    """A sensor_msgs/CompressedImage; the fields are those of the message, its header as two.
+
+    Attributes:
+        stamp: Nanoseconds.
+        frame_id: Frame of the header.
+        data: A view of the serialized message.
+    """
+
+    stamp: int
+    frame_id: str
+    format: str
+    data: memoryview
+
+
+def read_image(message: bytes) -> RawImageMessage:
+    """A serialized sensor_msgs/Image.
+
+    Raises:
+        FootageError: This is not such a message, or it is cut off.
+    """
+    fields = _Fields(message)
+    return RawImageMessage(
+        stamp=fields.stamp,
+        frame_id=fields.text(),
+        height=fields.number("I"),
+        width=fields.number("I"),
+        encoding=fields.text(),
+        is_bigendian=fields.number("B"),
+        step=fields.number("I"),
+        data=fields.octets(),
+    )
+
+
+def read_compressed_image(message: bytes) -> CompressedImageMessage:
+    """A serialized sensor_msgs/CompressedImage.
+
+    Raises:
+        FootageError: This is not such a message, or it is cut off.
+    """
+    fields = _Fields(message)
+    return CompressedImageMessage(fields.stamp, fields.text(), fields.text(), fields.octets())
+
+
+def read_polygon(message: bytes) -> list[tuple[float, float]]:
+    """The points (x, y) of a serialized geometry_msgs/PolygonStamped.
+
+    Raises:
+        FootageError: This is not such a message, or it is cut off.
+    """
+    fields = _Fields(message)
+    fields.text()
+    points = []
+    for _ in range(fields.number("I")):
+        x, y, _ = fields.number("f"), fields.number("f"), fields.number("f")
+        points.append((x, y))
+    return points
+
+
+class _Fields:
+    """The fields of a message that begins with a header, one after the other.
+
+    Args:
+        message: The message in CDR, encapsulation included.
+    """
+
+    def __init__(self, message: bytes) -> None:
+        self.stamp = header_stamp(message)
+        layout = _STAMP_LAYOUTS[bytes(message[:2])]
+        self._order = layout[0]
+        self._message = message
+        self._at = _ENCAPSULATION_SIZE + struct.calcsize(layout)
+
+    def number(self, kind: str) -> Any:
+        """The next field, of a type of `struct`; each begins at a multiple of its size."""
+        layout = self._order + kind
+        size = struct.calcsize(layout)
+        begin = self._at + (_ENCAPSULATION_SIZE - self._at) % size
+        if begin + size > len(self._message):
+            raise self._cut_off()
+        self._at = begin + size
+        return struct.unpack_from(layout, self._message, begin)[0]
+
+    def octets(self) -> memoryview:
+        """The next field, a sequence of octets."""
+        length = self.number("I")
+        if self._at + length > len(self._message):
+            raise self._cut_off()
+        begin, self._at = self._at, self._at + length
+        return memoryview(self._message)[begin : self._at]
+
+    def text(self) -> str:
+        """The next field, a string; what is no UTF-8 in it is replaced."""
+        return bytes(self.octets()).rstrip(b"\0").decode("utf-8", "replace")
+
+    def _cut_off(self) -> FootageError:
+        return FootageError(
+            f"a message of {len(self._message)} bytes is cut off, or of another type than its "
+            "topic says"
+        )

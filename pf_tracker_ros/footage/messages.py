@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
+
+from pf_tracker_ros.boxes import Box
+
+PARTICLE_FIELDS = ("x", "y", "z", "width", "height", "weight")
 
 
 def image_encoding(image: NDArray[Any]) -> str:
@@ -23,3 +28,29 @@ def box_corners(box: Sequence[float]) -> list[tuple[float, float]]:
     """The four corners of a box (x, y, width, height), clockwise from the top left."""
     x, y, width, height = (float(value) for value in box)
     return [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
+
+
+def box_as_sent(box: Sequence[float]) -> Box:
+    """A box (x, y, width, height) as the corners of a message, in single precision, tell it."""
+    corners = np.array(box_corners(box), dtype=np.float32).astype(np.float64)
+    (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
+    return float(left), float(top), float(right - left), float(bottom - top)
+
+
+def particle_columns(
+    boxes: NDArray[np.float64], weights: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """Particles as the points of a sensor_msgs/PointCloud2, at the centers of their boxes.
+
+    Args:
+        boxes: (N, 4) x, y, width, height in pixels.
+        weights: (N,) their weights.
+
+    Returns:
+        (N, 6) float32, a column for each of `PARTICLE_FIELDS`; z is 0.
+    """
+    columns = np.zeros((len(boxes), len(PARTICLE_FIELDS)), dtype=np.float32)
+    columns[:, :2] = boxes[:, :2] + boxes[:, 2:] / 2
+    columns[:, 3:5] = boxes[:, 2:]
+    columns[:, 5] = weights
+    return columns

@@ -15,10 +15,14 @@ from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.footage.messages import box_corners, image_encoding
+from pf_tracker_ros.footage.messages import (
+    PARTICLE_FIELDS,
+    box_corners,
+    image_encoding,
+    particle_columns,
+)
 from pf_tracker_ros.tracking.estimate import Estimate
 
-PARTICLE_FIELDS = ("x", "y", "z", "width", "height", "weight")
 _FLOAT_SIZE = 4
 
 
@@ -60,23 +64,19 @@ def box_message(box: Box, header: Header) -> PolygonStamped:
 
 def particles_message(estimate: Estimate, header: Header) -> PointCloud2:
     """The particles as points at the centers of their boxes, in pixels, with size and weight."""
-    boxes = estimate.particle_boxes
-    columns = np.zeros((len(boxes), len(PARTICLE_FIELDS)), dtype=np.float32)
-    columns[:, :2] = boxes[:, :2] + boxes[:, 2:] / 2
-    columns[:, 3:5] = boxes[:, 2:]
-    columns[:, 5] = estimate.weights
+    columns = particle_columns(estimate.particle_boxes, estimate.weights)
     point_step = _FLOAT_SIZE * len(PARTICLE_FIELDS)
     return PointCloud2(
         header=header,
         height=1,
-        width=len(boxes),
+        width=len(columns),
         fields=[
             PointField(name=name, offset=index * _FLOAT_SIZE, datatype=PointField.FLOAT32, count=1)
             for index, name in enumerate(PARTICLE_FIELDS)
         ],
         is_bigendian=sys.byteorder == "big",
         point_step=point_step,
-        row_step=point_step * len(boxes),
+        row_step=point_step * len(columns),
         data=_octets(columns),
         is_dense=True,
     )
@@ -119,25 +119,6 @@ def status_message(
     status = DiagnosticStatus(name=name, level=level, message=message)
     status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
     return DiagnosticArray(header=header, status=[status])
-
-
-def estimate_values(estimate: Estimate) -> dict[str, str | float | int]:
-    """An estimate's values under the keys that the status uses; covariance in px^2."""
-    covariance = estimate.covariance
-    background = {"background": str(estimate.background)} if estimate.background else {}
-    powers = {f"power_{name}": float(power) for name, power in estimate.powers.items()}
-    return (
-        background
-        | powers
-        | {
-            "confidence": float(estimate.confidence),
-            "covariance_xx": float(covariance[0, 0]),
-            "covariance_xy": float(covariance[0, 1]),
-            "covariance_yy": float(covariance[1, 1]),
-            "effective_sample_size": float(estimate.effective_sample_size),
-            "particles": len(estimate.weights),
-        }
-    )
 
 
 def _octets(values: NDArray[np.generic]) -> array.array[int]:

@@ -98,6 +98,25 @@ class Estimate:
         return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
 
+def estimate_values(estimate: Estimate) -> dict[str, str | float | int]:
+    """An estimate's values under the keys that the status uses; covariance in px^2."""
+    covariance = estimate.covariance
+    background = {"background": str(estimate.background)} if estimate.background else {}
+    powers = {f"power_{name}": float(power) for name, power in estimate.powers.items()}
+    return (
+        background
+        | powers
+        | {
+            "confidence": float(estimate.confidence),
+            "covariance_xx": float(covariance[0, 0]),
+            "covariance_xy": float(covariance[0, 1]),
+            "covariance_yy": float(covariance[1, 1]),
+            "effective_sample_size": float(estimate.effective_sample_size),
+            "particles": len(estimate.weights),
+        }
+    )
+
+
 def _same(one: Any, other: Any) -> bool:
     if not (isinstance(one, np.ndarray) or isinstance(other, np.ndarray)):
         return bool(one == other)

@@ -1,5 +1,6 @@
 """The demo as a user runs it, and what it says when a step fails."""
 
+import csv
 import json
 import subprocess
 import sys
@@ -8,6 +9,7 @@ import zipfile
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2")
@@ -98,6 +100,42 @@ def test_the_recorded_bag_holds_what_the_tracker_published(demo, clip):
         if frame["box"] is not None:
             corner = boxes[round(frame["stamp"] * 1e9)][0]
             assert (corner.x, corner.y) == pytest.approx(frame["box"][:2], abs=0.001)
+
+
+@clips
+@pytest.mark.usefixtures("demo_modules")
+def test_track_finds_in_the_recording_what_the_node_published(demo, clip, tmp_path):
+    import clips as demo_clips
+
+    folder = demo[0] / clip
+    (tracked,) = [each for each in demo_clips.CLIPS if each.name == clip]
+    box = ",".join(map(str, tracked.box))
+    changes = [f"--parameter={name}={value}" for name, value in tracked.parameters.items()]
+    command = [sys.executable, "-m", "pf_tracker_ros.recordings", folder / "input.mcap"]
+    command += ["--box", box, "--output", tmp_path / "out", "--bag", *changes]
+    subprocess.run(command, check=True, timeout=TIMEOUT)
+    published, found = (
+        _messages_of(path) for path in (folder / "result.mcap", tmp_path / "out" / "topics.mcap")
+    )
+    for topic in ("box", "particles", "overlay"):
+        assert len(published[f"/pf_tracker/{topic}"]) > FRAME_COUNTS[clip] / 2
+        assert found[f"/pf_tracker/{topic}"] == published[f"/pf_tracker/{topic}"]
+    frames = json.loads((folder / "result.json").read_text())["frames"]
+    with (tmp_path / "out" / "boxes.csv").open(newline="") as file:
+        told = [(row["state"], float(row["confidence"])) for row in csv.DictReader(file)]
+    assert told == [(frame["state"], frame["confidence"]) for frame in frames]
+
+
+def _messages_of(bag):
+    """Topic to stamp to what its messages say, in a form that can be compared."""
+    found = {}
+    with AnyReader([bag]) as reader:
+        for connection, log_time, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            found.setdefault(connection.topic, {})[log_time] = repr(message) + str(
+                getattr(message, "data", np.empty(0)).tobytes()
+            )
+    return found
 
 
 @clips

@@ -1,9 +1,15 @@
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.footage.cdr import header_stamp
+from pf_tracker_ros.footage.cdr import (
+    header_stamp,
+    read_compressed_image,
+    read_image,
+    read_polygon,
+)
 
 
 @pytest.mark.parametrize("little_endian", [True, False])
@@ -25,3 +31,68 @@ def test_stamp_is_read_in_either_byte_order(make_message, message_type, stamp, l
 def test_what_is_not_cdr_is_refused(data):
     with pytest.raises(FootageError):
         header_stamp(data)
+
+
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_images_are_read_as_rosbags_wrote_them(make_stamped, little_endian):
+    stamp = 12 * 10**9 + 345
+    data = np.arange(24, dtype=np.uint8)
+    # Texts of several lengths: the numbers after them are aligned.
+    for encoding in ("mono8", "bgr8", "16UC1", "yuv422_yuy2"):
+        message = make_stamped(
+            "sensor_msgs/msg/Image",
+            stamp,
+            little_endian=little_endian,
+            height=2,
+            width=4,
+            encoding=encoding,
+            is_bigendian=1,
+            step=12,
+            data=data,
+        )
+        image = read_image(message)
+        assert (image.stamp, image.frame_id) == (stamp, "lens")
+        assert (image.height, image.width, image.step) == (2, 4, 12)
+        assert (image.encoding, image.is_bigendian) == (encoding, 1)
+        assert bytes(image.data) == data.tobytes()
+    for name in ("", "jpeg", "bgr8; jpeg compressed bgr8"):
+        message = make_stamped(
+            "sensor_msgs/msg/CompressedImage",
+            stamp,
+            little_endian=little_endian,
+            format=name,
+            data=data,
+        )
+        compressed = read_compressed_image(message)
+        assert (compressed.stamp, compressed.frame_id) == (stamp, "lens")
+        assert compressed.format == name
+        assert bytes(compressed.data) == data.tobytes()
+
+
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_a_polygon_is_read_as_rosbags_wrote_it(make_stamped, make_polygon, little_endian):
+    corners = [(1.5, -2.0), (float(np.float32(3.3)), 4.0), (5.0, 6.0)]
+    message = make_stamped(
+        "geometry_msgs/msg/PolygonStamped",
+        7,
+        little_endian=little_endian,
+        polygon=make_polygon(*corners),
+    )
+    assert read_polygon(message) == corners
+
+
+@pytest.mark.parametrize(
+    ("read", "message_type"),
+    [
+        (read_image, "sensor_msgs/msg/Image"),
+        (read_compressed_image, "sensor_msgs/msg/CompressedImage"),
+        (read_polygon, "geometry_msgs/msg/PolygonStamped"),
+    ],
+)
+def test_a_message_that_is_cut_off_is_refused_wherever_that_is(make_message, read, message_type):
+    message = make_message(message_type, 5)
+    read(message)
+    # rosbags pads to whole words after what counts.
+    for length in range(len(message) - 3):
+        with pytest.raises(FootageError):
+            read(message[:length])

@@ -16,7 +16,6 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point32, PolygonStamped
-from hypothesis import settings
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -34,11 +33,6 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 os.environ.setdefault(
     "FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("separate_processes.xml"))
 )
-# A long run of the properties is made by hand, with as many cases each as this says.
-CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
-if CASES:
-    settings.register_profile("long", max_examples=CASES, deadline=None)
-    settings.load_profile("long")
 DEADLINE = 15.0
 PATIENCE = 4.0
 FRAME_INTERVAL = 40_000_000
@@ -381,16 +375,3 @@ def images(moving_square):
 def box(moving_square):
     """The moving square's box in the first frame, as a parameter takes it."""
     return [float(value) for value in moving_square.boxes[0]]
-
-
-@pytest.fixture(scope="session")
-def noise():
-    """A function that makes images of textured noise."""
-
-    def make(height=48, width=64, channels=3, seed=0, kind=np.uint8):
-        shape = (height, width, channels) if channels > 1 else (height, width)
-        return np.random.default_rng(seed).integers(
-            0, np.iinfo(kind).max, shape, dtype=kind, endpoint=True
-        )
-
-    return make

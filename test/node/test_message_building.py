@@ -13,16 +13,16 @@ from std_msgs.msg import Header
 
 from pf_tracker_ros import Estimate
 from pf_tracker_ros.background import BackgroundState
-from pf_tracker_ros.node.images.image_decoding import decode
+from pf_tracker_ros.decoding.image_decoding import decode
 from pf_tracker_ros.node.message_building import (
     TargetError,
     box_message,
     box_of_polygon,
-    estimate_values,
     image_message,
     particles_message,
     status_message,
 )
+from pf_tracker_ros.tracking.estimate import estimate_values
 
 
 @pytest.fixture

@@ -51,7 +51,7 @@ def test_every_module_of_the_source_is_installed_and_that_one_is_imported(instal
     code = f"import {PACKAGE}; print({PACKAGE}.__path__[0])"
     installed = Path(installation.evaluate(code))
     assert installed.is_relative_to(installation.prefix)
-    patterns = ("*.py", "py.typed")
+    patterns = ("*.py", "py.typed", "*.jinja")
     assert files_of(installed, *patterns) == files_of(REPOSITORY / PACKAGE, *patterns)
 
 
@@ -100,6 +100,18 @@ def test_evaluate_scores_a_sequence(colcon_installation, moving_square_sequence,
     )
     assert outcome.returncode == 0, outcome.stderr
     assert "moving_square" in output.read_text()
+
+
+def test_track_explains_itself(installation):
+    outcome = installation.call("track", "--help")
+    assert outcome.returncode == 0, outcome.stderr
+    assert "--box" in outcome.stdout
+
+
+def test_track_tracks_a_sequence(colcon_installation, moving_square_sequence, tmp_path):
+    outcome = colcon_installation.call("track", moving_square_sequence, "--output", tmp_path)
+    assert outcome.returncode == 0, outcome.stderr
+    assert len((tmp_path / "boxes.csv").read_text().splitlines()) == 21
 
 
 def test_symlink_install_runs_the_source(colcon, sourced, workspace, colcon_installation):
@@ -156,7 +168,7 @@ print(pf_tracker_ros.__version__)
     assert version == __version__
 
 
-@pytest.mark.parametrize("executable", ["evaluate", "tracker", "replay"])
+@pytest.mark.parametrize("executable", ["evaluate", "track", "tracker", "replay"])
 def test_without_an_opencv_the_executables_say_how_to_get_one(without_opencv, executable):
     outcome = without_opencv.call(executable)
     assert outcome.returncode == 2
@@ -178,9 +190,15 @@ def test_nodes_say_what_is_missing_without_ros(without_extra, executable):
     assert "[ros]" in last_line
 
 
-def test_evaluate_says_what_is_missing_without_its_extra(without_extra, moving_square_sequence):
-    outcome = without_extra.installation.call("evaluate", moving_square_sequence)
+@pytest.mark.parametrize(
+    ("executable", "extra", "options"),
+    [("evaluate", "evaluation", []), ("track", "recordings", ["--output", "out"])],
+)
+def test_commands_say_what_is_missing_without_their_extra(
+    without_extra, moving_square_sequence, executable, extra, options
+):
+    outcome = without_extra.installation.call(executable, moving_square_sequence, *options)
     assert outcome.returncode == 2
     assert "rich" in outcome.stderr
-    assert "[evaluation]" in outcome.stderr
+    assert f"[{extra}]" in outcome.stderr
     assert "Traceback" not in outcome.stderr

@@ -14,8 +14,9 @@ catkin_package = pytest.importorskip("catkin_pkg.package")
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = "pf_tracker_ros"
-# Imported only where an extra of setup.py has brought it: the build farm takes no package of pip.
-OPTIONAL = {"rosbags"}
+# Imported only where an extra of setup.py has brought it, as the build farm takes no package of
+# pip, or, for the plugin of pytest, by pytest.
+OPTIONAL = {"pyarrow", "pytest", "rosbags"}
 # What reads bags where ROS is, imported or found by name once a bag is opened.
 FOUND_AT_RUN_TIME = {
     "rosbag2_compression_zstd",
@@ -31,6 +32,8 @@ ROSDEP_KEYS = {
     "catkin_pkg": "python3-catkin-pkg-modules",
     "cv2": "python3-opencv",
     "hypothesis": "python3-hypothesis",
+    "jinja2": "python3-jinja2",
+    "markupsafe": "python3-markupsafe",
     "matplotlib": "python3-matplotlib",
     "numpy": "python3-numpy",
     "pytest": "python3-pytest",

@@ -26,11 +26,11 @@ from sensor_msgs.msg import CompressedImage
 from std_srvs.srv import SetBool
 
 from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.footage.prefetch import Prefetch
 from pf_tracker_ros.node.message_building import box_message
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.replay.playback import Playback, Stopped
 from pf_tracker_ros.node.replay.played_stamps import PlayedStamps
-from pf_tracker_ros.node.replay.prefetch import Prefetch
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.node.replay.replay_source import (
     ReplayItem,

@@ -14,7 +14,7 @@ from std_msgs.msg import Header
 from pf_tracker_ros.node.message_building import box_message, image_message, particles_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, advertise
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE, detections_message
-from pf_tracker_ros.node.tracker.overlay import draw_overlay
+from pf_tracker_ros.overlay import draw_overlay
 from pf_tracker_ros.tracking.estimate import Estimate
 
 

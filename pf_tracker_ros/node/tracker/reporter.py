@@ -7,7 +7,7 @@ import traceback
 from collections import Counter, deque
 from typing import Any
 
-from pf_tracker_ros.node.images.image_decoding import ImageError
+from pf_tracker_ros.decoding.image_decoding import ImageError
 
 LOG_INTERVAL = 5.0
 # What came over the wire may be quoted in an error, and be of any length.

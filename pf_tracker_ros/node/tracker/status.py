@@ -8,26 +8,13 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from pf_tracker_ros.node.message_building import estimate_values, status_message
+from pf_tracker_ros.node.message_building import status_message
 from pf_tracker_ros.node.qos import LATCHED_QOS, Report, advertise
 from pf_tracker_ros.node.tracker.reporter import Reporter
 from pf_tracker_ros.node.tracker.skipped_frames import Skipped
 from pf_tracker_ros.stamps import parts
-from pf_tracker_ros.tracking.estimate import Estimate
-
-_LEVELS = {
-    "idle": DiagnosticStatus.OK,
-    "tracking": DiagnosticStatus.OK,
-    "occluded": DiagnosticStatus.WARN,
-    "lost": DiagnosticStatus.ERROR,
-}
-_DESCRIPTIONS = {
-    "idle": "waiting for a target",
-    "tracking": "tracking",
-    "occluded": "the target is hidden; its place is a guess",
-    "lost": "the target is lost",
-}
-
+from pf_tracker_ros.tracking.estimate import Estimate, estimate_values
+from pf_tracker_ros.tracking.state_descriptions import DESCRIPTIONS, SEVERITIES
 
 PAUSED = "paused; the service ~/enable goes on"
 
@@ -82,7 +69,7 @@ class Status:
         """How bad it is."""
         if self.obstacle or self.frame == "refused":
             return DiagnosticStatus.ERROR
-        level = _LEVELS[self.last_state]
+        level = bytes([SEVERITIES[self.last_state]])
         if self.skipped and self.skipped.is_lasting:
             level = max(level, DiagnosticStatus.WARN)
         return level
@@ -99,7 +86,7 @@ class Status:
         if self.requested_stamp:
             stamp = stamp_text(self.requested_stamp)
             return f"{self.state}; a target waits for an image stamped {stamp} s"
-        return _DESCRIPTIONS[self.state]
+        return DESCRIPTIONS[self.state]
 
     @property
     def values(self) -> dict[str, str | float | int]:

@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import CompressedImage, Image
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.node.images.decoder import ImageDecoder
+from pf_tracker_ros.decoding.decoder import ImageDecoder
 from pf_tracker_ros.node.managed_node import ManagedNode
 from pf_tracker_ros.node.message_building import TargetError
 from pf_tracker_ros.node.override_sources import files_superseded_by

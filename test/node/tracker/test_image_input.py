@@ -8,7 +8,7 @@ import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image
 
-from pf_tracker_ros.node.images.image_decoding import ENCODINGS
+from pf_tracker_ros.decoding.image_decoding import ENCODINGS
 
 QUICK = {
     "preset": "li2007",

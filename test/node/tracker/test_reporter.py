@@ -3,7 +3,7 @@
 import pytest
 import rclpy.logging
 
-from pf_tracker_ros.node.images.image_decoding import ImageError
+from pf_tracker_ros.decoding.image_decoding import ImageError
 from pf_tracker_ros.node.tracker.reporter import Reporter
 
 

@@ -6,12 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import Image
 
 Pixels = NDArray[Any]
 # Takes a width and a height in pixels; raises ImageError for one that is refused.
@@ -31,6 +30,32 @@ _YUV_TO_BGR = np.array(
         [1.164, 0.0, 1.596, -222.912],
     ]
 )
+
+
+class RawImage(Protocol):
+    """What a sensor_msgs/Image tells, whoever deserialized it.
+
+    Attributes:
+        height: Rows.
+        width: Pixels in a row.
+        encoding: One of `ENCODINGS`.
+        is_bigendian: Whether samples of several bytes begin with the highest.
+        step: Bytes of a row, padding included.
+        data: The rows.
+    """
+
+    @property
+    def height(self) -> int: ...  # noqa: D102
+    @property
+    def width(self) -> int: ...  # noqa: D102
+    @property
+    def encoding(self) -> str: ...  # noqa: D102
+    @property
+    def is_bigendian(self) -> int: ...  # noqa: D102
+    @property
+    def step(self) -> int: ...  # noqa: D102
+    @property
+    def data(self) -> Any: ...  # noqa: D102
 
 
 class ImageError(ValueError):
@@ -139,7 +164,7 @@ ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
 )
 
 
-def decode(message: Image) -> Pixels:
+def decode(message: RawImage) -> Pixels:
     """The image of a message.
 
     Nothing is allocated before the message's sizes have been found to agree with its data, and
@@ -197,7 +222,7 @@ def quote(text: str) -> str:
     return f"'{shown}'"
 
 
-def _checked_rows(message: Image, encoding: Encoding, pixel_size: int) -> int:
+def _checked_rows(message: RawImage, encoding: Encoding, pixel_size: int) -> int:
     """The number of rows in the data, those of color included."""
     check_sides(message.width, message.height)
     for field, divisor in zip(("width", "height"), encoding.multiple_of, strict=True):

@@ -13,7 +13,7 @@ import struct
 
 import numpy as np
 
-from pf_tracker_ros.node.images.image_decoding import ImageError, SizeCheck
+from pf_tracker_ros.decoding.image_decoding import ImageError, SizeCheck
 
 SIGNATURE = b"\xff\xd8\xff"
 

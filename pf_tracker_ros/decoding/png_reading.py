@@ -13,7 +13,7 @@ import struct
 import zlib
 from collections.abc import Iterator, Sequence
 
-from pf_tracker_ros.node.images.image_decoding import ImageError, SizeCheck
+from pf_tracker_ros.decoding.image_decoding import ImageError, SizeCheck
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from pf_tracker_ros.node.replay.prefetch import Prefetch
+from pf_tracker_ros.footage.prefetch import Prefetch
 
 
 def test_items_come_in_order():

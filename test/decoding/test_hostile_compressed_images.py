@@ -17,8 +17,8 @@ from PIL import Image as Picture
 from PIL import PngImagePlugin
 from sensor_msgs.msg import CompressedImage
 
-from pf_tracker_ros.node.images.compressed_decoding import decode_compressed
-from pf_tracker_ros.node.images.image_decoding import ImageError
+from pf_tracker_ros.decoding.compressed_decoding import decode_compressed
+from pf_tracker_ros.decoding.image_decoding import ImageError
 
 # The default of `largest_image`.
 LARGEST = 2**24
@@ -296,8 +296,8 @@ MEASURE = """
 import json, pathlib, re, resource, sys
 from array import array
 from sensor_msgs.msg import CompressedImage
-from pf_tracker_ros.node.images.compressed_decoding import decode_compressed
-from pf_tracker_ros.node.images.image_decoding import ImageError
+from pf_tracker_ros.decoding.compressed_decoding import decode_compressed
+from pf_tracker_ros.decoding.image_decoding import ImageError
 
 def peak():
     # In megabytes; ru_maxrss would begin with that of the process which started this one.

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Estimate
-from pf_tracker_ros.node.tracker.overlay import COLORS, draw_overlay
+from pf_tracker_ros.overlay import COLORS, draw_overlay
 
 HEIGHT, WIDTH = 288, 384
 GRAY = 90

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sensor_msgs.msg import CompressedImage
 
-from pf_tracker_ros.node.images.compressed_decoding import decode_compressed
-from pf_tracker_ros.node.images.image_decoding import ImageError
+from pf_tracker_ros.decoding.compressed_decoding import decode_compressed
+from pf_tracker_ros.decoding.image_decoding import ImageError
 
 LARGEST = 10_000
 

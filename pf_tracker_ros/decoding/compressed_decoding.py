@@ -7,24 +7,39 @@ formats it is follows from the data: publishers disagree on what `format` says.
 
 from __future__ import annotations
 
+from typing import Any, Protocol
+
 import cv2
 import numpy as np
-from sensor_msgs.msg import CompressedImage
 
-from pf_tracker_ros.node.images.image_decoding import (
+from pf_tracker_ros.decoding.image_decoding import (
     ImageError,
     Pixels,
     SizeCheck,
     check_sides,
     quote,
 )
-from pf_tracker_ros.node.images.jpeg_reading import SIGNATURE as JPEG_SIGNATURE
-from pf_tracker_ros.node.images.jpeg_reading import pixel_data_of_jpeg
-from pf_tracker_ros.node.images.png_reading import SIGNATURE as PNG_SIGNATURE
-from pf_tracker_ros.node.images.png_reading import pixel_data_of_png
+from pf_tracker_ros.decoding.jpeg_reading import SIGNATURE as JPEG_SIGNATURE
+from pf_tracker_ros.decoding.jpeg_reading import pixel_data_of_jpeg
+from pf_tracker_ros.decoding.png_reading import SIGNATURE as PNG_SIGNATURE
+from pf_tracker_ros.decoding.png_reading import pixel_data_of_png
 
 # An image's orientation is that of the camera: the box of a target must not turn with a tag.
 _FLAGS = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
+
+
+class CompressedImage(Protocol):
+    """What a sensor_msgs/CompressedImage tells, whoever deserialized it.
+
+    Attributes:
+        format: What the publisher calls it.
+        data: The file.
+    """
+
+    @property
+    def format(self) -> str: ...  # noqa: D102
+    @property
+    def data(self) -> Any: ...  # noqa: D102
 
 
 def decode_compressed(message: CompressedImage, largest: float) -> Pixels:

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from sensor_msgs.msg import Image
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.node.images.decoder import ImageDecoder
-from pf_tracker_ros.node.images.image_decoding import ENCODINGS, LARGEST_SIDE, ImageError, decode
+from pf_tracker_ros.decoding.decoder import ImageDecoder
+from pf_tracker_ros.decoding.image_decoding import ENCODINGS, LARGEST_SIDE, ImageError, decode
 
 
 def message(data, width, height, step, encoding, *, is_bigendian=0):

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from sensor_msgs.msg import CompressedImage, Image
+from typing import cast
 
-from pf_tracker_ros.node.images.compressed_decoding import decode_compressed
-from pf_tracker_ros.node.images.image_decoding import Pixels, decode
+from pf_tracker_ros.decoding.compressed_decoding import CompressedImage, decode_compressed
+from pf_tracker_ros.decoding.image_decoding import Pixels, RawImage, decode
 
 
 class ImageDecoder:
@@ -21,7 +21,7 @@ class ImageDecoder:
     def __init__(self, largest: int) -> None:
         self.largest = largest
 
-    def decode(self, message: Image | CompressedImage) -> Pixels:
+    def decode(self, message: RawImage | CompressedImage) -> Pixels:
         """The image of a message.
 
         Returns:
@@ -31,6 +31,7 @@ class ImageDecoder:
         Raises:
             ImageError: The message holds no such image.
         """
-        if isinstance(message, CompressedImage):
-            return decode_compressed(message, self.largest)
+        # Either type has fields that the other lacks.
+        if hasattr(message, "format"):
+            return decode_compressed(cast(CompressedImage, message), self.largest)
         return decode(message)

@@ -1,0 +1,163 @@
+"""The page of a report. Needs Jinja2 and Matplotlib."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pf_tracker_ros.evaluation.reports.content import SequenceContent
+from pf_tracker_ros.evaluation.reports.drawings import precision_plot, series_plots, success_plot
+from pf_tracker_ros.evaluation.reports.pictures import Picture
+from pf_tracker_ros.evaluation.results import EvaluationError, Scores
+
+REPORT_FILE = "report.html"
+# Differences of the success AUC below this are noise of the seeds.
+_NOTABLE = 0.01
+_FIGURES = ("success_auc", "precision_20px", "cpu_ms_median", "frames")
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A sequence of a report.
+
+    Attributes:
+        content: What there is to tell.
+        pictures: Number of a frame to its picture.
+    """
+
+    content: SequenceContent
+    pictures: Mapping[int, Picture]
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """What a page tells.
+
+    Attributes:
+        title: Of the page.
+        preset: That tracked.
+        facts: Further facts of the run, name to value.
+        sections: A section a sequence.
+        mean: Means over the sequences, None where there is no truth.
+        compared: Label to the results of other runs.
+    """
+
+    title: str
+    preset: str
+    facts: Mapping[str, str]
+    sections: Sequence[Section]
+    mean: Scores | None = None
+    compared: Mapping[str, Results] = field(default_factory=dict)
+
+
+class Results(NamedTuple):
+    """A file of results, as `evaluate --output` writes it.
+
+    Attributes:
+        preset: That was evaluated.
+        scores: Name of a sequence to its figures.
+    """
+
+    preset: str
+    scores: Mapping[str, Scores]
+
+
+class Change(NamedTuple):
+    """A sequence beside the same one in another file of results; success AUC."""
+
+    name: str
+    before: float
+    after: float
+
+    @property
+    def difference(self) -> float:
+        """Above 0 where it became better."""
+        return self.after - self.before
+
+    @property
+    def verdict(self) -> str:
+        """In a word."""
+        if abs(self.difference) < _NOTABLE:
+            return "same"
+        return "better" if self.difference > 0 else "worse"
+
+
+def render(report: Report) -> str:
+    """The page, whole: styles, plots and pictures are in it, and it asks nobody for anything."""
+    from markupsafe import Markup
+
+    contents = [section.content for section in report.sections]
+    success = [each.success_curve for each in contents if each.success_curve is not None]
+    precision = [each.precision_curve for each in contents if each.precision_curve is not None]
+    plots = {}
+    if success and precision:
+        plots["success"] = Markup(success_plot({report.preset: np.mean(success, axis=0)}))
+        plots["precision"] = Markup(precision_plot({report.preset: np.mean(precision, axis=0)}))
+    series = [
+        {heading: Markup(plot) for heading, plot in series_plots(each).items()} for each in contents
+    ]
+    return fill(
+        "report.html.jinja",
+        report=report,
+        plots=plots,
+        sections=list(zip(report.sections, series, strict=True)),
+        changes={label: changes(contents, other) for label, other in report.compared.items()},
+        has_scores=any(each.scores is not None for each in contents),
+        is_known=lambda value: not math.isnan(value),
+    )
+
+
+def fill(template: str, **values: Any) -> str:
+    """A page of one of the templates here; what a name says is text, whatever it looks like."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("pf_tracker_ros.evaluation.reports", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(template).render(**values)
+
+
+def changes(contents: Sequence[SequenceContent], other: Results) -> list[Change]:
+    """The sequences that both have, the largest gain first."""
+    found = [
+        Change(each.name, other.scores[each.name].success_auc, each.scores.success_auc)
+        for each in contents
+        if each.scores is not None and each.name in other.scores
+    ]
+    return sorted(found, key=lambda change: -change.difference)
+
+
+def read_results(path: Path) -> Results:
+    """Read a file of results.
+
+    Raises:
+        EvaluationError: It cannot be read, or is no such file.
+    """
+    try:
+        document: Any = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise EvaluationError(
+            f"{path} cannot be read ({error.strerror or type(error).__name__})"
+        ) from error
+    except ValueError as error:
+        raise EvaluationError(f"{path} cannot be read as JSON ({error})") from error
+    try:
+        scores = {
+            str(name): Scores(**{figure: float(figures[figure]) for figure in _FIGURES})
+            for name, figures in document["sequences"].items()
+        }
+        return Results(str(document["preset"]), scores)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise EvaluationError(
+            f"{path} is no file of results; allowed: what `evaluate --output` writes"
+        ) from error

@@ -1,0 +1,269 @@
+"""The command `track`: a target through a recording, into files."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import importlib
+import signal
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from types import FrameType
+from typing import Any
+
+from pf_tracker_ros.evaluation.command_line import parse_parameters
+from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
+from pf_tracker_ros.evaluation.results import EvaluationError
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.opencv import quiet_opencv
+from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.recordings import errors
+from pf_tracker_ros.recordings.archive_command import run_archive
+from pf_tracker_ros.recordings.command_line import BESIDE, parser
+from pf_tracker_ros.recordings.errors import RecordingError
+from pf_tracker_ros.recordings.outputs import MakeWriter, OutputFolder
+from pf_tracker_ros.recordings.progress import progress_bar
+from pf_tracker_ros.recordings.recording import Recording, open_recording
+from pf_tracker_ros.recordings.report import RecordingReport
+from pf_tracker_ros.recordings.tables import BoxesCsv, BoxesParquet
+from pf_tracker_ros.recordings.target import choose_target
+from pf_tracker_ros.recordings.topics import TopicBag
+from pf_tracker_ros.recordings.tracking import TrackedFrame, track_recording
+from pf_tracker_ros.recordings.video import AnnotatedVideo
+from pf_tracker_ros.tracking.presets import PresetInForce
+from pf_tracker_ros.tracking.tracker import Tracker
+
+BOXES, PARQUET, VIDEO, BAG = "boxes.csv", "boxes.parquet", "overlay.mp4", "topics.mcap"
+_SIGNALS = {signal.SIGINT: errors.INTERRUPTED, signal.SIGTERM: errors.TERMINATED}
+
+
+@dataclass
+class _Summary:
+    """What is told at the end."""
+
+    states: Counter[str] = field(default_factory=Counter)
+    refused: str = ""
+    seconds: float = 0.0
+
+    def add(self, tracked: TrackedFrame) -> None:
+        self.states[tracked.state] += 1
+        self.refused = self.refused or tracked.problem
+
+    @property
+    def frames(self) -> int:
+        return self.states.total()
+
+    @property
+    def text(self) -> str:
+        shares = ", ".join(
+            f"{count / self.frames:.0%} {state}" for state, count in self.states.most_common()
+        )
+        rate = self.frames / self.seconds if self.seconds else 0.0
+        return f"{self.frames} frames ({shares}), {rate:.0f} frames/s"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command.
+
+    Args:
+        arguments: Command line without the program's name; None takes this process'.
+
+    Returns:
+        Exit code, as `track --help` lists them; for any but 0, a line on standard error says why.
+    """
+    stop = _Stop()
+    try:
+        with _noticing_signals(stop), quiet_opencv():
+            return _run(parser().parse_args(arguments), stop)
+    except FootageError as error:
+        return _complain(error, errors.UNREADABLE_SOURCE)
+    except RecordingError as error:
+        return _complain(error, error.exit_code)
+    except (EvaluationError, ParameterError) as error:
+        return _complain(error, errors.REFUSED)
+    except KeyboardInterrupt:
+        return _complain(
+            f"{stop.word} at once; what was not finished is gone",
+            stop.exit_code or errors.INTERRUPTED,
+        )
+
+
+def _run(options: argparse.Namespace, stop: _Stop) -> int:
+    # What can be refused is refused before the first frame, not after an hour's work.
+    for package, extra, wanted in (
+        ("rich", "recordings", True),
+        ("yaml", "recordings", True),
+        ("rosbags", "recordings", options.bag),
+        ("pyarrow", "parquet", options.parquet),
+        ("matplotlib", "recordings", options.report is not None),
+        ("jinja2", "recordings", options.report is not None),
+    ):
+        if wanted:
+            _require(package, extra)
+    parameters = parse_parameters(options.parameter)
+    if options.archive is None and (options.source is None or options.dry_run):
+        what = "there is no SOURCE" if options.source is None else "--dry-run is for an archive"
+        raise RecordingError(f"{what}; give one, or --archive FOLDER_OR_LIST")
+    in_force = Tracker.from_preset(options.preset, options.seed, parameters).parameters
+    if options.archive is not None:
+        stop.at_once = True
+        return run_archive(options)
+    recording = open_recording(
+        options.source, bag_topic=options.bag_topic, frame_rate=options.frame_rate
+    )
+    target = choose_target(recording, options.box)
+    preset = PresetInForce.of({"preset": options.preset, **in_force}).summary
+    outputs = _open_outputs(options, recording, preset)
+    tracking = track_recording(recording, target, options.preset, parameters, options.seed)
+    summary = _Summary()
+    failures: list[Exception] = []
+    try:
+        try:
+            _track(tracking, recording, outputs, summary, stop)
+        except (FootageError, RecordingError) as error:
+            # Without a target there is nothing to keep.
+            if summary.states.keys() <= {"idle", "skipped"}:
+                raise
+            failures.append(error)
+        for folder in outputs:
+            failures += folder.close()
+    except BaseException:
+        for folder in outputs:
+            folder.discard()
+        raise
+    return _report(options, summary, stop, failures)
+
+
+def _track(
+    tracking: Generator[TrackedFrame, None, None],
+    recording: Recording,
+    outputs: Sequence[OutputFolder],
+    summary: _Summary,
+    stop: _Stop,
+) -> None:
+    began = time.monotonic()
+    try:
+        with (
+            progress_bar(recording.path.name, recording.frame_count) as advance,
+            closing(tracking) as frames,
+        ):
+            for tracked in frames:
+                for folder in outputs:
+                    folder.write(tracked)
+                summary.add(tracked)
+                advance()
+                if stop.exit_code:
+                    return
+    finally:
+        summary.seconds = time.monotonic() - began
+
+
+def _open_outputs(
+    options: argparse.Namespace, recording: Recording, preset: str
+) -> list[OutputFolder]:
+    makers: dict[str, MakeWriter] = {BOXES: BoxesCsv}
+    if options.parquet:
+        makers[PARQUET] = BoxesParquet
+    if options.video:
+        makers[VIDEO] = functools.partial(AnnotatedVideo, frame_rate=1.0 / recording.interval)
+    if options.bag:
+        makers[BAG] = functools.partial(TopicBag, preset=preset)
+    if options.report is None:
+        return [OutputFolder(options.output, makers)]
+    facts = {"recording": str(recording.path), "preset": preset, "seed": str(options.seed)}
+    report = {
+        REPORT_FILE: functools.partial(
+            RecordingReport, recording=recording, preset=preset, facts=facts
+        )
+    }
+    if options.report in (BESIDE, options.output):
+        return [OutputFolder(options.output, {**makers, **report})]
+    outputs = OutputFolder(options.output, makers)
+    try:
+        return [outputs, OutputFolder(options.report, {**report})]
+    except BaseException:
+        outputs.discard()
+        raise
+
+
+def _report(
+    options: argparse.Namespace, summary: _Summary, stop: _Stop, failures: list[Exception]
+) -> int:
+    """Say what came of it, and with which exit code."""
+    code = errors.DONE
+    # What cannot be written any further can as a rule not be finished either, and is told once.
+    for failure in {str(failure): failure for failure in failures}.values():
+        found = getattr(failure, "exit_code", errors.UNREADABLE_SOURCE)
+        code = code or found
+        kept = f"; {summary.frames} frames were tracked" if summary.frames else ""
+        _complain(f"{failure}{kept}", found)
+    if stop.exit_code:
+        return _complain(
+            f"{stop.word} after {summary.frames} frames, which are kept", stop.exit_code
+        )
+    if code == errors.DONE:
+        if summary.refused:
+            print(
+                f"track: frames were skipped, the first because {summary.refused}", file=sys.stderr
+            )
+        print(f"{options.source}: {summary.text}; results in {options.output}")
+    return code
+
+
+def _complain(what: Any, exit_code: int) -> int:
+    print(f"track: error: {' '.join(str(what).split())}", file=sys.stderr)
+    return exit_code
+
+
+def _require(package: str, extra: str) -> None:
+    try:
+        importlib.import_module(package)
+    except ImportError as error:
+        name = "pyyaml" if package == "yaml" else package
+        raise RecordingError(
+            f"{name} is not installed: pip install {name}, or '.[{extra}]' in the sources"
+        ) from error
+
+
+@dataclass
+class _Stop:
+    """Whether the work shall end, with which exit code, and whether before the frame is done."""
+
+    exit_code: int = 0
+    at_once: bool = False
+
+    @property
+    def word(self) -> str:
+        """Why."""
+        return "terminated" if self.exit_code == errors.TERMINATED else "interrupted"
+
+
+@contextmanager
+def _noticing_signals(stop: _Stop) -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM end the work after a frame; the second one ends it at once."""
+    if threading.current_thread() is not threading.main_thread():
+        # Only the main thread may say what happens on a signal.
+        yield
+        return
+
+    def notice(number: int, frame: FrameType | None) -> None:
+        is_second = bool(stop.exit_code)
+        stop.exit_code = _SIGNALS[signal.Signals(number)]
+        if is_second or stop.at_once:
+            raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, notice) for number in _SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

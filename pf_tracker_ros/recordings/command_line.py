@@ -1,0 +1,178 @@
+"""The command line of `track`."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import NoReturn
+
+from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.recordings import errors
+from pf_tracker_ros.tracking.presets import PRESETS
+
+_DESCRIPTION = """\
+Track a target through a recording, without a ROS graph: a bag, a video, a folder of images or a
+sequence folder in, boxes.csv and what else is asked for out. The boxes are those that the node
+publishes for a replay of the recording in lockstep, to the bit.
+
+The target is that of --box, else of the file SOURCE.target.yaml beside the recording (for
+drive.mcap that is drive.target.yaml), else the first box of the recording's ground truth.
+"""
+
+_EXIT_CODES = f"""\
+boxes.csv has a row a frame: frame (from 0), stamp (ns), id, x, y, width, height (px; empty while
+there is no box), state and confidence (0 to 1), in full precision.
+
+exit codes:
+  {errors.DONE}    all went well
+  {errors.FAILED}    a file could not be written, for another reason than those below
+  {errors.REFUSED}    the request cannot be carried out; nothing was tracked
+  {errors.UNREADABLE_SOURCE}    the recording cannot be read, or not to its end
+  {errors.OUTPUT_EXISTS}    an output exists already; nothing was tracked
+  {errors.NO_PERMISSION}    this user may not write there
+  {errors.DISK_FULL}    the disk is full
+  {errors.WRONG_TARGET}    the target is refused, or its file is wrong or of another recording
+  {errors.INTERRUPTED}  interrupted (Ctrl-C); the second time at once, without finishing the files
+  {errors.TERMINATED}  terminated
+
+Where the work ends early, the files hold the frames up to there, and are whole.
+"""
+
+BESIDE = Path()
+"""What `--report` without a folder stands for: that of the other outputs."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """An argument parser that refuses in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(errors.REFUSED, f"track: error: {message} (track --help tells more)\n")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of the command line, which refuses in one line."""
+    parser = _Parser(
+        prog="track",
+        description=_DESCRIPTION,
+        epilog=_EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "source",
+        nargs="?",
+        metavar="SOURCE",
+        help="a rosbag2 folder or .mcap file, a video, a folder of images or a sequence folder",
+    )
+    parser.add_argument(
+        "--output",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder for boxes.csv and the rest; made where it is missing",
+    )
+    parser.add_argument(
+        "--box",
+        type=_box,
+        metavar="X,Y,W,H",
+        help="the target in the first frame, in pixels",
+    )
+    parser.add_argument(
+        "--preset", default="default", help=f"{', '.join(PRESETS)} (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--parameter",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="another value than the preset's for a parameter; may be repeated",
+    )
+    parser.add_argument(
+        "--seed", type=_seed, default=0, metavar="N", help="as the node's (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--video", action="store_true", help="write overlay.mp4: what ~/overlay shows"
+    )
+    parser.add_argument(
+        "--parquet", action="store_true", help="write boxes.parquet too (needs pyarrow)"
+    )
+    parser.add_argument(
+        "--bag",
+        action="store_true",
+        help="write topics.mcap: ~/box, ~/status, ~/particles and ~/overlay, to play beside the "
+        "recording (needs rosbags)",
+    )
+    parser.add_argument(
+        "--report",
+        type=Path,
+        nargs="?",
+        const=BESIDE,
+        metavar="DIR",
+        help="write report.html: plots and pictures on one page, into DIR or beside boxes.csv "
+        "(needs Matplotlib and Jinja2)",
+    )
+    parser.add_argument(
+        "--bag-topic", default="", metavar="TOPIC", help="image topic of a bag that has several"
+    )
+    parser.add_argument(
+        "--frame-rate",
+        type=_rate,
+        default=25.0,
+        metavar="HZ",
+        help="of a folder of images, which does not tell (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--archive",
+        type=Path,
+        metavar="FOLDER_OR_LIST",
+        help="track every recording below a folder that has its target file beside it or is a "
+        "sequence, or those that a text file lists, into a folder each; what is done of the same "
+        "inputs, version and parameters is not done again",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=_jobs,
+        default=1,
+        metavar="N",
+        help="processes for an archive (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="say what would be done for an archive, and how long it would take, from a sample",
+    )
+    return parser
+
+
+def _jobs(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}; allowed: whole numbers from 1")
+    return int(text)
+
+
+def _box(text: str) -> Box:
+    try:
+        x, y, width, height = (float(part) for part in text.strip("[]() ").split(","))
+    except ValueError:
+        x = y = width = height = math.nan
+    if not all(map(math.isfinite, (x, y, width, height))) or min(width, height) <= 0:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}; allowed: x,y,width,height in pixels, width and height above 0"
+        )
+    return x, y, width, height
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal() or int(text) >= 2**31:
+        raise argparse.ArgumentTypeError(f"{text!r}; allowed: whole numbers from 0 to 2147483647")
+    return int(text)
+
+
+def _rate(text: str) -> float:
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = math.nan
+    if not 0.01 <= rate <= 10_000:
+        raise argparse.ArgumentTypeError(f"{text!r}; allowed: 0.01 to 10000")
+    return rate

@@ -1,0 +1,166 @@
+"""The files of one recording in its folder: put in place whole, or up to where the work ended."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+from pf_tracker_ros.recordings.errors import OUTPUT_EXISTS, RecordingError, unwritable
+from pf_tracker_ros.recordings.tracking import TrackedFrame
+
+# What file systems without hard links answer.
+_NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EMLINK, errno.ENOSYS)
+
+
+class FrameWriter(Protocol):
+    """Writes what is known after each frame."""
+
+    def write(self, tracked: TrackedFrame) -> None:
+        """Write one frame."""
+        ...
+
+    def close(self) -> None:
+        """Finish the file, which then is whole."""
+        ...
+
+    def discard(self) -> None:
+        """Give the file up, unfinished, and all that it takes to write it."""
+        ...
+
+
+MakeWriter = Callable[[Path], FrameWriter]
+"""Begins a file at a path where nothing is yet."""
+
+
+class OutputFolder:
+    """Writes files side by side in a hidden folder, from where they go into place when closed.
+
+    Args:
+        folder: Where they go; made where it is missing.
+        makers: Name of each file to what begins it.
+
+    Raises:
+        RecordingError: A file is there already, or cannot be written.
+    """
+
+    def __init__(self, folder: Path, makers: dict[str, MakeWriter]) -> None:
+        self._folder = folder
+        self._check(makers)
+        self._made = _missing(folder)
+        self._workplace: Path | None = None
+        self._writers: dict[str, FrameWriter] = {}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._workplace = Path(tempfile.mkdtemp(prefix=".track_", dir=folder))
+            for name, make in makers.items():
+                self._writers[name] = make(self._workplace / name)
+        except OSError as error:
+            self.discard()
+            raise unwritable(folder, error) from error
+        except BaseException:
+            self.discard()
+            raise
+
+    def write(self, tracked: TrackedFrame) -> None:
+        """Write a frame into every file.
+
+        Raises:
+            RecordingError: One cannot be written any further.
+        """
+        for name, writer in self._writers.items():
+            try:
+                writer.write(tracked)
+            except OSError as error:
+                raise unwritable(self._folder / name, error) from error
+
+    def close(self) -> list[RecordingError]:
+        """Finish the files and put those that are whole into place.
+
+        Returns:
+            Why others are not.
+        """
+        failures: dict[str, RecordingError] = {}
+        assert self._workplace is not None
+        for name, writer in self._writers.items():
+            place = self._folder / name
+            try:
+                writer.close()
+                _flush_to_disk(self._workplace / name)
+                _put_in_place(self._workplace / name, place)
+            except FileExistsError:
+                failures[name] = _exists(place)
+            except OSError as error:
+                failures[name] = unwritable(place, error)
+            except RecordingError as error:
+                failures[name] = error
+        self._writers = {}
+        self.discard()
+        return list(failures.values())
+
+    def discard(self) -> None:
+        """Leave nothing but what was put into place."""
+        for writer in self._writers.values():
+            # What it is about is being given up already.
+            with contextlib.suppress(Exception):
+                writer.discard()
+        self._writers = {}
+        if self._workplace is not None:
+            shutil.rmtree(self._workplace, ignore_errors=True)
+        for folder in self._made:
+            try:
+                folder.rmdir()
+            except OSError:
+                break
+
+    def _check(self, makers: dict[str, MakeWriter]) -> None:
+        try:
+            if os.path.lexists(self._folder) and not self._folder.is_dir():
+                raise RecordingError(
+                    f"{self._folder} is no folder; give another one to write into", OUTPUT_EXISTS
+                )
+            for name in makers:
+                if os.path.lexists(self._folder / name):
+                    raise _exists(self._folder / name)
+        except OSError as error:
+            raise unwritable(self._folder, error) from error
+
+
+def _exists(path: Path) -> RecordingError:
+    return RecordingError(
+        f"{path} exists already and is left as it is; remove it or give another folder",
+        OUTPUT_EXISTS,
+    )
+
+
+def _missing(folder: Path) -> list[Path]:
+    """The folders that have to be made for a folder, the innermost first."""
+    missing = []
+    for each in (folder, *folder.parents):
+        if each.exists():
+            break
+        missing.append(each)
+    return missing
+
+
+def _put_in_place(path: Path, place: Path) -> None:
+    """Move a file to where nothing is yet; what has come there meanwhile stays."""
+    try:
+        # Unlike a renaming, a link replaces nothing.
+        os.link(path, place)
+    except OSError as error:
+        if error.errno not in _NO_LINKS:
+            raise
+        if os.path.lexists(place):
+            raise FileExistsError(place) from error
+        path.rename(place)
+
+
+def _flush_to_disk(path: Path) -> None:
+    with path.open("rb") as file:
+        os.fsync(file.fileno())

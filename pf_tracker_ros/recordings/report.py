@@ -1,0 +1,126 @@
+"""The report of one tracked recording. Needs Jinja2 and Matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.evaluation import metrics
+from pf_tracker_ros.evaluation.reports.content import SequenceContent
+from pf_tracker_ros.evaluation.reports.page import Report, Section, render
+from pf_tracker_ros.evaluation.reports.pictures import Picture, take_pictures
+from pf_tracker_ros.evaluation.results import Scores
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.recordings.recording import Recording
+from pf_tracker_ros.recordings.summaries import ABSENT, FrameSummary, content_of_frames, summary_of
+from pf_tracker_ros.recordings.tracking import TrackedFrame
+
+
+class RecordingReport:
+    """Writes the page of one recording once all of its frames are known.
+
+    Args:
+        path: The file, made anew.
+        recording: What is tracked in; its frames are read again for the pictures.
+        preset: That tracks.
+        facts: Further facts of the run, name to value.
+    """
+
+    def __init__(
+        self, path: Path, *, recording: Recording, preset: str, facts: Mapping[str, str]
+    ) -> None:
+        self._file = path.open("wb")
+        self._recording = recording
+        self._preset = preset
+        self._facts = facts
+        self._frames: list[FrameSummary] = []
+
+    def write(self, tracked: TrackedFrame) -> None:
+        """Remember what is known of a frame."""
+        self._frames.append(summary_of(tracked))
+
+    def close(self) -> None:
+        """Write the page.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        true_boxes = None
+        if self._recording.has_ground_truth:
+            true_boxes = np.array([each.true_box or ABSENT for each in self._frames])
+        page = recording_page(
+            self._recording, self._frames, true_boxes, preset=self._preset, facts=self._facts
+        )
+        with self._file:
+            self._file.write(page.encode("utf-8", "replace"))
+
+    def discard(self) -> None:
+        """Give the file up."""
+        self._file.close()
+
+
+def recording_page(
+    recording: Recording,
+    frames: Sequence[FrameSummary],
+    true_boxes: NDArray[np.float64] | None,
+    *,
+    preset: str,
+    facts: Mapping[str, str],
+) -> str:
+    """The page of one recording, with the figures of an evaluation where there is a truth.
+
+    Args:
+        recording: What was tracked in; its frames are read again for the pictures.
+        frames: What is known of them, in order, at least one.
+        true_boxes: (frames, 4) what the boxes are compared with; None without such.
+        preset: That tracked.
+        facts: Further facts of the run, name to value.
+    """
+    content = content_of_frames(recording.path.name, frames, true_boxes)
+    content = _scored(content, np.array([each.seconds for each in frames]))
+    return render(
+        Report(
+            title=f"{recording.path.name}, tracked",
+            preset=preset,
+            facts=facts,
+            sections=[Section(content, _pictures(content, recording))],
+            mean=content.scores,
+        )
+    )
+
+
+def _pictures(content: SequenceContent, recording: Recording) -> dict[int, Picture]:
+    def images() -> Iterator[tuple[int, NDArray[Any] | None]]:
+        with closing(recording.frames()) as frames:
+            for frame in frames:
+                yield frame.index, frame.image
+
+    # What could be read once is there again, or the page has no pictures.
+    try:
+        return take_pictures(content, images())
+    except FootageError:
+        return {}
+
+
+def _scored(content: SequenceContent, seconds: NDArray[np.float64]) -> SequenceContent:
+    overlaps, errors = content.overlaps, content.center_errors
+    if overlaps is None or errors is None or np.isnan(overlaps).all():
+        return content
+    is_timed = not np.isnan(seconds).all()
+    return replace(
+        content,
+        scores=Scores(
+            success_auc=metrics.success_auc(overlaps),
+            precision_20px=metrics.precision(errors),
+            cpu_ms_median=1e3 * float(np.nanmedian(seconds)) if is_timed else np.nan,
+            frames=content.frames,
+        ),
+        success_curve=metrics.success_curve(overlaps),
+        precision_curve=metrics.precision_curve(errors),
+    )

@@ -1,0 +1,87 @@
+"""What is kept of a tracked frame once its image is gone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.evaluation.reports.content import SequenceContent, kept_boxes
+from pf_tracker_ros.recordings.tracking import TrackedFrame
+
+ABSENT = (np.nan, np.nan, np.nan, np.nan)
+
+
+@dataclass(frozen=True)
+class FrameSummary:
+    """A tracked frame without its image.
+
+    Attributes:
+        stamp: Nanoseconds.
+        state: `skipped`, `idle`, or the state of the track.
+        box: (x, y, width, height) in pixels, None without one.
+        true_box: Likewise.
+        confidence: 0 to 1, NaN where it is unknown.
+        seconds: What the tracker took for it, NaN where it did not track.
+        effective_sample_size: NaN where it is unknown.
+        powers: Name of a cue to its power.
+    """
+
+    stamp: int
+    state: str
+    box: Box | None
+    true_box: Box | None
+    confidence: float = np.nan
+    seconds: float = np.nan
+    effective_sample_size: float = np.nan
+    powers: Mapping[str, float] = field(default_factory=dict)
+
+
+def summary_of(tracked: TrackedFrame) -> FrameSummary:
+    """What is kept of a frame."""
+    estimate = tracked.estimate
+    return FrameSummary(
+        stamp=tracked.frame.stamp,
+        state=tracked.state,
+        box=tracked.box,
+        true_box=tracked.frame.true_box,
+        confidence=float(estimate.confidence) if estimate else np.nan,
+        seconds=tracked.seconds if tracked.outcome == "tracked" else np.nan,
+        effective_sample_size=float(estimate.effective_sample_size) if estimate else np.nan,
+        powers=dict(estimate.powers) if estimate else {},
+    )
+
+
+def content_of_frames(
+    name: str, frames: Sequence[FrameSummary], true_boxes: NDArray[np.float64] | None
+) -> SequenceContent:
+    """What there is to tell of a recording, without figures.
+
+    Args:
+        name: Of the recording.
+        frames: In order, at least one.
+        true_boxes: (frames, 4) what the boxes are compared with; None without such.
+    """
+    names = dict.fromkeys(cue for each in frames for cue in each.powers)
+
+    def column(value: Callable[[FrameSummary], float]) -> NDArray[np.float64]:
+        return np.array([value(each) for each in frames], dtype=np.float64)
+
+    def powers(cue: str) -> NDArray[np.float64]:
+        return column(lambda each: each.powers.get(cue, np.nan))
+
+    return SequenceContent(
+        name=name,
+        boxes=kept_boxes([each.box for each in frames]),
+        true_boxes=true_boxes,
+        states=tuple(each.state for each in frames),
+        confidence=column(lambda each: each.confidence),
+        effective_sample_size=column(lambda each: each.effective_sample_size),
+        powers={cue: powers(cue) for cue in names},
+        scores=None,
+        success_curve=None,
+        precision_curve=None,
+    )

@@ -1,0 +1,131 @@
+"""What was found in a recording as a table: a row for each target in each frame."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from pf_tracker_ros.recordings.tracking import TrackedFrame
+
+COLUMNS = ("frame", "stamp", "id", "x", "y", "width", "height", "state", "confidence")
+_ROWS_AT_ONCE = 4096
+
+
+def row(tracked: TrackedFrame) -> tuple[Any, ...]:
+    """A value for each of `COLUMNS`, None for what is unknown.
+
+    Frames count from 0, stamps are in nanoseconds, boxes in pixels. There is no box
+    while the target is lost, and nothing of it in a frame that was not looked at.
+    """
+    box = tracked.box or (None, None, None, None)
+    confidence = tracked.estimate.confidence if tracked.estimate else None
+    return (
+        tracked.frame.index,
+        tracked.frame.stamp,
+        tracked.target_id,
+        *(None if value is None else float(value) for value in box),
+        tracked.state,
+        None if confidence is None else float(confidence),
+    )
+
+
+class BoxesCsv:
+    """Writes rows as CSV, each whole or not at all; numbers read back to the same bits.
+
+    Args:
+        path: The file, made anew.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        # Without a buffer: what was written before the disk was full stays, up to a whole line.
+        self._file = path.open("wb", buffering=0)
+        self._whole = 0
+        self._write([COLUMNS])
+
+    def write(self, tracked: TrackedFrame) -> None:
+        """Write a frame's rows."""
+        self._write([row(tracked)])
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._file.close()
+
+    def discard(self) -> None:
+        """Give the file up."""
+        self._file.close()
+
+    def _write(self, rows: Iterable[tuple[Any, ...]]) -> None:
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows(rows)
+        octets = text.getvalue().encode()
+        try:
+            written = 0
+            while written < len(octets):
+                written += self._file.write(octets[written:])
+        except OSError:
+            self._file.truncate(self._whole)
+            raise
+        self._whole += len(octets)
+
+
+class BoxesParquet:
+    """Writes the same rows as Apache Parquet. Needs pyarrow.
+
+    Args:
+        path: The file, made anew.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        import pyarrow
+        from pyarrow import parquet
+
+        types = {"frame": "int64", "stamp": "int64", "id": "int32", "state": "string"}
+        self._library = pyarrow
+        self._schema = pyarrow.schema(
+            [(name, getattr(pyarrow, types.get(name, "float64"))()) for name in COLUMNS]
+        )
+        self._file = path.open("wb")
+        self._writer = parquet.ParquetWriter(self._file, self._schema)
+        self._rows: list[tuple[Any, ...]] = []
+
+    def write(self, tracked: TrackedFrame) -> None:
+        """Write a frame's rows."""
+        self._rows.append(row(tracked))
+        if len(self._rows) >= _ROWS_AT_ONCE:
+            self._write_rows()
+
+    def close(self) -> None:
+        """Finish the file."""
+        try:
+            with self._file:
+                self._write_rows()
+                self._writer.close()
+        finally:
+            self._forget_writer()
+
+    def discard(self) -> None:
+        """Give the file up."""
+        self._forget_writer()
+        self._file.close()
+
+    def _forget_writer(self) -> None:
+        # Else it would write into the closed file when it is collected, and complain.
+        self._writer.is_open = False
+
+    def _write_rows(self) -> None:
+        columns = zip(*self._rows, strict=True) if self._rows else [()] * len(COLUMNS)
+        arrays = [
+            self._library.array(list(values), field.type)
+            for values, field in zip(columns, self._schema, strict=True)
+        ]
+        self._rows = []
+        self._writer.write_table(self._library.Table.from_arrays(arrays, schema=self._schema))

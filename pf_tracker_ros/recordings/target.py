@@ -1,0 +1,213 @@
+"""Which target is tracked in a recording: from the command line, a file beside it, or its truth.
+
+A target file `drive.target.yaml` stands beside `drive.mcap`:
+
+    target_box: [293.0, 97.0, 115.0, 82.0]   # x, y, width, height, pixels
+    frame: 3                                 # on which it was drawn, counted from 0
+    stamp: 1700000000000000000               # of that frame, nanoseconds
+    label: car                               # what it is
+    recording: drive.mcap                    # in which: the name of its file or folder
+    image_size: [768, 576]                   # width and height of its images, pixels
+
+All but `target_box` may be left out; without `frame` and `stamp` it is drawn on the first frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pf_tracker_ros.boxes import Box, as_box
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.footage.access import check_file, exists
+from pf_tracker_ros.footage.messages import box_as_sent
+from pf_tracker_ros.recordings.errors import REFUSED, WRONG_TARGET, RecordingError
+from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
+
+TARGET_ENDING = ".target.yaml"
+_KEYS = {"target_box", "frame", "stamp", "label", "recording", "image_size"}
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is to be tracked, and from which frame on.
+
+    Attributes:
+        box: (x, y, width, height) in pixels; None takes the first true box.
+        stamp: Of the frame that the box was drawn on, nanoseconds; 0 where that is unknown.
+        frame: Of that frame, counted from 0; None where that is unknown. Without either it is the
+            first one.
+        image_size: (width, height) of the image that it was drawn on, None where that is unknown.
+        source: Where it comes from, for messages.
+        label: What it is, or empty.
+    """
+
+    box: Box | None
+    stamp: int = 0
+    frame: int | None = None
+    image_size: tuple[int, int] | None = None
+    source: str = ""
+    label: str = ""
+
+    def box_in(self, frame: RecordedFrame) -> Box | None:
+        """The box as the node would be sent it with this frame; None before its frame comes.
+
+        Raises:
+            RecordingError: It was drawn on another recording.
+        """
+        if self.box is None:
+            return None if frame.true_box is None else box_as_sent(frame.true_box)
+        is_before = (
+            frame.index < self.frame
+            if self.frame is not None
+            else self.stamp and frame.stamp < self.stamp
+        )
+        if is_before:
+            return None
+        if self.frame not in (None, frame.index) or self.stamp not in (0, frame.stamp):
+            raise self.missed()
+        if frame.image is None:
+            raise RecordingError(f"frame {frame.index}, with the target: {frame.problem}", REFUSED)
+        size = (frame.image.shape[1], frame.image.shape[0])
+        if self.image_size not in (None, size):
+            raise RecordingError(
+                f"{self.source} is of images of {_size_text(self.image_size)} px, and these have "
+                f"{_size_text(size)} px: it belongs to another recording",
+                WRONG_TARGET,
+            )
+        return box_as_sent(self.box)
+
+    def missed(self) -> RecordingError:
+        """The error of a recording that has not the frame that the target was drawn on."""
+        if self.box is None:
+            return RecordingError("there is no true box in any frame; give --box x,y,w,h")
+        known = [f"number {self.frame}"] if self.frame is not None else []
+        known += [f"stamped {self.stamp} ns"] if self.stamp else []
+        return RecordingError(
+            f"{self.source} is of a frame {', '.join(known)}, which this recording does not "
+            "have: it belongs to another recording",
+            WRONG_TARGET,
+        )
+
+
+def choose_target(recording: Recording, box: Sequence[float] | None) -> Target:
+    """The target of a recording: the box that is given, else its target file, else its truth.
+
+    Args:
+        recording: What is to be tracked.
+        box: (x, y, width, height) in the first frame, in pixels.
+
+    Raises:
+        RecordingError: There is none, or the target file is wrong or of another recording.
+    """
+    if box is not None:
+        return Target(as_box(box), source="--box")
+    path = target_file(recording.path)
+    if exists(path):
+        return read_target_file(path, recording.path)
+    if recording.has_ground_truth:
+        return Target(None, source="the ground truth")
+    raise RecordingError(
+        f"no target for {recording.path}: give --box x,y,w,h for the first frame, or write "
+        f"{path.name} beside it"
+    )
+
+
+def target_file(source: Path) -> Path:
+    """Where the target of a recording stands: `drive.target.yaml` beside `drive.mcap`."""
+    resolved = source.resolve()
+    name = resolved.name if resolved.is_dir() else resolved.stem
+    return resolved.with_name(f"{name}{TARGET_ENDING}")
+
+
+def read_target_file(path: Path, source: Path) -> Target:
+    """Read a target file.
+
+    Args:
+        path: The file.
+        source: The recording that it stands beside.
+
+    Raises:
+        RecordingError: It cannot be read, is wrong, or names another recording.
+    """
+    document = _read_yaml(path)
+    _check_keys(path, document, _KEYS)
+    name = document.get("recording")
+    if name is not None and name != source.resolve().name:
+        raise RecordingError(
+            f"{path} is the target of {name!r}, not of {source.resolve().name!r}: draw one for "
+            "this recording, or correct 'recording' in it",
+            WRONG_TARGET,
+        )
+    what = "'target_box'"
+    box = _numbers(
+        path, what, document.get("target_box"), 4, "four numbers, x, y, width and height in pixels"
+    )
+    if min(box[2:]) <= 0:
+        raise _wrong(path, what, document["target_box"], "a width and height above 0")
+    image_size = None
+    if (size := document.get("image_size")) is not None:
+        width, height = _numbers(path, "'image_size'", size, 2, "two numbers, width and height")
+        image_size = (int(width), int(height))
+    return Target(
+        as_box(box),
+        stamp=_whole(path, document, "stamp") or 0,
+        frame=_whole(path, document, "frame"),
+        image_size=image_size,
+        source=str(path),
+        label=str(document.get("label", "")),
+    )
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    import yaml
+
+    try:
+        check_file(path, "target file")
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FootageError as error:
+        raise RecordingError(str(error), WRONG_TARGET) from error
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())
+        raise RecordingError(f"{path} cannot be read as YAML ({reason})", WRONG_TARGET) from error
+    if not isinstance(document, dict):
+        raise _wrong(path, "it", document, "a mapping with target_box, frame and stamp")
+    return document
+
+
+def _check_keys(path: Path, mapping: dict[str, Any], allowed: set[str]) -> None:
+    unknown = sorted(str(key) for key in mapping.keys() - allowed)
+    if unknown:
+        raise RecordingError(
+            f"{path} has {', '.join(unknown)}; allowed: {', '.join(sorted(allowed))}", WRONG_TARGET
+        )
+
+
+def _whole(path: Path, document: dict[str, Any], name: str) -> int | None:
+    value = document.get(name)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise _wrong(path, f"'{name}'", value, "a whole number from 0")
+    return int(value)
+
+
+def _numbers(path: Path, what: str, value: Any, count: int, allowed: str) -> list[float]:
+    is_list = isinstance(value, list) and len(value) == count
+    if not is_list or not all(
+        isinstance(one, (int, float)) and not isinstance(one, bool) and math.isfinite(one)
+        for one in value
+    ):
+        raise _wrong(path, what, value, allowed)
+    return [float(one) for one in value]
+
+
+def _wrong(path: Path, what: str, value: Any, allowed: str) -> RecordingError:
+    return RecordingError(f"{path}: {what} is {value!r}; allowed: {allowed}", WRONG_TARGET)
+
+
+def _size_text(size: tuple[int, int] | None) -> str:
+    return "{} x {}".format(*size) if size else ""

@@ -1,0 +1,128 @@
+"""Track the target of a recording as the node does that is shown it in lockstep."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+
+from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.footage.prefetch import Prefetch
+from pf_tracker_ros.opencv import one_opencv_thread
+from pf_tracker_ros.recordings.errors import WRONG_TARGET, RecordingError
+from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
+from pf_tracker_ros.recordings.target import Target
+from pf_tracker_ros.tracking.estimate import Estimate
+from pf_tracker_ros.tracking.session import Session
+from pf_tracker_ros.tracking.tracker import Tracker
+
+# What becomes of a frame that is not looked at, as the node's status says it.
+_SKIPPED = ("refused", "duplicate", "late")
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedFrame:
+    """One frame of a recording, and what the tracker makes of it.
+
+    Attributes:
+        frame: The frame.
+        outcome: "started", "tracked", "waiting", "duplicate", "late" or "refused".
+        estimate: What is known after it; None while there is no target, and where the frame was not
+            looked at.
+        problem: Why the frame was refused, or empty.
+        seconds: What the tracker took for it.
+        target_id: Number of the target.
+    """
+
+    frame: RecordedFrame
+    outcome: str
+    estimate: Estimate | None
+    problem: str
+    seconds: float
+    target_id: int = 1
+
+    @property
+    def state(self) -> str:
+        """`skipped`, `idle`, or the state of the track, as the node's status has it."""
+        if self.outcome in _SKIPPED:
+            return "skipped"
+        return self.estimate.state if self.estimate else "idle"
+
+    @property
+    def box(self) -> Box | None:
+        """(x, y, width, height) in pixels; None where the node publishes no box."""
+        if self.estimate is None or self.estimate.state == "lost":
+            return None
+        return self.estimate.box
+
+
+def track_recording(
+    recording: Recording,
+    target: Target,
+    preset: str = "default",
+    parameters: Mapping[str, Any] | None = None,
+    seed: int = 0,
+) -> Generator[TrackedFrame, None, None]:
+    """Track a target through a recording.
+
+    The frames go through the same `Session` as those of the node, so the boxes are those that it
+    publishes for a replay in lockstep. Frames are read ahead in a thread.
+
+    Args:
+        recording: What to track in.
+        target: What to track.
+        preset: Name of a preset.
+        parameters: Full name to value, where they differ from the preset's.
+        seed: As for `Tracker`.
+
+    Yields:
+        Every frame, in order.
+
+    Raises:
+        ParameterError: A parameter is not allowed.
+        RecordingError: The target is refused, or of another recording.
+        FootageError: The recording cannot be read, or not any further.
+    """
+    tunables = Tracker.from_preset(preset, seed=seed, parameters=parameters or {}).parameters
+    session = Session(tunables, seed)
+    has_started = False
+    with one_opencv_thread(), closing(Prefetch(recording.frames())) as frames:
+        for frame in frames:
+            if not has_started:
+                box = target.box_in(frame)
+                if box is not None:
+                    _request(session, box, frame, target)
+                    has_started = True
+            yield _tracked(session, frame, target)
+    if not has_started:
+        raise target.missed()
+
+
+def _request(session: Session, box: Box, frame: RecordedFrame, target: Target) -> None:
+    try:
+        session.request(box, frame.stamp)
+    except ValueError as error:
+        raise RecordingError(
+            f"frame {frame.index}, box from {target.source}: {error}", WRONG_TARGET
+        ) from error
+
+
+def _tracked(session: Session, frame: RecordedFrame, target: Target) -> TrackedFrame:
+    if frame.image is None:
+        return TrackedFrame(frame, "refused", None, frame.problem, 0.0)
+    began = time.perf_counter()
+    try:
+        outcome = session.process(frame.image, frame.stamp)
+    except (ValueError, cv2.error) as error:
+        return TrackedFrame(frame, "refused", None, str(error), time.perf_counter() - began)
+    seconds = time.perf_counter() - began
+    if outcome.refused_target:
+        raise RecordingError(
+            f"frame {frame.index}, box from {target.source}: {outcome.refused_target}", WRONG_TARGET
+        )
+    estimate = None if outcome.frame in _SKIPPED else outcome.estimate
+    return TrackedFrame(frame, outcome.frame, estimate, "", seconds)

@@ -1,0 +1,157 @@
+"""The annotated video: every frame with its overlay, encoded in a thread of its own."""
+
+from __future__ import annotations
+
+import errno
+import os
+import queue
+import threading
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.overlay import draw_overlay
+from pf_tracker_ros.recordings.errors import FAILED, RecordingError
+from pf_tracker_ros.recordings.tracking import TrackedFrame
+
+_CODEC = "mp4v"
+# Frames that wait to be encoded; more would only hold memory.
+_DEPTH = 8
+# MP4 has no frame rates beyond these.
+_RATES = (0.1, 1000.0)
+
+
+def overlay(tracked: TrackedFrame) -> NDArray[Any]:
+    """The picture of a frame that the node would publish on `~/overlay`.
+
+    Raises:
+        ValueError: The frame has no image.
+    """
+    if tracked.frame.image is None:
+        raise ValueError(f"frame {tracked.frame.index} has no image")
+    estimate = tracked.estimate
+    text = f"{estimate.state} {estimate.confidence:.2f}" if estimate else "no target"
+    return draw_overlay(tracked.frame.image, estimate, text)
+
+
+class AnnotatedVideo:
+    """Writes the overlay of every frame into an MP4 file.
+
+    A frame that could not be decoded is the one before once more, so that the video keeps time; an
+    image of another size than the first is fitted into it.
+
+    Args:
+        path: The file, made anew.
+        frame_rate: Frames a second.
+    """
+
+    def __init__(self, path: Path, frame_rate: float) -> None:
+        self._path = path
+        self._rate = float(np.clip(frame_rate, *_RATES))
+        self._count = 0
+        self._frames: queue.Queue[TrackedFrame | None] = queue.Queue(_DEPTH)
+        self._error: BaseException | None = None
+        self._writer: cv2.VideoWriter | None = None
+        self._size = (0, 0)
+        self._thread = threading.Thread(target=self._encode, name="video", daemon=True)
+        self._thread.start()
+
+    def write(self, tracked: TrackedFrame) -> None:
+        """Have a frame encoded.
+
+        Raises:
+            RecordingError: OpenCV cannot write the file.
+        """
+        if self._error is not None:
+            raise self._error
+        self._frames.put(tracked)
+
+    def close(self) -> None:
+        """Finish the file.
+
+        Raises:
+            RecordingError: OpenCV cannot write the file, or has written less than it was given.
+            OSError: There is no room for it.
+        """
+        self.discard()
+        if self._error is not None:
+            raise self._error
+        if self._writer is not None:
+            self._check()
+
+    def discard(self) -> None:
+        """Let the thread end and the file go, whatever it holds."""
+        self._frames.put(None)
+        self._thread.join()
+        if self._writer is not None:
+            self._writer.release()
+
+    def _encode(self) -> None:
+        picture: NDArray[Any] | None = None
+        while (tracked := self._frames.get()) is not None:
+            if self._error is not None:
+                continue
+            try:
+                if tracked.frame.image is not None:
+                    picture = self._fitted(overlay(tracked))
+                if picture is not None:
+                    self._open(picture).write(picture)
+                    self._count += 1
+            except Exception as error:
+                self._error = error
+
+    def _open(self, picture: NDArray[Any]) -> cv2.VideoWriter:
+        if self._writer is None:
+            codec = cv2.VideoWriter.fourcc(*_CODEC)
+            self._writer = cv2.VideoWriter(str(self._path), codec, self._rate, self._size)
+            if not self._writer.isOpened():
+                raise RecordingError(
+                    f"OpenCV cannot write {self._path.name}: its build has no encoder for MP4",
+                    FAILED,
+                )
+        return self._writer
+
+    def _fitted(self, picture: NDArray[Any]) -> NDArray[Any]:
+        size = (picture.shape[1], picture.shape[0])
+        if self._writer is None:
+            self._size = size
+        if size == self._size:
+            return picture
+        width, height = self._size
+        scale = min(width / size[0], height / size[1])
+        inner = max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
+        canvas = np.zeros((height, width, 3), np.uint8)
+        left, top = (width - inner[0]) // 2, (height - inner[1]) // 2
+        canvas[top : top + inner[1], left : left + inner[0]] = cv2.resize(
+            picture, inner, interpolation=cv2.INTER_AREA
+        )
+        return canvas
+
+    def _check(self) -> None:
+        """OpenCV says nothing of a disk that was full: count what can be read again."""
+        found = 0
+        # FFmpeg would complain of a file without an index by itself.
+        if _has_index(self._path):
+            capture = cv2.VideoCapture(str(self._path))
+            found = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+            capture.release()
+        if found < self._count:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._path))
+
+
+def _has_index(path: Path) -> bool:
+    """Whether an MP4 file has the part that is written last (ISO/IEC 14496-12, 4.2)."""
+    with path.open("rb") as file:
+        while len(head := file.read(8)) == 8:
+            size, kind = int.from_bytes(head[:4], "big"), head[4:]
+            if kind == b"moov":
+                return True
+            if size == 1:
+                size = int.from_bytes(file.read(8), "big") - 8
+            if size < 8:
+                return False
+            file.seek(size - 8, 1)
+    return False

@@ -1,0 +1,254 @@
+"""The report: its figures are those of the results, and it is a page that needs only itself."""
+
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.evaluation.__main__ import main
+from pf_tracker_ros.evaluation.reports.content import SequenceContent, kept_boxes
+from pf_tracker_ros.evaluation.reports.page import changes, read_results
+from pf_tracker_ros.evaluation.results import EvaluationError, Scores
+
+pytest.importorskip("jinja2")
+pytest.importorskip("matplotlib")
+
+HOSTILE = """<img src=x onerror="document.title='hit'"> & $\\frac{"""
+RUN = ("--preset", "li2007", "--parameter", "particles=20")
+
+
+class Cells(HTMLParser):
+    """The figures of a page: (sequence, figure) to value, in the order of the rows."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.found, self.row = {}, None
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        attributes = dict(attributes)
+        if tag == "tr":
+            self.row = attributes.get("data-sequence")
+        if tag == "td" and self.row is not None and "data-figure" in attributes:
+            self.found[self.row, attributes["data-figure"]] = float(attributes["data-value"])
+
+
+@pytest.fixture(scope="module")
+def evaluated(tmp_path_factory, moving_square):
+    """A report on two sequences, beside its results; the folder."""
+    import cv2
+
+    folder = tmp_path_factory.mktemp("evaluated")
+    for name, title, first in (("a", HOSTILE, 0), ("b", "b", 8)):
+        pictures = folder / name / "img"
+        pictures.mkdir(parents=True)
+        for number, image in enumerate(moving_square.images[first:]):
+            assert cv2.imwrite(str(pictures / f"{number:03d}.png"), image)
+        # The second truth is beside the target, for figures that are not all one.
+        boxes = moving_square.boxes[first:] + [3 * first, 0, 0, 0]
+        boxes[0] = moving_square.boxes[first]
+        np.savetxt(folder / name / "groundtruth.txt", boxes, delimiter=",", fmt="%g")
+        (folder / name / "meta.json").write_text(json.dumps({"name": title}))
+    sources = [str(folder / "a"), str(folder / "b")]
+    assert main([*sources, *RUN, "--seeds", "1", "--output", str(folder / "before.json")]) == 0
+    report = ["--report", str(folder / "report"), "--compare", str(folder / "before.json")]
+    assert main([*sources, *RUN, "--output", str(folder / "r.json"), *report]) == 0
+    return folder
+
+
+@pytest.fixture
+def page(evaluated):
+    return (evaluated / "report" / "report.html").read_text()
+
+
+def test_every_figure_is_that_of_the_results(evaluated, page):
+    document = json.loads((evaluated / "r.json").read_text())
+    expected = {
+        (name, figure): value
+        for name, figures in [*document["sequences"].items(), ("mean", document["mean"])]
+        for figure, value in figures.items()
+    }
+    assert Cells(page).found == expected
+    assert f"default [{document['mean']['success_auc']:.3f}]" not in page
+    for figure in ("success_auc", "precision_20px"):
+        assert f"li2007 [{document['mean'][figure]:.3f}]" in page
+
+
+def test_it_refers_to_nothing_but_itself(page):
+    addresses = re.findall(r"""(?:src|href|action|xlink:href)\s*=\s*["']?([^"'\s>]*)""", page)
+    addresses += re.findall(r"url\(([^)]*)\)", page)
+    # What a name says is text, whatever it looks like.
+    assert {each for each in addresses if not each.startswith(("#", "data:"))} <= {"x"}
+    assert "<img src=x" not in page
+    assert "@import" not in page
+    remote = re.findall(r"https?://[^\s\"'<]*", page)
+    assert set(remote) <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+    assert not re.findall(r"#0[1-9]0[1-9]0[1-9]\b", page)
+
+
+def test_parts_of_different_plots_have_names_of_their_own(page):
+    names = re.findall(r'<clipPath id="([^"]+)"', page)
+    assert len(names) > 10
+    assert len(set(names)) == len(names)
+
+
+def test_each_sequence_has_its_pictures_and_plots(page):
+    sections = page.split('<section class="sequence"')[1:]
+    assert len(sections) == 2
+    for section, frames in zip(sections, (20, 12), strict=True):
+        numbers = re.findall(r"<figcaption>frame (\d+),", section)
+        strip, worst = numbers[:8], numbers[8:]
+        assert strip == [str(round(x)) for x in np.linspace(0, frames - 1, 8)]
+        assert 2 <= len(worst) <= 10
+        for heading in (
+            *("overlap", "center error, px", "confidence", "effective sample size", "cue powers"),
+        ):
+            assert f"<h3>{heading}</h3><svg" in section
+        assert section.count("data:image/jpeg;base64,") == len(numbers)
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_a_browser_shows_it_without_an_error_a_request_or_a_page_too_wide(browse, page, width):
+    said = browse(
+        page,
+        """
+        const figure = document.querySelector(".plots figure").getBoundingClientRect();
+        return {
+          errors, title: document.title, width: innerWidth,
+          scroll: document.documentElement.scrollWidth,
+          letters: [...document.querySelectorAll("svg text")].map(
+            (each) => each.getBoundingClientRect().height),
+          figure: figure.width,
+          resources: performance.getEntriesByType("resource").map((one) => one.name)
+            .filter((name) => !name.startsWith("data:")),
+          unloaded: [...document.images].filter((one) => !one.complete || !one.naturalWidth).length,
+        };
+        """,
+        width,
+    )
+    assert said["errors"] == []
+    assert said["title"] == "Evaluation of li2007 on 2 sequences"
+    assert said["scroll"] <= said["width"] == width
+    assert said["unloaded"] == 0
+    assert said["resources"] == []
+    # Beside each other where there is room, and letters that can be read where there is not.
+    assert (said["figure"] < width / 2) == (width > 1000)
+    assert min(said["letters"]) > 8
+
+
+def test_a_click_on_a_heading_sorts_the_table_and_another_one_turns_it(browse, page):
+    said = browse(
+        page,
+        """
+        const orders = [];
+        const press = (column) => {
+          document.querySelectorAll("#sequences th button")[column].click();
+          orders.push([...document.querySelectorAll("#sequences tbody tr")].map(
+            (row) => Number(row.cells[1].dataset.value)));
+        };
+        press(1); press(1); press(2); press(0);
+        return {errors, orders};
+        """,
+        1280,
+    )
+    assert said["errors"] == []
+    assert said["orders"] == [[12, 20], [20, 12], [12, 20], [20, 12]]
+
+
+@pytest.mark.parametrize(
+    "intruder",
+    [
+        "<img src='https://tracker.invalid/a.png'>",
+        "<script src='https://tracker.invalid/a.js'></script>",
+        "<script>fetch('https://tracker.invalid/a')</script>",
+        "<script>nothing.is_called_so()</script>",
+    ],
+)
+def test_a_request_or_an_error_would_be_seen(browse, page, intruder):
+    with pytest.raises(AssertionError, match="CONSOLE"):
+        browse(page.replace("<main>", f"<main>{intruder}"), "return errors;", 1280)
+
+
+def scores(value):
+    return Scores(success_auc=value, precision_20px=1.0, cpu_ms_median=1.0, frames=9)
+
+
+def content(name="one", states=("tracking",) * 9, value=0.5, confidence=None):
+    count = len(states)
+    unknown = np.full(count, np.nan)
+    return SequenceContent(
+        name=name,
+        boxes=np.tile([0.0, 0.0, 10.0, 10.0], (count, 1)),
+        true_boxes=None,
+        states=states,
+        confidence=unknown if confidence is None else np.array(confidence),
+        effective_sample_size=unknown,
+        powers={},
+        scores=scores(value),
+        success_curve=None,
+        precision_curve=None,
+    )
+
+
+def test_what_became_better_and_worse_is_told(tmp_path):
+    figures = {"precision_20px": 1, "cpu_ms_median": 1, "frames": 9}
+    sequences = {
+        name: {"success_auc": value, **figures}
+        for name, value in (("up", 0.4), ("down", 0.7), ("same", 0.495), ("gone", 0.1))
+    }
+    path = tmp_path / "old.json"
+    path.write_text(json.dumps({"preset": "li2007", "sequences": sequences}))
+    found = changes([content(name) for name in ("down", "same", "up", "new")], read_results(path))
+    assert [(one.name, one.verdict) for one in found] == [
+        ("up", "better"),
+        ("same", "same"),
+        ("down", "worse"),
+    ]
+    assert found[0].difference == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"preset": "a", "sequences": {"b": {}}}'])
+def test_what_is_no_file_of_results_is_refused(tmp_path, text):
+    (tmp_path / "old.json").write_text(text)
+    with pytest.raises(EvaluationError, match=r"old\.json"):
+        read_results(tmp_path / "old.json")
+    with pytest.raises(EvaluationError, match="cannot be read"):
+        read_results(tmp_path / "nowhere.json")
+
+
+def test_losses_are_the_frames_in_a_row_that_are_called_lost():
+    states = ("tracking", "lost", "lost", "occluded", "lost", "tracking")
+    assert content(states=states).losses == [(1, 2), (4, 4)]
+    assert content(states=states).share_by_state["lost"] == 0.5
+
+
+def test_the_worst_frames_are_not_neighbors_and_come_worst_first():
+    confidence = np.ones(60)
+    confidence[[10, 11, 12, 30, 50]] = (0.3, 0.1, 0.2, 0.15, np.nan)
+    worst = content(states=("tracking",) * 60, confidence=confidence).worst
+    assert worst[:2] == [11, 30]
+    assert len(worst) == 10
+    assert 50 not in worst
+    assert min(np.diff(sorted(worst))) >= 5
+
+
+def test_a_box_is_kept_where_there_is_none():
+    kept = kept_boxes([None, (1, 2, 3, 4), None, (5, 6, 7, 8)])
+    assert np.isnan(kept[0]).all()
+    assert kept[1:].tolist() == [[1, 2, 3, 4], [1, 2, 3, 4], [5, 6, 7, 8]]
+
+
+def test_a_comparison_without_a_report_is_refused(evaluated, capsys):
+    code = main([str(evaluated / "a"), *RUN, "--compare", str(evaluated / "before.json")])
+    assert code == 2
+    assert "--compare is for the report; allowed: with --report DIR" in capsys.readouterr().err
+
+
+def test_a_report_that_cannot_be_written_is_refused_before_the_first_frame(evaluated, capsys):
+    code = main([str(evaluated / "a"), *RUN, "--report", str(evaluated / "r.json")])
+    assert code == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "r.json cannot be made (File exists)" in said.err

@@ -1,0 +1,228 @@
+"""`track` finds in a recording what the node publishes for its replay in lockstep, to the bit."""
+
+import csv
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros.footage import write_footage
+from pf_tracker_ros.footage.opening import open_footage
+from pf_tracker_ros.recordings.__main__ import main
+from pf_tracker_ros.tracking.state_descriptions import DESCRIPTIONS
+
+DEADLINE = 240.0
+# What depends on the moment, not on the recording.
+TIMES = {"processing_time_ms", "seconds_since_error"}
+REAL = ("otb_bolt", "otb_jogging_1", "pets_t15", "tir_birds", "ir_drone_074")
+
+
+@pytest.fixture
+def lockstep(graph, replay):
+    """Replays a recording in lockstep through the real node; returns the client that listened."""
+
+    def run(*, tracker=None, **parameters):
+        client = graph.client(particles=True, overlay=True)
+        graph.tracker(client, image_reliability="reliable", **(tracker or {}))
+        node = replay(lockstep=True, **parameters)
+        client.wait_for(lambda: not node.context.ok(), "end of the replay", DEADLINE)
+        return client
+
+    return run
+
+
+def told(client):
+    """Stamp to what the node told of each frame."""
+    return {status.stamp: status for status in client.statuses}
+
+
+def by_stamp(messages):
+    return {message.header.stamp.sec * 10**9 + message.header.stamp.nanosec: message
+            for message in messages}  # fmt: skip
+
+
+def rows(folder):
+    with (folder / "boxes.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def corners(message):
+    return [(point.x, point.y) for point in message.polygon.points]
+
+
+def corners_of(row):
+    x, y, width, height = (float(row[name]) for name in ("x", "y", "width", "height"))
+    points = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
+    return [tuple(float(np.float32(value)) for value in point) for point in points]
+
+
+def assert_same(folder, client, count):
+    """The rows of boxes.csv are what the node told, in every bit that a message carries."""
+    found = rows(folder)
+    statuses, boxes = told(client), by_stamp(client.boxes)
+    assert len(found) == count
+    # Messages without an answer are still on their way.
+    client.wait_for(lambda: len(told(client)) >= count, "statuses of all frames")
+    with_box = [int(row["stamp"]) for row in found if row["x"]]
+    client.wait_for(lambda: set(with_box) <= by_stamp(client.boxes).keys(), "all boxes")
+    statuses, boxes = told(client), by_stamp(client.boxes)
+    for row in found:
+        stamp = int(row["stamp"])
+        values = statuses[stamp].values
+        assert row["state"] == values["state"]
+        # The node writes the shortest text that reads back to the same bits, and so does the file.
+        assert row["confidence"] == values.get("confidence", "")
+        assert bool(row["x"]) == (stamp in boxes)
+        if row["x"]:
+            assert corners_of(row) == corners(boxes[stamp])
+
+
+@pytest.fixture
+def source(moving_square_sequence, moving_square, tmp_path, request):
+    """The moving square as a recording of the kind that is asked for."""
+    kind = request.param
+    if kind == "sequence":
+        return moving_square_sequence
+    if kind == "folder":
+        return moving_square_sequence / "img"
+    if kind == "video":
+        path = tmp_path / "square.avi"
+        writer = cv2.VideoWriter(
+            str(path), cv2.VideoWriter_fourcc(*"FFV1"), 29.97, moving_square.images.shape[2:0:-1]
+        )
+        for image in moving_square.images:
+            writer.write(image)
+        writer.release()
+        return path
+    path = tmp_path / "square.mcap"
+    write_footage(open_footage(moving_square_sequence), path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("source", "preset", "target_box"),
+    [
+        ("sequence", "default", None),
+        ("folder", "li2007", "20.3,30.7,23.9,24.1"),
+        ("video", "zhang2015", "20,30,24,24"),
+        ("bag", "default", None),
+        ("bag", "zhang_bo", "20.1,29.9,24.2,23.8"),
+    ],
+    indirect=["source"],
+)
+def test_boxes_are_those_of_a_replay_in_lockstep(lockstep, tmp_path, source, preset, target_box):
+    output = tmp_path / "tracked"
+    arguments = [str(source), "--output", str(output), "--preset", preset, "--seed", "3"]
+    target = {"target_from_ground_truth": True}
+    if target_box:
+        arguments += ["--box", target_box]
+        target = {"target_box": [float(value) for value in target_box.split(",")]}
+    assert main(arguments) == 0
+    client = lockstep(source=source, tracker={"preset": preset, "seed": 3}, **target)
+    assert_same(output, client, 20)
+    # The stillness of a tracker that has nothing to follow would be no comparison.
+    assert len({row["x"] for row in rows(output)}) > 10
+
+
+def test_compressed_and_broken_images_of_a_bag_are_what_they_are_to_the_node(
+    lockstep, tmp_path, moving_square, make_stamped, write_bag
+):
+    messages = []
+    for index, image in enumerate(moving_square.images):
+        stamp = 1_700_000_000_000_000_000 + index * 33_333_333
+        jpeg = cv2.imencode(".jpg", image)[1]
+        data = jpeg[: len(jpeg) // 2] if index == 7 else jpeg
+        message = make_stamped(
+            "sensor_msgs/msg/CompressedImage", stamp, format="jpeg", data=data.ravel()
+        )
+        messages.append(("/eye/compressed", "sensor_msgs/msg/CompressedImage", stamp, message))
+    # One comes twice, and one late.
+    messages.append((*messages[19][:2], messages[19][2] + 1, messages[19][3]))
+    bag = write_bag(tmp_path / "bag", messages)
+    output = tmp_path / "tracked"
+    box = "20,30,24,24"
+    assert main([str(bag), "--output", str(output), "--box", box, "--preset", "li2007"]) == 0
+    found = rows(output)
+    assert [row["state"] for row in found].count("skipped") == 2
+    assert found[7]["state"] == found[20]["state"] == "skipped"
+    assert found[7]["x"] == found[7]["confidence"] == ""
+    client = lockstep(
+        source=bag,
+        target_box=[20.0, 30.0, 24.0, 24.0],
+        tracker={"preset": "li2007", "image_transport": "compressed"},
+    )
+    client.wait_for(lambda: len(client.statuses) >= 21, "statuses of all frames")
+    assert [status.values["state"] for status in client.statuses] == [row["state"] for row in found]
+    told_confidence = [status.values.get("confidence", "") for status in client.statuses]
+    assert told_confidence == [row["confidence"] for row in found]
+    boxes = by_stamp(client.boxes)
+    for row in found:
+        if row["x"]:
+            assert corners_of(row) == corners(boxes[int(row["stamp"])])
+
+
+def test_the_bag_holds_the_messages_that_the_node_publishes(
+    lockstep, tmp_path, moving_square_sequence, typestore
+):
+    from rosbags.rosbag2 import Reader
+
+    output = tmp_path / "tracked"
+    assert main([str(moving_square_sequence), "--output", str(output), "--bag"]) == 0
+    client = lockstep(source=moving_square_sequence, target_from_ground_truth=True)
+    for messages in (client.boxes, client.particles, client.overlays, client.statuses):
+        client.wait_for(lambda messages=messages: len(messages) >= 20, "all messages")
+    found = {}
+    with Reader(output / "topics.mcap") as reader:
+        for connection, log_time, data in reader.messages():
+            message = typestore.deserialize_cdr(data, connection.msgtype)
+            stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+            assert log_time == stamp
+            assert message.header.frame_id == "camera"
+            found.setdefault(connection.topic, {})[stamp] = message
+    assert set(found) == {
+        f"/pf_tracker/{name}" for name in ("box", "status", "particles", "overlay")
+    }
+    for topic, messages in (
+        ("/pf_tracker/box", client.boxes),
+        ("/pf_tracker/particles", client.particles),
+        ("/pf_tracker/overlay", client.overlays),
+    ):
+        published = by_stamp(messages)
+        assert found[topic].keys() == published.keys()
+        for stamp, message in published.items():
+            assert_equal_fields(found[topic][stamp], message)
+    for stamp, status in told(client).items():
+        (recorded,) = found["/pf_tracker/status"][stamp].status
+        values = {pair.key: pair.value for pair in recorded.values}
+        assert recorded.message == status.message == DESCRIPTIONS[values["state"]]
+        assert recorded.name == status.name
+        assert values.keys() == status.values.keys()
+        differing = {key for key in values if values[key] != status.values[key]}
+        assert differing <= TIMES
+
+
+def assert_equal_fields(recorded, published):
+    """Two messages of one type, whichever library made them."""
+    for name in published.get_fields_and_field_types():
+        one, other = getattr(recorded, name), getattr(published, name)
+        if hasattr(other, "get_fields_and_field_types"):
+            assert_equal_fields(one, other)
+        elif isinstance(one, np.ndarray):
+            assert one.tobytes() == bytes(other)
+        elif isinstance(other, (list, tuple)):
+            assert len(one) == len(other)
+            for each, same in zip(one, other, strict=True):
+                assert_equal_fields(each, same)
+        else:
+            assert one == other
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_sequences_give_the_boxes_of_a_replay_in_lockstep(
+    lockstep, tmp_path, sequences_directory, name
+):
+    source = sequences_directory / name
+    output = tmp_path / "tracked"
+    assert main([str(source), "--output", str(output)]) == 0
+    client = lockstep(source=source, target_from_ground_truth=True)
+    assert_same(output, client, len(rows(output)))

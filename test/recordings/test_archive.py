@@ -1,0 +1,283 @@
+"""An archive: every recording once, whatever is killed on the way."""
+
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import time
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.recordings import RecordingError
+from pf_tracker_ros.recordings.archive import find_recordings
+
+QUICK = ("--preset", "li2007", "--parameter", "particles=20")
+
+
+@pytest.fixture
+def archive(write_sequence, moving_square, tmp_path):
+    """Ten recordings and three that are broken, each in another way; the folder."""
+    folder = tmp_path / "archive"
+    for number in range(10):
+        parent = folder / f"day_{number % 2}"
+        write_sequence(f"drive_{number}", moving_square.images, moving_square.boxes, parent)
+    target = "target_box: [20, 30, 24, 24]"
+    images = write_sequence("pictures", moving_square.images, moving_square.boxes, folder)
+    (images / "img").rename(folder / "shots")
+    shutil.rmtree(images)
+    (folder / "shots.target.yaml").write_text(target.replace("20, 30", "900, 30"))
+    (folder / "noise.mp4").write_bytes(b"\x00no video")
+    (folder / "noise.target.yaml").write_text(target)
+    broken = write_sequence("broken", moving_square.images, moving_square.boxes, folder)
+    (broken / "img" / "0013.png").write_bytes(b"no picture")
+    return folder
+
+
+def boxes(output):
+    """Recording to the bytes of its boxes."""
+    return {
+        str(path.parent.relative_to(output)): path.read_bytes()
+        for path in output.rglob("boxes.csv")
+    }
+
+
+def children(pid):
+    """The processes that one has started."""
+    try:
+        listed = Path(f"/proc/{pid}/task/{pid}/children").read_text()
+    except OSError:
+        return []
+    return [int(child) for child in listed.split()]
+
+
+@pytest.fixture
+def serial(archive, track, tmp_path):
+    """What one process finds; the folder, and what was said."""
+    output = tmp_path / "serial"
+    return output, track("--archive", archive, "--output", output, *QUICK)
+
+
+def test_each_recording_is_tracked_and_broken_ones_are_told(serial, archive, track, tmp_path):
+    output, (code, said, errors) = serial
+    assert code == 1
+    assert said.splitlines()[-1] == (
+        f"13 recordings: 10 tracked, 0 done before, 3 failed; results in {output}"
+    )
+    lines = errors.splitlines()
+    assert len(lines) == 3
+    for part in ("0013.png cannot be decoded", "noise.mp4", "shots.target.yaml: target refused"):
+        assert sum(part in line for line in lines) == 1
+    found = boxes(output)
+    assert set(found) == {f"day_{number % 2}/drive_{number}" for number in range(10)}
+    assert track(archive / "day_1" / "drive_3", "--output", tmp_path / "alone", *QUICK)[0] == 0
+    assert found["day_1/drive_3"] == (tmp_path / "alone" / "boxes.csv").read_bytes()
+    manifest = json.loads((output / "archive.json").read_text())
+    assert {entry["name"]: entry["exit_code"] for entry in manifest if entry["error"]} == {
+        "broken": 3,
+        "noise.mp4": 3,
+        "shots": 7,
+    }
+    assert all(entry["states"] == {"tracking": 20} for entry in manifest if not entry["error"])
+
+
+@pytest.fixture
+def reported(write_sequence, moving_square, track, tmp_path):
+    """The output folder of an archive of two recordings, one of them broken, with its report."""
+    pytest.importorskip("jinja2")
+    pytest.importorskip("matplotlib")
+    folder = tmp_path / "archive"
+    write_sequence("one #1 <b>", moving_square.images, moving_square.boxes, folder)
+    broken = write_sequence("broken", moving_square.images[:2], moving_square.boxes[:2], folder)
+    (broken / "img" / "0002.png").write_bytes(b"no picture")
+    output = tmp_path / "out"
+    code, _, _ = track("--archive", folder, "--output", output, *QUICK, "--report")
+    assert code == 1
+    return output
+
+
+def test_a_report_of_the_archive_leads_to_those_of_its_recordings(reported):
+    page = (reported / "report.html").read_text()
+    (address,) = re.findall(r'<a href="([^"]*)">one #1 &lt;b&gt;</a>', page)
+    assert (reported / unquote(address)).read_text().startswith("<!doctype html>")
+    assert page.index('data-sequence="broken"') < page.index('data-sequence="one #1')
+    assert "0002.png cannot be decoded" in page
+    assert "2, of which 1 failed" in page
+    assert '<td data-figure="tracking" data-value="1.0">100.0 %</td>' in page
+
+
+def test_the_report_of_an_archive_can_be_sorted_and_is_not_too_wide(reported, browse):
+    said = browse(
+        (reported / "report.html").read_text(),
+        """
+        document.querySelectorAll("#sequences th button").forEach((one) => one.click());
+        const rows = document.querySelectorAll("#sequences tbody tr");
+        return {errors, rows: rows.length, scroll: document.documentElement.scrollWidth};
+        """,
+        390,
+    )
+    assert said == {"errors": [], "rows": 2, "scroll": 390}
+
+
+def test_two_processes_find_the_same(serial, archive, track, tmp_path):
+    code, _, _ = track("--archive", archive, "--output", tmp_path / "two", "--jobs", 2, *QUICK)
+    assert code == 1
+    assert boxes(tmp_path / "two") == boxes(serial[0])
+
+
+def test_only_what_has_changed_is_done_again(serial, archive, track):
+    output, _ = serial
+
+    def written():
+        return {path: path.stat().st_mtime_ns for path in output.rglob("boxes.csv")}
+
+    before = written()
+    _, said, _ = track("--archive", archive, "--output", output, *QUICK)
+    assert "0 tracked, 10 done before, 3 failed" in said
+    assert written() == before
+    truth = archive / "day_0" / "drive_2" / "groundtruth.txt"
+    truth.write_text(truth.read_text().replace("20,30,24,24", "21,31,24,24"))
+    _, said, _ = track("--archive", archive, "--output", output, *QUICK)
+    assert "1 tracked, 9 done before, 3 failed" in said
+    changed = {path for path, moment in written().items() if moment != before[path]}
+    assert changed == {output / "day_0" / "drive_2" / "boxes.csv"}
+    _, said, _ = track("--archive", archive, "--output", output, *QUICK, "--seed", 1)
+    assert "10 tracked, 0 done before, 3 failed" in said
+
+
+def assert_whole(output):
+    """What has a name of its own is whole."""
+    for path in output.rglob("boxes.csv"):
+        if not any(part.startswith(".") for part in path.relative_to(output).parts):
+            assert (path.parent / "done.json").is_file()
+            assert len(path.read_text().splitlines()) == 21
+
+
+def test_workers_that_are_killed_cost_only_what_was_under_way(
+    serial, archive, start_track, tmp_path
+):
+    output = tmp_path / "out"
+    process = start_track("--archive", archive, "--output", output, "--jobs", 2, *QUICK)
+    killed = 0
+    while process.poll() is None:
+        time.sleep(0.7)
+        for child in children(process.pid)[-1:]:
+            if killed < 3:
+                os.kill(child, signal.SIGKILL)
+                killed += 1
+        assert_whole(output)
+    process.communicate()
+    assert killed == 3
+    assert process.returncode == 1
+    assert boxes(output) == boxes(serial[0])
+    assert not list(output.rglob(".track_*"))
+
+
+def test_a_driver_that_is_killed_goes_on_where_it_was(serial, archive, start_track, tmp_path):
+    output = tmp_path / "out"
+    generator = random.Random(5)
+    arguments = ("--archive", archive, "--output", output, "--jobs", 2, *QUICK)
+    for _ in range(4):
+        process = start_track(*arguments)
+        time.sleep(generator.uniform(0.3, 2.5))
+        process.kill()
+        process.communicate()
+        assert_whole(output)
+    process = start_track(*arguments)
+    process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert boxes(output) == boxes(serial[0])
+    assert not list(output.rglob(".track_*"))
+
+
+def test_ctrl_c_ends_it_at_once_and_keeps_what_is_done(archive, start_track, tmp_path):
+    output = tmp_path / "out"
+    process = start_track("--archive", archive, "--output", output, *QUICK)
+    deadline = time.monotonic() + 60
+    while not list(output.glob("day_0/drive_*/done.json")):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    said, errors = process.communicate(timeout=30)
+    assert (process.returncode, said) == (130, "")
+    assert "track: error: interrupted at once; what was not finished is gone\n" in errors
+    assert_whole(output)
+    done = {entry["name"] for entry in json.loads((output / "archive.json").read_text())}
+    assert set(boxes(output)) <= done
+    assert 1 <= len(done) < 13
+    assert not list(output.rglob(".track_*"))
+
+
+def test_two_runs_do_not_write_into_one_folder(archive, start_track, track, tmp_path):
+    output = tmp_path / "out"
+    process = start_track("--archive", archive, "--output", output, *QUICK)
+    deadline = time.monotonic() + 60
+    while not list(output.rglob(".track_*")):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    code, _, errors = track("--archive", archive, "--output", output, *QUICK)
+    assert code == 4
+    assert f"another run is writing into {output}" in errors
+    process.communicate(timeout=120)
+    assert process.returncode == 1
+
+
+def test_a_dry_run_writes_nothing_and_tells_how_long(archive, track, tmp_path):
+    code, said, _ = track(
+        *("--archive", archive, "--output", tmp_path / "out", "--dry-run", "--jobs", 2, *QUICK)
+    )
+    assert code == 0
+    lines = said.splitlines()
+    assert sum(line.startswith("would track: ") for line in lines) == 11
+    assert sum(line.startswith("would fail: ") for line in lines) == 2
+    assert lines[-1].startswith("13 of 13 recordings, 220 frames; about 0:00:")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_list_names_recordings_beside_it(archive, tmp_path):
+    listed = archive / "some.txt"
+    listed.write_text("# the first day\nday_0/drive_0\n\nday_1/drive_1  # and one of the second\n")
+    assert list(find_recordings(listed)) == ["day_0/drive_0", "day_1/drive_1"]
+    listed.write_text("day_0/drive_0\nday_0/drive_0\n")
+    with pytest.raises(RecordingError, match="would both be written as day_0/drive_0"):
+        find_recordings(listed)
+    listed.write_text("day_0/drive_0\nday_0/drive_0/img\n")
+    with pytest.raises(RecordingError, match=r"is inside of .*drive_0, which is a recording"):
+        find_recordings(listed)
+
+
+def test_an_archive_without_recordings_says_what_they_need(tmp_path):
+    with pytest.raises(RecordingError, match=r"such as drive\.target\.yaml for drive\.mcap"):
+        find_recordings(tmp_path)
+    with pytest.raises(FootageError, match="there is no archive"):
+        find_recordings(tmp_path / "nowhere")
+
+
+def test_a_target_file_is_for_the_recording_that_it_names(tmp_path):
+    for name in ("drive.mp4", "drive.txt", "drive.avi"):
+        (tmp_path / name).write_bytes(b"")
+    target = tmp_path / "drive.target.yaml"
+    target.write_text("recording: drive.avi\ntarget_box: [1, 2, 3, 4]")
+    assert list(find_recordings(tmp_path)) == ["drive.avi"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("drive.mp4",), "source is for one recording"),
+        (("--box", "1,2,3,4"), "box is for one recording"),
+        (("--report", "there"), "--report has no folder here"),
+        (("--jobs", "0"), "whole numbers from 1"),
+    ],
+)
+def test_what_is_for_one_recording_is_refused(archive, track, tmp_path, arguments, said):
+    code, _, errors = track("--archive", archive, "--output", tmp_path / "out", *arguments)
+    assert code == 2
+    assert said in errors
+    code, _, errors = track("--output", tmp_path / "out")
+    assert code == 2
+    assert "there is no SOURCE; give one, or --archive" in errors

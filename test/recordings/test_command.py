@@ -1,0 +1,384 @@
+"""The command `track`: what it writes, and what it says when it cannot."""
+
+import gc
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.footage import write_footage
+from pf_tracker_ros.footage.opening import open_footage
+from pf_tracker_ros.recordings.errors import unwritable
+
+BOX = ("--box", "20,30,24,24")
+QUICK = ("--preset", "li2007", "--parameter", "particles=20")
+
+
+def hidden(folder):
+    return [path.name for path in folder.rglob(".*")]
+
+
+def one_sentence(errors):
+    (line,) = errors.splitlines()
+    assert line.startswith("track: error: ")
+    assert "Traceback" not in line
+    return line
+
+
+def test_every_number_reads_back_to_the_bits_of_the_library(
+    track, rows, moving_square, moving_square_sequence, tmp_path
+):
+    code, said, errors = track(moving_square_sequence, "--output", tmp_path / "out", "--seed", 4)
+    assert (code, errors) == (0, "")
+    assert said.startswith(f"{moving_square_sequence}: 20 frames (100% tracking), ")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["boxes.csv"]
+    tracker = Tracker.from_preset("default", seed=4)
+    found = rows(tmp_path / "out")
+    assert list(found[0]) == [
+        *("frame", "stamp", "id", "x", "y", "width", "height", "state", "confidence")
+    ]
+    for index, (row, image) in enumerate(zip(found, moving_square.images, strict=True)):
+        expected = (
+            tracker.update(image, 40_000_000 / 10**9)
+            if index
+            else tracker.start(image, moving_square.boxes[0])
+        )
+        assert (row["frame"], row["id"]) == (str(index), "1")
+        assert int(row["stamp"]) == 10**9 + index * 40_000_000
+        box = tuple(float(row[name]) for name in ("x", "y", "width", "height"))
+        assert box == expected.box
+        assert float(row["confidence"]) == expected.confidence
+        assert row["state"] == expected.state
+
+
+def test_video_and_parquet_say_the_same(track, rows, moving_square_sequence, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="needs pyarrow")
+    output = tmp_path / "out"
+    code, _, _ = track(moving_square_sequence, "--output", output, *QUICK, "--video", "--parquet")
+    assert code == 0
+    table = parquet.read_table(output / "boxes.parquet").to_pylist()
+    assert [{name: str(value) for name, value in row.items()} for row in table] == rows(output)
+    capture = cv2.VideoCapture(str(output / "overlay.mp4"))
+    assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(25.0)
+    pictures = []
+    while (read := capture.read())[0]:
+        pictures.append(read[1])
+    assert len(pictures) == 20
+    # The box is drawn in white on what is red and yellow there.
+    x, y = (round(float(rows(output)[10][name])) for name in ("x", "y"))
+    assert pictures[10][y - 1 : y + 2, x + 6 : x + 18].max(axis=0).min() > 150
+
+
+def test_a_lost_target_has_no_box(track, rows, moving_square, write_sequence, tmp_path):
+    gone = np.repeat(moving_square.images[:1] // 8, 40, axis=0)
+    noise = np.random.default_rng(0).integers(0, 255, gone.shape, dtype=np.uint8)
+    images = [*moving_square.images[:4], *noise]
+    boxes = np.resize(moving_square.boxes[:4], (44, 4))
+    source = write_sequence("gone", images, boxes)
+    soon = ("--parameter", "track.lost_after=0.2")
+    assert track(source, "--output", tmp_path / "out", "--preset", "li2007", *soon)[0] == 0
+    found = rows(tmp_path / "out")
+    assert found[-1]["state"] == "lost"
+    for row in found:
+        assert (row["x"] == "") == (row["state"] == "lost")
+        assert row["confidence"]
+
+
+def test_an_output_that_exists_is_left_alone(track, moving_square_sequence, tmp_path):
+    output = tmp_path / "out"
+    output.mkdir()
+    (output / "boxes.csv").write_text("mine")
+    code, said, errors = track(moving_square_sequence, "--output", output, *QUICK)
+    assert (code, said) == (4, "")
+    assert "boxes.csv exists already and is left as it is; remove it" in one_sentence(errors)
+    assert (output / "boxes.csv").read_text() == "mine"
+    code, _, errors = track(moving_square_sequence, "--output", output / "boxes.csv", *QUICK)
+    assert code == 4
+    assert "is no folder" in one_sentence(errors)
+
+
+def test_a_file_that_comes_meanwhile_is_left_alone_and_the_others_are_written(
+    start_track, long_sequence, tmp_path
+):
+    process = start_track(long_sequence, "--output", "out", *QUICK, "--video")
+    wait_for_rows(tmp_path / "out", 3)
+    (tmp_path / "out" / "overlay.mp4").write_text("mine")
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert "overlay.mp4 exists already" in errors
+    assert (tmp_path / "out" / "overlay.mp4").read_text() == "mine"
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"boxes.csv", "overlay.mp4"}
+
+
+def test_without_permission_nothing_is_tracked(
+    track, ordinary_user, public_folder, moving_square, write_sequence
+):
+    source = write_sequence("square", moving_square.images, moving_square.boxes, public_folder)
+    locked = public_folder / "locked"
+    locked.mkdir(mode=0o555)
+    for output in (locked, locked / "out"):
+        with ordinary_user():
+            code, said, errors = track(source, "--output", output, *QUICK)
+        assert (code, said) == (5, "")
+        assert "may not be written by this user (Permission denied)" in one_sentence(errors)
+    assert list(locked.iterdir()) == []
+
+
+@pytest.mark.parametrize("content", [b"", b"\x00nothing that is a video"])
+def test_a_source_that_cannot_be_read(track, tmp_path, content):
+    source = tmp_path / "drive.mp4"
+    source.write_bytes(content)
+    code, said, errors = track(source, "--output", tmp_path / "out", *BOX)
+    assert (code, said) == (3, "")
+    assert "drive.mp4" in one_sentence(errors)
+    assert not (tmp_path / "out").exists()
+    code, _, errors = track(tmp_path / "nowhere", "--output", tmp_path / "out", *BOX)
+    assert code == 3
+    assert "there is no " in one_sentence(errors)
+
+
+def test_a_source_that_breaks_off_keeps_what_came_before(
+    track, rows, moving_square_sequence, tmp_path
+):
+    (moving_square_sequence / "img" / "0013.png").write_bytes(b"not a picture")
+    output = tmp_path / "out"
+    code, said, errors = track(moving_square_sequence, "--output", output, *QUICK, "--video")
+    assert (code, said) == (3, "")
+    line = one_sentence(errors)
+    assert "0013.png cannot be decoded" in line
+    assert line.endswith("; 12 frames were tracked")
+    assert len(rows(output)) == 12
+    assert cv2.VideoCapture(str(output / "overlay.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == 12
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--box", "1,2,3"], "x,y,width,height in pixels"),
+        (["--box", "1,2,0,4"], "width and height above 0"),
+        (["--box", "1,2,nan,4"], "width and height above 0"),
+        ([*BOX, "--preset", "best"], "no preset 'best'; there are: default"),
+        ([*BOX, "--parameter", "particles=none"], "particles"),
+        ([*BOX, "--seed", "-1"], "whole numbers from 0"),
+        ([*BOX, "--frame-rate", "0"], "0.01 to 10000"),
+    ],
+)
+def test_a_request_that_cannot_be_carried_out(
+    track, moving_square_sequence, tmp_path, arguments, said
+):
+    code, _, errors = track(moving_square_sequence, "--output", tmp_path / "out", *arguments)
+    assert code == 2
+    assert said in one_sentence(errors)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_box_outside_the_image_is_refused(track, moving_square_sequence, tmp_path):
+    code, _, errors = track(
+        moving_square_sequence, "--output", tmp_path / "out", "--box", "900,30,24,24"
+    )
+    assert code == 7
+    assert "frame 0, box from --box: target refused: " in one_sentence(errors)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_run_that_is_refused_leaves_nothing_behind(track, moving_square_sequence, tmp_path):
+    pytest.importorskip("pyarrow", reason="needs pyarrow")
+    before = threading.active_count()
+    outside = ("--box", "900,30,24,24", "--video", "--bag", "--report", "--parquet")
+    code, _, errors = track(moving_square_sequence, "--output", tmp_path / "out", *outside)
+    gc.collect()
+    assert code == 7
+    assert len(errors.splitlines()) == 1
+    assert threading.active_count() == before
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_any_target_it_says_how_to_give_one(track, moving_square_sequence, tmp_path):
+    code, _, errors = track(moving_square_sequence / "img", "--output", tmp_path / "out")
+    assert code == 2
+    assert "give --box x,y,w,h for the first frame, or write img.target.yaml" in one_sentence(
+        errors
+    )
+
+
+def wait_for_rows(output, count):
+    """Until the file that is being written has so many rows."""
+    deadline = time.monotonic() + 60
+    while True:
+        assert time.monotonic() < deadline
+        drafts = list(output.glob(".track_*/boxes.csv"))
+        if drafts and drafts[0].read_bytes().count(b"\n") > count:
+            return
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize(
+    "asked", [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_ctrl_c_leaves_whole_files(start_track, rows, long_sequence, tmp_path, asked):
+    number, code, word = asked
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag2 import Reader
+
+    process = start_track(long_sequence, "--output", "out", *QUICK, "--video", "--bag")
+    output = tmp_path / "out"
+    wait_for_rows(output, 10)
+    process.send_signal(number)
+    said, errors = process.communicate(timeout=60)
+    assert (process.returncode, said) == (code, "")
+    count = len(rows(output))
+    assert 10 <= count < 1000
+    assert errors == f"track: error: {word} after {count} frames, which are kept\n"
+    assert all(row["confidence"] for row in rows(output))
+    assert cv2.VideoCapture(str(output / "overlay.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == count
+    with Reader(output / "topics.mcap") as reader:
+        assert {each.topic: each.msgcount for each in reader.connections}[
+            "/pf_tracker/status"
+        ] == count
+    assert hidden(output) == []
+
+
+def test_killed_it_leaves_no_file_that_looks_whole(start_track, long_sequence, tmp_path):
+    process = start_track(long_sequence, "--output", "out", *QUICK, "--video")
+    wait_for_rows(tmp_path / "out", 10)
+    process.kill()
+    process.wait()
+    assert [path for path in (tmp_path / "out").iterdir() if not path.name.startswith(".")] == []
+
+
+def test_a_full_disk_keeps_what_there_was_room_for(start_track, rows, long_sequence, tmp_path):
+    process = start_track(long_sequence, "--output", "out", *QUICK)
+    wait_for_rows(tmp_path / "out", 0)
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (20_000, 20_000))
+    said, errors = process.communicate(timeout=60)
+    assert (process.returncode, said) == (6, "")
+    line = one_sentence(errors)
+    assert "boxes.csv cannot be written any further (File too large); make room" in line
+    found = rows(tmp_path / "out")
+    assert line.endswith(f"; {len(found)} frames were tracked")
+    assert 19_000 < (tmp_path / "out" / "boxes.csv").stat().st_size <= 20_000
+    assert all(row["confidence"] for row in found)
+    assert hidden(tmp_path / "out") == []
+
+
+def test_a_full_disk_takes_the_video_and_leaves_the_boxes(
+    start_track, rows, long_sequence, tmp_path
+):
+    process = start_track(long_sequence, "--output", "out", *QUICK, "--video")
+    wait_for_rows(tmp_path / "out", 0)
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (150_000, 150_000))
+    said, errors = process.communicate(timeout=60)
+    assert (process.returncode, said) == (6, "")
+    assert "overlay.mp4 cannot be written any further" in one_sentence(errors)
+    assert len(rows(tmp_path / "out")) == 1000
+    assert not (tmp_path / "out" / "overlay.mp4").exists()
+
+
+def test_a_full_disk_ends_a_bag_in_one_sentence(start_track, rows, long_sequence, tmp_path):
+    process = start_track(long_sequence, "--output", "out", *QUICK, "--bag")
+    wait_for_rows(tmp_path / "out", 0)
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
+    said, errors = process.communicate(timeout=60)
+    assert (process.returncode, said) == (6, "")
+    line = one_sentence(errors)
+    assert "topics.mcap cannot be written any further" in line
+    # The rows of the frame that did not fit are whole.
+    assert len(rows(tmp_path / "out")) - 1 <= int(line.split("; ")[-1].split()[0]) < 1000
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["boxes.csv"]
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [("ENOSPC", 6), ("EDQUOT", 6), ("EROFS", 5), ("EACCES", 5), ("EIO", 1)]
+)
+def test_each_way_of_not_being_written_has_its_code(tmp_path, number, code):
+    import errno
+
+    error = OSError(getattr(errno, number), os.strerror(getattr(errno, number)))
+    assert unwritable(tmp_path, error).exit_code == code
+
+
+def test_help_lists_every_exit_code(track):
+    code, said, _ = track("--help")
+    assert code == 0
+    for number in (0, 1, 2, 3, 4, 5, 6, 7, 130, 143):
+        assert any(line.split()[:1] == [str(number)] for line in said.splitlines())
+
+
+def test_the_bag_is_logged_when_the_images_were(
+    track, moving_square, make_stamped, write_bag, tmp_path
+):
+    from rosbags.rosbag2 import Reader
+
+    messages = []
+    for index, image in enumerate(moving_square.images):
+        stamp = 5 * 10**9 + index * 40_000_000
+        message = make_stamped(
+            "sensor_msgs/msg/Image", stamp, height=120, width=160, encoding="bgr8",
+            is_bigendian=0, step=480, data=image.reshape(-1),
+        )  # fmt: skip
+        messages.append(("/eye", "sensor_msgs/msg/Image", stamp + 12_345, message))
+    bag = write_bag(tmp_path / "drive", messages)
+    assert track(bag, "--output", tmp_path / "out", *BOX, *QUICK, "--bag")[0] == 0
+    with Reader(tmp_path / "out" / "topics.mcap") as reader:
+        times = {time for connection, time, _ in reader.messages()}
+    assert times == {row[2] for row in messages}
+
+
+def test_the_image_topic_of_a_bag_can_be_named(track, rows, moving_square_sequence, tmp_path):
+    bag = tmp_path / "drive.mcap"
+    write_footage(open_footage(moving_square_sequence), bag, topic="/left/image")
+    assert track(bag, "--output", tmp_path / "a", "--bag-topic", "/right/image")[0] == 3
+    assert track(bag, "--output", tmp_path / "a", "--bag-topic", "/left/image", *QUICK)[0] == 0
+    assert len(rows(tmp_path / "a")) == 20
+
+
+def test_it_needs_no_ros(moving_square_sequence, tmp_path):
+    bag = tmp_path / "drive.mcap"
+    write_footage(open_footage(moving_square_sequence), bag)
+    code = """
+import sys
+class NoRos:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {"rclpy", "sensor_msgs", "std_msgs", "geometry_msgs"}:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, NoRos())
+from pf_tracker_ros.recordings.__main__ import main
+sys.exit(main(sys.argv[1:]))
+"""
+    arguments = [bag, "--output", tmp_path / "out", *QUICK, "--video", "--bag", "--report"]
+    outcome = subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (outcome.returncode, outcome.stderr) == (0, "")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        *("boxes.csv", "overlay.mp4", "topics.mcap", "report.html")
+    }
+
+
+def test_the_second_ctrl_c_ends_it_at_once(start_track, long_sequence, tmp_path):
+    process = start_track(long_sequence, "--output", "out", *QUICK, "--video", "--report")
+    output = tmp_path / "out"
+    wait_for_rows(output, 30)
+    process.send_signal(signal.SIGINT)
+    # The report takes a while.
+    while not (output / "boxes.csv").exists():
+        assert process.poll() is None
+        time.sleep(0.001)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors == "track: error: interrupted at once; what was not finished is gone\n"
+    assert hidden(output) == []
+    assert not (output / "report.html").exists()

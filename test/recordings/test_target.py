@@ -1,0 +1,162 @@
+"""The target of a recording: the box given, the file beside it, its truth."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros.recordings import RecordingError, choose_target, open_recording
+from pf_tracker_ros.recordings.errors import WRONG_TARGET
+from pf_tracker_ros.recordings.target import target_file
+
+QUICK = ("--preset", "li2007", "--parameter", "particles=20")
+
+
+@pytest.fixture
+def write_target(moving_square_sequence):
+    """Writes the target file of the moving square."""
+
+    def write(text):
+        path = moving_square_sequence.parent / "moving_square.target.yaml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def test_the_file_stands_beside_the_recording(tmp_path):
+    assert target_file(tmp_path / "drive.mcap") == tmp_path / "drive.target.yaml"
+    folder = tmp_path / "run.1"
+    folder.mkdir()
+    assert target_file(folder) == tmp_path / "run.1.target.yaml"
+
+
+def test_a_box_goes_before_the_file_and_the_file_before_the_truth(
+    moving_square_sequence, write_target
+):
+    recording = open_recording(moving_square_sequence)
+    assert choose_target(recording, None).box is None
+    write_target("target_box: [1, 2, 3, 4.5]\nlabel: car")
+    target = choose_target(recording, None)
+    assert (target.box, target.stamp, target.label) == ((1.0, 2.0, 3.0, 4.5), 0, "car")
+    assert choose_target(recording, (5, 6, 7, 8)).box == (5.0, 6.0, 7.0, 8.0)
+
+
+@pytest.mark.parametrize(
+    "where",
+    [
+        "frame: 6",
+        f"stamp: {10**9 + 6 * 40_000_000}",
+        f"frame: 6  # counted from 0\nstamp: {10**9 + 6 * 40_000_000}  # of that frame",
+        "recording: moving_square\nimage_size: [160, 120]\nframe: 6\nstamp: 0",
+    ],
+)
+def test_tracking_begins_on_the_frame_that_the_target_was_drawn_on(
+    track, rows, write_target, tmp_path, where
+):
+    box = [44.0, 42.0, 24.0, 24.0]
+    source = write_target(f"target_box: {box}\n{where}\n").with_name("moving_square")
+    assert track(source, "--output", tmp_path / "out", *QUICK)[0] == 0
+    found = rows(tmp_path / "out")
+    assert [row["state"] for row in found[:6]] == ["idle"] * 6
+    assert {row["x"] for row in found[:6]} == {""}
+    assert [float(found[6][name]) for name in ("x", "y", "width", "height")] == box
+    assert math.isclose(float(found[-1]["x"]), 96.0, abs_tol=3)
+
+
+def test_the_truth_begins_where_the_target_appears(track, rows, moving_square, write_sequence,
+                                                   tmp_path):  # fmt: skip
+    boxes = moving_square.boxes.copy()
+    boxes[:3] = np.nan
+    source = write_sequence("late", moving_square.images, boxes)
+    assert track(source, "--output", tmp_path / "out", *QUICK)[0] == 0
+    found = rows(tmp_path / "out")
+    assert [row["state"] for row in found[:4]] == ["idle"] * 3 + ["tracking"]
+    assert float(found[3]["x"]) == moving_square.boxes[3][0]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("recording: other.mcap\ntarget_box: [1, 2, 3, 4]", "is the target of 'other.mcap'"),
+        (
+            "image_size: [640, 480]\ntarget_box: [1, 2, 3, 4]",
+            "is of images of 640 x 480 px, and these have 160 x 120 px: it belongs to another",
+        ),
+        (
+            "target_box: [20, 30, 24, 24]\nstamp: 1000000007",
+            "is of a frame stamped 1000000007 ns, which this recording does not have",
+        ),
+        (
+            "target_box: [20, 30, 24, 24]\nstamp: 1700000000000000000",
+            "is of a frame stamped 1700000000000000000 ns, which this recording does not have",
+        ),
+        (
+            "target_box: [20, 30, 24, 24]\nframe: 3\nstamp: 1000000000",
+            "is of a frame number 3, stamped 1000000000 ns, which this recording does not have",
+        ),
+        ("target_box: [20, 30, 24, 24]\nframe: 400", "is of a frame number 400, which this"),
+        ("label: car", "'target_box' is None; allowed: four numbers"),
+        ("target_box: [1, 2, 3]", "allowed: four numbers"),
+        ("target_box: [1, 2, .nan, 3]", "allowed: four numbers"),
+        ("target_box: [1, 2, 3, 0]", "allowed: a width and height above 0"),
+        ("target_box: [1, 2, 3, 4]\nstamp: soon", "'stamp' is 'soon'"),
+        ("target_box: [1, 2, 3, 4]\nframe: -1", "'frame' is -1"),
+        ("target_box: [1, 2, 3, 4]\nage: 3", "has age; allowed: frame, image_size, label"),
+        ("- 1", "it is [1]; allowed: a mapping"),
+        ("target_box: [", "cannot be read as YAML"),
+        ("target_box: [900, 2, 3, 4]", "target refused"),
+    ],
+)
+def test_a_file_that_is_wrong_or_of_another_recording(track, write_target, tmp_path, text, said):
+    path = write_target(text)
+    code, _, errors = track(path.with_name("moving_square"), "--output", tmp_path / "out", *QUICK)
+    (line,) = errors.splitlines()
+    assert code == WRONG_TARGET
+    assert str(path) in line
+    assert said in line
+    assert path.read_text() == text
+    assert not (tmp_path / "out").exists()
+
+
+def test_boxes_are_those_that_a_message_can_tell(moving_square_sequence):
+    recording = open_recording(moving_square_sequence)
+    frame = next(recording.frames())
+    box = choose_target(recording, (20.1, 30.3, 24.7, 23.9)).box_in(frame)
+    corners = [float(np.float32(value)) for value in (20.1, 30.3, 20.1 + 24.7, 30.3 + 23.9)]
+    assert box == (
+        corners[0], corners[1], corners[2] - corners[0], corners[3] - corners[1]
+    )  # fmt: skip
+
+
+def test_a_truth_without_any_box_is_no_target(write_sequence, moving_square):
+    source = write_sequence("empty", moving_square.images[:2], np.full((2, 4), np.nan))
+    recording = open_recording(source)
+    with pytest.raises(RecordingError, match="there is no true box in any frame"):
+        raise choose_target(recording, None).missed()
+
+
+def test_a_video_of_a_size_that_changes_is_one_size(tmp_path, track, make_stamped, write_bag,
+                                                    moving_square):  # fmt: skip
+    messages = []
+    for index, image in enumerate(moving_square.images):
+        stamp = (index + 1) * 40_000_000
+        if index >= 10:
+            image = cv2.resize(image, None, fx=2, fy=2)  # noqa: PLW2901
+        height, width = image.shape[:2]
+        message = make_stamped(
+            "sensor_msgs/msg/Image", stamp, height=height, width=width, encoding="bgr8",
+            is_bigendian=0, step=3 * width, data=image.reshape(-1),
+        )  # fmt: skip
+        messages.append(("/eye", "sensor_msgs/msg/Image", stamp, message))
+    bag = write_bag(tmp_path / "drive", messages)
+    box = ("--box", "20,30,24,24")
+    assert track(bag, "--output", tmp_path / "out", *box, *QUICK, "--video")[0] == 0
+    capture = cv2.VideoCapture(str(tmp_path / "out" / "overlay.mp4"))
+    shapes = set()
+    count = 0
+    while (read := capture.read())[0]:
+        shapes.add(read[1].shape)
+        count += 1
+    assert (count, shapes) == (20, {(120, 160, 3)})

@@ -1,0 +1,248 @@
+"""Replay tests notice a tracker that is broken, and not one that rounds otherwise."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import pf_tracker_ros
+from pf_tracker_ros.tracking.session import Session
+
+PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
+QUICK = {"preset": "li2007", "parameters": {"particles": 60}}
+ASKED = {"ends": "tracking", "overlap": 0.8, "longest_loss": 0.2, "milliseconds": 200}
+
+
+def mutate(monkeypatch, change):
+    """Let a function change each estimate that a session tells."""
+    process = Session.process
+
+    def changed(self, image, stamp):
+        outcome = process(self, image, stamp)
+        if outcome.estimate is None:
+            return outcome
+        return change_field(outcome, estimate=change(outcome.estimate))
+
+    monkeypatch.setattr(Session, "process", changed)
+
+
+def change_field(value, **fields):
+    from dataclasses import replace
+
+    return replace(value, **fields)
+
+
+@pytest.fixture
+def stored(tracked_recording, moving_square_sequence, tmp_path):
+    """What the tracker finds as it is, as a stored result."""
+    path = tmp_path / "square.boxes.csv"
+    tracked_recording(moving_square_sequence, stored=path, **QUICK).store()
+    return path
+
+
+@pytest.mark.parametrize("through", ["library", "node"])
+def test_a_sound_tracker_passes_against_truth_and_stored_result(
+    tracked_recording, moving_square_sequence, stored, through, request
+):
+    if through == "node":
+        request.getfixturevalue("ros_domain")
+    run = tracked_recording(moving_square_sequence, through=through, **QUICK)
+    run.check(**ASKED)
+    assert run.end == "tracking"
+    assert run.longest_loss == 0.0
+    again = tracked_recording(moving_square_sequence, stored=stored, through=through, **QUICK)
+    again.check(**ASKED)
+    # A box in a message has corners in single precision.
+    assert again.overlap == pytest.approx(1.0, abs=1e-5)
+
+
+def test_both_ways_see_the_same(tracked_recording, moving_square_sequence, ros_domain):
+    runs = [
+        tracked_recording(moving_square_sequence, seed=3, through=through, **QUICK)
+        for through in ("library", "node")
+    ]
+    one, other = (run.frames for run in runs)
+    assert len(one) == len(other) == 20
+    for frame, same in zip(one, other, strict=True):
+        assert (frame.stamp, frame.state) == (same.stamp, same.state)
+        assert frame.confidence == same.confidence
+        assert frame.effective_sample_size == same.effective_sample_size
+        assert frame.powers == same.powers
+        assert np.allclose(frame.box, same.box, rtol=0, atol=1e-4)
+
+
+def frozen():
+    first = []
+
+    def change(estimate):
+        first.append(estimate.box)
+        return change_field(estimate, box=first[0])
+
+    return change
+
+
+def drifting():
+    frames = []
+
+    def change(estimate):
+        frames.append(1)
+        x, y, width, height = estimate.box
+        return change_field(estimate, box=(x + 1.5 * len(frames), y, width, height))
+
+    return change
+
+
+def giving_up():
+    frames = []
+
+    def change(estimate):
+        frames.append(1)
+        return change_field(estimate, state="lost" if len(frames) > 8 else estimate.state)
+
+    return change
+
+
+def slow():
+    def change(estimate):
+        time.sleep(0.25)
+        return estimate
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("mutation", "said"),
+    [
+        (frozen, ", expected at least 0.8; it is least in frame "),
+        (drifting, ", expected at least 0.8; it is least in frame "),
+        (giving_up, "lost for 0.44 s in frames 8 to 19, expected at most 0.2 s"),
+        (slow, " ms, expected at most 200 ms"),
+    ],
+)
+def test_a_broken_tracker_is_noticed(tracked_recording, stored, monkeypatch, mutation, said):
+    source = stored.parent / "moving_square"
+    for reference in (None, stored):
+        # Each mutation counts its frames.
+        monkeypatch.undo()
+        mutate(monkeypatch, mutation())
+        run = tracked_recording(source, stored=reference, **QUICK)
+        with pytest.raises(pytest.fail.Exception) as caught:
+            run.check(**ASKED)
+        text = str(caught.value)
+        assert text.startswith(f"{source} with li2007 through the library:\n- ")
+        assert said in text
+        assert text.count("\n- ") == {"giving_up": 3}.get(mutation.__name__, 1)
+
+
+def test_another_machines_rounding_passes(
+    tracked_recording, moving_square_sequence, stored, monkeypatch
+):
+    generator = np.random.default_rng(0)
+
+    def change(estimate):
+        noise = generator.uniform(-1e-3, 1e-3, 4)
+        return change_field(estimate, box=tuple(float(v) for v in np.add(estimate.box, noise)))
+
+    mutate(monkeypatch, change)
+    run = tracked_recording(moving_square_sequence, stored=stored, **QUICK)
+    run.check(**{**ASKED, "overlap": 0.999})
+    assert run.overlap < 1.0
+
+
+def test_a_failure_leaves_the_frame_and_a_report(
+    tracked_recording, moving_square_sequence, monkeypatch, tmp_path
+):
+    pytest.importorskip("jinja2")
+    mutate(monkeypatch, frozen())
+    run = tracked_recording(moving_square_sequence, **QUICK)
+    with pytest.raises(pytest.fail.Exception, match=r"frame 6: .*frame_00006\.png") as caught:
+        run.check(overlap=0.8)
+    picture = cv2.imread(str(tmp_path / "frame_00006.png"))
+    # The truth in green where the square is, the estimate in white where it was.
+    assert picture[42, 55].tolist() == [80, 220, 80]
+    assert picture[30, 30].tolist() == [255, 255, 255]
+    assert f"report: {tmp_path / 'report.html'}" in str(caught.value)
+    assert "Least overlap" in (tmp_path / "report.html").read_text()
+
+
+def test_a_tracker_that_never_begins_is_noticed(
+    tracked_recording, moving_square_sequence, monkeypatch
+):
+    from pf_tracker_ros.tracking.session import Outcome
+
+    monkeypatch.setattr(Session, "process", lambda self, image, stamp: Outcome("waiting", None))
+    run = tracked_recording(moving_square_sequence, **QUICK)
+    with pytest.raises(pytest.fail.Exception) as caught:
+        run.check(**ASKED)
+    for said in ("the state at the end is idle", "no frame could be compared", "takes nan ms"):
+        assert said in str(caught.value)
+
+
+CONFTEST = 'pytest_plugins = ["pf_tracker_ros.testing"]\n'
+TEN_LINES = """\
+def test_the_square_is_followed(tracked_recording):
+    run = tracked_recording("moving_square", preset="li2007", stored="square.boxes.csv")
+    run.check(ends="tracking", overlap=0.9, longest_loss=0.5, milliseconds=500)
+"""
+
+
+@pytest.fixture
+def run_pytest(tmp_path, moving_square_sequence):
+    """Runs a user's own test in a process of its own."""
+    (tmp_path / "conftest.py").write_text(CONFTEST)
+    (tmp_path / "test_square.py").write_text(TEN_LINES)
+
+    def run(*arguments):
+        return subprocess.run(
+            [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(PACKAGES)},
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+
+    return run
+
+
+def test_a_users_test_stores_its_result_and_compares_with_it(run_pytest, tmp_path):
+    outcome = run_pytest()
+    assert outcome.returncode == 1
+    assert "square.boxes.csv; pytest --update stores one" in outcome.stdout
+    assert run_pytest("--update").returncode == 0
+    stored = tmp_path / "square.boxes.csv"
+    assert len(stored.read_text().splitlines()) == 21
+    assert run_pytest().returncode == 0
+
+    lines = stored.read_text().splitlines()
+    moved = [lines[0]] + [
+        ",".join([*line.split(",")[:3], "0.0", "0.0", *line.split(",")[5:]]) for line in lines[1:]
+    ]
+    stored.write_text("\n".join(moved) + "\n")
+    outcome = run_pytest("--tracking-reports", "kept")
+    assert outcome.returncode == 1
+    assert "the overlap with the stored result is 0.000, expected at least 0.9" in outcome.stdout
+    assert "Traceback" not in outcome.stdout
+    (folder,) = (tmp_path / "kept").iterdir()
+    assert folder.name == "test_square.py_test_the_square_is_followed"
+    assert "report.html" in {path.name for path in folder.iterdir()}
+
+    stored.write_text("\n".join(lines[:10]) + "\n")
+    outcome = run_pytest()
+    assert "holds 9 frames" in outcome.stdout
+    assert "it is of another recording" in outcome.stdout
+    stored.write_text("something else")
+    assert "is no stored result" in run_pytest().stdout
+
+
+@pytest.mark.parametrize("name", ["otb_bolt", "ir_drone_074"])
+def test_real_recordings_are_followed(tracked_recording, sequences_directory, name):
+    tracked_recording(sequences_directory / name).check(
+        ends={"otb_bolt": "occluded"}.get(name, "tracking"), overlap=0.6, longest_loss=0.5
+    )
