@@ -36,11 +36,21 @@ EXTRAS = {
     ],
     "opencv": OPENCV,
     "bags": BAGS,
+    # The web page; the version is that of Ubuntu 24.04 or newer.
+    "console": ["aiohttp>=3.9,<4"],
     "evaluation": ["rich>=13", "matplotlib>=3.6"],
     # Peers that benchmarks compare with, in an environment of its own: `particles` wants NumPy 1.
     "benchmark": ["particles>=0.4,<0.5", "rich>=13", "matplotlib>=3.6"],
     # colcon takes pytest as the test runner because it finds it under this name.
-    "test": ["pytest>=7.4,<9", "hypothesis>=6.98", "catkin-pkg>=1.0", "pillow>=9", "pyyaml"],
+    "test": [
+        "pytest>=7.4,<9",
+        "hypothesis>=6.98",
+        "catkin-pkg>=1.0",
+        "pillow>=9",
+        "pyyaml",
+        # Drives an installed Chromium; it brings no browser.
+        "playwright>=1.49",
+    ],
     "development": [
         "ros-jazzy-domain-coordinator==0.12.0",
         "colcon-common-extensions==0.3.0",
@@ -67,7 +77,7 @@ setup(
     project_urls={"Issues": "https://github.com/pf-tracker-ros/pf_tracker_ros/issues"},
     python_requires=">=3.10",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed"]},
+    package_data={PACKAGE: ["py.typed", "node/console/page/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (SHARE, ["package.xml"]),
@@ -81,6 +91,7 @@ setup(
         "console_scripts": [
             f"tracker = {PACKAGE}.commands:tracker",
             f"replay = {PACKAGE}.commands:replay",
+            f"console = {PACKAGE}.commands:console",
             f"evaluate = {PACKAGE}.commands:evaluate",
         ],
     },

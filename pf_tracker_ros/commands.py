@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
 from typing import NoReturn
 
 from pf_tracker_ros.opencv import require_opencv
@@ -27,6 +28,14 @@ examples:
   replay drive.mp4 --ros-args -r image:=/camera/image_raw -p rate:=0.5 -p loop:=true
 
 The rest is ROS parameters: `ros2 param list /replay` and `ros2 param describe` tell of each.
+"""
+_CONSOLE_EXAMPLES = """\
+examples:
+  console
+  console --ros-args -p port:=8700 -p tracker:=/left/pf_tracker
+
+Then open the address that it writes. The rest is ROS parameters: `ros2 param list /console` and
+`ros2 param describe` tell of each.
 """
 
 
@@ -66,6 +75,28 @@ def replay() -> int:
     from pf_tracker_ros.node.replay.replay_node import main
 
     return main(source=source)
+
+
+def console() -> int:
+    """Run the console, and return its exit code."""
+    hold_signals()
+    parser = _Parser(
+        "console",
+        "Serve a web page that shows what the tracker sees, and drives it: the ROS node console.",
+        _CONSOLE_EXAMPLES,
+    )
+    parser.read(sys.argv[1:])
+    _require_opencv("console")
+    if find_spec("aiohttp") is None:
+        print(
+            "console: error: the Python package aiohttp is missing; install the extra 'console' of "
+            "this package with pip, or python3-aiohttp with apt",
+            file=sys.stderr,
+        )
+        sys.exit(2)
+    from pf_tracker_ros.node.console.console_node import main
+
+    return main()
 
 
 def evaluate() -> int:

@@ -15,7 +15,7 @@ catkin_package = pytest.importorskip("catkin_pkg.package")
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = "pf_tracker_ros"
 # Imported only where an extra of setup.py has brought it: the build farm takes no package of pip.
-OPTIONAL = {"rosbags"}
+OPTIONAL = {"playwright", "rosbags"}
 # What reads bags where ROS is, imported or found by name once a bag is opened.
 FOUND_AT_RUN_TIME = {
     "rosbag2_compression_zstd",
@@ -28,6 +28,7 @@ NOT_PINNED = {"particles"}
 # The rosdep keys of what is not a ROS package.
 ROSDEP_KEYS = {
     "PIL": "python3-pil",
+    "aiohttp": "python3-aiohttp",
     "catkin_pkg": "python3-catkin-pkg-modules",
     "cv2": "python3-opencv",
     "hypothesis": "python3-hypothesis",

@@ -1,0 +1,305 @@
+"""What all browsers share: the frames, the tracker's health, and what they ask of the tracker.
+
+Everything here runs in the event loop of the web server.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Protocol
+
+from pf_tracker_ros.node.console.answers import Json, packed
+from pf_tracker_ros.node.console.pairing import Pairing, Shown
+from pf_tracker_ros.node.console.pick import Pick, Verdict
+from pf_tracker_ros.node.console.pictures import picture_of
+from pf_tracker_ros.node.console.tracker_link import TrackerError, TrackerLink
+
+# How often is looked at what does not come by itself: silence, and frames without an answer.
+_TICK = 0.1
+# The diagnostics come once a second; a tracker that says nothing for longer has gone.
+_SILENCE = 1.6
+# A target that nothing has been heard of for so long waits for an image.
+_VERDICT_PATIENCE = 3.0
+_FAULT_SHOWN = 6.0
+# A frame is under way while the one before is being drawn.
+_FRAMES_UNDER_WAY = 2
+_LARGEST_COORDINATE = 1e6
+
+
+class RequestError(ValueError):
+    """A browser asked for what cannot be; the message says why."""
+
+
+class Browser(Protocol):
+    """One page that is open."""
+
+    async def send_json(self, message: Json) -> None:
+        """Send a message; one to a browser that has gone is lost."""
+
+    async def send_bytes(self, message: bytes) -> None:
+        """Send a frame."""
+
+
+class Credit:
+    """How many frames may still be sent to a browser before it has drawn one.
+
+    So a slow link drops frames instead of queuing them.
+    """
+
+    def __init__(self) -> None:
+        self._left = asyncio.Semaphore(_FRAMES_UNDER_WAY)
+        self._taken = 0
+
+    async def take(self) -> None:
+        """Wait until a frame may be sent."""
+        await self._left.acquire()
+        self._taken += 1
+
+    def give_back(self) -> None:
+        """A frame has been drawn."""
+        if self._taken:
+            self._taken -= 1
+            self._left.release()
+
+
+class Hub:
+    """Brings browsers and the tracker together.
+
+    Args:
+        link: To the tracker.
+    """
+
+    def __init__(self, link: TrackerLink) -> None:
+        self._link = link
+        self._pairing = Pairing()
+        self._browsers: dict[Browser, Credit] = {}
+        self._changed = asyncio.Condition()
+        self._encoder = ThreadPoolExecutor(1, "encoder")
+        self._encoded: tuple[int, asyncio.Future[bytes]] = (0, asyncio.Future())
+        self._status: Json | None = None
+        self._health: Json | None = None
+        self._heard_at: float | None = None
+        self._fault, self._fault_at = "", float("-inf")
+        self._shown_health: Json = {}
+        self._pick: Pick | None = None
+        self._picks = 0
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._requests: Mapping[str, Callable[[Json], Awaitable[None]]] = {
+            "target": self._on_target,
+            "click": self._on_click,
+            "stop": self._on_stop,
+            "enable": self._on_enable,
+        }
+
+    async def run(self) -> None:
+        """Notice silence, until canceled."""
+        while True:
+            await self._look()
+            await asyncio.sleep(_TICK)
+
+    def close(self) -> None:
+        """Encode no more."""
+        self._encoder.shutdown(wait=False, cancel_futures=True)
+
+    # What comes from the tracker
+
+    def receive(self, kind: str, stamp: int, content: Any) -> None:
+        """Take what the link received; see `TrackerLink`."""
+        now = time.monotonic()
+        if kind == "image":
+            self._pairing.add_image(stamp, content, now)
+        elif kind == "fault":
+            self._fault, self._fault_at = content, now
+        elif kind == "health":
+            self._heard_at, self._health = now, content
+            self._link.follow_images(str(content["values"].get("image_topic", "")))
+            self._conclude(self._pick.judge_health(content, now) if self._pick else None)
+        else:
+            self._pairing.add_answer(stamp, kind, content, now)
+        if kind == "status":
+            self._heard_at, self._status = now, content
+            self._conclude(self._pick.judge_status(content) if self._pick else None)
+        self._soon(self._look())
+
+    async def _look(self) -> None:
+        """Tell the browsers what is new."""
+        now = time.monotonic()
+        if self._pairing.choose(now):
+            async with self._changed:
+                self._changed.notify_all()
+        health = self._current_health(now)
+        if health != self._shown_health:
+            self._shown_health = health
+            await self._tell_all(health)
+        if self._pick and now - self._pick.sent_at > _VERDICT_PATIENCE:
+            waiting = Verdict("waiting", "sent; the tracker answers with the next image")
+            self._conclude(waiting, final=False)
+            self._pick.sent_at = math.inf
+
+    def _current_health(self, now: float) -> Json:
+        """How the tracker is, in the words of its diagnostics."""
+        name = self._link.name
+        said = self._health or self._status
+        if self._heard_at is None or said is None:
+            text = (
+                f"no tracker is heard as {name}; start it (ros2 run pf_tracker_ros tracker), with "
+                "the ROS_DOMAIN_ID of the console"
+            )
+            return {"type": "health", "tracker": "absent", "level": "error", "text": text}
+        if now - self._heard_at > _SILENCE:
+            text = (
+                f"{name} has fallen silent: it has ended, hangs, or cannot be reached; the console "
+                "goes on with it as soon as it is back"
+            )
+            return {"type": "health", "tracker": "silent", "level": "error", "text": text}
+        values, text, level = said["values"], str(said["message"]), said["level"]
+        if now - self._fault_at < _FAULT_SHOWN:
+            text, level = f"{text}; the console: {self._fault}", "error"
+        return {
+            "type": "health",
+            "tracker": "heard",
+            "level": level,
+            "text": text,
+            "state": values.get("state"),
+            "image_topic": values.get("image_topic"),
+            "image_reliability": values.get("image_reliability"),
+            "preset": values.get("preset"),
+            "input_rate": values.get("input_rate"),
+        }
+
+    # Browsers
+
+    async def welcome(self, browser: Browser) -> None:
+        """Show everything to a browser, until canceled."""
+        credit = Credit()
+        self._browsers[browser] = credit
+        self._watch()
+        try:
+            await browser.send_json({"type": "welcome", "tracker": self._link.name})
+            await browser.send_json(self._current_health(time.monotonic()))
+            await self._show(browser, credit)
+        finally:
+            del self._browsers[browser]
+            self._watch()
+
+    async def handle(self, browser: Browser, message: Any) -> None:
+        """Do what a browser asks; what goes wrong is told to it alone."""
+        kind = message.get("type") if isinstance(message, dict) else None
+        if kind == "shown":
+            if browser in self._browsers:
+                self._browsers[browser].give_back()
+            return
+        try:
+            if not isinstance(kind, str) or kind not in self._requests:
+                raise RequestError(f"there is no request {kind!r}")
+            await self._requests[kind](message)
+        except (RequestError, TrackerError) as error:
+            await browser.send_json(
+                {"type": "note", "about": kind, "ok": False, "text": str(error)}
+            )
+
+    async def _show(self, browser: Browser, credit: Credit) -> None:
+        number = 0
+        while True:
+            async with self._changed:
+                while self._newest_number <= number:
+                    await self._changed.wait()
+            await credit.take()
+            shown = self._pairing.latest
+            assert shown is not None
+            number = shown.number
+            await browser.send_bytes(await self._encode(shown))
+
+    @property
+    def _newest_number(self) -> int:
+        return self._pairing.latest.number if self._pairing.latest else 0
+
+    async def _encode(self, shown: Shown) -> bytes:
+        """A frame as it is sent, made once for all browsers."""
+        if self._encoded[0] != shown.number:
+            loop = asyncio.get_running_loop()
+            self._encoded = (shown.number, loop.run_in_executor(self._encoder, _encoded, shown))
+        return await asyncio.shield(self._encoded[1])
+
+    def _watch(self) -> None:
+        self._pairing.wants_particles = bool(self._browsers)
+        self._link.watch(bool(self._browsers))
+
+    async def _tell_all(self, message: Json) -> None:
+        await asyncio.gather(*(browser.send_json(message) for browser in list(self._browsers)))
+
+    # Requests
+
+    async def _on_target(self, message: Json) -> None:
+        x, y, width, height = _numbers(message, "box", 4)
+        self._link.send_target((x, y, width, height), _stamp(message))
+        self._expect_verdict()
+
+    async def _on_click(self, message: Json) -> None:
+        x, y = _numbers(message, "point", 2)
+        self._link.send_click(x, y, _stamp(message))
+        self._expect_verdict()
+
+    async def _on_stop(self, message: Json) -> None:
+        text = await self._link.stop()
+        await self._tell_all({"type": "note", "about": "stop", "ok": True, "text": text})
+
+    async def _on_enable(self, message: Json) -> None:
+        enabled = message.get("enabled")
+        if not isinstance(enabled, bool):
+            raise RequestError("'enabled' has to be true or false")
+        text = await self._link.enable(enabled)
+        await self._tell_all({"type": "note", "about": "enable", "ok": True, "text": text})
+
+    def _expect_verdict(self) -> None:
+        self._picks += 1
+        self._pick = Pick(self._picks, time.monotonic())
+
+    def _conclude(self, verdict: Verdict | None, *, final: bool = True) -> None:
+        if verdict is None or self._pick is None:
+            return
+        if final:
+            self._pick = None
+        told = {"type": "verdict", "outcome": verdict.outcome, "text": verdict.text}
+        self._soon(self._tell_all(told))
+
+    def _soon(self, action: Coroutine[Any, Any, None]) -> None:
+        # The loop itself keeps no task from being collected.
+        task = asyncio.ensure_future(action)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+
+def _encoded(shown: Shown) -> bytes:
+    picture = picture_of(shown.image)
+    header = {
+        "stamp": str(shown.stamp),
+        "width": picture.width,
+        "height": picture.height,
+        "error": picture.error,
+        **shown.answer,
+    }
+    return packed(header, picture.jpeg)
+
+
+def _numbers(message: Json, name: str, count: int) -> list[float]:
+    values = message.get(name)
+    if not isinstance(values, list) or len(values) != count:
+        raise RequestError(f"'{name}' has to be a list of {count} numbers")
+    if any(isinstance(one, bool) or not isinstance(one, int | float) for one in values):
+        raise RequestError(f"'{name}' has to be a list of {count} numbers")
+    if not all(abs(one) <= _LARGEST_COORDINATE for one in values):
+        raise RequestError(f"'{name}' has numbers beyond {_LARGEST_COORDINATE:g}")
+    return [float(one) for one in values]
+
+
+def _stamp(message: Json) -> int:
+    """A stamp in nanoseconds, as text because JavaScript's numbers do not hold it."""
+    text = message.get("stamp")
+    if not isinstance(text, str) or not text.isascii() or not text.isdigit() or len(text) > 19:
+        raise RequestError("'stamp' has to be a text of digits, nanoseconds")
+    return int(text)
