@@ -17,6 +17,7 @@ from pf_tracker_ros.node.console.pairing import Pairing, Shown
 from pf_tracker_ros.node.console.pick import Pick, Verdict
 from pf_tracker_ros.node.console.pictures import picture_of
 from pf_tracker_ros.node.console.tracker_link import TrackerError, TrackerLink
+from pf_tracker_ros.node.console.tuning import parameter_file, parameter_of
 
 # How often is looked at what does not come by itself: silence, and frames without an answer.
 _TICK = 0.1
@@ -87,12 +88,16 @@ class Hub:
         self._shown_health: Json = {}
         self._pick: Pick | None = None
         self._picks = 0
+        self._parameters: list[Json] = []
+        self._reading: asyncio.Task[None] | None = None
+        self._parameters_are_old = True
         self._tasks: set[asyncio.Task[None]] = set()
         self._requests: Mapping[str, Callable[[Json], Awaitable[None]]] = {
             "target": self._on_target,
             "click": self._on_click,
             "stop": self._on_stop,
             "enable": self._on_enable,
+            "reset": self._on_reset,
         }
 
     async def run(self) -> None:
@@ -105,6 +110,10 @@ class Hub:
         """Encode no more."""
         self._encoder.shutdown(wait=False, cancel_futures=True)
 
+    def parameter_file(self) -> str:
+        """The preset and what differs from it, as a ROS parameter file."""
+        return parameter_file(self._link.name, self._parameters)
+
     # What comes from the tracker
 
     def receive(self, kind: str, stamp: int, content: Any) -> None:
@@ -112,6 +121,8 @@ class Hub:
         now = time.monotonic()
         if kind == "image":
             self._pairing.add_image(stamp, content, now)
+        elif kind == "parameters":
+            self._parameters_are_old = True
         elif kind == "fault":
             self._fault, self._fault_at = content, now
         elif kind == "health":
@@ -135,6 +146,12 @@ class Hub:
         if health != self._shown_health:
             self._shown_health = health
             await self._tell_all(health)
+        if health["tracker"] != "heard":
+            # It may come back with others.
+            self._parameters_are_old = True
+        elif self._parameters_are_old and self._browsers and not self._reading:
+            self._parameters_are_old = False
+            self._reading = asyncio.ensure_future(self._read_parameters())
         if self._pick and now - self._pick.sent_at > _VERDICT_PATIENCE:
             waiting = Verdict("waiting", "sent; the tracker answers with the next image")
             self._conclude(waiting, final=False)
@@ -181,6 +198,7 @@ class Hub:
         try:
             await browser.send_json({"type": "welcome", "tracker": self._link.name})
             await browser.send_json(self._current_health(time.monotonic()))
+            await browser.send_json({"type": "parameters", "parameters": self._parameters})
             await self._show(browser, credit)
         finally:
             del self._browsers[browser]
@@ -194,6 +212,9 @@ class Hub:
                 self._browsers[browser].give_back()
             return
         try:
+            if kind == "set":
+                await self._on_set(browser, message)
+                return
             if not isinstance(kind, str) or kind not in self._requests:
                 raise RequestError(f"there is no request {kind!r}")
             await self._requests[kind](message)
@@ -254,6 +275,39 @@ class Hub:
             raise RequestError("'enabled' has to be true or false")
         text = await self._link.enable(enabled)
         await self._tell_all({"type": "note", "about": "enable", "ok": True, "text": text})
+
+    async def _on_set(self, browser: Browser, message: Json) -> None:
+        """Set a parameter; a refusal is for the field that it was given in."""
+        name = message.get("name")
+        known = next((one for one in self._parameters if one["name"] == name), None)
+        if known is None:
+            raise RequestError(f"there is no parameter {name!r}")
+        try:
+            refusal = await self._link.set_parameter(parameter_of(known, message.get("value")))
+        except (ValueError, TrackerError) as error:
+            refusal = str(error)
+        await browser.send_json({"type": "set", "name": name, "refusal": refusal})
+
+    async def _on_reset(self, message: Json) -> None:
+        """Take the preset in force anew, and so all values of it."""
+        known = next((one for one in self._parameters if one["name"] == "preset"), None)
+        if known is None:
+            raise RequestError("the tracker's parameters are not known yet")
+        if refusal := await self._link.set_parameter(parameter_of(known, known["value"])):
+            raise RequestError(refusal)
+        text = f"every value is that of the preset {known['value']}"
+        await self._tell_all({"type": "note", "about": "reset", "ok": True, "text": text})
+
+    async def _read_parameters(self) -> None:
+        try:
+            self._parameters = await self._link.parameters()
+        except TrackerError:
+            self._parameters_are_old = True
+            await asyncio.sleep(_TICK)
+        else:
+            await self._tell_all({"type": "parameters", "parameters": self._parameters})
+        finally:
+            self._reading = None
 
     def _expect_verdict(self) -> None:
         self._picks += 1

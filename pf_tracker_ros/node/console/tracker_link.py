@@ -12,6 +12,8 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PolygonStamped
+from rcl_interfaces.msg import Parameter, ParameterEvent
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -20,7 +22,8 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool, Trigger
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.node.console.answers import box_of, particles_of, status_of
+from pf_tracker_ros.node.console.answers import Json, box_of, particles_of, status_of
+from pf_tracker_ros.node.console.tuning import shaped, shown_names
 from pf_tracker_ros.node.message_building import box_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, advertise, subscribe
 from pf_tracker_ros.node.tracker.image_input import ImageInput
@@ -53,7 +56,8 @@ class TrackerLink:
         node: The console's node.
         name: Of the tracker's node, in the console's namespace unless it begins with a slash.
         receive: Called in the executor with what came (`image`, `box`, `particles`, `status`,
-            `health` or `fault`), its stamp in nanoseconds (0 without one), and the content.
+            `health`, `parameters` for a change of these, or `fault`), its stamp in nanoseconds (0
+            without one), and the content.
     """
 
     def __init__(self, node: Node, name: str, receive: Receive) -> None:
@@ -74,6 +78,16 @@ class TrackerLink:
         self._clicks = self._advertise("click", PointStamped)
         self._stop = node.create_client(Trigger, f"{self.name}/stop")
         self._enable = node.create_client(SetBool, f"{self.name}/enable")
+        self._parameters = {
+            kind: node.create_client(kind, f"{self.name}/{name}")
+            for kind, name in (
+                (ListParameters, "list_parameters"),
+                (DescribeParameters, "describe_parameters"),
+                (GetParameters, "get_parameters"),
+                (SetParameters, "set_parameters"),
+            )
+        }
+        node.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
 
     # What is said to the tracker; called from any thread
 
@@ -129,6 +143,36 @@ class TrackerLink:
             TrackerError: It does not answer.
         """
         return str((await self.ask(self._enable, SetBool.Request(data=enabled))).message)
+
+    async def parameters(self) -> list[Json]:
+        """All parameters, as `tuning.shaped` gives them.
+
+        Raises:
+            TrackerError: It does not answer.
+        """
+        listed = await self._ask_parameters(ListParameters, ListParameters.Request())
+        names = shown_names(listed.result.names)
+        described = await self._ask_parameters(
+            DescribeParameters, DescribeParameters.Request(names=names)
+        )
+        values = await self._ask_parameters(GetParameters, GetParameters.Request(names=names))
+        if not len(described.descriptors) == len(values.values) == len(names):
+            raise TrackerError("the parameters changed while they were asked for")
+        return shaped(described.descriptors, values.values)
+
+    async def set_parameter(self, parameter: Parameter) -> str:
+        """Set a parameter; why it is refused, or empty.
+
+        Raises:
+            TrackerError: It does not answer.
+        """
+        request = SetParameters.Request(parameters=[parameter])
+        answer = await self._ask_parameters(SetParameters, request)
+        (result,) = answer.results
+        return "" if result.successful else str(result.reason or "the node gives no reason")
+
+    async def _ask_parameters(self, kind: Any, request: Any) -> Any:
+        return await self.ask(self._parameters[kind], request)
 
     async def ask(self, client: Client, request: Any) -> Any:
         """The response of a service.
@@ -230,6 +274,10 @@ class TrackerLink:
     def _on_status(self, message: DiagnosticArray) -> None:
         for status in message.status[:1]:
             self._receive("status", stamp_of(message.header), status_of(status))
+
+    def _on_parameters(self, message: ParameterEvent) -> None:
+        if message.node == self.name:
+            self._receive("parameters", 0, None)
 
     def _on_health(self, message: DiagnosticArray) -> None:
         wanted = f"{self.name.lstrip('/')}: tracker"

@@ -28,6 +28,7 @@ _KINDS = {
     ".svg": "image/svg+xml",
 }
 _INDEX = "index.html"
+_PARAMETER_FILE = "tracker.yaml"
 # A request is a box or a parameter, never more than this.
 _LARGEST_REQUEST = 65_536
 # A browser that does not answer within half of this has gone.
@@ -123,6 +124,7 @@ class WebServer:
         application = web.Application(middlewares=[self._guard])
         application.on_response_prepare.append(_add_headers)
         application.router.add_get("/socket", self._on_socket)
+        application.router.add_get(f"/{_PARAMETER_FILE}", self._on_parameter_file)
         for path in sorted(_PAGE.iterdir()):
             name = "" if path.name == _INDEX else path.name
             application.router.add_get(f"/{name}", _file(path))
@@ -171,6 +173,15 @@ class WebServer:
                 "its terminal."
             )
         return await handler(request)
+
+    async def _on_parameter_file(self, request: web.Request) -> web.Response:
+        assert self._hub is not None
+        disposition = f'attachment; filename="{_PARAMETER_FILE}"'
+        return web.Response(
+            text=self._hub.parameter_file(),
+            content_type="application/yaml",
+            headers={"Content-Disposition": disposition},
+        )
 
     async def _on_socket(self, request: web.Request) -> web.WebSocketResponse:
         host = request.headers.get("Host", "")

@@ -111,6 +111,20 @@ def test_the_state_and_its_figures_are_those_of_the_status(camera, page):
 
 
 @pytest.mark.usefixtures("tracker")
+def test_the_last_minute_of_the_figures_is_drawn(camera, page):
+    camera.show_on(page)
+    page.drag(camera.box_at(page.stamp))
+    camera.show_until(lambda: page.box, "box")
+    paths = {name: page.locator(f"#plot-{name} path") for name in ("confidence", "powers")}
+    camera.show_until(
+        lambda: len((paths["confidence"].first.get_attribute("d") or "").split("L")) > 10, "line"
+    )
+    # The default preset has two cues.
+    assert paths["powers"].count() == 2
+    shares = [float(text.split()[-1]) for text in page.locator("#cues li").all_inner_texts()]
+    assert sum(shares) == pytest.approx(1.0, abs=0.02)
+
+
 def test_two_browsers_see_the_same(console, camera, open_page):
     one, other = open_page(console.link), open_page(console.link)
     camera.show_on(one, other)

@@ -1,5 +1,7 @@
 // Connects to the console, and shows what it tells.
+import * as plots from "./plots.js";
 import * as stage from "./stage.js";
+import * as tune from "./tune.js";
 
 const RECONNECT = 500, RATE_WINDOW = 2000;
 const at = (id) => document.getElementById(id);
@@ -34,6 +36,8 @@ const handlers = {
   welcome(message) { text("name", message.tracker.replace(/^\//, "")); },
   health(message) { health = message; showHealth(); },
   note(message) { note(message.text, message.ok); },
+  parameters(message) { tune.show(message.parameters); },
+  set(message) { tune.judge(message.name, message.refusal); },
   verdict(message) {
     note(message.text, message.outcome !== "refused");
     stage.judge(message.outcome);
@@ -60,6 +64,7 @@ async function show(data) {
 function showStatus(frame) {
   const values = frame.status?.values ?? {};
   lastStatus = performance.now();
+  if (frame.status) plots.add(values);
   showState(values.state, values.confidence);
   text("count", number(values.particles, 0));
   text("effective", number(values.effective_sample_size, 0));
@@ -99,4 +104,5 @@ setInterval(() => {
 }, 500);
 
 stage.begin(send, note);
+tune.begin(send);
 connect();
