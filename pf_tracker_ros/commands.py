@@ -32,6 +32,7 @@ The rest is ROS parameters: `ros2 param list /replay` and `ros2 param describe` 
 _CONSOLE_EXAMPLES = """\
 examples:
   console
+  console drive.mcap
   console --ros-args -p port:=8700 -p tracker:=/left/pf_tracker
 
 Then open the address that it writes. The rest is ROS parameters: `ros2 param list /console` and
@@ -85,7 +86,15 @@ def console() -> int:
         "Serve a web page that shows what the tracker sees, and drives it: the ROS node console.",
         _CONSOLE_EXAMPLES,
     )
-    parser.read(sys.argv[1:])
+    parser.add_argument(
+        "source",
+        nargs="?",
+        help="a recording to play to the tracker from the page: a rosbag2 folder or .mcap file, a "
+        "video, a folder of images or a sequence folder; the same as the parameter source",
+    )
+    source = parser.read(sys.argv[1:]).source
+    if source is not None and not _is_unicode(source):
+        parser.error(f"the name {source!a} is not UTF-8, which ROS needs; rename it")
     _require_opencv("console")
     if find_spec("aiohttp") is None:
         print(
@@ -96,7 +105,7 @@ def console() -> int:
         sys.exit(2)
     from pf_tracker_ros.node.console.console_node import main
 
-    return main()
+    return main(source=source)
 
 
 def evaluate() -> int:
@@ -133,7 +142,7 @@ class _Parser(argparse.ArgumentParser):
     def __init__(self, prog: str, description: str, examples: str) -> None:
         super().__init__(
             prog=prog,
-            usage=f"{prog} [-h]{' [SOURCE]' if prog == 'replay' else ''} [--ros-args ...]",
+            usage=f"{prog} [-h]{'' if prog == 'tracker' else ' [SOURCE]'} [--ros-args ...]",
             description=description,
             epilog=examples,
             formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -6,10 +6,12 @@ import sys
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from pf_tracker_ros.node.console.access import is_loopback
 from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
 from pf_tracker_ros.node.console.hub import Hub
+from pf_tracker_ros.node.console.recording import Recording
 from pf_tracker_ros.node.console.tracker_link import TrackerLink
 from pf_tracker_ros.node.console.web_server import WebServer
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
@@ -18,7 +20,7 @@ from pf_tracker_ros.parameters import build
 
 
 class ConsoleNode(Node):
-    """Serves the page from its start to its end.
+    """Serves the page, and plays the recording, from its start to its end.
 
     Its context is shut down where it cannot.
 
@@ -35,6 +37,7 @@ class ConsoleNode(Node):
         self.exit_code = 0
         self.link = ""
         self._server: WebServer | None = None
+        self._recording: Recording | None = None
         binding = ParameterBinding(self)
         binding.declare(ConsoleParameters)
         binding.listen()
@@ -45,14 +48,23 @@ class ConsoleNode(Node):
 
     def destroy_node(self) -> None:
         """End the web server, then the node."""
+        if self._recording:
+            self._recording.close()
         if self._server:
             self._server.close()
         super().destroy_node()  # type: ignore[no-untyped-call]
 
     def _serve(self, parameters: ConsoleParameters) -> None:
         host, port = parameters.host, parameters.port
-        server = WebServer(host, port, lambda: Hub(link))
+        server = WebServer(host, port, lambda: Hub(link, self._recording))
         link = TrackerLink(self, parameters.tracker, server.receive)
+        if parameters.source:
+            self._recording = Recording(self, parameters.source, parameters.bag_topic, link.name)
+            if not self._recording.is_playable:
+                self._recording.close()
+                self._recording = None
+                self._fail(f"{parameters.source} cannot be played; the node replay has said why")
+                return
         try:
             server.start()
         except OSError as error:
@@ -74,11 +86,12 @@ class ConsoleNode(Node):
         self.context.try_shutdown()
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str] | None = None, source: str | None = None) -> int:
     """Run the console until it is told to stop.
 
     Args:
         arguments: The command line with the program's name, by default that of the process.
+        source: In place of the parameter `source`.
 
     Returns:
         The exit code: 1 where the page cannot be served.
@@ -86,7 +99,8 @@ def main(arguments: list[str] | None = None) -> int:
     nodes: list[ConsoleNode] = []
 
     def create() -> ConsoleNode:
-        node = ConsoleNode()
+        given = [] if source is None else [Parameter("source", value=source)]
+        node = ConsoleNode(parameter_overrides=given)
         nodes.append(node)
         return node
 

@@ -9,8 +9,19 @@ from pf_tracker_ros.parameters import declared
 
 @dataclass(frozen=True)
 class ConsoleParameters:
-    """Where the page is served, and which tracker it is about."""
+    """Where the page is served, which tracker it is about, and what it plays."""
 
+    source: str = declared(
+        "",
+        "Recording to play to the tracker from the page: a rosbag2 folder or .mcap file, a video, "
+        "a folder of images, or a sequence folder. Empty takes the images that there are.",
+        read_only=True,
+    )
+    bag_topic: str = declared(
+        "",
+        "Image topic of the recording, if that is a bag; empty takes the only one that there is.",
+        read_only=True,
+    )
     host: str = declared(
         "127.0.0.1",
         "Address or name to serve the page on. On any other than this machine's loopback, browsers "

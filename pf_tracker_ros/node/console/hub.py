@@ -12,10 +12,12 @@ from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Protocol
 
+from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.node.console.answers import Json, packed
 from pf_tracker_ros.node.console.pairing import Pairing, Shown
 from pf_tracker_ros.node.console.pick import Pick, Verdict
 from pf_tracker_ros.node.console.pictures import picture_of
+from pf_tracker_ros.node.console.recording import PickedTarget, Recording
 from pf_tracker_ros.node.console.tracker_link import TrackerError, TrackerLink
 from pf_tracker_ros.node.console.tuning import parameter_file, parameter_of
 
@@ -26,6 +28,7 @@ _SILENCE = 1.6
 # A target that nothing has been heard of for so long waits for an image.
 _VERDICT_PATIENCE = 3.0
 _FAULT_SHOWN = 6.0
+_FIRST_FRAME_INTERVAL = 1.0
 # A frame is under way while the one before is being drawn.
 _FRAMES_UNDER_WAY = 2
 _LARGEST_COORDINATE = 1e6
@@ -72,10 +75,16 @@ class Hub:
 
     Args:
         link: To the tracker.
+        recording: That is played to it, if one is.
     """
 
-    def __init__(self, link: TrackerLink) -> None:
+    def __init__(self, link: TrackerLink, recording: Recording | None = None) -> None:
         self._link = link
+        self._recording = recording
+        self._shown_recording: Json = {}
+        self._show_first_at = float("-inf")
+        self._picked: PickedTarget | None = None
+        self._seeking = asyncio.Lock()
         self._pairing = Pairing()
         self._browsers: dict[Browser, Credit] = {}
         self._changed = asyncio.Condition()
@@ -98,7 +107,13 @@ class Hub:
             "stop": self._on_stop,
             "enable": self._on_enable,
             "reset": self._on_reset,
+            "play": self._on_play,
+            "step": self._on_step,
+            "seek": self._on_seek,
+            "rate": self._on_rate,
+            "save": self._on_save,
         }
+        self._watch()
 
     async def run(self) -> None:
         """Notice silence, until canceled."""
@@ -146,6 +161,8 @@ class Hub:
         if health != self._shown_health:
             self._shown_health = health
             await self._tell_all(health)
+        if self._recording:
+            await self._show_recording(self._recording, now)
         if health["tracker"] != "heard":
             # It may come back with others.
             self._parameters_are_old = True
@@ -156,6 +173,17 @@ class Hub:
             waiting = Verdict("waiting", "sent; the tracker answers with the next image")
             self._conclude(waiting, final=False)
             self._pick.sent_at = math.inf
+
+    async def _show_recording(self, recording: Recording, now: float) -> None:
+        state = self._recording_state
+        if state != self._shown_recording:
+            self._shown_recording = state
+            await self._tell_all(state)
+        # There has to be a picture to draw the target on; the first may go by before the console
+        # is known to be a subscriber.
+        if self._pairing.latest is None and recording.paused and now > self._show_first_at:
+            self._show_first_at = now + _FIRST_FRAME_INTERVAL
+            recording.seek(recording.frame)
 
     def _current_health(self, now: float) -> Json:
         """How the tracker is, in the words of its diagnostics."""
@@ -198,6 +226,8 @@ class Hub:
         try:
             await browser.send_json({"type": "welcome", "tracker": self._link.name})
             await browser.send_json(self._current_health(time.monotonic()))
+            if self._recording:
+                await browser.send_json(self._recording_state)
             await browser.send_json({"type": "parameters", "parameters": self._parameters})
             await self._show(browser, credit)
         finally:
@@ -247,8 +277,10 @@ class Hub:
         return await asyncio.shield(self._encoded[1])
 
     def _watch(self) -> None:
-        self._pairing.wants_particles = bool(self._browsers)
-        self._link.watch(bool(self._browsers))
+        # A recording's first frame comes once, perhaps before the first browser.
+        watched = bool(self._browsers) or self._recording is not None
+        self._pairing.wants_particles = watched
+        self._link.watch(watched)
 
     async def _tell_all(self, message: Json) -> None:
         await asyncio.gather(*(browser.send_json(message) for browser in list(self._browsers)))
@@ -257,15 +289,101 @@ class Hub:
 
     async def _on_target(self, message: Json) -> None:
         x, y, width, height = _numbers(message, "box", 4)
-        self._link.send_target((x, y, width, height), _stamp(message))
-        self._expect_verdict()
+        await self._send_target((x, y, width, height), _stamp(message))
 
     async def _on_click(self, message: Json) -> None:
         x, y = _numbers(message, "point", 2)
-        self._link.send_click(x, y, _stamp(message))
+        stamp = _stamp(message)
+        if self._recording:
+            # To be tried again, it has to be a box.
+            size = next((p["value"] for p in self._parameters if p["name"] == "click_size"), None)
+            if size is None:
+                raise RequestError("the tracker's parameters are not known yet")
+            await self._send_target((x - size / 2, y - size / 2, size, size), stamp)
+            return
+        self._link.send_click(x, y, stamp)
         self._expect_verdict()
 
+    async def _send_target(self, box: Box, stamp: int) -> None:
+        """Send a target; a recording goes on from the frame that it was drawn on."""
+        frame = self._recording.index_of(stamp) if self._recording else None
+        if frame is None:
+            self._link.send_target(box, stamp)
+            self._expect_verdict()
+            return
+        self._picked = PickedTarget(box, stamp, frame)
+        await self._go_to(frame)
+
+    async def _on_play(self, message: Json) -> None:
+        playing = message.get("playing")
+        if not isinstance(playing, bool):
+            raise RequestError("'playing' has to be true or false")
+        self._played.paused = not playing
+
+    async def _on_step(self, message: Json) -> None:
+        self._played.paused = True
+        self._played.step()
+
+    async def _on_seek(self, message: Json) -> None:
+        frame, last = message.get("frame"), self._played.last_frame
+        if not isinstance(frame, int) or isinstance(frame, bool) or frame < 0:
+            raise RequestError("'frame' has to be a whole number from 0 on")
+        await self._go_to(frame if last is None else min(frame, last))
+
+    async def _on_rate(self, message: Json) -> None:
+        (rate,) = _numbers({"rate": [message.get("rate")]}, "rate", 1)
+        if refusal := self._played.set_rate(rate):
+            raise RequestError(refusal)
+
+    async def _on_save(self, message: Json) -> None:
+        if self._picked is None:
+            raise RequestError("there is no target to save; draw one first")
+        try:
+            path = self._played.save(self._picked)
+        except OSError as error:
+            raise RequestError(f"the target cannot be saved: {error}") from error
+        text = f"saved as {path.name}, beside the recording"
+        await self._tell_all({"type": "note", "about": "save", "ok": True, "text": text})
+
+    @property
+    def _played(self) -> Recording:
+        if self._recording is None:
+            raise RequestError("there is no recording; start the console with one")
+        return self._recording
+
+    @property
+    def _recording_state(self) -> Json:
+        return {"type": "recording", "saves": self._picked is not None, **self._played.state}
+
+    async def _go_to(self, frame: int) -> None:
+        """Play a frame of the recording so that the boxes are those of a run in lockstep.
+
+        With a target, that begins on the frame that it was drawn on.
+        """
+        played, loop = self._played, asyncio.get_running_loop()
+        async with self._seeking:
+            was_paused = played.paused
+            played.paused = True
+            try:
+                if not await loop.run_in_executor(None, played.settle):
+                    raise RequestError("the tracker does not answer the recording's last frame")
+                await self._link.stop()
+                target, first = self._picked, frame
+                if target:
+                    self._link.send_target(target.box, target.stamp)
+                    await loop.run_in_executor(None, self._link.await_target)
+                    first = min(frame, target.frame)
+                    if first == target.frame:
+                        self._expect_verdict()
+                played.seek(first)
+                if frame > first:
+                    played.step(frame - first)
+                await loop.run_in_executor(None, played.settle)
+            finally:
+                played.paused = was_paused
+
     async def _on_stop(self, message: Json) -> None:
+        self._picked = None
         text = await self._link.stop()
         await self._tell_all({"type": "note", "about": "stop", "ok": True, "text": text})
 
@@ -318,6 +436,8 @@ class Hub:
             return
         if final:
             self._pick = None
+            if verdict.outcome == "refused":
+                self._picked = None
         told = {"type": "verdict", "outcome": verdict.outcome, "text": verdict.text}
         self._soon(self._tell_all(told))
 

@@ -27,13 +27,21 @@ class Shown:
         number: Counts the frames that were shown, from 1.
         stamp: Of its header, nanoseconds.
         image: The message.
-        answer: What the tracker said of it: `status`, `box` and `particles`, as far as it did.
+        parts: What the tracker said of it, and of an earlier frame of the same stamp: `status`,
+            `box` and `particles`, as far as it did.
     """
 
     number: int
     stamp: int
     image: Any
-    answer: Json
+    parts: Json
+
+    @property
+    def answer(self) -> Json:
+        """The parts that belong to the status."""
+        state = self.parts["status"]["values"].get("state") if "status" in self.parts else None
+        allowed = {"status": True, "box": state in _WITH_BOX, "particles": state in _WITH_PARTICLES}
+        return {name: part for name, part in self.parts.items() if allowed[name]}
 
 
 @dataclass
@@ -100,6 +108,10 @@ class Pairing:
             content: As in `Shown.answer`.
             now: As for `add_image`.
         """
+        if self.latest and stamp == self.latest.stamp and stamp not in self._images:
+            # Another answer to the same stamp, as where a frame is played again.
+            self.add_image(stamp, self.latest.image, now)
+            self._answers[stamp] = _Answer(dict(self.latest.parts))
         self._answers.setdefault(stamp, _Answer()).parts[part] = content
         if part == "status":
             self._answered_at = now

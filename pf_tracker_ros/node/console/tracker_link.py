@@ -6,6 +6,7 @@ Nothing here waits: what is asked of the tracker is answered by a future of asyn
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -15,6 +16,7 @@ from geometry_msgs.msg import PointStamped, PolygonStamped
 from rcl_interfaces.msg import Parameter, ParameterEvent
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.client import Client
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -64,6 +66,9 @@ class TrackerLink:
         self._node = node
         self._receive = receive
         self.name = node.resolve_topic_name(name, only_expand=True)
+        self._actions: deque[Callable[[], None]] = deque()
+        # Works before the node has an executor too.
+        self._guard = node.create_guard_condition(self._act)
         self._image_topic = ""
         self._watching = False
         self._particles: Subscription | None = None
@@ -119,6 +124,10 @@ class TrackerLink:
         message = box_message(box, PolygonStamped().header)
         set_stamp(message.header, stamp)
         self._targets.publish(message)
+
+    def await_target(self) -> bool:
+        """Wait until the tracker has the target that was sent last; whether it has."""
+        return bool(self._targets.wait_for_all_acked(Duration(seconds=_PATIENCE)))
 
     def send_click(self, x: float, y: float, stamp: int) -> None:
         """Send a point to track, pixels; otherwise as `send_target`."""
@@ -197,9 +206,12 @@ class TrackerLink:
     # In the executor
 
     def _do(self, action: Callable[[], None]) -> None:
-        executor = self._node.executor
-        if executor is not None:
-            executor.create_task(action)
+        self._actions.append(action)
+        self._guard.trigger()
+
+    def _act(self) -> None:
+        while self._actions:
+            self._actions.popleft()()
 
     def _watch(self, watched: bool) -> None:
         if watched == self._watching:

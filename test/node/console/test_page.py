@@ -125,6 +125,7 @@ def test_the_last_minute_of_the_figures_is_drawn(camera, page):
     assert sum(shares) == pytest.approx(1.0, abs=0.02)
 
 
+@pytest.mark.usefixtures("tracker")
 def test_two_browsers_see_the_same(console, camera, open_page):
     one, other = open_page(console.link), open_page(console.link)
     camera.show_on(one, other)

@@ -90,6 +90,21 @@ def test_where_time_goes_back_the_answers_of_before_do_not_count(pairing):
     assert pairing.latest.number == 4
 
 
+def test_another_answer_to_the_same_frame_is_shown(pairing):
+    """A frame that is played twice is answered twice, perhaps before the second has come."""
+    pairing.add_image(2, "picture", now=0.0)
+    pairing.add_answer(2, "status", IDLE, now=0.0)
+    assert pairing.choose(now=0.0)
+    for part, content in (("box", [1, 2, 3, 4]), ("status", TRACKING)):
+        pairing.add_answer(2, part, content, now=0.1)
+        pairing.choose(now=0.1)
+    assert pairing.latest.image == "picture"
+    assert pairing.latest.answer == {"status": TRACKING, "box": [1, 2, 3, 4]}
+    pairing.add_answer(2, "status", IDLE, now=0.2)
+    assert pairing.choose(now=0.2)
+    assert pairing.latest.answer == {"status": IDLE}
+
+
 def test_what_waits_has_a_limit():
     pairing = Pairing()
     pairing.add_answer(0, "status", IDLE, now=0.0)

@@ -1,5 +1,6 @@
 // Connects to the console, and shows what it tells.
 import * as plots from "./plots.js";
+import * as recording from "./recording.js";
 import * as stage from "./stage.js";
 import * as tune from "./tune.js";
 
@@ -36,6 +37,7 @@ const handlers = {
   welcome(message) { text("name", message.tracker.replace(/^\//, "")); },
   health(message) { health = message; showHealth(); },
   note(message) { note(message.text, message.ok); },
+  recording(message) { recording.show(message); },
   parameters(message) { tune.show(message.parameters); },
   set(message) { tune.judge(message.name, message.refusal); },
   verdict(message) {
@@ -103,6 +105,7 @@ setInterval(() => {
   text("rate", `${number(1000 * drawnAt.length / RATE_WINDOW, 1)} frames/s`);
 }, 500);
 
+recording.begin(send);
 stage.begin(send, note);
 tune.begin(send);
 connect();

@@ -1,4 +1,6 @@
 // The picture, what is drawn over it, and drawing a target: by pointer, touch or keyboard.
+import * as recording from "./recording.js";
+
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay"), picture = at("picture"), context = picture.getContext("2d");
 const TRAIL_SECONDS = 3, CLICK = 4, HANDLE = 7, NUMBERS = ["x", "y", "width", "height"];
@@ -219,11 +221,15 @@ function onKey(event) {
   else if (event.key === " " && !event.target.matches("button, summary")) pause();
   else if (key === "s") stop();
   else if (key === "r") startDrawing();
+  else if (key === "n" && recording.isOpen()) recording.step();
   else return;
   event.preventDefault();
 }
 
-function pause() { send({ type: "enable", enabled: paused }); }
+function pause() {
+  if (recording.isOpen()) recording.toggle();
+  else send({ type: "enable", enabled: paused });
+}
 
 function stop() {
   live();
