@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
+import cv2
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -96,6 +97,8 @@ def main(arguments: list[str] | None = None, source: str | None = None) -> int:
     Returns:
         The exit code: 1 where the page cannot be served.
     """
+    # Other cores are the tracker's.
+    cv2.setNumThreads(1)
     nodes: list[ConsoleNode] = []
 
     def create() -> ConsoleNode:

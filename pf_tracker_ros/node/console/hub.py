@@ -113,7 +113,8 @@ class Hub:
             "rate": self._on_rate,
             "save": self._on_save,
         }
-        self._watch()
+        if recording:
+            self._watch()
 
     async def run(self) -> None:
         """Notice silence, until canceled."""
@@ -204,12 +205,16 @@ class Hub:
         values, text, level = said["values"], str(said["message"]), said["level"]
         if now - self._fault_at < _FAULT_SHOWN:
             text, level = f"{text}; the console: {self._fault}", "error"
+        if self._recording and self._recording.paused and text.startswith("no image for"):
+            # No fault of anybody while the recording stands still.
+            text, level = text.partition("; ")[2], "ok"
         return {
             "type": "health",
             "tracker": "heard",
             "level": level,
             "text": text,
             "state": values.get("state"),
+            "confidence": values.get("confidence"),
             "image_topic": values.get("image_topic"),
             "image_reliability": values.get("image_reliability"),
             "preset": values.get("preset"),

@@ -39,6 +39,8 @@ _EVERY_STATUS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
+# With its history full, Fast DDS asks for the acknowledgment with each message; else every 3 s.
+_TARGET_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 # A service may not know a client yet that it is ready for; its answer is lost then.
 _PATIENCE = 2.0
 _ATTEMPTS = 2
@@ -260,7 +262,7 @@ class TrackerLink:
             self._node,
             message_type,
             f"{self.name}/{name}",
-            profile=DEFAULT_QOS,
+            profile=_TARGET_QOS,
             report=self._report,
         )
 

@@ -80,7 +80,7 @@ function showState(state, confidence) {
   text("state", shown);
   at("state-card").dataset.state = health.tracker === "heard" ? shown : "none";
   text("confidence", health.tracker === "heard" ? number(confidence, 2) : "–");
-  at("meter").value = confidence ?? 0;
+  at("meter").value = typeof confidence === "number" ? confidence : 0;
 }
 
 function showHealth() {
@@ -93,7 +93,7 @@ function showHealth() {
   if (!heard) stage.clear();
   // Without images, only the diagnostics tell how the target is.
   if (!heard || performance.now() - lastStatus > 1000 || lastStatus === null) {
-    showState(health.state, null);
+    showState(health.state, health.confidence);
     if (health.state === "idle") stage.clear();
   }
   stage.setPaused(heard && health.text.startsWith("paused"));

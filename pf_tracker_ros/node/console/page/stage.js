@@ -200,7 +200,7 @@ function startDrawing() {
   if (mode !== "live") return;
   const [width, height] = [frame.width / 4, frame.height / 4];
   edit(frame.box ?? last ?? [(frame.width - width) / 2, (frame.height - height) / 2, width, height].map(Math.round));
-  at("frozen").scrollIntoView({ block: "nearest" });
+  note("drag a box, or move this one with the arrow keys (with shift its size, with alt by a pixel); Enter sends it");
 }
 
 function moveBox(event) {

@@ -39,8 +39,9 @@ function build(parameters) {
   fields.clear();
   const groups = Map.groupBy(parameters, (one) => one.group);
   at("groups").replaceChildren(...[...groups].map(([group, members]) => {
-    const details = element("details", { open: open.has(group) || (!structure && group === "The tracker" && innerWidth > 860) },
-      element("summary", {}, `${group} `, element("span", { className: "quiet" })), ...members.map(row));
+    const details = element("details", { open: open.has(group) },
+      element("summary", {}, `${group} `, element("span", { className: "quiet" })),
+      element("div", { className: "fields" }, ...members.map(row)));
     details.dataset.group = group;
     return details;
   }));
