@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 from collections.abc import Mapping
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PolygonStamped
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import Image, PointCloud2
 
 from pf_tracker_ros.node.message_building import PARTICLE_FIELDS
 
@@ -25,6 +26,8 @@ _LEVELS = {
 _LONGEST_TEXT = 2000
 _MOST_PARTICLES = 400
 _MOST_VALUES = 200
+_MOST_PLACES = 128 * 128
+_HEAT_RANGE = 20.0
 
 
 def status_of(status: DiagnosticStatus) -> Json:
@@ -62,6 +65,26 @@ def particles_of(message: PointCloud2) -> list[list[float]]:
     shares = columns[chosen, 5] / columns[:, 5].max()
     table = np.column_stack([columns[chosen, :2], shares]).astype(np.float64)
     return np.round(table, 2).tolist()
+
+
+def heat_of(message: Image) -> Json | None:
+    """A likelihood image as `columns` and `heat`, None where it is none.
+
+    The heat is base64 of a byte a place, row by row: 255 at the likeliest, 0 where the logarithm is
+    less by 20 or more.
+    """
+    count = message.height * message.width
+    if message.encoding != "32FC1" or not 0 < count <= _MOST_PLACES:
+        return None
+    if message.is_bigendian or len(message.data) != 4 * count:
+        return None
+    values = np.frombuffer(message.data, "<f4").astype(np.float64)
+    values = np.nan_to_num(values, nan=-np.inf, posinf=-np.inf)
+    best = values.max()
+    if not np.isfinite(best):
+        return None
+    heat = np.clip(255.0 * (1.0 + (values - best) / _HEAT_RANGE), 0.0, 255.0).astype(np.uint8)
+    return {"columns": message.width, "heat": base64.b64encode(heat.tobytes()).decode()}
 
 
 def packed(header: Mapping[str, Any], picture: bytes) -> bytes:

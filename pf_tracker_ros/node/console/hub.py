@@ -6,10 +6,12 @@ Everything here runs in the event loop of the web server.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 import time
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any, Protocol
 
 from pf_tracker_ros.boxes import Box
@@ -25,6 +27,7 @@ from pf_tracker_ros.node.console.tuning import parameter_file, parameter_of
 _TICK = 0.1
 # The diagnostics come once a second; a tracker that says nothing for longer has gone.
 _SILENCE = 1.6
+_MEETING_TICKS = 20
 # A target that nothing has been heard of for so long waits for an image.
 _VERDICT_PATIENCE = 3.0
 _FAULT_SHOWN = 6.0
@@ -87,12 +90,14 @@ class Hub:
         self._seeking = asyncio.Lock()
         self._pairing = Pairing()
         self._browsers: dict[Browser, Credit] = {}
+        self._heated: set[Browser] = set()
         self._changed = asyncio.Condition()
         self._encoder = ThreadPoolExecutor(1, "encoder")
         self._encoded: tuple[int, asyncio.Future[bytes]] = (0, asyncio.Future())
         self._status: Json | None = None
         self._health: Json | None = None
         self._heard_at: float | None = None
+        self._answered_at = float("-inf")
         self._fault, self._fault_at = "", float("-inf")
         self._shown_health: Json = {}
         self._pick: Pick | None = None
@@ -112,6 +117,10 @@ class Hub:
             "seek": self._on_seek,
             "rate": self._on_rate,
             "save": self._on_save,
+        }
+        self._own_requests: Mapping[str, Callable[[Browser, Json], Awaitable[None]]] = {
+            "set": self._on_set,
+            "heat": self._on_heat,
         }
         if recording:
             self._watch()
@@ -148,7 +157,8 @@ class Hub:
         else:
             self._pairing.add_answer(stamp, kind, content, now)
         if kind == "status":
-            self._heard_at, self._status = now, content
+            self._heard_at = self._answered_at = now
+            self._status = content
             self._conclude(self._pick.judge_status(content) if self._pick else None)
         self._soon(self._look())
 
@@ -170,6 +180,9 @@ class Hub:
         elif self._parameters_are_old and self._browsers and not self._reading:
             self._parameters_are_old = False
             self._reading = asyncio.ensure_future(self._read_parameters())
+        if self._pick and not self._recording:
+            with contextlib.suppress(TrackerError):
+                self._pick.send_again(self._answered_at, now)
         if self._pick and now - self._pick.sent_at > _VERDICT_PATIENCE:
             waiting = Verdict("waiting", "sent; the tracker answers with the next image")
             self._conclude(waiting, final=False)
@@ -237,6 +250,7 @@ class Hub:
             await self._show(browser, credit)
         finally:
             del self._browsers[browser]
+            self._heated.discard(browser)
             self._watch()
 
     async def handle(self, browser: Browser, message: Any) -> None:
@@ -247,8 +261,8 @@ class Hub:
                 self._browsers[browser].give_back()
             return
         try:
-            if kind == "set":
-                await self._on_set(browser, message)
+            if isinstance(kind, str) and kind in self._own_requests:
+                await self._own_requests[kind](browser, message)
                 return
             if not isinstance(kind, str) or kind not in self._requests:
                 raise RequestError(f"there is no request {kind!r}")
@@ -284,8 +298,10 @@ class Hub:
     def _watch(self) -> None:
         # A recording's first frame comes once, perhaps before the first browser.
         watched = bool(self._browsers) or self._recording is not None
-        self._pairing.wants_particles = watched
         self._link.watch(watched)
+        self._link.watch_likelihood(bool(self._heated))
+        wanted = {"particles": watched, "likelihood": bool(self._heated)}
+        self._pairing.wanted = {part for part, is_wanted in wanted.items() if is_wanted}
 
     async def _tell_all(self, message: Json) -> None:
         await asyncio.gather(*(browser.send_json(message) for browser in list(self._browsers)))
@@ -306,15 +322,13 @@ class Hub:
                 raise RequestError("the tracker's parameters are not known yet")
             await self._send_target((x - size / 2, y - size / 2, size, size), stamp)
             return
-        self._link.send_click(x, y, stamp)
-        self._expect_verdict()
+        await self._expect_verdict(partial(self._link.send_click, x, y, stamp))
 
     async def _send_target(self, box: Box, stamp: int) -> None:
         """Send a target; a recording goes on from the frame that it was drawn on."""
         frame = self._recording.index_of(stamp) if self._recording else None
         if frame is None:
-            self._link.send_target(box, stamp)
-            self._expect_verdict()
+            await self._expect_verdict(partial(self._link.send_target, box, stamp))
             return
         self._picked = PickedTarget(box, stamp, frame)
         await self._go_to(frame)
@@ -375,11 +389,14 @@ class Hub:
                 await self._link.stop()
                 target, first = self._picked, frame
                 if target:
-                    self._link.send_target(target.box, target.stamp)
-                    await loop.run_in_executor(None, self._link.await_target)
+                    send = partial(self._link.send_target, target.box, target.stamp)
                     first = min(frame, target.frame)
                     if first == target.frame:
-                        self._expect_verdict()
+                        await self._expect_verdict(send)
+                    else:
+                        send()
+                    while not await loop.run_in_executor(None, self._link.await_target):
+                        send()
                 played.seek(first)
                 if frame > first:
                     played.step(frame - first)
@@ -411,6 +428,14 @@ class Hub:
             refusal = str(error)
         await browser.send_json({"type": "set", "name": name, "refusal": refusal})
 
+    async def _on_heat(self, browser: Browser, message: Json) -> None:
+        """Show the likelihood around the target, or hide it."""
+        if message.get("shown") is True and browser in self._browsers:
+            self._heated.add(browser)
+        else:
+            self._heated.discard(browser)
+        self._watch()
+
     async def _on_reset(self, message: Json) -> None:
         """Take the preset in force anew, and so all values of it."""
         known = next((one for one in self._parameters if one["name"] == "preset"), None)
@@ -432,9 +457,16 @@ class Hub:
         finally:
             self._reading = None
 
-    def _expect_verdict(self) -> None:
+    async def _expect_verdict(self, send: Callable[[], None]) -> None:
+        """Send a target, and tell what becomes of it."""
+        # A tracker that has just been found may not be known to take any yet.
+        for _ in range(_MEETING_TICKS):
+            if self._link.takes_targets:
+                break
+            await asyncio.sleep(_TICK)
+        send()
         self._picks += 1
-        self._pick = Pick(self._picks, time.monotonic())
+        self._pick = Pick(self._picks, time.monotonic(), send)
 
     def _conclude(self, verdict: Verdict | None, *, final: bool = True) -> None:
         if verdict is None or self._pick is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,7 +17,7 @@ _PATIENCE = 0.25
 # A tracker that has been silent for so long is not waited for.
 _SILENCE = 1.0
 _WITH_BOX = ("tracking", "occluded")
-_WITH_PARTICLES = ("tracking", "occluded", "lost")
+_OF_A_TARGET = ("tracking", "occluded", "lost")
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Shown:
         stamp: Of its header, nanoseconds.
         image: The message.
         parts: What the tracker said of it, and of an earlier frame of the same stamp: `status`,
-            `box` and `particles`, as far as it did.
+            `box`, `particles` and `likelihood`, as far as it did.
     """
 
     number: int
@@ -40,8 +41,12 @@ class Shown:
     def answer(self) -> Json:
         """The parts that belong to the status."""
         state = self.parts["status"]["values"].get("state") if "status" in self.parts else None
-        allowed = {"status": True, "box": state in _WITH_BOX, "particles": state in _WITH_PARTICLES}
-        return {name: part for name, part in self.parts.items() if allowed[name]}
+        allowed = {"status": True, "box": state in _WITH_BOX}
+        return {
+            name: part
+            for name, part in self.parts.items()
+            if allowed.get(name, state in _OF_A_TARGET)
+        }
 
 
 @dataclass
@@ -55,14 +60,14 @@ class _Waiting:
 class _Answer:
     parts: Json = field(default_factory=dict)
 
-    def is_complete(self, *, with_particles: bool) -> bool:
+    def is_complete(self, wanted: Collection[str]) -> bool:
         status = self.parts.get("status")
         if status is None:
             return False
         state = status["values"].get("state")
         if state in _WITH_BOX and "box" not in self.parts:
             return False
-        return not (with_particles and state in _WITH_PARTICLES and "particles" not in self.parts)
+        return state not in _OF_A_TARGET or self.parts.keys() >= set(wanted)
 
 
 class Pairing:
@@ -74,12 +79,12 @@ class Pairing:
 
     Attributes:
         latest: The frame to show; None before the first.
-        wants_particles: Whether they are waited for.
+        wanted: Parts of the answer that are waited for besides status and box.
     """
 
     def __init__(self) -> None:
         self.latest: Shown | None = None
-        self.wants_particles = False
+        self.wanted: set[str] = set()
         self._images: OrderedDict[int, _Waiting] = OrderedDict()
         self._answers: OrderedDict[int, _Answer] = OrderedDict()
         self._order = 0
@@ -104,7 +109,7 @@ class Pairing:
 
         Args:
             stamp: Of the image that it is about.
-            part: `status`, `box` or `particles`.
+            part: `status`, `box`, `particles` or `likelihood`.
             content: As in `Shown.answer`.
             now: As for `add_image`.
         """
@@ -123,7 +128,7 @@ class Pairing:
         silent = now - self._answered_at > _SILENCE
         for stamp, waiting in reversed(self._images.items()):
             answer = self._answers.get(stamp, _Answer())
-            complete = answer.is_complete(with_particles=self.wants_particles)
+            complete = answer.is_complete(self.wanted)
             if complete or silent or now - waiting.arrival > _PATIENCE:
                 number = self.latest.number + 1 if self.latest else 1
                 self.latest = Shown(number, stamp, waiting.image, dict(answer.parts))

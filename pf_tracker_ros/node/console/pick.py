@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from pf_tracker_ros.node.console.answers import Json
 
 _REFUSED = "target refused"
+# A frame that is answered so much later, in seconds, would have told of the target.
+_ANSWERED_AFTER = 0.5
+_MOST_ATTEMPTS = 4
 
 
 @dataclass(frozen=True)
@@ -33,11 +37,29 @@ class Pick:
     Args:
         number: As the attribute.
         sent_at: As the attribute.
+        send: Sends it.
     """
 
-    def __init__(self, number: int, sent_at: float) -> None:
+    def __init__(self, number: int, sent_at: float, send: Callable[[], None]) -> None:
         self.number = number
         self.sent_at = sent_at
+        self._send = send
+        self._attempts = 1
+        self._tried_at = sent_at
+
+    def send_again(self, answered_at: float, now: float) -> None:
+        """Send it again if frames have been answered since, and none of them told of it.
+
+        What is sent while two sides get to know each other may be lost.
+
+        Args:
+            answered_at: When the last frame was, by the clock of `sent_at`.
+            now: By the same clock.
+        """
+        if answered_at - self._tried_at > _ANSWERED_AFTER and self._attempts < _MOST_ATTEMPTS:
+            self._attempts += 1
+            self._tried_at = now
+            self._send()
 
     def judge_status(self, status: Json) -> Verdict | None:
         """The verdict in the status of a frame, None if it has none."""

@@ -20,11 +20,11 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import SetBool, Trigger
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.node.console.answers import Json, box_of, particles_of, status_of
+from pf_tracker_ros.node.console.answers import Json, box_of, heat_of, particles_of, status_of
 from pf_tracker_ros.node.console.tuning import shaped, shown_names
 from pf_tracker_ros.node.message_building import box_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, advertise, subscribe
@@ -44,6 +44,8 @@ _TARGET_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 # A service may not know a client yet that it is ready for; its answer is lost then.
 _PATIENCE = 2.0
 _ATTEMPTS = 2
+_TICK = 0.1
+_MEETING_TICKS = 20
 
 
 class TrackerError(Exception):
@@ -59,9 +61,9 @@ class TrackerLink:
     Args:
         node: The console's node.
         name: Of the tracker's node, in the console's namespace unless it begins with a slash.
-        receive: Called in the executor with what came (`image`, `box`, `particles`, `status`,
-            `health`, `parameters` for a change of these, or `fault`), its stamp in nanoseconds (0
-            without one), and the content.
+        receive: Called in the executor with what came, its stamp in nanoseconds (0 without one),
+            and the content: `image`, `box`, `particles`, `likelihood`, `status`, `health`,
+            `parameters` for a change of these, or `fault`.
     """
 
     def __init__(self, node: Node, name: str, receive: Receive) -> None:
@@ -74,6 +76,7 @@ class TrackerLink:
         self._image_topic = ""
         self._watching = False
         self._particles: Subscription | None = None
+        self._likelihood: Subscription | None = None
         self._images = ImageInput(node, self._on_image, self._report)
         for kind, message_type, profile, callback in (
             ("box", PolygonStamped, DEFAULT_QOS, self._on_box),
@@ -102,6 +105,10 @@ class TrackerLink:
         """Subscribe to images and particles as long as anybody looks."""
         self._do(lambda: self._watch(watched))
 
+    def watch_likelihood(self, watched: bool) -> None:
+        """Subscribe to the likelihood around the target, which costs the tracker time."""
+        self._do(partial(self._watch_likelihood, watched))
+
     def follow_images(self, topic: str) -> None:
         """Take the images from the topic that the tracker takes them from.
 
@@ -126,6 +133,13 @@ class TrackerLink:
         message = box_message(box, PolygonStamped().header)
         set_stamp(message.header, stamp)
         self._targets.publish(message)
+
+    @property
+    def takes_targets(self) -> bool:
+        """Whether somebody takes targets."""
+        return bool(
+            self._targets.get_subscription_count() and self._clicks.get_subscription_count()
+        )
 
     def await_target(self) -> bool:
         """Wait until the tracker has the target that was sent last; whether it has."""
@@ -191,7 +205,12 @@ class TrackerLink:
         Raises:
             TrackerError: There is no such service, or it does not answer.
         """
-        if not client.service_is_ready():
+        # Those of a tracker that has just been found may not be known yet.
+        for _ in range(_MEETING_TICKS):
+            if client.service_is_ready():
+                break
+            await asyncio.sleep(_TICK)
+        else:
             raise TrackerError(
                 f"{client.srv_name} is not there: is the tracker running and active?"
             )
@@ -227,6 +246,15 @@ class TrackerLink:
         elif self._particles:
             self._node.destroy_subscription(self._particles)
             self._particles = None
+
+    def _watch_likelihood(self, watched: bool) -> None:
+        if watched and self._likelihood is None:
+            self._likelihood = self._subscribe(
+                "likelihood", Image, DEFAULT_QOS, self._on_likelihood
+            )
+        elif self._likelihood and not watched:
+            self._node.destroy_subscription(self._likelihood)
+            self._likelihood = None
 
     def _change_topic(self) -> None:
         if self._images.topic != self._image_topic:
@@ -284,6 +312,9 @@ class TrackerLink:
 
     def _on_particles(self, message: PointCloud2) -> None:
         self._receive("particles", stamp_of(message.header), particles_of(message))
+
+    def _on_likelihood(self, message: Image) -> None:
+        self._receive("likelihood", stamp_of(message.header), heat_of(message))
 
     def _on_status(self, message: DiagnosticArray) -> None:
         for status in message.status[:1]:

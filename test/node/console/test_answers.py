@@ -1,5 +1,6 @@
 """What the tracker says, shaped for the page."""
 
+import base64
 import json
 from array import array
 
@@ -7,9 +8,9 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point32, PolygonStamped
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import Image, PointCloud2
 
-from pf_tracker_ros.node.console.answers import box_of, packed, particles_of, status_of
+from pf_tracker_ros.node.console.answers import box_of, heat_of, packed, particles_of, status_of
 
 
 def cloud(rows):
@@ -80,6 +81,33 @@ def test_of_very_many_particles_the_heaviest_are_shown():
 )
 def test_clouds_that_hold_no_particles_are_shown_as_none(message):
     assert particles_of(message) == []
+
+
+def likelihood(values, **fields):
+    data = array("B", np.array(values, "<f4").tobytes())
+    shape = {"width": len(values[0]), "height": len(values), "encoding": "32FC1"}
+    return Image(data=data, **(shape | fields))
+
+
+def test_the_heat_is_full_at_the_likeliest_and_fades_with_the_logarithm():
+    found = heat_of(likelihood([[-110.0, -100.0], [-120.0, float("nan")]]))
+    assert found["columns"] == 2
+    assert list(base64.b64decode(found["heat"])) == [127, 255, 0, 0]
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        Image(),
+        likelihood([[0.0]], encoding="mono8"),
+        likelihood([[0.0]], width=3),
+        likelihood([[0.0]], is_bigendian=1),
+        likelihood([[float("nan")]]),
+        Image(width=2**20, height=2**20, encoding="32FC1"),
+    ],
+)
+def test_what_is_no_likelihood_is_no_heat(message):
+    assert heat_of(message) is None
 
 
 def test_a_frame_is_its_header_and_its_picture():

@@ -15,12 +15,16 @@ class Link:
     """Notes what is sent."""
 
     name = "/pf_tracker"
+    takes_targets = True
 
     def __init__(self):
         self.sent, self.watched = [], []
 
     def watch(self, watched):
         self.watched.append(watched)
+
+    def watch_likelihood(self, watched):
+        self.likelihood = watched
 
     def follow_images(self, topic):
         self.sent.append(("follow", topic))

@@ -125,6 +125,25 @@ def test_the_last_minute_of_the_figures_is_drawn(camera, page):
     assert sum(shares) == pytest.approx(1.0, abs=0.02)
 
 
+def test_the_likelihood_is_shown_on_demand(tracker, camera, page):
+    (publisher,) = [one for one in tracker.publishers if one.topic.endswith("/likelihood")]
+    camera.show_on(page)
+    page.drag(camera.box_at(page.stamp))
+    camera.show_until(lambda: page.box, "box")
+    assert publisher.get_subscription_count() == 0
+    page.keyboard.press("h")
+    camera.show_until(page.locator("#heat").is_visible, "heat")
+    camera.show_on(page)
+    area, (x, y, width, height) = page.locator("#heat").bounding_box(), page.box
+    middle = page.to_screen(x + width / 2, y + height / 2)
+    found = area["x"] + area["width"] / 2, area["y"] + area["height"] / 2
+    assert found == pytest.approx(middle, abs=2.0)
+    assert "color contrast: target 1.00, rival 0." in page.locator("#bars").inner_text()
+    page.keyboard.press("h")
+    assert page.locator("#heat").is_hidden()
+    camera.show_until(lambda: publisher.get_subscription_count() == 0, "silence")
+
+
 @pytest.mark.usefixtures("tracker")
 def test_two_browsers_see_the_same(console, camera, open_page):
     one, other = open_page(console.link), open_page(console.link)

@@ -36,7 +36,7 @@ def test_the_order_in_which_the_parts_come_does_not_matter(pairing):
 
 
 def test_particles_are_waited_for_where_somebody_looks(pairing):
-    pairing.wants_particles = True
+    pairing.wanted = {"particles"}
     pairing.add_image(2, "picture", now=0.0)
     pairing.add_answer(2, "status", TRACKING, now=0.0)
     pairing.add_answer(2, "box", [1, 2, 3, 4], now=0.0)
@@ -46,7 +46,7 @@ def test_particles_are_waited_for_where_somebody_looks(pairing):
 
 
 def test_without_a_target_there_is_nothing_to_wait_for(pairing):
-    pairing.wants_particles = True
+    pairing.wanted = {"particles"}
     pairing.add_image(2, "picture", now=0.0)
     pairing.add_answer(2, "status", IDLE, now=0.0)
     assert pairing.choose(now=0.0)

@@ -1,5 +1,7 @@
 """Picking a target on the live page: by pointer, touch and keyboard."""
 
+import itertools
+
 import pytest
 from geometry_msgs.msg import PointStamped, PolygonStamped
 from std_srvs.srv import SetBool
@@ -237,6 +239,23 @@ def test_every_control_is_reached_by_the_tab_key(shown):
     )
     assert set(focusable) <= reached
     assert "draw" in focusable
+
+
+def test_a_target_that_nobody_takes_is_told_and_the_picture_goes_on(page, client, images):
+    """Without a tracker the console shows the images of the topic all the same."""
+    stamps = (client.at(index) for index in itertools.count())
+
+    def has_shown(stamp):
+        client.images.publish(client.message(images[0], stamp))
+        page.wait_for_timeout(20)
+        return page.stamp
+
+    client.wait_for(lambda: has_shown(next(stamps)), "picture")
+    page.drag((20, 20, 30, 30))
+    page.wait_until(lambda: "nobody takes targets" in page.text("note"), "reason")
+    page.keyboard.press("Escape")
+    before = page.stamp
+    client.wait_for(lambda: has_shown(next(stamps)) > before, "next picture")
 
 
 def test_a_service_that_is_not_there_is_told(console, client, open_page):

@@ -1,4 +1,5 @@
 // Connects to the console, and shows what it tells.
+import * as heat from "./heat.js";
 import * as plots from "./plots.js";
 import * as recording from "./recording.js";
 import * as stage from "./stage.js";
@@ -34,9 +35,15 @@ function connect() {
 }
 
 const handlers = {
-  welcome(message) { text("name", message.tracker.replace(/^\//, "")); },
+  welcome(message) {
+    text("name", message.tracker.replace(/^\//, ""));
+    heat.ask();
+  },
   health(message) { health = message; showHealth(); },
-  note(message) { note(message.text, message.ok); },
+  note(message) {
+    note(message.text, message.ok);
+    if (!message.ok && ["target", "click"].includes(message.about)) stage.judge("refused");
+  },
   recording(message) { recording.show(message); },
   parameters(message) { tune.show(message.parameters); },
   set(message) { tune.judge(message.name, message.refusal); },
@@ -105,6 +112,7 @@ setInterval(() => {
   text("rate", `${number(1000 * drawnAt.length / RATE_WINDOW, 1)} frames/s`);
 }, 500);
 
+heat.begin(send);
 recording.begin(send);
 stage.begin(send, note);
 tune.begin(send);

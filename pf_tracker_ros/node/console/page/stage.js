@@ -1,4 +1,5 @@
 // The picture, what is drawn over it, and drawing a target: by pointer, touch or keyboard.
+import * as heat from "./heat.js";
 import * as recording from "./recording.js";
 
 const at = (id) => document.getElementById(id);
@@ -74,6 +75,7 @@ function drawOverlay() {
   overlay.dataset.box = JSON.stringify(box);
   place(at("box"), box);
   place(at("halo"), box);
+  heat.show(frame);
   const unit = frame.width / overlay.clientWidth || 1;
   set(at("particles"), { d: (frame.particles ?? []).map(([x, y, weight]) => {
     const side = unit * (1.5 + 5 * weight);
@@ -221,6 +223,7 @@ function onKey(event) {
   else if (event.key === " " && !event.target.matches("button, summary")) pause();
   else if (key === "s") stop();
   else if (key === "r") startDrawing();
+  else if (key === "h") heat.toggle();
   else if (key === "n" && recording.isOpen()) recording.step();
   else return;
   event.preventDefault();
