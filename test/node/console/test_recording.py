@@ -60,7 +60,6 @@ def at_frame(page, index):
 
 def go_to(page, index):
     page.locator("#seek").fill(str(index))
-    page.locator("#seek").dispatch_event("change")
     at_frame(page, index)
 
 
