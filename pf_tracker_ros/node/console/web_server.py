@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import socket
 import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -85,7 +86,9 @@ class WebServer:
     @property
     def link(self) -> str:
         """The address to open, with the token where one is asked for."""
-        host = f"[{self._host}]" if ":" in self._host else self._host
+        # All addresses of this machine are none to open.
+        host = socket.gethostname() if self._host in ("0.0.0.0", "::") else self._host
+        host = f"[{host}]" if ":" in host else host
         token = f"?token={self.access.token}" if self.access.token else ""
         return f"http://{host}:{self._port}/{token}"
 
@@ -146,8 +149,8 @@ class WebServer:
         self._started.set()
         await self._stopping.wait()
         running.cancel()
-        for socket in list(self._sockets):
-            await socket.close(code=1001)
+        for response in list(self._sockets):
+            await response.close(code=1001)
         await runner.cleanup()
         self._hub.close()
 
