@@ -7,11 +7,14 @@ BENCH_VENV := .venv-bench
 BENCH_INSTALLED := $(BENCH_VENV)/.installed
 
 # What `make lock` pins: the extras of setup.py that `make setup` installs.
-LOCKED_EXTRAS := ros evaluation recordings parquet test development
+LOCKED_EXTRAS := ros console evaluation recordings parquet test development
 
 # What `make bench` runs on, and further arguments for it.
 SEQUENCES ?=
 BENCH_ARGS ?=
+
+# Further arguments for `make console`.
+CONSOLE_ARGS ?=
 
 # Nothing that the tests and the demo publish leaves the machine.
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
@@ -22,7 +25,7 @@ ifdef AMENT_PREFIX_PATH
 unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 endif
 
-.PHONY: help setup test lint demo bench sequences-given generate lock clean
+.PHONY: help setup test lint demo console bench sequences-given generate lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s%s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -49,6 +52,9 @@ lint: $(INSTALLED)  ## lint, format, spelling and types alone
 
 demo: $(INSTALLED)  ## track two recorded clips through the node; results go to demo/<clip>/
 	$(VENV)/bin/python demo/run.py
+
+console: $(INSTALLED)  ## open the tracker's web page on a recorded clip (CONSOLE_ARGS="--clip bikes")
+	$(VENV)/bin/python demo/console.py $(CONSOLE_ARGS)
 
 bench: sequences-given $(BENCH_INSTALLED)  ## all presets and other trackers on SEQUENCES="..." (in .venv-bench)
 	$(BENCH_VENV)/bin/python benchmarks/peers.py $(SEQUENCES) $(BENCH_ARGS)

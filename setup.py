@@ -36,6 +36,8 @@ EXTRAS = {
     ],
     "opencv": OPENCV,
     "bags": BAGS,
+    # The web page; the version is that of Ubuntu 24.04 or newer.
+    "console": ["aiohttp>=3.9,<4"],
     "evaluation": ["rich>=13", "matplotlib>=3.6", "jinja2>=3"],
     # The command `track`; with a ROS from apt, rosdep has all of it but rosbags, which writes bags.
     "recordings": ["rich>=13", "matplotlib>=3.6", "jinja2>=3", "pyyaml", *BAGS],
@@ -43,7 +45,15 @@ EXTRAS = {
     # Peers that benchmarks compare with, in an environment of its own: `particles` wants NumPy 1.
     "benchmark": ["particles>=0.4,<0.5", "rich>=13", "matplotlib>=3.6"],
     # colcon takes pytest as the test runner because it finds it under this name.
-    "test": ["pytest>=7.4,<9", "hypothesis>=6.98", "catkin-pkg>=1.0", "pillow>=9", "pyyaml"],
+    "test": [
+        "pytest>=7.4,<9",
+        "hypothesis>=6.98",
+        "catkin-pkg>=1.0",
+        "pillow>=9",
+        "pyyaml",
+        # Drives an installed Chromium; it brings no browser.
+        "playwright>=1.49",
+    ],
     "development": [
         "ros-jazzy-domain-coordinator==0.12.0",
         "colcon-common-extensions==0.3.0",
@@ -70,7 +80,9 @@ setup(
     project_urls={"Issues": "https://github.com/pf-tracker-ros/pf_tracker_ros/issues"},
     python_requires=">=3.10",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed", "evaluation/reports/*.jinja"]},
+    package_data={
+        PACKAGE: ["py.typed", "evaluation/reports/*.jinja", "node/console/page/*"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (SHARE, ["package.xml"]),
@@ -84,6 +96,7 @@ setup(
         "console_scripts": [
             f"tracker = {PACKAGE}.commands:tracker",
             f"replay = {PACKAGE}.commands:replay",
+            f"console = {PACKAGE}.commands:console",
             f"evaluate = {PACKAGE}.commands:evaluate",
             f"track = {PACKAGE}.commands:track",
         ],

@@ -35,6 +35,7 @@ FOR_THE_TRACKER = (
     "seed",
     "large_images",
     "log_level",
+    "console",
 )
 
 
@@ -114,6 +115,11 @@ def generate_launch_description() -> LaunchDescription:
             argument("image", "Topic of the images.", default="image"),
             argument("namespace", "Namespace of both nodes."),
             argument("tracker", "Start a tracker as well.", default="true"),
+            argument(
+                "console",
+                "Serve the tracker's page on the loopback, port 8642, as long as the replay runs.",
+                default="false",
+            ),
             argument("preset", "Preset of the tracker."),
             argument("params_file", "ROS parameter file of the tracker."),
             argument(

@@ -18,7 +18,7 @@ TEXTS = ("image_reliability", "image_transport")
 
 
 def start_tracker(context: LaunchContext) -> list[Node]:
-    """The tracker node with what was given; the rest is for its own defaults."""
+    """The tracker node with what was given, and a console; the rest is for their own defaults."""
     given = Given(context)
     parameters = {"use_sim_time": given.flag("use_sim_time")}
     for name in TEXTS:
@@ -32,21 +32,21 @@ def start_tracker(context: LaunchContext) -> list[Node]:
         parameters["seed"] = given.number("seed", int)
     if box := given.box("target_box"):
         parameters["target_box"] = box
-    return [
-        Node(
-            package=PACKAGE,
-            executable="tracker",
-            name="pf_tracker",
-            namespace=given.text("namespace") or None,
-            # What comes later wins, so an argument wins over the file.
-            parameters=[*given.file("params_file"), parameters],
-            remappings=[("image", given.text("image"))],
-            arguments=given.log_arguments(),
-            additional_env=given.environment(),
-            output="screen",
-            emulate_tty=True,
-        )
-    ]
+    of_both = {
+        "package": PACKAGE,
+        "namespace": given.text("namespace") or None,
+        "remappings": [("image", given.text("image"))],
+        "arguments": given.log_arguments(),
+        "additional_env": given.environment(),
+        "output": "screen",
+        "emulate_tty": True,
+    }
+    # What comes later wins, so an argument wins over the file.
+    all_parameters = [*given.file("params_file"), parameters]
+    nodes = [Node(executable="tracker", name="pf_tracker", parameters=all_parameters, **of_both)]
+    if given.flag("console"):
+        nodes.append(Node(executable="console", name="console", **of_both))
+    return nodes
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -71,6 +71,11 @@ def generate_launch_description() -> LaunchDescription:
                 "autostart",
                 "Start tracking at once; false leaves it to a lifecycle manager.",
                 default="true",
+            ),
+            argument(
+                "console",
+                "Serve the page that shows and drives the tracker on the loopback, port 8642.",
+                default="false",
             ),
             argument("use_sim_time", "Take the time from /clock.", default="false"),
             argument(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
 from typing import NoReturn
 
 from pf_tracker_ros.opencv import require_opencv
@@ -27,6 +28,15 @@ examples:
   replay drive.mp4 --ros-args -r image:=/camera/image_raw -p rate:=0.5 -p loop:=true
 
 The rest is ROS parameters: `ros2 param list /replay` and `ros2 param describe` tell of each.
+"""
+_CONSOLE_EXAMPLES = """\
+examples:
+  console
+  console drive.mcap
+  console --ros-args -p port:=8700 -p tracker:=/left/pf_tracker
+
+Then open the address that it writes. The rest is ROS parameters: `ros2 param list /console` and
+`ros2 param describe` tell of each.
 """
 
 
@@ -64,6 +74,36 @@ def replay() -> int:
         parser.error(f"the name {source!a} is not UTF-8, which ROS needs; rename it")
     _require_opencv("replay")
     from pf_tracker_ros.node.replay.replay_node import main
+
+    return main(source=source)
+
+
+def console() -> int:
+    """Run the console, and return its exit code."""
+    hold_signals()
+    parser = _Parser(
+        "console",
+        "Serve a web page that shows what the tracker sees, and drives it: the ROS node console.",
+        _CONSOLE_EXAMPLES,
+    )
+    parser.add_argument(
+        "source",
+        nargs="?",
+        help="a recording to play to the tracker from the page: a rosbag2 folder or .mcap file, a "
+        "video, a folder of images or a sequence folder; the same as the parameter source",
+    )
+    source = parser.read(sys.argv[1:]).source
+    if source is not None and not _is_unicode(source):
+        parser.error(f"the name {source!a} is not UTF-8, which ROS needs; rename it")
+    _require_opencv("console")
+    if find_spec("aiohttp") is None:
+        print(
+            "console: error: the Python package aiohttp is missing; install the extra 'console' of "
+            "this package with pip, or python3-aiohttp with apt",
+            file=sys.stderr,
+        )
+        sys.exit(2)
+    from pf_tracker_ros.node.console.console_node import main
 
     return main(source=source)
 
@@ -114,7 +154,7 @@ class _Parser(argparse.ArgumentParser):
     def __init__(self, prog: str, description: str, examples: str) -> None:
         super().__init__(
             prog=prog,
-            usage=f"{prog} [-h]{' [SOURCE]' if prog == 'replay' else ''} [--ros-args ...]",
+            usage=f"{prog} [-h]{'' if prog == 'tracker' else ' [SOURCE]'} [--ros-args ...]",
             description=description,
             epilog=examples,
             formatter_class=argparse.RawDescriptionHelpFormatter,

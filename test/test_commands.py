@@ -20,7 +20,7 @@ def run(name, *arguments):
     )
 
 
-@pytest.mark.parametrize("name", ["tracker", "replay"])
+@pytest.mark.parametrize("name", ["tracker", "replay", "console"])
 def test_help_tells_what_it_is_and_how_ros_gives_it_parameters(name):
     outcome = run(name, "--help")
     assert outcome.returncode == 0
@@ -36,6 +36,8 @@ def test_help_tells_what_it_is_and_how_ros_gives_it_parameters(name):
         ("tracker", ["--preset=li2007"], "tracker --ros-args -p preset:=li2007 ("),
         ("tracker", ["preset:=li2007"], "tracker --ros-args -p NAME:=VALUE ("),
         ("tracker", ["drive.mcap"], "there is no argument drive.mcap;"),
+        ("console", ["a.mcap", "b.mcap"], "there is no argument b.mcap;"),
+        ("console", ["--port=80"], "console --ros-args -p port:=80 ("),
         ("replay", ["a.mcap", "--loop"], "replay --ros-args -p loop:=VALUE ("),
         ("replay", ["a.mcap", "b.mcap"], "there is no argument b.mcap;"),
         ("replay", ["--rate=2", "--ros-args", "-p", "x:=1"], "-p rate:=2 ("),
@@ -49,6 +51,19 @@ def test_an_argument_that_ros_would_have_to_be_given_is_refused_with_how(name, a
     (line,) = outcome.stderr.splitlines()
     assert line.startswith(f"{name}: error: ")
     assert cure in line
+
+
+def test_the_console_says_what_it_lacks():
+    code = (
+        "import sys; sys.modules['aiohttp'] = None\n"
+        "import pf_tracker_ros.commands as c; sys.exit(c.console())"
+    )
+    outcome = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=TIMEOUT, check=False
+    )
+    assert outcome.returncode == 2
+    assert "console: error: the Python package aiohttp is missing" in outcome.stderr
+    assert "apt" in outcome.stderr
 
 
 def test_replay_ends_if_the_path_cannot_be_played(ros_domain):

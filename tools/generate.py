@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import Declaration, all_declarations, choosers, declarations
@@ -91,6 +92,8 @@ def _parameter_tables() -> str:
         _table(_in_groups(all_declarations(TrackerParameters)), presets, "learns again"),
         "## The replay publisher `replay`",
         _table(declarations(ReplayParameters)),
+        "## The console `console`",
+        _table(declarations(ConsoleParameters)),
     ]
     return "\n\n".join(sections) + "\n"
 

@@ -176,6 +176,15 @@ class CueFusion:
             fused += power * self._cues[name].log_likelihood(region, boxes, template)
         return fused
 
+    def log_likelihoods(
+        self, region: Region, boxes: NDArray[np.float64], templates: Templates
+    ) -> dict[str, NDArray[np.float64]]:
+        """Name of each cue that has a template to its (N,) log likelihoods of (N, 4) boxes."""
+        return {
+            name: self._cues[name].log_likelihood(region, boxes, template)
+            for name, template in self._known(templates)
+        }
+
     def strengths(
         self, region: Region, boxes: NDArray[np.float64], templates: Templates
     ) -> Strengths:

@@ -22,6 +22,7 @@ from pf_tracker_ros.footage.messages import (
     particle_columns,
 )
 from pf_tracker_ros.tracking.estimate import Estimate
+from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 
 _FLOAT_SIZE = 4
 
@@ -102,6 +103,34 @@ def image_message(image: NDArray[np.generic], header: Header) -> Image:
         step=pixels.strides[0],
         data=_octets(pixels),
     )
+
+
+def likelihood_message(likelihood: LikelihoodMap, header: Header) -> Image:
+    """The fused log likelihood around a target as an image, encoded 32FC1, a pixel a place."""
+    pixels = np.ascontiguousarray(likelihood.log_likelihood, dtype="<f4")
+    return Image(
+        header=header,
+        height=pixels.shape[0],
+        width=pixels.shape[1],
+        encoding="32FC1",
+        is_bigendian=0,
+        step=pixels.strides[0],
+        data=_octets(pixels),
+    )
+
+
+def likelihood_values(likelihood: LikelihoodMap) -> dict[str, str | float | int]:
+    """Where the likelihood image lies, and what each cue says, under the keys of the status."""
+    x, y, side, _ = likelihood.square
+    values: dict[str, str | float | int] = {
+        "likelihood_x": x,
+        "likelihood_y": y,
+        "likelihood_side": side,
+    }
+    for name, cue in likelihood.cues.items():
+        values[f"at_target_{name}"] = cue.at_target
+        values[f"at_rival_{name}"] = cue.at_rival
+    return values
 
 
 def status_message(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -26,6 +27,7 @@ from pf_tracker_ros.tracking.confidence import Confidence
 from pf_tracker_ros.tracking.estimate import Estimate, FrozenPowers, TrackState
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
 from pf_tracker_ros.tracking.judgment import Judgment
+from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap, map_likelihood
 from pf_tracker_ros.tracking.measurement import Measurement, Measurer, SearchingMeasurer
 from pf_tracker_ros.tracking.parameter_checks import check_proposal
 from pf_tracker_ros.tracking.parameters import TrackerParameters
@@ -181,6 +183,15 @@ class Follower:
         judged = self._judge(target, measured, interval, draw)
         learned = self._learn(target, prediction, measured, judged)
         return self._advance(target, measured, judged, learned, draw)
+
+    def map_likelihood(self, target: Target, frame: Frame) -> LikelihoodMap:
+        """How likely a target that was followed into a frame is around its box there."""
+        return map_likelihood(
+            target.estimate.box,
+            frame.size,
+            target.estimate.powers,
+            partial(self._measurer.log_likelihoods, target, frame),
+        )
 
     def _judge(
         self, target: Target, measured: Measurement, interval: float, draw: np.random.Generator

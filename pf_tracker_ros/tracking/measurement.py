@@ -119,6 +119,14 @@ class Measurer:
         """
         return judged.particles.covariance[:2, :2]
 
+    def log_likelihoods(
+        self, target: Target, frame: Frame, boxes: NDArray[np.float64]
+    ) -> dict[str, NDArray[np.float64]]:
+        """Name of each cue to its (N,) log likelihoods of (N, 4) boxes of the target's size."""
+        place = np.asarray(target.estimate.box)
+        region = self._region(frame, boxes, place, place)
+        return self._fusion.log_likelihoods(region, boxes, target.templates)
+
     def _region(
         self,
         frame: Frame,

@@ -18,6 +18,7 @@ from pf_tracker_ros.frames.gain_control import GainControl
 from pf_tracker_ros.frames.light import Light
 from pf_tracker_ros.tracking.estimate import TrackState
 from pf_tracker_ros.tracking.follower import Follower
+from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.target import Target
 
 _FIRST_ID = 1
@@ -105,6 +106,15 @@ class Scene:
             for number, target in self._targets.items()
         }
         self._frame, self._gain, self._light = frame, gain, light
+
+    def map_likelihood(self, number: int) -> LikelihoodMap | None:
+        """How likely a target is around its box, None where its frame is not at hand.
+
+        Raises:
+            KeyError: There is none of this id.
+        """
+        target = self._targets[number]
+        return self._follower.map_likelihood(target, self._frame) if self._frame else None
 
     def reconfigure(self, follower: Follower) -> None:
         """Go on with other parameters; the targets are kept."""

@@ -20,6 +20,7 @@ from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.frame_history import FrameHistory, PastFrame
+from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.tracker import Tracker
 
@@ -233,6 +234,10 @@ class Session:
         self.withdraw()
         self._tracker.stop()
         self._estimate = self._sighting = self._checked = None
+
+    def map_likelihood(self) -> LikelihoodMap | None:
+        """How likely the target is around its box, in the frame that was looked at last."""
+        return self._tracker.map_likelihood()
 
     def process(self, image: NDArray[np.generic], stamp: int) -> Outcome:
         """Take one frame.

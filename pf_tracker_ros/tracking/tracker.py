@@ -13,6 +13,7 @@ from pf_tracker_ros.parameters import ParameterError, build, change, declaration
 from pf_tracker_ros.tracking.estimate import Estimate, TrackState
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_interval
+from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 from pf_tracker_ros.tracking.scene import Scene
@@ -230,6 +231,16 @@ class Tracker:
         with _usual_arithmetic():
             tracked.scene.update(image, interval)
         return tracked.target.estimate
+
+    def map_likelihood(self) -> LikelihoodMap | None:
+        """How likely the target is at each place around its box, in the frame given last.
+
+        Nothing is tracked by it. None without a target, and in a copy without that frame.
+        """
+        if self._tracked is None:
+            return None
+        with _usual_arithmetic():
+            return self._tracked.scene.map_likelihood(self._tracked.number)
 
 
 class _Tracked(NamedTuple):

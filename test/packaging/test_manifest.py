@@ -16,7 +16,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = "pf_tracker_ros"
 # Imported only where an extra of setup.py has brought it, as the build farm takes no package of
 # pip, or, for the plugin of pytest, by pytest.
-OPTIONAL = {"pyarrow", "pytest", "rosbags"}
+OPTIONAL = {"playwright", "pyarrow", "pytest", "rosbags"}
 # What reads bags where ROS is, imported or found by name once a bag is opened.
 FOUND_AT_RUN_TIME = {
     "rosbag2_compression_zstd",
@@ -29,6 +29,7 @@ NOT_PINNED = {"particles"}
 # The rosdep keys of what is not a ROS package.
 ROSDEP_KEYS = {
     "PIL": "python3-pil",
+    "aiohttp": "python3-aiohttp",
     "catkin_pkg": "python3-catkin-pkg-modules",
     "cv2": "python3-opencv",
     "hypothesis": "python3-hypothesis",

@@ -17,10 +17,26 @@ class Stopped(Exception):  # noqa: N818
     """The playback was stopped while it waited."""
 
 
-class Playback:
-    """The clock of a playback: a thread waits in it, others pause, stop or answer.
+class Sought(Exception):  # noqa: N818
+    """The playback is to go on from another item.
 
-    Every wait ends early with `Stopped` once `stop` is called.
+    Args:
+        index: Of that item, counted from 0.
+
+    Attributes:
+        index: As given.
+    """
+
+    def __init__(self, index: int) -> None:
+        super().__init__(index)
+        self.index = index
+
+
+class Playback:
+    """The clock of a playback: a thread waits in it, others pause, step, seek, stop or answer.
+
+    Every wait ends early with `Stopped` once `stop` is called. Waiting for an item, or for the
+    answer to one, ends early with `Sought` once `seek` is called.
 
     Args:
         paused: Whether to begin paused.
@@ -30,6 +46,9 @@ class Playback:
         self._changed = threading.Condition()
         self._paused = paused
         self._stopped = False
+        self._steps = 0
+        self._sought: int | None = None
+        self._holding = False
         self._answer: int | None = None
         self._last_due: float | None = None
         self._last_time: int | None = None
@@ -57,6 +76,47 @@ class Playback:
             self._paused = paused
             self._changed.notify_all()
 
+    def step(self, count: int = 1) -> None:
+        """Let so many items pass a pause, at once."""
+        with self._changed:
+            self._steps += count
+            self._holding = False
+            self._changed.notify_all()
+
+    def seek(self, index: int) -> None:
+        """Go on from an item, counted from 0; a pause lets that one pass."""
+        with self._changed:
+            self._sought = index
+            self._steps = 1
+            self._holding = False
+            self._changed.notify_all()
+
+    def wait_until_held(self, timeout: float) -> bool:
+        """Wait until a pause holds an item back, or the source is at its end.
+
+        Args:
+            timeout: Longest wait in seconds.
+
+        Returns:
+            Whether it does, with no steps left.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._holding or self._stopped, timeout)
+            return self._holding
+
+    def wait_at_end(self) -> None:
+        """Wait at the end of the source, paused.
+
+        Raises:
+            Sought: The playback is to go on from an item.
+            Stopped: The playback was stopped.
+        """
+        with self._changed:
+            self._paused, self._steps = True, 0
+            while True:
+                self._raise_what_was_asked()
+                self._hold()
+
     def begin_pass(self) -> None:
         """Begin the source again: its first item is due one frame after its last."""
         self._last_time = None
@@ -73,6 +133,7 @@ class Playback:
             By how many seconds the item is late beyond what is tolerated, else 0.
 
         Raises:
+            Sought: The playback is to go on from an item.
             Stopped: The playback was stopped.
         """
         if self._last_time is not None:
@@ -80,12 +141,15 @@ class Playback:
         lag = 0.0
         with self._changed:
             while True:
-                if self._stopped:
-                    raise Stopped
+                self._raise_what_was_asked()
                 if self._paused:
-                    self._changed.wait()
                     self._last_due = None
+                    if self._steps:
+                        self._steps -= 1
+                        break
+                    self._hold()
                     continue
+                self._steps = 0
                 now = time.monotonic()
                 if rate is None or self._last_due is None:
                     self._last_due = now
@@ -122,15 +186,33 @@ class Playback:
             Whether it has.
 
         Raises:
+            Sought: The playback is to go on from an item.
             Stopped: The playback was stopped.
         """
         with self._changed:
             answered = self._changed.wait_for(
-                lambda: self._stopped or self._answer == stamp, timeout
+                lambda: self._stopped or self._sought is not None or self._answer == stamp, timeout
             )
-            if self._stopped:
-                raise Stopped
+            self._raise_what_was_asked()
         return answered
+
+    def _hold(self) -> None:
+        """Wait for a change while an item is held back."""
+        self._holding = True
+        self._changed.notify_all()
+        try:
+            self._changed.wait()
+        finally:
+            self._holding = False
+
+    def _raise_what_was_asked(self) -> None:
+        if self._stopped:
+            raise Stopped
+        if self._sought is not None:
+            index, self._sought = self._sought, None
+            # What was waited for is not what comes.
+            self._last_due = None
+            raise Sought(index)
 
     def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
         """Wait for something that can only be polled.

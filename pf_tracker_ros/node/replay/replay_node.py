@@ -6,9 +6,11 @@ thread publishes; a prefetching thread decodes. See `ReplayParameters` for what 
 
 from __future__ import annotations
 
+import itertools
 import sys
 import threading
 import traceback
+from collections.abc import Generator
 from contextlib import closing
 from typing import Any
 
@@ -23,13 +25,13 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CompressedImage
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.prefetch import Prefetch
 from pf_tracker_ros.node.message_building import box_message
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
-from pf_tracker_ros.node.replay.playback import Playback, Stopped
+from pf_tracker_ros.node.replay.playback import Playback, Sought, Stopped
 from pf_tracker_ros.node.replay.played_stamps import PlayedStamps
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.node.replay.replay_source import (
@@ -51,6 +53,7 @@ _ACKNOWLEDGE_TIMEOUT = 5.0
 # Whoever runs already has been discovered by then; nobody else is waited for without a target.
 _DISCOVERY_TIMEOUT = 2.0
 _WARNING_INTERVAL = 5.0
+_AT_ONCE = 1e9
 
 
 class ReplayNode(Node):
@@ -75,6 +78,8 @@ class ReplayNode(Node):
         self._log = self.get_logger()  # type: ignore[no-untyped-call]
         self.exit_code = 0
         self._published = 0
+        self._position = -1
+        self._indices: dict[int, int] = {}
         self._played_stamps = PlayedStamps(lambda: self.get_clock().now().nanoseconds)
         self._thread: threading.Thread | None = None
         self._binding = ParameterBinding(self)
@@ -134,14 +139,42 @@ class ReplayNode(Node):
                 DiagnosticArray, parameters.lockstep_status, self._on_status, _IMAGE_DEPTH
             )
         self.create_service(SetBool, "~/pause", self._on_pause)
+        self.create_service(Trigger, "~/step", self._on_step)
 
     @property
     def _rate(self) -> float:
         return float(self._binding.values["rate"])
 
     @property
+    def _lockstep_rate(self) -> float:
+        return float(self._binding.values["lockstep_rate"])
+
+    @property
     def has_begun(self) -> bool:  # noqa: D102
         return self._thread is not None
+
+    @property
+    def playback(self) -> Playback:
+        """To pause, step and seek, once it has begun."""
+        return self._playback
+
+    @property
+    def position(self) -> int:
+        """Index of the frame that was published last, counted from 0; -1 before the first."""
+        return self._position
+
+    @property
+    def frame_count(self) -> int | None:
+        """Of the source, as far as it tells, once it has begun."""
+        return self._source.count
+
+    def index_of(self, stamp: int) -> int | None:
+        """Index of a frame that has been published.
+
+        Args:
+            stamp: With which it was, nanoseconds.
+        """
+        return self._indices.get(stamp)
 
     def destroy_node(self) -> None:
         """End the playback, then the node."""
@@ -159,6 +192,17 @@ class ReplayNode(Node):
         response.success = True
         response.message = (
             f"{'paused' if request.data else 'playing'}, {self._published} frames published"
+        )
+        return response
+
+    def _on_step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._playback.paused
+        if response.success:
+            self._playback.step()
+        response.message = (
+            f"one more after {self._published} frames"
+            if response.success
+            else "it plays; the service ~/pause with true pauses it, and then there are steps"
         )
         return response
 
@@ -183,12 +227,12 @@ class ReplayNode(Node):
             f"replaying {self._source.name}: {count} frames on {self._image_publisher.topic_name}"
         )
         self._wait_for_tracker()
-        while True:
-            published_before = self._published
-            self._play_pass()
-            self._check_count(self._published - published_before)
-            if not self._binding.values["loop"]:
-                break
+        first: int | None = 0
+        while first is not None:
+            try:
+                first = self._play_on(first)
+            except Sought as sought:
+                first = sought.index
             self._playback.begin_pass()
         # The node stays until the last messages have arrived.
         self._wait_for_acknowledgment(self._image_publisher)
@@ -196,16 +240,36 @@ class ReplayNode(Node):
             self._wait_for_acknowledgment(self._ground_truth_publisher)
         self._log.info(f"published {self._published} frames of {self._source.name}")
 
-    def _play_pass(self) -> None:
-        target_is_due = self._sends_target
-        with closing(Prefetch(self._source.items())) as items:
-            for read in items:
+    def _play_on(self, first: int) -> int | None:
+        """Play to the end, and tell where to go on from then, None if that is all.
+
+        Args:
+            first: Index of the first frame to play.
+
+        Raises:
+            Sought: To go on from another one.
+        """
+        published_before = self._published
+        self._play_pass(first)
+        self._check_count(first + self._published - published_before)
+        if self._binding.values["loop"]:
+            return 0
+        if self._fixed.stay_at_end:
+            self._playback.wait_at_end()
+        return None
+
+    def _play_pass(self, first: int) -> None:
+        target_is_due = self._sends_target and first == 0
+        with closing(Prefetch(_items_from(self._source, first))) as items:
+            for index, read in enumerate(items, first):
                 self._wait_until_due(read)
                 item = self._stamped(read)
                 if target_is_due:
                     target_is_due = not self._send_target(item)
                 self._playback.forget_answer()
+                self._indices[item.stamp] = index
                 self._publish(item)
+                self._position = index
                 self._published += 1
                 if self._fixed.lockstep:
                     self._wait_for_status(item)
@@ -217,9 +281,14 @@ class ReplayNode(Node):
         return item.delay(self._played_stamps.delay_of(item.stamp, self._rate))
 
     def _wait_until_due(self, item: ReplayItem) -> None:
-        lag = self._playback.wait_until_due(
-            item.time, None if self._fixed.lockstep else lambda: self._rate
-        )
+        if self._fixed.lockstep:
+            # It may become 0 while it is waited for.
+            self._playback.wait_until_due(
+                item.time,
+                (lambda: self._lockstep_rate or _AT_ONCE) if self._lockstep_rate else None,
+            )
+            return
+        lag = self._playback.wait_until_due(item.time, lambda: self._rate)
         if lag > 0:
             self._played_stamps.follow_clock()
             self._log.warning(
@@ -323,6 +392,12 @@ class ReplayNode(Node):
             self._log.warning(
                 f"a subscriber of {publisher.topic_name} has not acknowledged all messages"
             )
+
+
+def _items_from(source: ReplaySource, first: int) -> Generator[ReplayItem, None, None]:
+    """The items of a source from one on, counted from 0."""
+    with closing(source.items()) as items:
+        yield from itertools.islice(items, first, None)
 
 
 def main(arguments: list[str] | None = None, source: str | None = None) -> int:

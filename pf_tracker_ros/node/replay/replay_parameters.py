@@ -47,6 +47,11 @@ class ReplayParameters:
         False,
         "Begin again at the end; the stamps begin again too.",
     )
+    stay_at_end: bool = declared(
+        False,
+        "Wait at the end, paused, in place of ending.",
+        read_only=True,
+    )
     start_paused: bool = declared(
         False,
         "Wait for the service ~/pause before the first frame.",
@@ -82,6 +87,13 @@ class ReplayParameters:
         "pf_tracker/status",
         "Topic of the tracker's status that lockstep waits for.",
         read_only=True,
+    )
+    lockstep_rate: float = declared(
+        0.0,
+        "Highest speed in lockstep, relative to the source's own time; 0 goes as fast as the "
+        "tracker.",
+        minimum=0.0,
+        maximum=1000.0,
     )
     lockstep_timeout: float = declared(
         1.0,

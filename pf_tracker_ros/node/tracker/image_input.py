@@ -45,6 +45,7 @@ class ImageInput:
         node: The node that subscribes.
         receive: Called with each message, an Image or a CompressedImage.
         report: Called with a sentence if a publisher and the subscription cannot match.
+        topic: Its name, in place of `image` and of what the transport makes of that.
     """
 
     def __init__(
@@ -52,11 +53,13 @@ class ImageInput:
         node: Node,
         receive: Callable[[Any], None],
         report: Callable[[str], None],
+        topic: str = "",
     ) -> None:
         self.reliability = "reliable"
         self._node = node
         self._receive = receive
         self._report = report
+        self._given_topic = topic
         self._transport = "raw"
         self._subscription: Subscription | None = None
         self._look: Timer | None = None
@@ -141,6 +144,8 @@ class ImageInput:
 
     def _topic_of(self, transport: str) -> str:
         """Compressed images come beside the raw ones, wherever `image` is remapped to."""
+        if self._given_topic:
+            return self._given_topic
         if transport == "raw":
             return "image"
         name = f"image/{transport}"

@@ -11,11 +11,17 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
-from pf_tracker_ros.node.message_building import box_message, image_message, particles_message
+from pf_tracker_ros.node.message_building import (
+    box_message,
+    image_message,
+    likelihood_message,
+    particles_message,
+)
 from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, advertise
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE, detections_message
 from pf_tracker_ros.overlay import draw_overlay
 from pf_tracker_ros.tracking.estimate import Estimate
+from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 
 
 class Outputs:
@@ -33,6 +39,9 @@ class Outputs:
             node, PointCloud2, "~/particles", profile=DEFAULT_QOS, report=report
         )
         self._overlay = advertise(node, Image, "~/overlay", profile=DEFAULT_QOS, report=report)
+        self._likelihood = advertise(
+            node, Image, "~/likelihood", profile=DEFAULT_QOS, report=report
+        )
         self._detections: Publisher | None = None
         if DETECTIONS_TYPE:
             self._detections = advertise(
@@ -52,8 +61,18 @@ class Outputs:
             text = f"{estimate.state} {estimate.confidence:.2f}" if estimate else "no target"
             self._overlay.publish(image_message(draw_overlay(image, estimate, text), header))
 
+    @property
+    def wants_likelihood(self) -> bool:
+        """Whether somebody listens to the likelihood around the target."""
+        return bool(self._likelihood.get_subscription_count())
+
+    def publish_likelihood(self, likelihood: LikelihoodMap, header: Header) -> None:
+        """Publish the likelihood around the target."""
+        self._likelihood.publish(likelihood_message(likelihood, header))
+
     def close(self) -> None:
         """Withdraw the topics."""
-        for publisher in (self._box, self._particles, self._overlay, self._detections):
+        taken = (self._box, self._particles, self._overlay, self._likelihood, self._detections)
+        for publisher in taken:
             if publisher:
                 self._node.destroy_publisher(publisher)

@@ -8,12 +8,13 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from pf_tracker_ros.node.message_building import status_message
+from pf_tracker_ros.node.message_building import likelihood_values, status_message
 from pf_tracker_ros.node.qos import LATCHED_QOS, Report, advertise
 from pf_tracker_ros.node.tracker.reporter import Reporter
 from pf_tracker_ros.node.tracker.skipped_frames import Skipped
 from pf_tracker_ros.stamps import parts
 from pf_tracker_ros.tracking.estimate import Estimate, estimate_values
+from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.state_descriptions import DESCRIPTIONS, SEVERITIES
 
 PAUSED = "paused; the service ~/enable goes on"
@@ -38,6 +39,7 @@ class Status:
         enabled: Whether it looks at images.
         preset: Of the tracker, and how many values differ from it.
         lost_share: Share of the camera's frames that did not come, 0 to 1.
+        likelihood: Around the target in this frame, where somebody wants to know it.
     """
 
     frame: str
@@ -48,6 +50,7 @@ class Status:
     enabled: bool
     preset: str
     lost_share: float
+    likelihood: LikelihoodMap | None = None
 
     @property
     def is_skipped(self) -> bool:
@@ -101,6 +104,8 @@ class Status:
             values["last_stamp"] = stamp_text(self.skipped.last_stamp)
         if self.known and not self.is_skipped:
             values |= estimate_values(self.known)
+        if self.likelihood:
+            values |= likelihood_values(self.likelihood)
         return values
 
 

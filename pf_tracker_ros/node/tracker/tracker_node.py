@@ -34,6 +34,7 @@ from pf_tracker_ros.node.tracker.status import PAUSED, Status, StatusOutput, sta
 from pf_tracker_ros.node.tracker.target_input import TargetInput
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.stamps import NANOSECONDS, stamp_of
+from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PresetInForce, preset_parameters
 from pf_tracker_ros.tracking.session import Outcome, Session, TimePolicy
@@ -65,6 +66,7 @@ class TrackerNode(ManagedNode):
         self._status: StatusOutput | None = None
         self._offered: Services | None = None
         self._targets: TargetInput | None = None
+        self._likelihood: LikelihoodMap | None = None
         self._unused_overrides: set[str] = set()
 
         self._binding = ParameterBinding(self, report=self._reporter.report)
@@ -242,6 +244,7 @@ class TrackerNode(ManagedNode):
     def _on_image(self, message: Image | CompressedImage) -> None:
         began = time.perf_counter()
         frame = "refused"
+        self._likelihood = None
         try:
             frame = self._process(message)
         except Exception as error:
@@ -271,6 +274,10 @@ class TrackerNode(ManagedNode):
         self._log_progress(outcome)
         if self._outputs and outcome.frame not in SKIPPED:
             self._outputs.publish(image, message.header, outcome.estimate)
+            if self._session and self._outputs.wants_likelihood:
+                self._likelihood = self._session.map_likelihood()
+            if self._likelihood:
+                self._outputs.publish_likelihood(self._likelihood, message.header)
         return outcome.frame
 
     def _log_progress(self, outcome: Outcome) -> None:
@@ -320,6 +327,7 @@ class TrackerNode(ManagedNode):
             enabled=self._enabled,
             preset=self._preset.summary,
             lost_share=self._diagnostics.lost_share,
+            likelihood=self._likelihood if frame else None,
         )
 
     def _health(self) -> Health:

@@ -1,5 +1,6 @@
 """The playback's clock, without ROS."""
 
+import contextlib
 import threading
 import time
 
@@ -7,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pf_tracker_ros.node.replay.playback import TOLERATED_LAG, Playback, Stopped
+from pf_tracker_ros.node.replay.playback import TOLERATED_LAG, Playback, Sought, Stopped
 
 MILLISECOND = 1_000_000
 
@@ -116,3 +117,55 @@ def test_a_paused_item_comes_when_playing_goes_on():
     threading.Timer(0.1, go_on).start()
     playback.wait_until_due(0, None)
     assert released.is_set()
+
+
+def test_steps_pass_a_pause_at_once_and_then_it_holds():
+    playback = Playback(paused=True)
+    playback.step(2)
+    passed = []
+
+    def run():
+        with contextlib.suppress(Stopped):
+            for item in range(4):
+                playback.wait_until_due(item * 10**12, lambda: 1.0)
+                passed.append(item)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    assert playback.wait_until_held(30.0)
+    assert passed == [0, 1]
+    playback.step()
+    assert playback.wait_until_held(30.0)
+    assert passed == [0, 1, 2]
+    playback.stop()
+    thread.join()
+
+
+@pytest.mark.parametrize(
+    "wait",
+    [
+        lambda playback: playback.wait_until_due(10**15, lambda: 1.0),
+        lambda playback: playback.wait_for_answer(7, 1000.0),
+        lambda playback: playback.wait_at_end(),
+    ],
+    ids=["due", "answer", "end"],
+)
+@pytest.mark.parametrize("paused", [True, False])
+def test_seeking_ends_every_wait_once_and_lets_one_item_pass(wait, paused):
+    playback = Playback()
+    playback.wait_until_due(0, None)
+    playback.paused = paused
+    threading.Timer(0.05, playback.seek, (3,)).start()
+    with pytest.raises(Sought) as sought:
+        wait(playback)
+    assert sought.value.index == 3
+    playback.begin_pass()
+    playback.wait_until_due(0, lambda: 1.0)
+
+
+def test_at_the_end_it_is_paused():
+    playback = Playback()
+    threading.Timer(0.05, playback.stop).start()
+    with pytest.raises(Stopped):
+        playback.wait_at_end()
+    assert playback.paused

@@ -4,6 +4,7 @@ import itertools
 import time
 
 import pytest
+from std_srvs.srv import Trigger
 
 
 def test_lockstep_has_one_frame_under_way_and_waits_for_the_tracker(pictures, stand_in, replay):
@@ -117,3 +118,44 @@ def test_each_pass_of_a_loop_goes_on_in_time(pictures, stand_in, replay):
     tracker.spin_until_ended(node)
     stamps = tracker.stamps()
     assert stamps == sorted(set(stamps))
+
+
+def test_steps_play_single_frames_of_a_pause(pictures, stand_in, replay):
+    tracker = stand_in()
+    tracker.listen()
+    replay(source=pictures.folder, start_paused=True, lockstep=True)
+    for count in (1, 2, 3):
+        assert tracker.call(Trigger, "/replay/step", Trigger.Request()).success
+        tracker.spin_until(lambda count=count: len(tracker.seen("answer")) == count)
+    assert tracker.stamps() == pictures.stamps[:3]
+    tracker.pause(False)
+    refusal = tracker.call(Trigger, "/replay/step", Trigger.Request())
+    assert not refusal.success
+    assert "~/pause" in refusal.message
+
+
+def test_it_waits_at_its_end_where_it_is_to_stay(pictures, stand_in, replay):
+    tracker = stand_in()
+    tracker.listen()
+    node = replay(source=pictures.folder, lockstep=True, stay_at_end=True)
+    tracker.spin_until(lambda: len(tracker.seen("answer")) == 6)
+    assert node.playback.wait_until_held(30.0)
+    assert node.playback.paused
+    assert (node.position, node.frame_count) == (5, 6)
+    assert node.index_of(pictures.stamps[2]) == 2
+    node.playback.seek(2)
+    tracker.spin_until(lambda: len(tracker.seen("answer")) == 7)
+    assert node.playback.wait_until_held(30.0)
+    assert tracker.stamps() == [*pictures.stamps, pictures.stamps[2]]
+    assert node.position == 2
+
+
+def test_lockstep_goes_no_faster_than_its_rate(pictures, stand_in, replay):
+    tracker = stand_in()
+    tracker.listen()
+    node = replay(source=pictures.folder, lockstep=True, lockstep_rate=0.5)
+    tracker.spin_until(lambda: tracker.seen("answer"))
+    began = time.monotonic()
+    tracker.spin_until_ended(node)
+    # Five intervals of 40 ms at half the speed; the first frame may have been noted late.
+    assert time.monotonic() - began > 0.3

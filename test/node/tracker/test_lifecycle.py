@@ -55,7 +55,13 @@ def services(node):
     return sorted(name for name in names if name in ("~/enable", "~/stop"))
 
 
-INACTIVE = ["/pf_tracker/box", "/pf_tracker/overlay", "/pf_tracker/particles", "/pf_tracker/status"]
+INACTIVE = [
+    "/pf_tracker/box",
+    "/pf_tracker/likelihood",
+    "/pf_tracker/overlay",
+    "/pf_tracker/particles",
+    "/pf_tracker/status",
+]
 ACTIVE = ["/image", *INACTIVE, "/pf_tracker/click", "/pf_tracker/target"]
 
 

@@ -162,6 +162,7 @@ def test_a_recording_that_cannot_be_played_ends_the_launch(shell, drive, argumen
     ("given", "told"),
     [
         ("use_sim_time:=perhaps", "argument use_sim_time:=perhaps; allowed: true or false"),
+        ("console:=perhaps", "argument console:=perhaps; allowed: true or false"),
         ("seed:=some", "argument seed:=some; allowed: a number, int"),
         ("target_box:=[1,2]", "argument target_box:=[1,2]; allowed: [x, y, width, height]"),
         ("params_file:=none.yaml", "argument params_file:=none.yaml; there is no such file"),
@@ -186,6 +187,13 @@ def test_a_tracker_takes_the_preset_over_the_file_and_the_time_from_the_clock(
         assert values(status)["preset"] == "li2007"
         assert launch.end() == 0
     assert "preset li2007; images on /image" in launch.output
+
+
+def test_the_console_comes_with_the_tracker(shell):
+    with shell.started(f"{TRACKER} console:=true namespace:=left") as launch:
+        launch.wait_for("the console of /left/pf_tracker is at http://127.0.0.1:8642/")
+        launch.wait_for("targets on /left/pf_tracker/target")
+        assert launch.end() == 0
 
 
 def test_shipped_files_can_be_loaded_over_each_other(shell):

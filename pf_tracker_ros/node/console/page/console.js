@@ -1,0 +1,119 @@
+// Connects to the console, and shows what it tells.
+import * as heat from "./heat.js";
+import * as plots from "./plots.js";
+import * as recording from "./recording.js";
+import * as stage from "./stage.js";
+import * as tune from "./tune.js";
+
+const RECONNECT = 500, RATE_WINDOW = 2000;
+const at = (id) => document.getElementById(id);
+const text = (id, content) => { if (at(id).textContent !== content) at(id).textContent = content; };
+const number = (value, digits) => typeof value === "number" ? value.toFixed(digits) : "–";
+
+let socket = null, health = {}, lastStatus = null, drawnAt = [];
+
+export function send(message) {
+  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+  else note("not connected to the console; nothing was sent", false);
+}
+
+export function note(content, ok = true) {
+  text("note", content);
+  at("note").dataset.level = ok ? "ok" : "error";
+}
+
+function connect() {
+  const scheme = location.protocol === "https:" ? "wss:" : "ws:";
+  socket = new WebSocket(`${scheme}//${location.host}/socket`);
+  socket.binaryType = "arraybuffer";
+  socket.onmessage = ({ data }) => typeof data === "string" ? take(JSON.parse(data)) : show(data);
+  socket.onclose = () => {
+    health = { tracker: "silent", level: "error", text: "The console does not answer; it is tried again twice a second." };
+    showHealth();
+    setTimeout(connect, RECONNECT);
+  };
+}
+
+const handlers = {
+  welcome(message) {
+    text("name", message.tracker.replace(/^\//, ""));
+    heat.ask();
+  },
+  health(message) { health = message; showHealth(); },
+  note(message) {
+    note(message.text, message.ok);
+    if (!message.ok && ["target", "click"].includes(message.about)) stage.judge("refused");
+  },
+  recording(message) { recording.show(message); },
+  parameters(message) { tune.show(message.parameters); },
+  set(message) { tune.judge(message.name, message.refusal); },
+  verdict(message) {
+    note(message.text, message.outcome !== "refused");
+    stage.judge(message.outcome);
+  },
+};
+
+function take(message) { handlers[message.type]?.(message); }
+
+async function show(data) {
+  const view = new DataView(data), length = view.getUint32(0);
+  const frame = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+  const jpeg = new Uint8Array(data, 4 + length);
+  if (jpeg.length) {
+    const bitmap = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" }));
+    stage.show(frame, bitmap);
+  }
+  send({ type: "shown" });
+  const now = performance.now();
+  drawnAt = [...drawnAt.filter((time) => now - time < RATE_WINDOW), now];
+  if (frame.error) note(frame.error, false);
+  showStatus(frame);
+}
+
+function showStatus(frame) {
+  const values = frame.status?.values ?? {};
+  lastStatus = performance.now();
+  if (frame.status) plots.add(values);
+  showState(values.state, values.confidence);
+  text("count", number(values.particles, 0));
+  text("effective", number(values.effective_sample_size, 0));
+  text("processing", typeof values.processing_time_ms === "number" ? `${number(values.processing_time_ms, 1)} ms` : "–");
+  const age = Date.now() - Number(BigInt(frame.stamp) / 1000000n);
+  text("age", Math.abs(age) < 60000 ? `${Math.max(0, age)} ms` : "–");
+}
+
+function showState(state, confidence) {
+  const shown = health.tracker === "heard" ? state ?? "no answer" : health.tracker === "absent" ? "no tracker" : "silent";
+  text("state", shown);
+  at("state-card").dataset.state = health.tracker === "heard" ? shown : "none";
+  text("confidence", health.tracker === "heard" ? number(confidence, 2) : "–");
+  at("meter").value = typeof confidence === "number" ? confidence : 0;
+}
+
+function showHealth() {
+  const heard = health.tracker === "heard";
+  text("connection", heard ? "live" : socket.readyState === WebSocket.OPEN ? "no tracker" : "no console");
+  at("connection").dataset.level = heard ? "ok" : "error";
+  text("health", health.text);
+  at("health").dataset.level = health.level;
+  text("topic", heard && health.image_topic ? `${health.image_topic} · ${health.image_reliability ?? ""}`.replace("_", " ") : "");
+  if (!heard) stage.clear();
+  // Without images, only the diagnostics tell how the target is.
+  if (!heard || performance.now() - lastStatus > 1000 || lastStatus === null) {
+    showState(health.state, health.confidence);
+    if (health.state === "idle") stage.clear();
+  }
+  stage.setPaused(heard && health.text.startsWith("paused"));
+}
+
+setInterval(() => {
+  const now = performance.now();
+  drawnAt = drawnAt.filter((time) => now - time < RATE_WINDOW);
+  text("rate", `${number(1000 * drawnAt.length / RATE_WINDOW, 1)} frames/s`);
+}, 500);
+
+heat.begin(send);
+recording.begin(send);
+stage.begin(send, note);
+tune.begin(send);
+connect();

@@ -1,0 +1,58 @@
+// How likely the target is around its box, on demand, and what each cue says of it.
+const at = (id) => document.getElementById(id);
+const canvas = at("heat"), context = canvas.getContext("2d");
+let send, on = false;
+
+export function show(frame) {
+  const { likelihood, status, width, height } = frame, values = status?.values ?? {};
+  const known = on && likelihood && typeof values.likelihood_side === "number";
+  canvas.hidden = !known;
+  if (!known) return;
+  const heat = Uint8Array.from(atob(likelihood.heat), (letter) => letter.charCodeAt(0));
+  canvas.width = likelihood.columns;
+  canvas.height = heat.length / likelihood.columns;
+  const pixels = context.createImageData(canvas.width, canvas.height);
+  heat.forEach((value, i) => pixels.data.set([255, value, 0, value], 4 * i));
+  context.putImageData(pixels, 0, 0);
+  const share = (part, whole) => `${100 * part / whole}%`;
+  Object.assign(canvas.style, {
+    left: share(values.likelihood_x, width), top: share(values.likelihood_y, height),
+    width: share(values.likelihood_side, width), height: share(values.likelihood_side, height),
+  });
+  bars(values);
+}
+
+// The larger of the two is full; the other by how much less likely the cue, with its power, finds it.
+function bars(values) {
+  const names = Object.keys(values).filter((key) => key.startsWith("at_target_")).map((key) => key.slice(10));
+  const list = at("bars");
+  while (list.children.length > names.length) list.lastChild.remove();
+  while (list.children.length < names.length) {
+    const made = document.createElement("li");
+    made.append(document.createElement("span"), ...["target", "rival"].map((label) =>
+      Object.assign(document.createElement("meter"), { max: 1, ariaLabel: label })));
+    list.append(made);
+  }
+  names.forEach((name, i) => {
+    const both = [values[`at_target_${name}`], values[`at_rival_${name}`]], most = Math.max(...both);
+    const [label, ...meters] = list.children[i].children;
+    const shares = both.map((value) => Math.exp((values[`power_${name}`] ?? 1) * (value - most)));
+    label.textContent = `${name.replaceAll("_", " ")}: target ${shares[0].toFixed(2)}, rival ${shares[1].toFixed(2)}`;
+    meters.forEach((meter, j) => { meter.value = shares[j]; });
+  });
+}
+
+export function ask() { if (on) send({ type: "heat", shown: true }); }
+
+export function toggle() {
+  on = !on;
+  at("heat-button").setAttribute("aria-pressed", on);
+  at("rivals").hidden = !on;
+  canvas.hidden = true;
+  send({ type: "heat", shown: on });
+}
+
+export function begin(sender) {
+  send = sender;
+  at("heat-button").addEventListener("click", toggle);
+}

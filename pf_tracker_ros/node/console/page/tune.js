@@ -1,0 +1,129 @@
+// The tracker's parameters: a field for each, by what the node says of it.
+const at = (id) => document.getElementById(id);
+let send;
+let structure = "";        // which fields there are
+const fields = new Map();  // name to { row, show, refusal }
+
+function element(tag, properties = {}, ...children) {
+  const made = Object.assign(document.createElement(tag), properties);
+  made.append(...children);
+  return made;
+}
+
+export function show(parameters) {
+  const now = JSON.stringify(parameters.map(({ value, ...rest }) => rest));
+  if (now !== structure) build(parameters);
+  structure = now;
+  for (const one of parameters) {
+    const field = fields.get(one.name);
+    field.show(one.value);
+    field.row.classList.toggle("changed", JSON.stringify(one.value) !== JSON.stringify(one.usual));
+  }
+  for (const details of at("groups").querySelectorAll("details")) {
+    const changed = details.querySelectorAll(".changed").length;
+    details.querySelector("summary span").textContent = changed ? `${changed} changed` : "";
+  }
+}
+
+export function judge(name, refusal) {
+  const field = fields.get(name);
+  if (!field) return;
+  field.refusal.textContent = refusal;
+  if (refusal) field.input.setAttribute("aria-invalid", "true");
+  else field.input.removeAttribute("aria-invalid");
+}
+
+function build(parameters) {
+  const open = new Set([...at("groups").querySelectorAll("details[open]")].map((details) => details.dataset.group));
+  const focused = document.activeElement?.id;
+  fields.clear();
+  const groups = Map.groupBy(parameters, (one) => one.group);
+  at("groups").replaceChildren(...[...groups].map(([group, members]) => {
+    const details = element("details", { open: open.has(group) },
+      element("summary", {}, `${group} `, element("span", { className: "quiet" })),
+      element("div", { className: "fields" }, ...members.map(row)));
+    details.dataset.group = group;
+    return details;
+  }));
+  if (focused) at(focused)?.focus();
+}
+
+function row(one) {
+  const id = `parameter-${one.name}`;
+  const refusal = element("p", { className: "refusal", id: `${id}-refusal`, role: "alert" });
+  const give = (value) => { refusal.textContent = ""; send({ type: "set", name: one.name, value }); };
+  const { inputs, show } = (makers[one.kind === "text" && one.choices.length ? "choice" : one.kind])(one, give);
+  inputs[0].id = id;
+  for (const input of inputs) {
+    input.setAttribute("aria-describedby", `${id}-about ${refusal.id}`);
+    input.disabled = one.fixed;
+  }
+  const allowed = one.range ? `${one.range[0]} to ${one.range[1]}` : one.constraints.replace(/^allowed: /, "");
+  const made = element("div", { className: "parameter" },
+    element("label", { htmlFor: id, textContent: one.name }),
+    element("div", { className: "field" }, ...inputs.map((input) => input.choice ? element("label", { className: "choice" }, input, input.choice) : input)),
+    element("p", { className: "quiet", id: `${id}-about`, textContent: `${one.description} Allowed: ${allowed}.${one.fixed ? " Fixed while the node runs." : ""}` }),
+    refusal);
+  fields.set(one.name, { row: made, show, refusal, input: inputs[0] });
+  return made;
+}
+
+// A slider covers wide ranges finely where they are small.
+const bend = ([low, high]) => high - low > 20 ? 3 : 1;
+const toValue = (place, range) => range[0] + (range[1] - range[0]) * place ** bend(range);
+const toPlace = (value, range) => Math.max(0, (value - range[0]) / (range[1] - range[0])) ** (1 / bend(range));
+const numberOf = (text) => text.trim() !== "" && Number.isFinite(Number(text)) ? Number(text) : text;
+
+function numeric(one, give) {
+  const input = element("input", { type: "number", step: "any" });
+  const slider = element("input", { type: "range", min: 0, max: 1, step: 0.001, tabIndex: -1 });
+  slider.setAttribute("aria-hidden", "true");  // the field beside it says the same
+  const digits = (value) => one.kind === "int" ? Math.round(value) : Number(value.toPrecision(3));
+  input.onchange = () => give(numberOf(input.value));
+  slider.oninput = () => { input.value = digits(toValue(slider.valueAsNumber, one.range)); };
+  slider.onchange = () => give(input.valueAsNumber);
+  return {
+    inputs: one.range ? [input, slider] : [input],
+    show(value) {
+      if (document.activeElement !== input || !input.matches("[aria-invalid]")) input.value = value;
+      if (one.range) slider.value = toPlace(value, one.range);
+    },
+  };
+}
+
+const makers = {
+  int: numeric,
+  float: numeric,
+  bool(one, give) {
+    const input = element("input", { type: "checkbox", onchange: () => give(input.checked) });
+    return { inputs: [input], show(value) { input.checked = value; } };
+  },
+  text(one, give) {
+    const input = element("input", { onchange: () => give(input.value) });
+    return { inputs: [input], show(value) { input.value = value; } };
+  },
+  choice(one, give) {
+    const input = element("select", { onchange: () => give(input.value) },
+      ...one.choices.map((choice) => element("option", { value: choice, textContent: choice })));
+    return { inputs: [input], show(value) { input.value = value; } };
+  },
+  numbers(one, give) {
+    const input = element("input", { onchange() {
+      const values = input.value.replace(/[[\]]/g, "").split(",").filter((part) => part.trim()).map(numberOf);
+      give(values.every((value) => typeof value === "number") ? values : input.value);
+    } });
+    return { inputs: [input], show(value) { input.value = value.join(", "); } };
+  },
+  texts(one, give) {
+    let order = [];
+    const boxes = one.choices.map((choice) => element("input", { type: "checkbox", choice, onchange() {
+      give(this.checked ? [...order, choice] : order.filter((name) => name !== choice));
+    } }));
+    return { inputs: boxes, show(value) { order = value; for (const box of boxes) box.checked = value.includes(box.choice); } };
+  },
+};
+
+export function begin(sender) {
+  send = sender;
+  at("reset").addEventListener("click", () => send({ type: "reset" }));
+}

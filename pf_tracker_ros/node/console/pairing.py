@@ -1,0 +1,140 @@
+"""Images and what the tracker said of them, brought together by their stamps."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from typing import Any
+
+from pf_tracker_ros.node.console.answers import Json
+
+# Raw images that may wait for an answer.
+_MOST_IMAGES = 8
+_MOST_ANSWERS = 32
+# An image that nobody has answered for so long, in seconds, is shown as it is.
+_PATIENCE = 0.25
+# A tracker that has been silent for so long is not waited for.
+_SILENCE = 1.0
+_WITH_BOX = ("tracking", "occluded")
+_OF_A_TARGET = ("tracking", "occluded", "lost")
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A frame for the page.
+
+    Attributes:
+        number: Counts the frames that were shown, from 1.
+        stamp: Of its header, nanoseconds.
+        image: The message.
+        parts: What the tracker said of it, and of an earlier frame of the same stamp: `status`,
+            `box`, `particles` and `likelihood`, as far as it did.
+    """
+
+    number: int
+    stamp: int
+    image: Any
+    parts: Json
+
+    @property
+    def answer(self) -> Json:
+        """The parts that belong to the status."""
+        state = self.parts["status"]["values"].get("state") if "status" in self.parts else None
+        allowed = {"status": True, "box": state in _WITH_BOX}
+        return {
+            name: part
+            for name, part in self.parts.items()
+            if allowed.get(name, state in _OF_A_TARGET)
+        }
+
+
+@dataclass
+class _Waiting:
+    order: int
+    image: Any
+    arrival: float
+
+
+@dataclass
+class _Answer:
+    parts: Json = field(default_factory=dict)
+
+    def is_complete(self, wanted: Collection[str]) -> bool:
+        status = self.parts.get("status")
+        if status is None:
+            return False
+        state = status["values"].get("state")
+        if state in _WITH_BOX and "box" not in self.parts:
+            return False
+        return state not in _OF_A_TARGET or self.parts.keys() >= set(wanted)
+
+
+class Pairing:
+    """Chooses the frame to show: the newest one that the tracker has answered.
+
+    So the box always belongs to the picture. Images that get no answer are shown without one, late
+    where the tracker is there, at once where it is not. What is older than a frame that has been
+    shown is not shown, unless time went back with the images.
+
+    Attributes:
+        latest: The frame to show; None before the first.
+        wanted: Parts of the answer that are waited for besides status and box.
+    """
+
+    def __init__(self) -> None:
+        self.latest: Shown | None = None
+        self.wanted: set[str] = set()
+        self._images: OrderedDict[int, _Waiting] = OrderedDict()
+        self._answers: OrderedDict[int, _Answer] = OrderedDict()
+        self._order = 0
+        self._answered_at = float("-inf")
+
+    def add_image(self, stamp: int, image: Any, now: float) -> None:
+        """Take an image.
+
+        Args:
+            stamp: Of its header, nanoseconds.
+            image: The message.
+            now: When it came, seconds by any clock that is always the same.
+        """
+        self._order += 1
+        self._images.pop(stamp, None)
+        self._images[stamp] = _Waiting(self._order, image, now)
+        while len(self._images) > _MOST_IMAGES:
+            self._images.popitem(last=False)
+
+    def add_answer(self, stamp: int, part: str, content: Any, now: float) -> None:
+        """Take a part of an answer.
+
+        Args:
+            stamp: Of the image that it is about.
+            part: `status`, `box`, `particles` or `likelihood`.
+            content: As in `Shown.answer`.
+            now: As for `add_image`.
+        """
+        if self.latest and stamp == self.latest.stamp and stamp not in self._images:
+            # Another answer to the same stamp, as where a frame is played again.
+            self.add_image(stamp, self.latest.image, now)
+            self._answers[stamp] = _Answer(dict(self.latest.parts))
+        self._answers.setdefault(stamp, _Answer()).parts[part] = content
+        if part == "status":
+            self._answered_at = now
+        while len(self._answers) > _MOST_ANSWERS:
+            self._answers.popitem(last=False)
+
+    def choose(self, now: float) -> bool:
+        """Bring `latest` up to date, and tell whether it is another frame than before."""
+        silent = now - self._answered_at > _SILENCE
+        for stamp, waiting in reversed(self._images.items()):
+            answer = self._answers.get(stamp, _Answer())
+            complete = answer.is_complete(self.wanted)
+            if complete or silent or now - waiting.arrival > _PATIENCE:
+                number = self.latest.number + 1 if self.latest else 1
+                self.latest = Shown(number, stamp, waiting.image, dict(answer.parts))
+                for other in [s for s, w in self._images.items() if w.order <= waiting.order]:
+                    del self._images[other]
+                    # Where stamps repeat, as in a loop, this is no answer to the next one.
+                    self._answers.pop(other, None)
+                return True
+        return False

@@ -1,0 +1,170 @@
+"""A recording that the page plays to the tracker, frame by frame and in lockstep."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.node.console.answers import Json
+from pf_tracker_ros.node.replay.replay_node import ReplayNode
+
+_SETTLING = 30.0
+
+
+@dataclass(frozen=True)
+class PickedTarget:
+    """A target on a frame of the recording.
+
+    Attributes:
+        box: (x, y, width, height), pixels.
+        stamp: Of the frame, nanoseconds.
+        frame: Its index, counted from 0.
+    """
+
+    box: Box
+    stamp: int
+    frame: int
+
+
+class Recording:
+    """The replay publisher of the console, with a ROS context of its own.
+
+    Attributes:
+        is_playable: Whether the source can be read; its node has told why it cannot.
+
+    Args:
+        node: The console's node; images go where it would look for them.
+        source: As the parameter `source` of `replay`.
+        bag_topic: As the parameter of `replay`.
+        tracker: Fully qualified name of the tracker's node.
+    """
+
+    def __init__(self, node: Node, source: str, bag_topic: str, tracker: str) -> None:
+        self._path = Path(source).resolve()
+        self._context = Context()
+        rclpy.init(context=self._context, args=[], domain_id=node.context.get_domain_id())
+        image = node.resolve_topic_name("image")
+        remapped = ["-r", f"image:={image}", "-r", f"image/compressed:={image}/compressed"]
+        values = {
+            "source": source,
+            "bag_topic": bag_topic,
+            "lockstep": True,
+            "lockstep_rate": 1.0,
+            "lockstep_status": f"{tracker}/status",
+            "start_paused": True,
+            "stay_at_end": True,
+        }
+        self._replay = ReplayNode(
+            context=self._context,
+            namespace=node.get_namespace(),
+            cli_args=["--ros-args", *remapped],
+            use_global_arguments=False,
+            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
+        )
+        self.is_playable = self._replay.has_begun
+        self._thread = threading.Thread(target=self._spin, name="replay", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End it."""
+        self._context.try_shutdown()
+        self._thread.join()
+        self._replay.destroy_node()
+
+    @property
+    def state(self) -> Json:
+        """What the page shows of it."""
+        return {
+            "name": self._path.name,
+            "frame": self._replay.position,
+            "frames": self._replay.frame_count,
+            "playing": not self.paused,
+            "rate": self._replay.get_parameter("lockstep_rate").value,
+        }
+
+    @property
+    def paused(self) -> bool:
+        """Whether it stands still; may be set."""
+        return self._replay.playback.paused
+
+    @paused.setter
+    def paused(self, paused: bool) -> None:
+        self._replay.playback.paused = paused
+
+    @property
+    def frame(self) -> int:
+        """Index of the frame that was played last, 0 before the first."""
+        return max(0, self._replay.position)
+
+    @property
+    def last_frame(self) -> int | None:
+        """Index of the last frame, None where the source does not tell how many there are."""
+        count = self._replay.frame_count
+        return None if count is None else max(0, count - 1)
+
+    def index_of(self, stamp: int) -> int | None:
+        """Index of a frame that has been played, by its stamp in nanoseconds."""
+        return self._replay.index_of(stamp)
+
+    def step(self, count: int = 1) -> None:
+        """Play so many frames, as fast as the tracker, and stand still."""
+        self._replay.playback.step(count)
+
+    def seek(self, frame: int) -> None:
+        """Play a frame, and go on from it unless it stands still."""
+        self._replay.playback.seek(frame)
+
+    def settle(self) -> bool:
+        """Wait until it stands still with every frame answered; whether it does.
+
+        It has to be paused. At most half a minute.
+        """
+        return self._replay.playback.wait_until_held(_SETTLING)
+
+    def set_rate(self, rate: float) -> str:
+        """Set the speed relative to the recording's own, 0 for that of the tracker.
+
+        Returns:
+            Why it is refused, or empty.
+        """
+        (result,) = self._replay.set_parameters([Parameter("lockstep_rate", value=rate)])
+        return "" if result.successful else str(result.reason)
+
+    def save(self, target: PickedTarget) -> Path:
+        """Write a target beside the recording, over one that has been saved before.
+
+        Returns:
+            Path of the file.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        name = self._path.name if self._path.is_dir() else self._path.stem
+        path = self._path.with_name(f"{name}.target.yaml")
+        box = ", ".join(str(float(value)) for value in target.box)
+        text = (
+            "# A target in the recording beside this file, picked on the console's page.\n"
+            f"target_box: [{box}]  # x, y, width, height, pixels\n"
+            f"frame: {target.frame}  # on which it was drawn, counted from 0\n"
+            f"stamp: {target.stamp}  # of that frame, nanoseconds\n"
+        )
+        unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+        unfinished.write_text(text, encoding="utf-8")
+        unfinished.replace(path)
+        return path
+
+    def _spin(self) -> None:
+        with contextlib.suppress(ExternalShutdownException):
+            executor = SingleThreadedExecutor(context=self._context)
+            executor.add_node(self._replay)
+            executor.spin()

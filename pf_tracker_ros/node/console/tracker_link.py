@@ -1,0 +1,349 @@
+"""The console's side of the tracker's topics and services; every callback comes from the executor.
+
+Nothing here waits: what is asked of the tracker is answered by a future of asyncio.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PointStamped, PolygonStamped
+from rcl_interfaces.msg import Parameter, ParameterEvent
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.client import Client
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import Image, PointCloud2
+from std_srvs.srv import SetBool, Trigger
+
+from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.node.console.answers import Json, box_of, heat_of, particles_of, status_of
+from pf_tracker_ros.node.console.tuning import shaped, shown_names
+from pf_tracker_ros.node.message_building import box_message
+from pf_tracker_ros.node.qos import DEFAULT_QOS, advertise, subscribe
+from pf_tracker_ros.node.tracker.image_input import ImageInput
+from pf_tracker_ros.stamps import set_stamp, stamp_of
+
+Receive = Callable[[str, int, Any], None]
+
+# One of them tells what became of a target: none is to be lost while the executor is busy.
+_EVERY_STATUS = QoSProfile(
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+# With its history full, Fast DDS asks for the acknowledgment with each message; else every 3 s.
+_TARGET_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+# A service may not know a client yet that it is ready for; its answer is lost then.
+_PATIENCE = 2.0
+_ATTEMPTS = 2
+_TICK = 0.1
+_MEETING_TICKS = 20
+
+
+class TrackerError(Exception):
+    """The tracker cannot be asked, or has not answered; the message says what to do."""
+
+
+class TrackerLink:
+    """What is heard of one tracker, and said to it.
+
+    Attributes:
+        name: Fully qualified name of the tracker's node.
+
+    Args:
+        node: The console's node.
+        name: Of the tracker's node, in the console's namespace unless it begins with a slash.
+        receive: Called in the executor with what came, its stamp in nanoseconds (0 without one),
+            and the content: `image`, `box`, `particles`, `likelihood`, `status`, `health`,
+            `parameters` for a change of these, or `fault`.
+    """
+
+    def __init__(self, node: Node, name: str, receive: Receive) -> None:
+        self._node = node
+        self._receive = receive
+        self.name = node.resolve_topic_name(name, only_expand=True)
+        self._actions: deque[Callable[[], None]] = deque()
+        # Works before the node has an executor too.
+        self._guard = node.create_guard_condition(self._act)
+        self._image_topic = ""
+        self._watching = False
+        self._particles: Subscription | None = None
+        self._likelihood: Subscription | None = None
+        self._images = ImageInput(node, self._on_image, self._report)
+        for kind, message_type, profile, callback in (
+            ("box", PolygonStamped, DEFAULT_QOS, self._on_box),
+            ("status", DiagnosticArray, _EVERY_STATUS, self._on_status),
+        ):
+            self._subscribe(kind, message_type, profile, callback)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, DEFAULT_QOS)
+        self._targets = self._advertise("target", PolygonStamped)
+        self._clicks = self._advertise("click", PointStamped)
+        self._stop = node.create_client(Trigger, f"{self.name}/stop")
+        self._enable = node.create_client(SetBool, f"{self.name}/enable")
+        self._parameters = {
+            kind: node.create_client(kind, f"{self.name}/{name}")
+            for kind, name in (
+                (ListParameters, "list_parameters"),
+                (DescribeParameters, "describe_parameters"),
+                (GetParameters, "get_parameters"),
+                (SetParameters, "set_parameters"),
+            )
+        }
+        node.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
+
+    # What is said to the tracker; called from any thread
+
+    def watch(self, watched: bool) -> None:
+        """Subscribe to images and particles as long as anybody looks."""
+        self._do(lambda: self._watch(watched))
+
+    def watch_likelihood(self, watched: bool) -> None:
+        """Subscribe to the likelihood around the target, which costs the tracker time."""
+        self._do(partial(self._watch_likelihood, watched))
+
+    def follow_images(self, topic: str) -> None:
+        """Take the images from the topic that the tracker takes them from.
+
+        Args:
+            topic: As its diagnostics tell; empty while it has none, which changes nothing.
+        """
+        if topic and topic != self._image_topic:
+            self._image_topic = topic
+            self._do(self._change_topic)
+
+    def send_target(self, box: Box, stamp: int) -> None:
+        """Send a box to track.
+
+        Args:
+            box: (x, y, width, height), pixels.
+            stamp: Of the frame that it was drawn on, nanoseconds.
+
+        Raises:
+            TrackerError: Nobody takes targets.
+        """
+        self._expect_subscriber(self._targets)
+        message = box_message(box, PolygonStamped().header)
+        set_stamp(message.header, stamp)
+        self._targets.publish(message)
+
+    @property
+    def takes_targets(self) -> bool:
+        """Whether somebody takes targets."""
+        return bool(
+            self._targets.get_subscription_count() and self._clicks.get_subscription_count()
+        )
+
+    def await_target(self) -> bool:
+        """Wait until the tracker has the target that was sent last; whether it has."""
+        return bool(self._targets.wait_for_all_acked(Duration(seconds=_PATIENCE)))
+
+    def send_click(self, x: float, y: float, stamp: int) -> None:
+        """Send a point to track, pixels; otherwise as `send_target`."""
+        self._expect_subscriber(self._clicks)
+        message = PointStamped()
+        message.point.x, message.point.y = x, y
+        set_stamp(message.header, stamp)
+        self._clicks.publish(message)
+
+    async def stop(self) -> str:
+        """Let the tracker forget its target; what it says.
+
+        Raises:
+            TrackerError: It does not answer.
+        """
+        return str((await self.ask(self._stop, Trigger.Request())).message)
+
+    async def enable(self, enabled: bool) -> str:
+        """Let the tracker go on or pause; what it says.
+
+        Raises:
+            TrackerError: It does not answer.
+        """
+        return str((await self.ask(self._enable, SetBool.Request(data=enabled))).message)
+
+    async def parameters(self) -> list[Json]:
+        """All parameters, as `tuning.shaped` gives them.
+
+        Raises:
+            TrackerError: It does not answer.
+        """
+        listed = await self._ask_parameters(ListParameters, ListParameters.Request())
+        names = shown_names(listed.result.names)
+        described = await self._ask_parameters(
+            DescribeParameters, DescribeParameters.Request(names=names)
+        )
+        values = await self._ask_parameters(GetParameters, GetParameters.Request(names=names))
+        if not len(described.descriptors) == len(values.values) == len(names):
+            raise TrackerError("the parameters changed while they were asked for")
+        return shaped(described.descriptors, values.values)
+
+    async def set_parameter(self, parameter: Parameter) -> str:
+        """Set a parameter; why it is refused, or empty.
+
+        Raises:
+            TrackerError: It does not answer.
+        """
+        request = SetParameters.Request(parameters=[parameter])
+        answer = await self._ask_parameters(SetParameters, request)
+        (result,) = answer.results
+        return "" if result.successful else str(result.reason or "the node gives no reason")
+
+    async def _ask_parameters(self, kind: Any, request: Any) -> Any:
+        return await self.ask(self._parameters[kind], request)
+
+    async def ask(self, client: Client, request: Any) -> Any:
+        """The response of a service.
+
+        Raises:
+            TrackerError: There is no such service, or it does not answer.
+        """
+        # Those of a tracker that has just been found may not be known yet.
+        for _ in range(_MEETING_TICKS):
+            if client.service_is_ready():
+                break
+            await asyncio.sleep(_TICK)
+        else:
+            raise TrackerError(
+                f"{client.srv_name} is not there: is the tracker running and active?"
+            )
+        loop = asyncio.get_running_loop()
+        for _ in range(_ATTEMPTS):
+            answer: asyncio.Future[Any] = loop.create_future()
+            self._do(partial(_call, client, request, loop, answer))
+            try:
+                return await asyncio.wait_for(answer, _PATIENCE)
+            except asyncio.TimeoutError:
+                continue
+        raise TrackerError(f"{client.srv_name} does not answer")
+
+    # In the executor
+
+    def _do(self, action: Callable[[], None]) -> None:
+        self._actions.append(action)
+        self._guard.trigger()
+
+    def _act(self) -> None:
+        while self._actions:
+            self._actions.popleft()()
+
+    def _watch(self, watched: bool) -> None:
+        if watched == self._watching:
+            return
+        self._watching = watched
+        self._reopen()
+        if watched:
+            self._particles = self._subscribe(
+                "particles", PointCloud2, DEFAULT_QOS, self._on_particles
+            )
+        elif self._particles:
+            self._node.destroy_subscription(self._particles)
+            self._particles = None
+
+    def _watch_likelihood(self, watched: bool) -> None:
+        if watched and self._likelihood is None:
+            self._likelihood = self._subscribe(
+                "likelihood", Image, DEFAULT_QOS, self._on_likelihood
+            )
+        elif self._likelihood and not watched:
+            self._node.destroy_subscription(self._likelihood)
+            self._likelihood = None
+
+    def _change_topic(self) -> None:
+        if self._images.topic != self._image_topic:
+            self._reopen()
+
+    def _reopen(self) -> None:
+        self._images.close()
+        if self._watching:
+            self._images = ImageInput(
+                self._node, self._on_image, self._report, topic=self._image_topic
+            )
+            self._images.open("compressed" if self._is_compressed else "raw", "auto")
+
+    @property
+    def _is_compressed(self) -> bool:
+        kinds = dict(self._node.get_topic_names_and_types()).get(self._image_topic, [])
+        return "sensor_msgs/msg/CompressedImage" in kinds
+
+    def _subscribe(
+        self, name: str, message_type: Any, profile: Any, callback: Callable[[Any], None]
+    ) -> Subscription:
+        return subscribe(
+            self._node,
+            message_type,
+            f"{self.name}/{name}",
+            callback,
+            profile=profile,
+            report=self._report,
+        )
+
+    def _advertise(self, name: str, message_type: Any) -> Any:
+        return advertise(
+            self._node,
+            message_type,
+            f"{self.name}/{name}",
+            profile=_TARGET_QOS,
+            report=self._report,
+        )
+
+    def _expect_subscriber(self, publisher: Any) -> None:
+        if not publisher.get_subscription_count():
+            raise TrackerError(
+                f"nobody takes targets on {publisher.topic_name}: is the tracker running and "
+                "active?"
+            )
+
+    def _report(self, fault: str) -> None:
+        self._receive("fault", 0, fault)
+
+    def _on_image(self, message: Any) -> None:
+        self._receive("image", stamp_of(message.header), message)
+
+    def _on_box(self, message: PolygonStamped) -> None:
+        self._receive("box", stamp_of(message.header), box_of(message))
+
+    def _on_particles(self, message: PointCloud2) -> None:
+        self._receive("particles", stamp_of(message.header), particles_of(message))
+
+    def _on_likelihood(self, message: Image) -> None:
+        self._receive("likelihood", stamp_of(message.header), heat_of(message))
+
+    def _on_status(self, message: DiagnosticArray) -> None:
+        for status in message.status[:1]:
+            self._receive("status", stamp_of(message.header), status_of(status))
+
+    def _on_parameters(self, message: ParameterEvent) -> None:
+        if message.node == self.name:
+            self._receive("parameters", 0, None)
+
+    def _on_health(self, message: DiagnosticArray) -> None:
+        wanted = f"{self.name.lstrip('/')}: tracker"
+        for status in message.status:
+            if status.name == wanted:
+                self._receive("health", 0, status_of(status))
+
+
+def _call(
+    client: Client, request: Any, loop: asyncio.AbstractEventLoop, answer: asyncio.Future[Any]
+) -> None:
+    def settle(done: Any) -> None:
+        loop.call_soon_threadsafe(_settle, answer, done)
+
+    client.call_async(request).add_done_callback(settle)
+
+
+def _settle(answer: asyncio.Future[Any], done: Any) -> None:
+    if answer.done():
+        return
+    if error := done.exception():
+        answer.set_exception(TrackerError(str(error)))
+    else:
+        answer.set_result(done.result())

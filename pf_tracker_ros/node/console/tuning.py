@@ -1,0 +1,173 @@
+"""The tracker's parameters as the page shows them, and what it makes of them.
+
+Which there are, and what each is and allows, is the node's own word; which group it belongs to and
+what the preset says of it follows from the declarations.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterType, ParameterValue
+from rclpy.parameter import parameter_value_to_python
+
+from pf_tracker_ros.node.console.answers import Json
+from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
+from pf_tracker_ros.parameters import Declaration, ParameterError, all_declarations, declarations
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import preset_parameters
+
+_NODE = declarations(NodeParameters)
+_TRACKER = all_declarations(TrackerParameters)
+_ORDER = {name: place for place, name in enumerate([*_NODE, *_TRACKER])}
+# Of every node, or of its endpoints: nothing to tune.
+_NOT_SHOWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+_KINDS = {
+    ParameterType.PARAMETER_BOOL: "bool",
+    ParameterType.PARAMETER_INTEGER: "int",
+    ParameterType.PARAMETER_DOUBLE: "float",
+    ParameterType.PARAMETER_STRING: "text",
+    ParameterType.PARAMETER_DOUBLE_ARRAY: "numbers",
+    ParameterType.PARAMETER_STRING_ARRAY: "texts",
+}
+_LARGEST_INTEGER = 2**63
+
+
+def shown_names(names: Sequence[str]) -> list[str]:
+    """The names of parameters that can be tuned, in the order of docs/parameters.md."""
+    known = [name for name in names if not name.startswith(_NOT_SHOWN)]
+    return sorted(known, key=lambda name: (_ORDER.get(name, len(_ORDER)), name))
+
+
+def shaped(
+    descriptors: Sequence[ParameterDescriptor], values: Sequence[ParameterValue]
+) -> list[Json]:
+    """What the page shows of each parameter.
+
+    Args:
+        descriptors: As the node describes them.
+        values: As the node has them, in the same order.
+    """
+    plain = {
+        descriptor.name: _plain(value)
+        for descriptor, value in zip(descriptors, values, strict=True)
+        if value.type != ParameterType.PARAMETER_NOT_SET
+        or descriptor.type == ParameterType.PARAMETER_DOUBLE_ARRAY
+    }
+    usual = _usual(plain)
+    return [
+        {
+            "name": descriptor.name,
+            "group": _group(descriptor.name),
+            "kind": _KINDS.get(descriptor.type, "text"),
+            "description": descriptor.description,
+            "constraints": descriptor.additional_constraints,
+            "range": _range(descriptor),
+            "choices": list(_declared(descriptor.name).choices) if _is_known(descriptor) else [],
+            "fixed": descriptor.read_only,
+            "value": plain[descriptor.name],
+            "usual": usual.get(descriptor.name),
+        }
+        for descriptor in descriptors
+        if descriptor.name in plain
+    ]
+
+
+def parameter_of(known: Json, value: Any) -> Parameter:
+    """What the page gave for a parameter, as the node is asked for it; the node judges it.
+
+    Args:
+        known: Of the parameter, as `shaped` gave it.
+        value: Of JSON.
+
+    Raises:
+        ValueError: ROS cannot even be asked for it.
+    """
+    given = ParameterValue()
+    numbers = isinstance(value, list) and all(_is_number(one) for one in value)
+    if known["kind"] == "texts" and isinstance(value, list):
+        given.type = ParameterType.PARAMETER_STRING_ARRAY
+        given.string_array_value = [str(one) for one in value]
+    elif numbers:
+        given.type = ParameterType.PARAMETER_DOUBLE_ARRAY
+        given.double_array_value = [float(one) for one in value]
+    elif isinstance(value, bool):
+        given.type, given.bool_value = ParameterType.PARAMETER_BOOL, value
+    elif isinstance(value, int) and known["kind"] != "float":
+        if abs(value) >= _LARGEST_INTEGER:
+            raise ValueError(f"parameter '{known['name']}': {value:.3g} is too large for ROS")
+        given.type, given.integer_value = ParameterType.PARAMETER_INTEGER, value
+    elif _is_number(value):
+        given.type, given.double_value = ParameterType.PARAMETER_DOUBLE, float(value)
+    elif isinstance(value, str):
+        given.type, given.string_value = ParameterType.PARAMETER_STRING, value
+    else:
+        raise ValueError(f"parameter '{known['name']}' cannot be set to {value!r}")
+    return Parameter(name=known["name"], value=given)
+
+
+def parameter_file(node: str, known: Sequence[Json]) -> str:
+    """A ROS parameter file with the preset and what differs from it.
+
+    Args:
+        node: Fully qualified name of the tracker's node.
+        known: As `shaped` gave them.
+    """
+    lines = [f"{json.dumps(node)}:", "  ros__parameters:"]
+    for one in known:
+        differs = one["usual"] is not None and one["value"] != one["usual"]
+        if one["name"] == "preset" or (differs and not one["fixed"]):
+            lines.append(f"    {one['name']}: {json.dumps(one['value'])}")
+    return "\n".join(lines) + "\n"
+
+
+def _usual(values: Mapping[str, Any]) -> dict[str, Any]:
+    """What each parameter has with the preset in force and nothing else."""
+    try:
+        preset = preset_parameters(str(values.get("preset")))
+    except ParameterError:
+        preset = {}
+    usual = {name: one.default for name, one in (_NODE | _TRACKER).items()} | preset
+    if "preset" in values:
+        usual["preset"] = values["preset"]
+    return {
+        name: list(value) if isinstance(value, tuple) else value for name, value in usual.items()
+    }
+
+
+def _group(name: str) -> str:
+    if name in _NODE:
+        return "The node"
+    if name not in _TRACKER:
+        return "Others"
+    if not _TRACKER[name].only_with:
+        return "The tracker"
+    return name.partition(".")[0].replace("_", " ").capitalize()
+
+
+def _declared(name: str) -> Declaration:
+    return _NODE.get(name) or _TRACKER[name]
+
+
+def _is_known(descriptor: ParameterDescriptor) -> bool:
+    return descriptor.name in _NODE or descriptor.name in _TRACKER
+
+
+def _range(descriptor: ParameterDescriptor) -> list[float] | None:
+    for one in (*descriptor.floating_point_range, *descriptor.integer_range):
+        return [one.from_value, one.to_value]
+    return None
+
+
+def _plain(value: ParameterValue) -> Any:
+    plain = parameter_value_to_python(value)
+    if plain is None:
+        # An empty list of numbers comes as no value.
+        return []
+    return plain if isinstance(plain, bool | int | float | str) else list(plain)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

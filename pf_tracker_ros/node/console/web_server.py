@@ -1,0 +1,234 @@
+"""The web server: the page's files, one socket for each browser, and who may have them.
+
+It runs in a thread with an event loop of its own, so that the executor of the node waits for no
+browser.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import socket
+import threading
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+from aiohttp import WSMsgType, web
+
+from pf_tracker_ros.node.console.access import HEADERS, Access
+from pf_tracker_ros.node.console.answers import Json
+from pf_tracker_ros.node.console.hub import Hub
+
+_PAGE = Path(__file__).with_name("page")
+_KINDS = {
+    ".html": "text/html",
+    ".js": "text/javascript",
+    ".css": "text/css",
+    ".svg": "image/svg+xml",
+}
+_INDEX = "index.html"
+_PARAMETER_FILE = "tracker.yaml"
+# A request is a box or a parameter, never more than this.
+_LARGEST_REQUEST = 65_536
+# A browser that does not answer within half of this has gone.
+_HEARTBEAT = 20.0
+_START_TIMEOUT = 10.0
+
+
+class Socket:
+    """A browser's socket; what is sent into one that is closing is lost.
+
+    Args:
+        response: The socket.
+    """
+
+    def __init__(self, response: web.WebSocketResponse) -> None:
+        self._response = response
+
+    async def send_json(self, message: Json) -> None:
+        """Send a message."""
+        with contextlib.suppress(ConnectionError, RuntimeError):
+            await self._response.send_str(json.dumps(message, allow_nan=False))
+
+    async def send_bytes(self, message: bytes) -> None:
+        """Send a frame."""
+        with contextlib.suppress(ConnectionError, RuntimeError):
+            await self._response.send_bytes(message)
+
+
+class WebServer:
+    """Serves the page from `start` until `close`.
+
+    Attributes:
+        access: Who may use it.
+
+    Args:
+        host: Address or name to serve on.
+        port: To serve on; 0 takes a free one.
+        create_hub: Called in the server's event loop.
+    """
+
+    def __init__(self, host: str, port: int, create_hub: Callable[[], Hub]) -> None:
+        self.access = Access(host)
+        self._host = host
+        self._port = port
+        self._create_hub = create_hub
+        self._hub: Hub | None = None
+        self._loop = asyncio.new_event_loop()
+        self._stopping = asyncio.Event()
+        self._started = threading.Event()
+        self._error: OSError | None = None
+        self._sockets: set[web.WebSocketResponse] = set()
+        self._thread = threading.Thread(target=self._serve, name="web server", daemon=True)
+
+    @property
+    def link(self) -> str:
+        """The address to open, with the token where one is asked for."""
+        # All addresses of this machine are none to open.
+        host = socket.gethostname() if self._host in ("0.0.0.0", "::") else self._host
+        host = f"[{host}]" if ":" in host else host
+        token = f"?token={self.access.token}" if self.access.token else ""
+        return f"http://{host}:{self._port}/{token}"
+
+    def start(self) -> None:
+        """Begin to serve.
+
+        Raises:
+            OSError: The address cannot be served on.
+        """
+        self._thread.start()
+        if not self._started.wait(_START_TIMEOUT):
+            raise OSError(f"the web server did not start within {_START_TIMEOUT:g} s")
+        if self._error:
+            raise self._error
+
+    def close(self) -> None:
+        """Close every socket and stop."""
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._stopping.set)
+            self._thread.join()
+
+    def receive(self, kind: str, stamp: int, content: Any) -> None:
+        """Hand on to the hub what came from the tracker; called from any thread."""
+        with contextlib.suppress(RuntimeError):  # The loop may have been closed just before.
+            self._loop.call_soon_threadsafe(self._receive, kind, stamp, content)
+
+    def _receive(self, kind: str, stamp: int, content: Any) -> None:
+        if self._hub:
+            self._hub.receive(kind, stamp, content)
+
+    def _serve(self) -> None:
+        with contextlib.closing(self._loop):
+            self._loop.run_until_complete(self._run())
+
+    async def _run(self) -> None:
+        application = web.Application(middlewares=[self._guard])
+        application.on_response_prepare.append(_add_headers)
+        application.router.add_get("/socket", self._on_socket)
+        application.router.add_get(f"/{_PARAMETER_FILE}", self._on_parameter_file)
+        for path in sorted(_PAGE.iterdir()):
+            name = "" if path.name == _INDEX else path.name
+            application.router.add_get(f"/{name}", _file(path))
+        runner = web.AppRunner(application, access_log=None, shutdown_timeout=1.0)
+        await runner.setup()
+        try:
+            site = web.TCPSite(runner, self._host, self._port)
+            await site.start()
+        except OSError as error:
+            self._error = error
+            await runner.cleanup()
+            return
+        finally:
+            if self._error:
+                self._started.set()
+        self._port = runner.addresses[0][1]
+        self._hub = self._create_hub()
+        running = asyncio.ensure_future(self._hub.run())
+        self._started.set()
+        await self._stopping.wait()
+        running.cancel()
+        for response in list(self._sockets):
+            await response.close(code=1001)
+        await runner.cleanup()
+        self._hub.close()
+
+    @web.middleware
+    async def _guard(
+        self,
+        request: web.Request,
+        handler: Callable[[web.Request], Awaitable[web.StreamResponse]],
+    ) -> web.StreamResponse:
+        """Let nobody in who may not be."""
+        host = request.headers.get("Host", "")
+        if refusal := self.access.refuse_host(host):
+            raise web.HTTPForbidden(text=refusal)
+        cookie = f"console_{self._port}"
+        given = request.query.get("token")
+        if given is not None and self.access.token and self.access.admits(given):
+            answer = web.HTTPSeeOther("/")
+            answer.set_cookie(cookie, self.access.token, httponly=True, samesite="Lax")
+            raise answer
+        if not self.access.admits(request.cookies.get(cookie)):
+            raise web.HTTPUnauthorized(
+                text="This page asks for an access token: open the link that the console wrote on "
+                "its terminal."
+            )
+        return await handler(request)
+
+    async def _on_parameter_file(self, request: web.Request) -> web.Response:
+        assert self._hub is not None
+        disposition = f'attachment; filename="{_PARAMETER_FILE}"'
+        return web.Response(
+            text=self._hub.parameter_file(),
+            content_type="application/yaml",
+            headers={"Content-Disposition": disposition},
+        )
+
+    async def _on_socket(self, request: web.Request) -> web.WebSocketResponse:
+        host = request.headers.get("Host", "")
+        if refusal := self.access.refuse_origin(request.headers.get("Origin"), host):
+            raise web.HTTPForbidden(text=refusal)
+        response = web.WebSocketResponse(
+            heartbeat=_HEARTBEAT, max_msg_size=_LARGEST_REQUEST, compress=False
+        )
+        await response.prepare(request)
+        assert self._hub is not None
+        browser = Socket(response)
+        self._sockets.add(response)
+        showing = asyncio.ensure_future(self._hub.welcome(browser))
+        requests: set[asyncio.Task[None]] = set()
+        try:
+            async for message in response:
+                if message.type == WSMsgType.TEXT:
+                    # Not awaited: a frame that has been drawn is not to wait for a service.
+                    task = asyncio.ensure_future(self._hub.handle(browser, _read(message.data)))
+                    requests.add(task)
+                    task.add_done_callback(requests.discard)
+        finally:
+            self._sockets.discard(response)
+            showing.cancel()
+            for task in requests:
+                task.cancel()
+        return response
+
+
+def _read(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return None
+
+
+def _file(path: Path) -> Callable[[web.Request], Awaitable[web.Response]]:
+    content, kind = path.read_bytes(), _KINDS[path.suffix]
+
+    async def answer(request: web.Request) -> web.Response:
+        return web.Response(body=content, content_type=kind, charset="utf-8")
+
+    return answer
+
+
+async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
+    response.headers.update(HEADERS)

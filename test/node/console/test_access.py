@@ -1,0 +1,89 @@
+"""Which requests are let in, by their headers alone."""
+
+import pytest
+
+from pf_tracker_ros.node.console.access import CONTENT_SECURITY_POLICY, Access, host_name
+
+OWN = "127.0.0.1:8642"
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1:8642", "[::1]:9000", "LOCALHOST:1"])
+def test_the_loopback_is_let_in_under_its_names_and_any_port(host):
+    """Another port is that of a tunnel, such as `ssh -L 9000:localhost:8642` makes."""
+    assert Access("127.0.0.1").refuse_host(host) == ""
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "",
+        "attacker.example",
+        "attacker.example:8642",
+        "localhost.attacker.example",
+        "127.0.0.1.attacker.example",
+        "127.0.0.1@attacker.example",
+        "192.168.1.5:8642",
+        "localhost:port",
+        "[::1",
+        "localhost/..",
+    ],
+)
+def test_a_name_that_was_made_to_lead_here_is_refused(host):
+    assert repr(host) in Access("127.0.0.1").refuse_host(host)
+
+
+def test_opened_wider_it_answers_to_addresses_and_to_its_own_name_alone(monkeypatch):
+    monkeypatch.setattr("socket.gethostname", lambda: "Robot.example.org")
+    access = Access("0.0.0.0")
+    for host in ("192.168.1.5:8642", "robot.example.org", "robot.local:8642", "localhost:8642"):
+        assert access.refuse_host(host) == ""
+    for host in ("attacker.example", "robot.attacker.example", "example.org"):
+        assert access.refuse_host(host)
+
+
+def test_only_a_page_of_the_same_origin_may_drive():
+    access = Access("127.0.0.1")
+    assert access.refuse_origin(f"http://{OWN}", OWN) == ""
+    assert access.refuse_origin(f"HTTPS://{OWN}", OWN) == ""
+    for origin in (
+        None,
+        "",
+        "null",
+        "http://attacker.example",
+        "http://127.0.0.1:8643",
+        "http://localhost:8642",
+        f"http://{OWN}.attacker.example",
+        f"file://{OWN}",
+        "http://[",
+    ):
+        assert "may not drive" in access.refuse_origin(origin, OWN)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
+def test_the_loopback_asks_for_no_token(host):
+    access = Access(host)
+    assert access.token == ""
+    assert access.admits(None)
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.5", "robot.local"])
+def test_anything_wider_asks_for_a_token_that_is_new_each_time(host):
+    access = Access(host)
+    assert len(access.token) >= 32
+    assert access.token != Access(host).token
+    assert access.admits(access.token)
+    for wrong in (None, "", access.token[:-1], access.token + "x", "ünïcode"):
+        assert not access.admits(wrong)
+
+
+def test_the_policy_lets_nothing_in_from_elsewhere_and_nothing_inline():
+    rules = dict(rule.split(" ", 1) for rule in CONTENT_SECURITY_POLICY.split("; "))
+    assert rules["default-src"] == "'none'"
+    assert set(rules.values()) == {"'none'", "'self'"}
+
+
+def test_a_header_with_more_than_a_name_holds_none():
+    assert host_name("Localhost:80") == "localhost"
+    assert host_name("[::1]:80") == "::1"
+    for host in ("user@localhost", "localhost:99999999", "localhost?x", "localhost#x"):
+        assert host_name(host) == ""

@@ -1,0 +1,165 @@
+"""What all browsers share, with stand-ins for browser and link: only what needs no ROS graph."""
+
+import asyncio
+import threading
+
+import pytest
+from sensor_msgs.msg import Image
+
+from pf_tracker_ros.node.console.hub import Hub
+
+HEALTH = {"level": "ok", "message": "tracking", "values": {"image_topic": "/image"}}
+
+
+class Link:
+    """Notes what is sent."""
+
+    name = "/pf_tracker"
+    takes_targets = True
+
+    def __init__(self):
+        self.sent, self.watched = [], []
+
+    def watch(self, watched):
+        self.watched.append(watched)
+
+    def watch_likelihood(self, watched):
+        self.likelihood = watched
+
+    def follow_images(self, topic):
+        self.sent.append(("follow", topic))
+
+    def send_target(self, box, stamp):
+        self.sent.append(("target", box, stamp))
+
+    def send_click(self, x, y, stamp):
+        self.sent.append(("click", x, y, stamp))
+
+
+class Browser:
+    """Notes what comes."""
+
+    def __init__(self):
+        self.messages, self.frames = [], 0
+
+    async def send_json(self, message):
+        self.messages.append(message)
+
+    async def send_bytes(self, message):
+        self.frames += 1
+
+
+@pytest.fixture
+def run():
+    """A function that runs a coroutine function with a hub, its link and a browser."""
+
+    def run(scenario):
+        outcome = []
+
+        async def play():
+            link, browser = Link(), Browser()
+            hub = Hub(link)
+            try:
+                outcome.append(await scenario(hub, link, browser))
+            finally:
+                hub.close()
+
+        # In a thread: the browser tests keep an event loop in this one.
+        thread = threading.Thread(target=lambda: asyncio.run(play()))
+        thread.start()
+        thread.join()
+        assert outcome, "the scenario failed; see the traceback above"
+        return outcome[0]
+
+    return run
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        None,
+        [],
+        "stop",
+        {},
+        {"type": 7},
+        {"type": "unknown"},
+        {"type": ["stop"]},
+        {"type": "target"},
+        {"type": "target", "box": [1, 2, 3], "stamp": "1"},
+        {"type": "target", "box": [1, 2, 3, "4"], "stamp": "1"},
+        {"type": "target", "box": [1, 2, 3, True], "stamp": "1"},
+        {"type": "target", "box": [1, 2, 3, float("nan")], "stamp": "1"},
+        {"type": "target", "box": [1, 2, 3, 1e300], "stamp": "1"},
+        {"type": "target", "box": [1, 2, 3, 4]},
+        {"type": "target", "box": [1, 2, 3, 4], "stamp": 1},
+        {"type": "target", "box": [1, 2, 3, 4], "stamp": "-1"},
+        {"type": "target", "box": [1, 2, 3, 4], "stamp": "²"},
+        {"type": "target", "box": [1, 2, 3, 4], "stamp": "9" * 30},
+        {"type": "click", "point": "here", "stamp": "1"},
+        {"type": "enable", "enabled": "yes"},
+    ],
+)
+def test_what_no_page_would_ask_is_refused_in_words(run, message):
+    async def scenario(hub, link, browser):
+        await hub.handle(browser, message)
+        return link.sent, browser.messages
+
+    sent, (note,) = run(scenario)
+    assert sent == []
+    assert note["ok"] is False
+    assert note["text"]
+
+
+def test_a_stamp_keeps_all_its_digits(run):
+    async def scenario(hub, link, browser):
+        await hub.handle(
+            browser, {"type": "target", "box": [1, 2, 3, 4], "stamp": "1700000000123456789"}
+        )
+        return link.sent
+
+    assert run(scenario) == [("target", (1.0, 2.0, 3.0, 4.0), 1_700_000_000_123_456_789)]
+
+
+def test_a_browser_that_draws_nothing_gets_two_frames_and_then_the_newest(run):
+    async def scenario(hub, link, browser):
+        image = Image(height=1, width=1, step=1, encoding="mono8", data=[7])
+        welcome = asyncio.ensure_future(hub.welcome(browser))
+        counts = []
+        for stamp in range(1, 30):
+            hub.receive("image", stamp, image)
+            while hub._newest_number < stamp:
+                await asyncio.sleep(0)
+            if stamp < 3:
+                while browser.frames < stamp:
+                    await asyncio.sleep(0)
+            counts.append(browser.frames)
+        await hub.handle(browser, {"type": "shown"})
+        while browser.frames < 3:
+            await asyncio.sleep(0)
+        welcome.cancel()
+        return counts
+
+    assert run(scenario)[2:] == [2] * 27
+
+
+def test_images_and_particles_are_asked_for_while_somebody_looks(run):
+    async def scenario(hub, link, browser):
+        watching = asyncio.ensure_future(hub.welcome(browser))
+        await asyncio.sleep(0)
+        seen = list(link.watched)
+        watching.cancel()
+        await asyncio.gather(watching, return_exceptions=True)
+        return seen, link.watched
+
+    assert run(scenario) == ([True], [True, False])
+
+
+def test_silence_is_told_within_two_seconds(run):
+    async def scenario(hub, link, browser):
+        hub.receive("health", 0, HEALTH)
+        heard_at = hub._heard_at
+        return [hub._current_health(heard_at + after) for after in (1.3, 1.8)]
+
+    heard, silent = run(scenario)
+    assert (heard["tracker"], heard["text"]) == ("heard", "tracking")
+    assert silent["tracker"] == "silent"

@@ -1,0 +1,306 @@
+"""What the page shows, and how it goes on where something is missing."""
+
+import itertools
+import socket
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+HOSTILE = "<img src=x onerror=alert(1)>&amp;<script>alert(2)</script>"
+# WCAG 2, level AA: of text below 24 px.
+LEAST_CONTRAST = 4.5
+
+CONTRASTS = """() => {
+  const numbers = color => color.match(/[\\d.]+/g).map(Number);
+  const luminance = ([r, g, b]) => [r, g, b]
+    .map(v => (v /= 255) <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+  const ground = element => {
+    for (let e = element; e; e = e.parentElement) {
+      const color = numbers(getComputedStyle(e).backgroundColor);
+      if (color.length === 3 || color[3] > 0.7) return color;
+    }
+    return [255, 255, 255];
+  };
+  return [...document.querySelectorAll('body *')]
+    .filter(e => e.checkVisibility())
+    .filter(e => [...e.childNodes].some(n => n.nodeType === 3 && n.data.trim()))
+    .map(e => {
+      const [a, b] = [numbers(getComputedStyle(e).color), ground(e)].map(luminance);
+      return [(Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05), e.textContent.trim().slice(0, 40)];
+    });
+}"""
+
+SEE_FRAMES = """() => {
+  window.seen = [];
+  const overlay = document.querySelector('#overlay');
+  new MutationObserver(() => {
+    const { stamp, box } = overlay.dataset;
+    if (window.seen.at(-1)?.[0] !== stamp) window.seen.push([stamp, JSON.parse(box)]);
+  }).observe(overlay, { attributes: true, attributeFilter: ['data-box', 'data-stamp'] });
+}"""
+
+
+def stamp_of(message):
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+@pytest.fixture
+def bag(tmp_path, write_bag, make_stamped, moving_square):
+    """A bag of 200 frames at 30 Hz, in which the square goes back and forth."""
+    images = moving_square.images
+    order = itertools.cycle([*range(len(images)), *range(len(images) - 2, 0, -1)])
+    rows = []
+    for number, place in zip(range(200), order, strict=False):
+        stamp = 1_700_000_000_000_000_000 + number * 33_333_333
+        image = images[place]
+        message = make_stamped(
+            "sensor_msgs/msg/Image",
+            stamp,
+            height=image.shape[0],
+            width=image.shape[1],
+            encoding="bgr8",
+            is_bigendian=0,
+            step=image.strides[0],
+            data=image.reshape(-1),
+        )
+        rows.append(("/image", "sensor_msgs/msg/Image", stamp, message))
+    return write_bag(tmp_path / "square", rows)
+
+
+@pytest.mark.usefixtures("tracker")
+def test_the_overlay_follows_a_replayed_bag_with_the_box_of_the_same_stamp(
+    graph, client, page, bag, moving_square
+):
+    page.evaluate(SEE_FRAMES)
+    box = [float(value) for value in moving_square.boxes[0]]
+    graph.process(
+        "-p",
+        f"source:={bag}",
+        "-p",
+        f"target_box:={box}",
+        module="pf_tracker_ros.node.replay.replay_node",
+    )
+    client.wait_for(
+        lambda: len(page.evaluate("() => window.seen")) >= 130, "frames on the page", 60.0
+    )
+    seen = [(int(stamp), box) for stamp, box in page.evaluate("() => window.seen") if box]
+    client.box_at(seen[-1][0])
+    published = {stamp_of(m): [(p.x, p.y) for p in m.polygon.points] for m in client.boxes}
+    assert len(seen) >= 100
+    for stamp, (x, y, width, height) in seen:
+        corners = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
+        assert np.allclose(published[stamp], corners, atol=2e-3), stamp
+    assert len({tuple(box) for _, box in seen}) > 50
+
+
+@pytest.mark.usefixtures("tracker")
+def test_the_state_and_its_figures_are_those_of_the_status(camera, page):
+    camera.show_on(page)
+    page.drag(camera.box_at(page.stamp))
+    camera.show_until(lambda: page.box, "box")
+    status = camera.show_on(page)
+    assert page.text("state") == status.values["state"]
+    assert page.text("confidence") == f"{float(status.values['confidence']):.2f}"
+    assert page.text("count") == status.values["particles"]
+    assert page.locator("#particles").get_attribute("d").count("M") == 200
+    assert page.locator("#covariance:not([hidden])").count() == 1
+    assert len(page.locator("#trail").get_attribute("points").split()) > 1
+
+
+@pytest.mark.usefixtures("tracker")
+def test_the_last_minute_of_the_figures_is_drawn(camera, page):
+    camera.show_on(page)
+    page.drag(camera.box_at(page.stamp))
+    camera.show_until(lambda: page.box, "box")
+    paths = {name: page.locator(f"#plot-{name} path") for name in ("confidence", "powers")}
+    camera.show_until(
+        lambda: len((paths["confidence"].first.get_attribute("d") or "").split("L")) > 10, "line"
+    )
+    # The default preset has two cues.
+    assert paths["powers"].count() == 2
+    shares = [float(text.split()[-1]) for text in page.locator("#cues li").all_inner_texts()]
+    assert sum(shares) == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_likelihood_is_shown_on_demand(tracker, camera, page):
+    (publisher,) = [one for one in tracker.publishers if one.topic.endswith("/likelihood")]
+    camera.show_on(page)
+    page.drag(camera.box_at(page.stamp))
+    camera.show_until(lambda: page.box, "box")
+    assert publisher.get_subscription_count() == 0
+    page.keyboard.press("h")
+    camera.show_until(page.locator("#heat").is_visible, "heat")
+    camera.show_on(page)
+    area, (x, y, width, height) = page.locator("#heat").bounding_box(), page.box
+    middle = page.to_screen(x + width / 2, y + height / 2)
+    found = area["x"] + area["width"] / 2, area["y"] + area["height"] / 2
+    assert found == pytest.approx(middle, abs=2.0)
+    assert "color contrast: target 1.00, rival 0." in page.locator("#bars").inner_text()
+    page.keyboard.press("h")
+    assert page.locator("#heat").is_hidden()
+    camera.show_until(lambda: publisher.get_subscription_count() == 0, "silence")
+
+
+@pytest.mark.usefixtures("tracker")
+def test_two_browsers_see_the_same(console, camera, open_page):
+    one, other = open_page(console.link), open_page(console.link)
+    camera.show_on(one, other)
+    one.drag(camera.box_at(one.stamp))
+    camera.show_until(lambda: other.box, "box in the other")
+    other.wait_until(lambda: "accepted" in other.text("note"), "news of the other's target")
+    camera.show_on(one, other)
+    assert one.stamp == other.stamp
+    assert one.box == other.box
+    other.keyboard.press("s")
+    for page in (one, other):
+        page.wait_until(
+            lambda page=page: "stopped" in page.text("note"), "news of the other's stop"
+        )
+
+
+def test_without_a_tracker_the_page_says_so_and_finds_it_when_it_comes(page, graph):
+    page.wait_until(
+        lambda: "no tracker is heard as /pf_tracker" in page.text("health"), "what is missing"
+    )
+    assert page.text("state") == "no tracker"
+    assert page.locator("#missing").is_visible()
+    graph.tracker()
+    page.wait_until(lambda: page.text("health").endswith("waiting for a target"), "its words")
+    assert page.text("state") == "idle"
+
+
+def test_without_images_the_page_says_so_in_the_nodes_words(graph, page):
+    graph.tracker(stale_after=0.5)
+    page.wait_until(lambda: "no image for" in page.text("health"), "what is missing")
+    assert page.text("topic").startswith("/image")
+
+
+def test_a_tracker_that_is_killed_is_missed_and_found_again(graph, page):
+    tracker = graph.process("-p", "seed:=0")
+    page.wait_until(lambda: page.text("connection") == "live", "the tracker")
+    tracker.kill()
+    page.wait_until(lambda: "has fallen silent" in page.text("health"), "that it is missed")
+    assert page.text("state") == "silent"
+    graph.process("-p", "seed:=0")
+    page.wait_until(lambda: page.text("connection") == "live", "the tracker again")
+
+
+@pytest.mark.usefixtures("tracker")
+def test_the_page_finds_a_console_that_was_restarted(start_console, graph, camera, open_page):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    module = "pf_tracker_ros.node.console.console_node"
+    first = graph.process("-p", f"port:={port}", module=module)
+    while "console of" not in (line := first.stdout.readline()):
+        assert line, "the console has ended"
+    # A connection that breaks is told in the browser's console.
+    page = open_page(f"http://127.0.0.1:{port}/", may_complain=True)
+    camera.show_on(page)
+    first.kill()
+    page.wait_until(lambda: page.text("connection") == "no console", "that it is missed")
+    start_console(port=port)
+    camera.show_on(page)
+    assert page.text("connection") == "live"
+
+
+@pytest.mark.usefixtures("tracker")
+def test_a_page_that_is_loaded_again_shows_the_last_picture(camera, page):
+    status = camera.show_on(page)
+    page.reload()
+    page.wait_until(lambda: page.stamp == status.stamp, "the last picture")
+
+
+@pytest.mark.usefixtures("tracker")
+def test_an_image_that_changes_its_size_is_followed(client, camera, page, images):
+    camera.show_on(page)
+    assert page.size == (160, 120)
+    tall = np.ascontiguousarray(images[0][:, :90])
+    stamps = (client.at(1000 + index) for index in itertools.count())
+
+    def is_tall():
+        client.show(tall, next(stamps))
+        return page.size == (90, 120)
+
+    client.wait_for(is_tall, "the other size")
+    area = page.locator("#stage").bounding_box()
+    assert area["width"] / area["height"] == pytest.approx(0.75, abs=0.02)
+
+
+@pytest.mark.usefixtures("tracker")
+@pytest.mark.parametrize("encoding", ["mono16", "32FC1"])
+def test_images_of_more_bits_are_shown(client, page, noise, encoding):
+    kind = {"mono16": np.uint16, "32FC1": np.float32}[encoding]
+    image = (noise(channels=1).astype(kind)) * 3
+    stamps = (client.at(index) for index in itertools.count())
+
+    def is_shown():
+        client.show(image, next(stamps), encoding)
+        return page.stamp
+
+    client.wait_for(is_shown, "picture")
+    brightest = page.evaluate(
+        "() => Math.max(...document.querySelector('#picture').getContext('2d')"
+        ".getImageData(0, 0, 64, 48).data.filter((_, i) => i % 4 < 3))"
+    )
+    assert brightest > 200
+
+
+class StandIn(Node):
+    """In the tracker's place: says what it is told to."""
+
+    def __init__(self, context):
+        super().__init__("pf_tracker", context=context)
+        self._health = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_timer(0.2, self._tell)
+
+    def _tell(self):
+        status = DiagnosticStatus(
+            name="pf_tracker: tracker",
+            level=DiagnosticStatus.ERROR,
+            message=HOSTILE,
+            values=[
+                KeyValue(key=key, value=HOSTILE) for key in ("state", "image_reliability", "preset")
+            ],
+        )
+        self._health.publish(DiagnosticArray(status=[status]))
+
+
+def test_hostile_names_are_shown_as_text(graph, page):
+    graph.run(StandIn(graph.context()))
+    page.wait_until(lambda: page.text("health") == HOSTILE, "the text")
+    assert page.text("state") == HOSTILE
+    assert page.locator("img, script:not([src])").count() == 0
+
+
+@pytest.mark.usefixtures("tracker")
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1280])
+def test_text_is_readable_and_nothing_is_cut_off(console, camera, open_page, scheme, width):
+    page = open_page(console.link, color_scheme=scheme, viewport={"width": width, "height": 800})
+    camera.show_on(page)
+    page.keyboard.press("r")
+    contrasts = page.evaluate(CONTRASTS)
+    assert len(contrasts) > 15
+    assert [one for one in contrasts if one[0] < LEAST_CONTRAST] == []
+    assert page.evaluate("() => document.documentElement.scrollWidth") <= width
+
+
+@pytest.mark.usefixtures("tracker")
+def test_nothing_moves_about_while_a_target_is_tracked(camera, page):
+    camera.show_on(page)
+    page.evaluate(
+        """() => { window.shifted = []; new PerformanceObserver(list => {
+          for (const entry of list.getEntries())
+            for (const { node } of entry.sources) window.shifted.push(node.id || node.nodeName);
+        }).observe({ type: 'layout-shift' }); }"""
+    )
+    page.drag(camera.box_at(page.stamp))
+    camera.show_until(lambda: page.box, "box")
+    for _ in range(20):
+        camera.show_on(page)
+    page.keyboard.press("s")
+    camera.show_until(lambda: page.text("state") == "idle", "idle")
+    assert page.evaluate("() => window.shifted") == []

@@ -1,0 +1,115 @@
+"""Which frame is shown, and with what."""
+
+import pytest
+
+from pf_tracker_ros.node.console.pairing import Pairing
+
+TRACKING = {"values": {"state": "tracking"}}
+IDLE = {"values": {"state": "idle"}}
+
+
+@pytest.fixture
+def pairing():
+    """With a tracker that has answered just now."""
+    pairing = Pairing()
+    pairing.add_answer(1, "status", IDLE, now=0.0)
+    return pairing
+
+
+def test_a_picture_waits_for_its_box(pairing):
+    pairing.add_image(2, "picture", now=0.0)
+    assert not pairing.choose(now=0.01)
+    pairing.add_answer(2, "status", TRACKING, now=0.02)
+    assert not pairing.choose(now=0.02)
+    pairing.add_answer(2, "box", [1, 2, 3, 4], now=0.03)
+    assert pairing.choose(now=0.03)
+    assert pairing.latest.stamp == 2
+    assert pairing.latest.answer == {"status": TRACKING, "box": [1, 2, 3, 4]}
+    assert not pairing.choose(now=0.04)
+
+
+def test_the_order_in_which_the_parts_come_does_not_matter(pairing):
+    pairing.add_answer(2, "box", [1, 2, 3, 4], now=0.0)
+    pairing.add_answer(2, "status", TRACKING, now=0.0)
+    pairing.add_image(2, "picture", now=0.0)
+    assert pairing.choose(now=0.0)
+
+
+def test_particles_are_waited_for_where_somebody_looks(pairing):
+    pairing.wanted = {"particles"}
+    pairing.add_image(2, "picture", now=0.0)
+    pairing.add_answer(2, "status", TRACKING, now=0.0)
+    pairing.add_answer(2, "box", [1, 2, 3, 4], now=0.0)
+    assert not pairing.choose(now=0.0)
+    pairing.add_answer(2, "particles", [], now=0.0)
+    assert pairing.choose(now=0.0)
+
+
+def test_without_a_target_there_is_nothing_to_wait_for(pairing):
+    pairing.wanted = {"particles"}
+    pairing.add_image(2, "picture", now=0.0)
+    pairing.add_answer(2, "status", IDLE, now=0.0)
+    assert pairing.choose(now=0.0)
+
+
+def test_the_newest_answered_picture_wins_and_older_ones_are_passed_over(pairing):
+    for stamp in (2, 3, 4):
+        pairing.add_image(stamp, f"picture {stamp}", now=0.0)
+    for stamp in (3, 2):
+        pairing.add_answer(stamp, "status", IDLE, now=0.0)
+    assert pairing.choose(now=0.0)
+    assert pairing.latest.image == "picture 3"
+    assert not pairing.choose(now=0.0)
+
+
+def test_a_picture_without_an_answer_is_shown_in_the_end(pairing):
+    pairing.add_image(2, "picture", now=0.0)
+    assert not pairing.choose(now=0.2)
+    assert pairing.choose(now=0.3)
+    assert pairing.latest.answer == {}
+
+
+def test_without_a_tracker_pictures_are_shown_at_once():
+    pairing = Pairing()
+    pairing.add_image(1, "first", now=0.0)
+    assert pairing.choose(now=0.0)
+    pairing.add_answer(2, "status", IDLE, now=0.0)
+    pairing.add_image(3, "second", now=5.0)
+    assert pairing.choose(now=5.0)
+
+
+def test_where_time_goes_back_the_answers_of_before_do_not_count(pairing):
+    for now in (0.0, 0.1):
+        for stamp in (2, 3):
+            pairing.add_image(stamp, f"picture {stamp} at {now}", now)
+            assert not pairing.choose(now)
+            pairing.add_answer(stamp, "status", {"values": {"state": "idle"}, "at": now}, now)
+            assert pairing.choose(now)
+            assert pairing.latest.image == f"picture {stamp} at {now}"
+            assert pairing.latest.answer["status"]["at"] == now
+    assert pairing.latest.number == 4
+
+
+def test_another_answer_to_the_same_frame_is_shown(pairing):
+    """A frame that is played twice is answered twice, perhaps before the second has come."""
+    pairing.add_image(2, "picture", now=0.0)
+    pairing.add_answer(2, "status", IDLE, now=0.0)
+    assert pairing.choose(now=0.0)
+    for part, content in (("box", [1, 2, 3, 4]), ("status", TRACKING)):
+        pairing.add_answer(2, part, content, now=0.1)
+        pairing.choose(now=0.1)
+    assert pairing.latest.image == "picture"
+    assert pairing.latest.answer == {"status": TRACKING, "box": [1, 2, 3, 4]}
+    pairing.add_answer(2, "status", IDLE, now=0.2)
+    assert pairing.choose(now=0.2)
+    assert pairing.latest.answer == {"status": IDLE}
+
+
+def test_what_waits_has_a_limit():
+    pairing = Pairing()
+    pairing.add_answer(0, "status", IDLE, now=0.0)
+    for stamp in range(1, 10_000):
+        pairing.add_image(stamp, stamp, now=0.0)
+        pairing.add_answer(-stamp, "box", None, now=0.0)
+    assert len(pairing._images) <= 8
+    assert len(pairing._answers) <= 32

@@ -1,0 +1,265 @@
+"""Picking a target on the live page: by pointer, touch and keyboard."""
+
+import itertools
+
+import pytest
+from geometry_msgs.msg import PointStamped, PolygonStamped
+from std_srvs.srv import SetBool
+
+from pf_tracker_ros.tracking.presets import preset_parameters
+from pf_tracker_ros.tracking.session import Session
+
+HEIGHT, WIDTH = 120, 160
+
+
+def stamp_of(message):
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def box_of(message):
+    points = [(point.x, point.y) for point in message.polygon.points]
+    (left, top), (right, bottom) = (fold(points) for fold in (_low, _high))
+    return left, top, right - left, bottom - top
+
+
+def _low(points):
+    return tuple(min(values) for values in zip(*points, strict=True))
+
+
+def _high(points):
+    return tuple(max(values) for values in zip(*points, strict=True))
+
+
+def overlap(one, other):
+    """Intersection over union of two boxes."""
+    left, top = max(one[0], other[0]), max(one[1], other[1])
+    right = min(one[0] + one[2], other[0] + other[2])
+    bottom = min(one[1] + one[3], other[1] + other[3])
+    common = max(0.0, right - left) * max(0.0, bottom - top)
+    return common / (one[2] * one[3] + other[2] * other[3] - common)
+
+
+@pytest.fixture
+def sent(client):
+    """What is sent to the tracker, as it comes: targets and clicks."""
+    messages = []
+    client.create_subscription(PolygonStamped, "pf_tracker/target", messages.append, 10)
+    client.create_subscription(PointStamped, "pf_tracker/click", messages.append, 10)
+    return messages
+
+
+@pytest.fixture
+def shown(tracker, camera, page):
+    """A page that shows the camera's pictures, of which a tracker without a target knows."""
+    status = camera.show_on(page)
+    assert status.values["state"] == "idle"
+    assert page.size == (WIDTH, HEIGHT)
+    return page
+
+
+def test_a_dragged_box_starts_the_target_on_the_frame_it_was_drawn_on(shown, camera, client, sent):
+    drawn_on = shown.stamp
+    wanted = camera.box_at(drawn_on)
+    shown.drag(wanted, release=False)
+    # The picture stands still under the pointer while the camera goes on.
+    for _ in range(3):
+        camera.show()
+    assert shown.stamp == drawn_on
+    assert shown.locator("#frozen").is_visible()
+    shown.mouse.up()
+    (target,) = client.wait_for(lambda: sent, "target")
+    assert stamp_of(target) == drawn_on
+    assert overlap(box_of(target), wanted) > 0.9
+
+    status = camera.show_until(
+        lambda: next((s for s in client.statuses if s.values["frame"] == "started"), None),
+        "started target",
+    )
+    shown.wait_until(lambda: "accepted" in shown.text("note"), "acceptance")
+    # To the bit what the library makes of that box on that frame.
+    session = Session(preset_parameters("default"), seed=0)
+    session.history.limit(120, 64.0)
+    estimates = {}
+    for stamp, index in camera.shown:
+        if stamp == status.stamp:
+            session.request(box_of(target), drawn_on)
+        estimates[stamp] = session.process(camera.images[index], stamp).estimate
+    started = client.box_at(status.stamp)
+    assert box_of(started) == pytest.approx(estimates[status.stamp].box, abs=1e-4)
+    camera.show_on(shown)
+    assert shown.locator("#frozen").is_hidden()
+    assert shown.text("state") == "tracking"
+
+
+def test_stop_forgets_the_target(shown, camera):
+    shown.drag(camera.box_at(shown.stamp))
+    camera.show_until(lambda: shown.box, "box")
+    shown.keyboard.press("s")
+    shown.wait_until(lambda: shown.text("note") == "stopped; waiting for a target", "answer")
+    camera.show_on(shown)
+    assert shown.text("state") == "idle"
+    assert shown.box is None
+    assert shown.locator("#box").is_hidden()
+
+
+def test_a_box_without_area_is_refused_with_the_nodes_reason(shown, camera):
+    shown.drag((20, 50, 60, 0))
+    camera.show_until(lambda: "refused" in shown.text("note"), "refusal")
+    assert "span" in shown.text("note")
+    assert "allowed: points that differ in both x and y" in shown.text("note")
+    # What was drawn is still there, to be put right.
+    assert shown.locator("#drawn:not([hidden])").count() == 1
+    assert shown.locator("#handles circle:visible").count() == 4
+
+
+def test_a_box_outside_is_refused_with_the_nodes_reason(shown, camera, sent, client):
+    shown.keyboard.press("r")
+    for name, value in {"x": 5000, "y": 10, "width": 30, "height": 30}.items():
+        shown.locator(f"#box-{name}").fill(str(value))
+    shown.locator("#send").click()
+    (target,) = client.wait_for(lambda: sent, "target")
+    assert box_of(target) == (5000, 10, 30, 30)
+    camera.show_until(lambda: "refused" in shown.text("note"), "refusal")
+    assert "is outside the image, 160 x 120 px" in shown.text("note")
+
+
+def test_a_refusal_is_told_without_images_too(shown):
+    shown.drag((20, 50, 60, 0))
+    shown.wait_until(lambda: "target refused" in shown.text("note"), "refusal")
+
+
+def test_a_click_tracks_a_square_around_it(shown, camera, client, sent):
+    client.set_parameters(click_size=20.0)
+    drawn_on = shown.stamp
+    shown.mouse.click(*shown.to_screen(60, 50))
+    (click,) = client.wait_for(lambda: sent, "click")
+    assert (click.point.x, click.point.y) == pytest.approx((60, 50), abs=0.5)
+    assert stamp_of(click) == drawn_on
+    box = camera.show_until(lambda: shown.box, "box")
+    assert box[2:] == pytest.approx([20, 20], rel=0.2)
+
+
+def test_a_corner_is_dragged_to_adjust_the_box(shown, client, sent):
+    shown.drag((30, 30, 40, 0))
+    first = client.wait_for(lambda: sent, "target")[0]
+    shown.locator("#handles").wait_for()
+    x, y, width, _ = box_of(first)
+    shown.drag((x + width, y, 10, 35))
+    client.wait_for(lambda: len(sent) == 2, "second target")
+    assert box_of(sent[1]) == pytest.approx((x, y, width + 10, 35), abs=1.0)
+    assert stamp_of(sent[1]) == stamp_of(first)
+
+
+def test_the_box_is_dragged_as_a_whole(shown, client, sent):
+    shown.drag((30, 30, 40, 0))
+    client.wait_for(lambda: sent, "target")
+    shown.locator("#handles").wait_for()
+    shown.locator("#box-height").fill("30")
+    shown.drag((50, 45, 20, 10))
+    client.wait_for(lambda: len(sent) == 2, "second target")
+    assert box_of(sent[1]) == pytest.approx((50, 40, 40, 30), abs=1.0)
+
+
+def test_escape_sends_nothing_and_lets_the_picture_go_on(shown, camera, client, sent):
+    shown.drag((20, 20, 50, 50), release=False)
+    camera.show()
+    shown.keyboard.press("Escape")
+    shown.mouse.up()
+    assert shown.locator("#drawn").is_hidden()
+    camera.show_on(shown)
+    # What had been sent would have come before this.
+    shown.drag((20, 20, 30, 30))
+    (target,) = client.wait_for(lambda: sent, "target")
+    assert box_of(target) == pytest.approx((20, 20, 30, 30), abs=1.0)
+
+
+@pytest.mark.usefixtures("tracker")
+def test_a_finger_draws_as_well(console, client, camera, open_page, sent):
+    page = open_page(console.link, has_touch=True, viewport={"width": 390, "height": 844})
+    camera.show_on(page)
+    drawn_on = page.stamp
+    touch = page.context.new_cdp_session(page.page).send
+    places = [page.to_screen(*place) for place in ((20, 30), (40, 50), (60, 70))]
+    for kind, place in zip(("touchStart", "touchMove", "touchMove"), places, strict=True):
+        x, y = place
+        touch("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": x, "y": y}]})
+    touch("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    (target,) = client.wait_for(lambda: sent, "target")
+    assert box_of(target) == pytest.approx((20, 30, 40, 40), abs=1.5)
+    assert stamp_of(target) == drawn_on
+
+
+def test_the_keyboard_alone_draws_a_box(shown, camera, client, sent):
+    drawn_on = shown.stamp
+    shown.keyboard.press("r")
+    before = [float(shown.locator(f"#box-{name}").input_value()) for name in ("x", "y")]
+    camera.show()
+    for key in ("ArrowRight", "ArrowDown", "ArrowDown", "Shift+ArrowLeft", "Alt+ArrowUp"):
+        shown.keyboard.press(key)
+    shown.keyboard.press("Enter")
+    (target,) = client.wait_for(lambda: sent, "target")
+    assert stamp_of(target) == drawn_on
+    x, y = before
+    # A step is an 80th of the width, with Alt a pixel.
+    assert box_of(target) == pytest.approx((x + 2, y + 3, WIDTH / 4 - 2, HEIGHT / 4))
+    camera.show_until(lambda: "accepted" in shown.text("note"), "acceptance")
+
+
+def test_space_pauses_and_goes_on(shown, camera, client):
+    shown.keyboard.press("Space")
+    shown.wait_until(
+        lambda: shown.locator("#pause").get_attribute("aria-pressed") == "true", "pause"
+    )
+    assert camera.show().values["frame"] == "paused"
+    shown.wait_until(lambda: "paused" in shown.text("health"), "the node's words")
+    shown.keyboard.press("Space")
+    shown.wait_until(
+        lambda: shown.locator("#pause").get_attribute("aria-pressed") == "false", "going on"
+    )
+    assert camera.show().values["frame"] == "waiting"
+
+
+def test_keys_that_are_typed_into_a_field_do_nothing_else(shown, client, camera):
+    shown.keyboard.press("r")
+    shown.locator("#box-x").press("s")
+    shown.locator("#box-x").press("Space")
+    assert shown.locator("#drawn").is_visible()
+    assert camera.show().values["frame"] == "waiting"
+
+
+def test_every_control_is_reached_by_the_tab_key(shown):
+    reached = set()
+    for _ in range(30):
+        shown.keyboard.press("Tab")
+        reached.add(shown.evaluate("() => document.activeElement.id"))
+    focusable = shown.evaluate(
+        "() => [...document.querySelectorAll('button, input, select, a[href]')]"
+        ".filter(e => !e.disabled && !e.closest('fieldset:disabled') && e.checkVisibility())"
+        ".map(e => e.id)"
+    )
+    assert set(focusable) <= reached
+    assert "draw" in focusable
+
+
+def test_a_target_that_nobody_takes_is_told_and_the_picture_goes_on(page, client, images):
+    """Without a tracker the console shows the images of the topic all the same."""
+    stamps = (client.at(index) for index in itertools.count())
+
+    def has_shown(stamp):
+        client.images.publish(client.message(images[0], stamp))
+        page.wait_for_timeout(20)
+        return page.stamp
+
+    client.wait_for(lambda: has_shown(next(stamps)), "picture")
+    page.drag((20, 20, 30, 30))
+    page.wait_until(lambda: "nobody takes targets" in page.text("note"), "reason")
+    page.keyboard.press("Escape")
+    before = page.stamp
+    client.wait_for(lambda: has_shown(next(stamps)) > before, "next picture")
+
+
+def test_a_service_that_is_not_there_is_told(console, client, open_page):
+    page = open_page(console.link)
+    page.locator("#stop").click()
+    page.get_by_text("/pf_tracker/stop is not there").wait_for()
+    assert client.create_client(SetBool, "pf_tracker/enable").service_is_ready() is False

@@ -1,0 +1,188 @@
+"""A recording that the page plays to the tracker."""
+
+import re
+import shutil
+
+import pytest
+import yaml
+
+from pf_tracker_ros.tracking.presets import preset_parameters
+from pf_tracker_ros.tracking.session import Session
+
+
+@pytest.fixture
+def bag(tmp_path, write_bag, make_stamped, moving_square):
+    """The moving square as a bag: 20 frames at 25 Hz."""
+    rows = []
+    for index, image in enumerate(moving_square.images):
+        stamp = stamp_at(index)
+        message = make_stamped(
+            "sensor_msgs/msg/Image",
+            stamp,
+            height=image.shape[0],
+            width=image.shape[1],
+            encoding="bgr8",
+            is_bigendian=0,
+            step=image.strides[0],
+            data=image.reshape(-1),
+        )
+        rows.append(("/image", "sensor_msgs/msg/Image", stamp, message))
+    return write_bag(tmp_path / "drive", rows)
+
+
+def stamp_at(index):
+    return 1_700_000_000_123_456_789 + index * 40_000_000
+
+
+def boxes_in_lockstep(images, box, first):
+    """What the library makes of the frames from one on, each looked at once."""
+    session = Session(preset_parameters("default"), seed=0)
+    session.request(box, stamp_at(first))
+    return {
+        stamp_at(index): session.process(image, stamp_at(index)).estimate.box
+        for index, image in enumerate(images)
+        if index >= first
+    }
+
+
+@pytest.fixture
+def player(tracker, start_console, open_page, bag):
+    """A page that plays the recording, at its first frame."""
+    page = open_page(start_console(source=str(bag)).link)
+    page.wait_until(lambda: page.stamp == stamp_at(0), "first frame")
+    page.wait_until(lambda: page.text("frame") == "0 / 19", "position")
+    return page
+
+
+def at_frame(page, index):
+    page.wait_until(lambda: page.stamp == stamp_at(index), f"frame {index}")
+
+
+def go_to(page, index):
+    page.locator("#seek").fill(str(index))
+    at_frame(page, index)
+
+
+def draw(page, box):
+    """Draw a box, and return the one that the page has sent."""
+    page.drag(box)
+    page.wait_until(lambda: "accepted" in page.text("note"), "acceptance")
+    page.wait_until(lambda: page.box, "box")
+    return tuple(page.box)
+
+
+def test_stepping_gives_the_boxes_of_a_run_in_lockstep(player, moving_square):
+    box = draw(player, moving_square.boxes[0])
+    expected = boxes_in_lockstep(moving_square.images, box, 0)
+    for index in range(1, 12):
+        player.keyboard.press("n")
+        at_frame(player, index)
+        assert player.box == pytest.approx(expected[stamp_at(index)], abs=2e-3), index
+    assert player.text("frame") == "11 / 19"
+
+
+def test_seeking_gives_the_boxes_of_a_run_in_lockstep(player, moving_square):
+    go_to(player, 4)
+    box = draw(player, moving_square.boxes[4])
+    expected = boxes_in_lockstep(moving_square.images, box, 4)
+    for index in (15, 7, 19, 5, 4):
+        go_to(player, index)
+        assert player.box == pytest.approx(expected[stamp_at(index)], abs=2e-3), index
+    # Before the frame that it was drawn on there is no target; it starts there again.
+    go_to(player, 2)
+    assert player.box is None
+    for index in (3, 4, 5, 6):
+        player.locator("#forward").click()
+        at_frame(player, index)
+    assert player.box == pytest.approx(expected[stamp_at(6)], abs=2e-3)
+
+
+def test_a_target_is_tried_again_from_its_own_frame(player, moving_square):
+    draw(player, (100, 10, 30, 30))
+    for index in (1, 2):
+        player.keyboard.press("n")
+        at_frame(player, index)
+    box = draw(player, moving_square.boxes[2])
+    expected = boxes_in_lockstep(moving_square.images, box, 2)
+    go_to(player, 9)
+    assert player.box == pytest.approx(expected[stamp_at(9)], abs=2e-3)
+
+
+def test_it_plays_and_pauses_at_its_end_and_goes_on_from_there(player, moving_square):
+    box = draw(player, moving_square.boxes[0])
+    expected = boxes_in_lockstep(moving_square.images, box, 0)
+    player.locator("#speed").select_option("4")
+    player.keyboard.press("Space")
+    at_frame(player, 19)
+    player.wait_until(lambda: player.text("pause-word") == "Play", "pause at the end")
+    assert player.box == pytest.approx(expected[stamp_at(19)], abs=2e-3)
+    player.locator("#back").click()
+    at_frame(player, 18)
+    assert player.box == pytest.approx(expected[stamp_at(18)], abs=2e-3)
+
+
+def test_a_refused_target_is_not_tried_again(player):
+    player.drag((20, 50, 60, 0))
+    player.wait_until(lambda: "refused" in player.text("note"), "refusal")
+    player.keyboard.press("Escape")
+    go_to(player, 3)
+    assert player.text("state") == "idle"
+    assert player.locator("#save").is_disabled()
+
+
+def test_stop_forgets_the_target_of_the_recording(player, moving_square):
+    draw(player, moving_square.boxes[0])
+    player.keyboard.press("s")
+    player.wait_until(lambda: "stopped" in player.text("note"), "answer")
+    go_to(player, 3)
+    assert player.box is None
+
+
+def test_the_target_is_saved_beside_the_recording(player, moving_square, bag):
+    go_to(player, 3)
+    box = draw(player, moving_square.boxes[3])
+    player.locator("#save").click()
+    player.wait_until(lambda: "drive.target.yaml" in player.text("note"), "answer")
+    saved = yaml.safe_load((bag.parent / "drive.target.yaml").read_text())
+    assert saved == {
+        "target_box": pytest.approx(box, abs=1e-2),
+        "frame": 3,
+        "stamp": stamp_at(3),
+    }
+    assert [path.name for path in bag.parent.iterdir() if path.name.startswith(".")] == []
+
+
+def test_a_click_in_a_recording_is_tried_again_too(player, client):
+    client.set_parameters(click_size=24.0)
+    player.wait_until(
+        lambda: player.locator("[id='parameter-click_size']").input_value() == "24", "its size"
+    )
+    player.mouse.click(*player.to_screen(32, 42))
+    player.wait_until(lambda: player.box, "box")
+    assert player.box == pytest.approx([20, 30, 24, 24], abs=1.0)
+    assert player.locator("#save").is_enabled()
+
+
+def test_without_a_tracker_it_waits_for_one(start_console, open_page, bag, graph):
+    page = open_page(start_console(source=str(bag)).link)
+    page.wait_until(lambda: page.text("frame") == "0 / 19", "recording")
+    assert page.stamp == 0
+    graph.tracker()
+    at_frame(page, 0)
+
+
+def test_a_source_that_cannot_be_played_is_told(start_console, capfd):
+    node = start_console(source="/nowhere.mcap")
+    assert node.exit_code == 1
+    errors = capfd.readouterr().err
+    assert "there is no /nowhere.mcap" in errors
+    assert "/nowhere.mcap cannot be played" in errors
+
+
+def test_a_folder_that_cannot_be_written_is_told(player, moving_square, bag):
+    draw(player, moving_square.boxes[0])
+    shutil.rmtree(bag.parent)
+    player.locator("#save").click()
+    player.wait_until(
+        lambda: re.search("cannot be saved: .*No such file", player.text("note")), "reason"
+    )

@@ -1,0 +1,138 @@
+"""The web server as other programs meet it, without a browser."""
+
+import http.client
+import re
+import socket
+import subprocess
+import sys
+from urllib.parse import urlsplit
+
+import pytest
+
+from pf_tracker_ros.node.console.access import HEADERS
+
+UPGRADE = {
+    "Connection": "Upgrade",
+    "Upgrade": "websocket",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+}
+
+
+@pytest.fixture
+def ask():
+    """A function that sends one request and returns status, headers and body."""
+    connections = []
+
+    def send(link, path="/", method="GET", **headers):
+        parts = urlsplit(link)
+        connection = http.client.HTTPConnection("127.0.0.1", parts.port, timeout=10)
+        connections.append(connection)
+        names = {name.replace("_", "-"): value for name, value in headers.items()}
+        connection.request(method, path, headers=names)
+        answer = connection.getresponse()
+        body = b"" if answer.status == 101 else answer.read()
+        return answer.status, dict(answer.getheaders()), body.decode()
+
+    yield send
+    for connection in connections:
+        connection.close()
+
+
+def test_the_page_and_its_parts_are_served_with_the_policy(console, ask):
+    status, headers, body = ask(console.link)
+    assert status == 200
+    assert headers.items() >= HEADERS.items()
+    for path in re.findall(r'(?:src|href)="([^"]+)"', body):
+        status, headers, _ = ask(console.link, path)
+        assert status == 200
+        assert headers.items() >= HEADERS.items()
+        assert headers["Content-Type"].split(";")[0] != "application/octet-stream"
+
+
+def test_nothing_else_is_served(console, ask):
+    for path in ("/index.html", "/../access.py", "/%2e%2e/access.py", "/page/", "/.env"):
+        status, headers, _ = ask(console.link, path)
+        assert status == 404
+        assert headers.items() >= HEADERS.items()
+    for method in ("POST", "PUT", "DELETE"):
+        assert ask(console.link, "/", method)[0] == 405
+
+
+def test_a_socket_is_for_pages_of_the_same_origin(console, ask):
+    netloc = urlsplit(console.link).netloc
+    assert ask(console.link, "/socket", Origin=f"http://{netloc}", **UPGRADE)[0] == 101
+    for origin in ("http://attacker.example", "null", "http://127.0.0.1:1"):
+        status, _, text = ask(console.link, "/socket", Origin=origin, **UPGRADE)
+        assert status == 403
+        assert origin in text
+    assert ask(console.link, "/socket", **UPGRADE)[0] == 403
+
+
+def test_a_name_that_was_made_to_lead_here_gets_nothing(console, ask):
+    port = urlsplit(console.link).port
+    host = f"attacker.example:{port}"
+    for path, more in (("/", {}), ("/socket", UPGRADE | {"Origin": f"http://{host}"})):
+        status, _, text = ask(console.link, path, Host=host, **more)
+        assert status == 403
+        assert "not served under the name" in text
+
+
+def test_opened_wider_it_asks_for_the_token_of_its_link(start_console, ask):
+    console = start_console(host="0.0.0.0")
+    assert urlsplit(console.link).hostname == socket.gethostname().lower()
+    token = urlsplit(console.link).query
+    link = f"http://127.0.0.1:{urlsplit(console.link).port}/"
+    origin = {"Origin": link.strip("/")}
+    for path in ("/", "/console.js", "/?token=wrong", "/?token="):
+        status, _, text = ask(link, path)
+        assert status == 401
+        assert "access token" in text
+    assert ask(link, "/socket", **UPGRADE, **origin)[0] == 401
+
+    status, headers, _ = ask(link, f"/?{token}")
+    assert status == 303
+    assert headers["Location"] == "/"
+    assert "HttpOnly" in headers["Set-Cookie"]
+    cookie = headers["Set-Cookie"].partition(";")[0]
+    assert ask(link, "/", Cookie=cookie)[0] == 200
+    assert ask(link, "/socket", Cookie=cookie, **UPGRADE, **origin)[0] == 101
+    # The token alone is not enough for a page of another origin.
+    more = UPGRADE | {"Origin": "http://attacker.example"}
+    assert ask(link, "/socket", Cookie=cookie, **more)[0] == 403
+
+
+def test_the_token_is_on_the_terminal_once_with_a_warning(ros_domain):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pf_tracker_ros.node.console.console_node"]
+        + ["--ros-args", "-p", "port:=0", "-p", "host:=0.0.0.0"],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    lines = []
+    for line in process.stderr:
+        lines.append(line)
+        if "not encrypted" in line:
+            break
+    process.terminate()
+    lines += process.stderr.readlines()
+    process.stderr.close()
+    assert process.wait(30) == 0
+    assert len(re.findall(r"\?token=[\w-]{32,}", "".join(lines))) == 1
+
+
+def test_the_loopback_link_has_no_token(console):
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", console.link)
+
+
+def test_a_port_that_is_taken_is_told(start_console, console, graph, capfd):
+    port = urlsplit(console.link).port
+    other = start_console(port=port)
+    assert other.exit_code == 1
+    assert other.link == ""
+    assert f"cannot be served on 127.0.0.1:{port}" in capfd.readouterr().err
+
+
+def test_a_wrong_parameter_is_told(start_console, capfd):
+    assert start_console(port=70_000).exit_code == 1
+    assert "'port'" in capfd.readouterr().err

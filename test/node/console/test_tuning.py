@@ -1,0 +1,114 @@
+"""The tracker's parameters as the page shows them."""
+
+import pytest
+import yaml
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    ParameterDescriptor,
+    ParameterType,
+    ParameterValue,
+)
+from rclpy.parameter import Parameter, parameter_value_to_python
+
+from pf_tracker_ros.node.console.tuning import (
+    parameter_file,
+    parameter_of,
+    shaped,
+    shown_names,
+)
+
+
+def value(content):
+    return Parameter("any", value=content).get_parameter_value()
+
+
+def described(name, content, **options):
+    parameter = Parameter(name, value=content)
+    descriptor = ParameterDescriptor(name=name, type=parameter.type_.value, **options)
+    return descriptor, parameter.get_parameter_value()
+
+
+def shape(*parameters):
+    descriptors, values = zip(*parameters, strict=True)
+    return {one["name"]: one for one in shaped(descriptors, values)}
+
+
+def test_they_come_in_the_order_of_the_documentation_without_those_of_every_node():
+    names = ["motion.model", "use_sim_time", "qos_overrides./x", "new.one", "preset", "particles"]
+    assert shown_names(names) == ["preset", "particles", "motion.model", "new.one"]
+
+
+def test_each_has_its_group_its_range_and_what_the_preset_says():
+    bounds = FloatingPointRange(from_value=0.0, to_value=50.0)
+    found = shape(
+        described("preset", "li2007"),
+        described("particles", 80),
+        described("motion.position_noise", 0.7, floating_point_range=[bounds], description="Walk."),
+        described("color_histogram.keep", 0.9),
+        described("hostile.<b>", "<script>"),
+    )
+    assert [one["group"] for one in found.values()] == [
+        "The node",
+        "The tracker",
+        "The tracker",
+        "Color histogram",
+        "Others",
+    ]
+    assert found["motion.position_noise"]["range"] == [0.0, 50.0]
+    assert (found["particles"]["value"], found["particles"]["usual"]) == (80, 60)
+    assert found["preset"]["choices"] == ["default", "li2007", "zhang2015", "zhang_bo"]
+    assert found["hostile.<b>"]["usual"] is None
+
+
+def test_an_empty_list_of_numbers_is_one():
+    descriptor = ParameterDescriptor(name="target_box", type=ParameterType.PARAMETER_DOUBLE_ARRAY)
+    (one,) = shaped([descriptor], [ParameterValue()])
+    assert (one["kind"], one["value"], one["usual"]) == ("numbers", [], [])
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "asked"),
+    [
+        ("float", 1, 1.0),
+        ("int", 1, 1),
+        ("int", 2.5, 2.5),
+        ("float", "many", "many"),
+        ("bool", True, True),
+        ("numbers", [1, 2.5], [1.0, 2.5]),
+        ("numbers", [], []),
+        ("texts", ["hog"], ["hog"]),
+        ("texts", [], []),
+    ],
+)
+def test_what_is_given_reaches_the_node_as_it_is_for_the_node_to_judge(kind, given, asked):
+    parameter = parameter_of({"name": "x", "kind": kind}, given)
+    found = parameter_value_to_python(parameter.value)
+    found = found if isinstance(found, bool | int | float | str) else list(found)
+    assert (found, type(found)) == (asked, type(asked))
+
+
+@pytest.mark.parametrize("given", [None, {}, [1, "two"], 2**63, -(2**70)])
+def test_what_ros_has_no_value_for_is_refused(given):
+    with pytest.raises(ValueError, match="'x'"):
+        parameter_of({"name": "x", "kind": "int"}, given)
+
+
+def test_the_file_holds_the_preset_and_what_differs_from_it():
+    known = shape(
+        described("preset", "li2007"),
+        described("seed", 0),
+        described("autostart", False, read_only=True),
+        described("particles", 80),
+        described("motion.position_noise", 0.7),
+        described("cues", ["hog", "color_histogram"]),
+    )
+    text = parameter_file("/left/pf_tracker", list(known.values()))
+    assert yaml.safe_load(text) == {
+        "/left/pf_tracker": {
+            "ros__parameters": {
+                "preset": "li2007",
+                "particles": 80,
+                "cues": ["hog", "color_histogram"],
+            }
+        }
+    }

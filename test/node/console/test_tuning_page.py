@@ -1,0 +1,116 @@
+"""Tuning the tracker on the page, through its parameter services."""
+
+import pytest
+import yaml
+
+
+@pytest.fixture
+def tuned(tracker, page):
+    """A page that knows the tracker's parameters, with every group open."""
+    page.locator("#groups details").first.wait_for()
+    page.evaluate("() => document.querySelectorAll('details').forEach(one => { one.open = true; })")
+    return page
+
+
+def field(page, name):
+    return page.locator(f"[id='parameter-{name}']")
+
+
+def refusal(page, name):
+    return page.locator(f"[id='parameter-{name}-refusal']")
+
+
+def test_every_parameter_of_the_node_has_a_field_with_its_description(tuned, client):
+    names = client.parameter_names()
+    assert len(names) > 30
+    for name in names:
+        assert field(tuned, name).count() == 1, name
+    about = tuned.locator("[id='parameter-track.lost_after-about']").inner_text()
+    assert about.startswith("The target counts as lost after it has been occluded for so long.")
+    assert about.endswith("Allowed: 0 to 3600.")
+    assert field(tuned, "autostart").is_disabled()
+
+
+def test_a_value_is_set_at_run_time(tuned, client):
+    field(tuned, "particles").fill("321")
+    field(tuned, "particles").press("Enter")
+    tuned.wait_until(lambda: client.get_parameters("particles") == [321], "new value")
+    changed = tuned.locator(".parameter.changed")
+    tuned.wait_until(lambda: changed.count() == 1, "mark of what has changed")
+    assert "particles" in changed.inner_text()
+
+
+def test_a_value_out_of_range_is_refused_at_its_field(tuned, client):
+    before = client.get_parameters("track.lost_after")
+    field(tuned, "track.lost_after").fill("99999")
+    field(tuned, "track.lost_after").press("Enter")
+    shown = refusal(tuned, "track.lost_after")
+    tuned.wait_until(shown.inner_text, "refusal")
+    assert (
+        "parameter 'track.lost_after' is 99999.0; allowed: float, 0 to 3600" in shown.inner_text()
+    )
+    assert field(tuned, "track.lost_after").get_attribute("aria-invalid") == "true"
+    assert client.get_parameters("track.lost_after") == before
+    field(tuned, "track.lost_after").fill("3")
+    field(tuned, "track.lost_after").press("Enter")
+    tuned.wait_until(lambda: shown.inner_text() == "", "end of the refusal")
+    assert client.get_parameters("track.lost_after") == [3.0]
+
+
+def test_values_that_contradict_each_other_are_refused_in_the_nodes_words(tuned):
+    field(tuned, "motion.model").select_option("affine")
+    shown = refusal(tuned, "motion.model")
+    tuned.wait_until(shown.inner_text, "refusal")
+    assert "search" in shown.inner_text()
+
+
+def test_a_slider_sets_what_it_shows(tuned, client):
+    slider = tuned.locator(".parameter", has=field(tuned, "resampling.threshold")).locator(
+        "input[type=range]"
+    )
+    slider.fill("0.5")
+    slider.dispatch_event("change")
+    tuned.wait_until(lambda: client.get_parameters("resampling.threshold") == [0.5], "new value")
+    assert field(tuned, "resampling.threshold").input_value() == "0.5"
+
+
+def test_a_preset_brings_other_parameters_and_reset_its_values(tuned, client):
+    field(tuned, "preset").select_option("li2007")
+    field(tuned, "color_histogram.sharpness").wait_for(state="attached")
+    assert field(tuned, "proposal.share").count() == 0
+    field(tuned, "particles").fill("77")
+    field(tuned, "particles").press("Enter")
+    tuned.wait_until(lambda: client.get_parameters("particles") == [77], "new value")
+    tuned.locator("#reset").click()
+    tuned.wait_until(lambda: client.get_parameters("particles") == [60], "the preset's value")
+    tuned.wait_until(lambda: field(tuned, "particles").input_value() == "60", "it on the page")
+
+
+def test_what_others_set_is_shown(tuned, client):
+    client.set_parameters(particles=123)
+    tuned.wait_until(lambda: field(tuned, "particles").input_value() == "123", "the value")
+
+
+def test_what_differs_from_the_preset_is_given_as_a_parameter_file(tuned, client):
+    client.set_parameters(particles=123, cues=["correlation_response"])
+    tuned.wait_until(lambda: field(tuned, "particles").input_value() == "123", "the value")
+    with tuned.expect_download() as download:
+        tuned.locator("#yaml").click()
+    assert download.value.suggested_filename == "tracker.yaml"
+    given = yaml.safe_load(download.value.path().read_text())
+    assert given == {
+        "/pf_tracker": {
+            "ros__parameters": {
+                "preset": "default",
+                "particles": 123,
+                "cues": ["correlation_response"],
+            }
+        }
+    }
+
+
+def test_the_cues_are_chosen_one_by_one(tuned, client):
+    tuned.get_by_label("hog", exact=True).check()
+    wanted = ("color_contrast", "correlation_response", "hog")
+    tuned.wait_until(lambda: client.get_parameters("cues") == [wanted], "the cue")
+    field(tuned, "hog.sharpness").wait_for(state="attached")
