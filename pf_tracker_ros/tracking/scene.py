@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.background import BackgroundModel
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.filter.randomness import Randomness
-from pf_tracker_ros.frames import Foreground, Frame
-from pf_tracker_ros.frames.gain_control import GainControl
+from pf_tracker_ros.tracking.camera import Camera
 from pf_tracker_ros.tracking.estimate import TrackState
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.target import Target
 
 _FIRST_ID = 1
-# Which child of the seed the background model draws from.
-_BACKGROUND_KEY = 0
 
 
 class Scene:
@@ -43,9 +38,7 @@ class Scene:
     def __init__(self, follower: Follower, seed: int = 0) -> None:
         self._follower = follower
         self._seed = seed
-        self._frame: Frame | None = None
-        self._gain = GainControl()
-        self._background: BackgroundModel | None = None
+        self._camera = Camera(seed)
         self._targets: dict[int, Target] = {}
         self._next_id = _FIRST_ID
 
@@ -66,19 +59,17 @@ class Scene:
         Returns:
             Its id, from 1 on, never used again.
         """
-        frame = self._frame
+        frame, background = self._camera.frame, self._follower.background
         boxes = [*self._boxes, box]
-        gain = self._gain
         if frame is None or frame.image is not image:
-            gain = gain.follow(image, 0.0)
-            frame = self._open(image, gain, boxes)
-        elif self._follower.needs_foreground and self._background is None:
-            self._observe_background(frame, boxes)
+            frame = self._camera.open(image, 0.0, boxes, background)
+        elif background and not self._camera.has_background:
+            self._camera.observe_background(frame, boxes, background)
         number = self._next_id
         target = self._follower.begin(frame, box, self._randomness(number), state)
         self._targets[number] = target
         self._next_id += 1
-        self._frame, self._gain = frame, gain
+        self._camera.keep(frame)
         return number
 
     def stop(self, number: int) -> None:
@@ -96,26 +87,21 @@ class Scene:
             image: Of the size and kind of the last one; checked.
             interval: Seconds since that one.
         """
-        gain = self._gain.follow(image, interval)
-        frame = self._open(image, gain, self._boxes)
+        frame = self._camera.open(image, interval, self._boxes, self._follower.background)
         self._targets = {
             number: self._follower.follow(target, frame, interval)
             for number, target in self._targets.items()
         }
-        self._frame, self._gain = frame, gain
+        self._camera.keep(frame)
 
     def reconfigure(self, follower: Follower) -> None:
         """Go on with other parameters; the targets are kept."""
         self._targets = {
             number: follower.reconfigure(target) for number, target in self._targets.items()
         }
-        if not follower.needs_foreground:
-            self._background = None
+        if not follower.background:
+            self._camera.forget_background()
         self._follower = follower
-
-    def __getstate__(self) -> dict[str, Any]:
-        # A copy goes on with its next frame; that of the past would only make it large.
-        return self.__dict__ | {"_frame": None}
 
     def __copy__(self) -> Scene:
         return copy.deepcopy(self)
@@ -124,24 +110,6 @@ class Scene:
     def _boxes(self) -> list[Box]:
         """Where the targets are, as the last frame left them."""
         return [target.estimate.box for target in self._targets.values()]
-
-    def _open(self, image: NDArray[np.generic], gain: GainControl, boxes: Sequence[Box]) -> Frame:
-        """The next frame; boxes tell where targets are."""
-        frame = Frame(image, span=gain.span)
-        if self._follower.needs_foreground:
-            self._observe_background(frame, boxes)
-        return frame
-
-    def _observe_background(self, frame: Frame, boxes: Sequence[Box]) -> None:
-        """Tell the frame its foreground, and learn its background."""
-        if self._background is None:
-            parameters = self._follower.parameters.of_background["background"]
-            draw = np.random.default_rng(self._child(_BACKGROUND_KEY))
-            self._background = BackgroundModel(frame.pixels, parameters, draw, boxes)
-        mask = self._background.update(frame.pixels, boxes)
-        frame.background = self._background.state
-        if frame.background.name != "off":
-            frame.foreground = Foreground(mask, self._background.reduction)
 
     def _randomness(self, number: int) -> Randomness:
         """Of a target: the first draws from the seed itself, as a tracker of one target does."""
