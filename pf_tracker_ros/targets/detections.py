@@ -13,11 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.appearance import Look, look_at
+from pf_tracker_ros.targets.geometry import overlaps
 
 # No camera shows more that could be told apart; the best scores are kept.
 _MOST = 200
 # Two boxes that overlap by more than this (intersection over union) are one object, seen twice.
 DOUBLED_ABOVE = 0.65
+# A box that overlaps another by less than this shows its own object alone.
+_CLEAR_BELOW = 0.1
 # Narrower and lower boxes hold too few pixels.
 _SMALLEST_SIDE = 2.0
 
@@ -97,12 +100,14 @@ class Sighting(NamedTuple):
         score: 0 to 1.
         label: What it is, or an empty text.
         look: What is in the box.
+        is_clear: Whether none of the others overlaps it.
     """
 
     box: NDArray[np.float64]
     score: float
     label: str
     look: Look
+    is_clear: bool = True
 
 
 def usable(
@@ -158,14 +163,18 @@ def sightings(
 ) -> tuple[list[Sighting], list[str]]:
     """What counts of the detections of a frame, each looked at once; and why others do not."""
     numbers, boxes, reasons = usable(detections, frame.size, score_above)
+    shared = overlaps(boxes, boxes)
+    np.fill_diagonal(shared, 0.0)
+    clear = shared.max(axis=1, initial=0.0) < _CLEAR_BELOW
     found = [
         Sighting(
             box,
             float(np.clip(detections.scores[number], 0.0, 1.0)),
             detections.labels[number],
             look_at(frame, box),
+            bool(is_clear),
         )
-        for number, box in zip(numbers, boxes, strict=True)
+        for number, box, is_clear in zip(numbers, boxes, clear, strict=True)
     ]
     return found, reasons
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.associator import Associator
+from pf_tracker_ros.targets.crossings import tell_apart
 from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.deleter import Deleter
 from pf_tracker_ros.targets.detections import Sighting
@@ -55,6 +56,7 @@ class CrowdKeeper:
             seen[given[place]] if seen is not None and place in given else None
             for place in range(len(lives))
         ]
+        lives = tell_apart(lives, own)
         lives = self._updater.update(lives, predicted, frame, interval, own)
         if seen is not None:
             lives = self._updater.count_misses(lives, own, rhythm)

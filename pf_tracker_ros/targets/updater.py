@@ -23,9 +23,11 @@ from pf_tracker_ros.tracking.target import Target
 # Probability that a detection is not of its target, so that it says nothing of the place.
 _WRONG = 0.02
 # A target of which more than this is behind another one is not looked for.
-_HIDDEN_ABOVE = 0.7
+_HIDDEN_ABOVE = 0.5
 # Two boxes that overlap by more than this are on one object, and it is that of the one in front.
 _SAME_ABOVE = 0.5
+# How far a target may be from where it was expected, in its own sides.
+_NEAR = 1.5
 # What others in front explain of a box, beyond what was expected, counts against it so strongly.
 _EXPLAINED = 30.0
 _EXPLAINED_FREELY = 0.2
@@ -34,6 +36,8 @@ _EXPLAINED_FREELY = 0.2
 _GAIN = 0.5
 _FAR_BELOW = 0.5
 _SURE_ABOVE = 0.6
+# A target that goes out of the image is not looked for with more than this of a side outside.
+_LEAVES_ABOVE = 0.3
 # Seconds over which velocities are averaged.
 _VELOCITY_TIME = 0.3
 # Confirmations over which sizes are averaged.
@@ -43,7 +47,7 @@ _LEARN_EVERY = 0.4
 # Share of a detection's look in that of its target.
 _LOOK_RATE = 0.1
 # What a detection adds to the belief in its target, and the most that this can be.
-_HIT, _MOST_BELIEF = 2.0, 1.5
+_HIT, _LEAST_BELIEF, _MOST_BELIEF = 2.0, -1.0, 1.5
 # What the detector misses now it will miss again in a moment: seconds until it decides anew.
 _DECIDES_ANEW = 0.3
 # Of a hidden target it says at least so much that it was not found.
@@ -85,9 +89,11 @@ class Updater:
         """
         updated = list(lives)
         front: list[NDArray[np.float64]] = []
-        # What stands lower in the image is nearer to the camera.
+        # What was just confirmed explains its pixels first; of the others, what stands lower in the
+        # image, since it is nearer to the camera.
         lower = predicted[:, 1] + predicted[:, 3]
-        for place in np.argsort(-lower, kind="stable"):
+        unseen = np.array([one is None for one in own], dtype=np.float64)
+        for place in np.lexsort((-lower, unseen)).tolist():
             life = self._follow(
                 lives[place],
                 predicted[place],
@@ -133,13 +139,14 @@ class Updater:
     ) -> Life:
         """One target, behind those in (K, 4) boxes."""
         target, evidence = life.target, []
-        is_hidden = False
+        is_hidden = own is None and _is_leaving(life, predicted, frame.size)
         if own:
             evidence.append(_of_detection(own.box))
+        front = front[_are_near(front, predicted)] if len(front) else front
         if len(front):
             expected = covered(predicted[None], front)[0]
             evidence.append(_of_others(front, expected))
-            is_hidden = own is None and bool(expected.max() > _HIDDEN_ABOVE)
+            is_hidden |= own is None and bool(expected.max() > _HIDDEN_ABOVE)
         if not is_hidden:
             followed = self._follower.follow(target, frame, interval, _all_of(evidence))
             if own is None and len(front):
@@ -182,12 +189,28 @@ class Updater:
             life.voted(own.label, own.score),
             target=target,
             log_size=log_size,
-            look=blend(life.look, own.look, _LOOK_RATE),
-            belief=min(life.belief + _HIT, _MOST_BELIEF),
+            look=blend(life.look, own.look, _LOOK_RATE) if own.is_clear else life.look,
+            belief=min(max(life.belief, _LEAST_BELIEF) + _HIT, _MOST_BELIEF),
             confirmations=life.confirmations + 1,
             unconfirmed_for=0.0,
             learned_for=0.0 if learns else life.learned_for,
         )
+
+
+def _is_leaving(life: Life, predicted: NDArray[np.float64], image_size: tuple[int, int]) -> bool:
+    """Whether a target goes out of the image, and too little of it is left to be looked for."""
+    velocity, size = np.array(life.velocity), predicted[2:]
+    before = np.maximum(-predicted[:2], 0.0) / size
+    beyond = np.maximum(predicted[:2] + size - image_size, 0.0) / size
+    outside = np.where(velocity < 0.0, before, beyond)
+    return bool((outside > _LEAVES_ABOVE).any())
+
+
+def _are_near(boxes: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(K,) which of (K, 4) boxes a target could overlap that is about at a (4,) place."""
+    apart = np.abs(boxes[:, :2] + boxes[:, 2:] / 2 - place[:2] - place[2:] / 2)
+    near: NDArray[np.bool_] = np.all(apart < boxes[:, 2:] / 2 + _NEAR * place[2:], axis=1)
+    return near
 
 
 def _moved(life: Life, followed: Target, interval: float) -> tuple[float, float]:

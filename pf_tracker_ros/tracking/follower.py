@@ -252,8 +252,8 @@ class Follower:
 
     def relearn(self, target: Target, frame: Frame) -> Target:
         """The target with templates of what is in its box now."""
-        templates, distraction = self._measurer.learn(frame, np.array(target.estimate.box))
-        return replace(target, templates=templates, distraction=distraction)
+        templates = self._measurer.templates(frame, np.array(target.estimate.box))
+        return replace(target, templates=templates)
 
     def _judge(
         self, target: Target, measured: Measurement, interval: float, draw: np.random.Generator

@@ -76,8 +76,11 @@ class Measurer:
 
     def learn(self, frame: Frame, box: NDArray[np.float64]) -> tuple[Templates, Distraction]:
         """Templates of what is in a (4,) box, and how much of what is around looks like it."""
-        region = self._region(frame, box[None], box)
-        return self._fusion.learn(region, box), {}
+        return self.templates(frame, box), {}
+
+    def templates(self, frame: Frame, box: NDArray[np.float64]) -> Templates:
+        """Templates of what is in a (4,) box."""
+        return self._fusion.learn(self._region(frame, box[None], box), box)
 
     def measure(
         self,
