@@ -169,7 +169,8 @@ class _Roboflow(TargetTracker):
         return _answer([(name, (*box[:2], *(box[2:] - box[:2]))) for name, box in told])
 
     def _tracks(self) -> list[Any]:
-        return list(getattr(self._tracker, "trackers", None) or self._tracker.tracks)
+        name = "trackers" if hasattr(self._tracker, "trackers") else "tracks"
+        return list(getattr(self._tracker, name))
 
 
 class Sort(_Roboflow):
@@ -208,17 +209,21 @@ class Norfair(TargetTracker):
             initialization_delay=0,
             hit_counter_max=30,
         )
+        self._idle = 0
 
     def update(
         self, image: NDArray[np.uint8], interval: float, seen: NDArray[np.float64] | None
     ) -> Answer:
         """See `TargetTracker.update`."""
-        found = None
-        if seen is not None:
+        self._idle += 1
+        if seen is None:
+            told = self._tracker.update()
+        else:
             found = [
                 self._norfair.Detection(np.array([box[:2], box[:2] + box[2:4]])) for box in seen
             ]
-        told = self._tracker.update(found)
+            told = self._tracker.update(found, period=self._idle)
+            self._idle = 0
         return _answer(
             [
                 (one.id, (*one.estimate[0], *(one.estimate[1] - one.estimate[0])))

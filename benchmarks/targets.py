@@ -9,7 +9,9 @@ frames, and averaged.
 
     python benchmarks/targets.py --sequence MOT_DIR FRAMES --output benchmarks/results
 
-It writes targets.csv, targets.md and targets.png. Peers that are not installed are left out.
+It writes targets.csv, targets.md and targets.png. Peers that are not installed are left out. Of
+`trackeval`, `trackers` and `norfair` some ask for another OpenCV, or another Rich, than the other
+benchmarks: give them an environment of their own.
 """
 
 from __future__ import annotations
