@@ -36,8 +36,6 @@ _EXPLAINED_FREELY = 0.2
 _GAIN = 0.5
 _FAR_BELOW = 0.5
 _SURE_ABOVE = 0.6
-# A target that goes out of the image is not looked for with more than this of a side outside.
-_LEAVES_ABOVE = 0.3
 # Seconds over which velocities are averaged.
 _VELOCITY_TIME = 0.3
 # Confirmations over which sizes are averaged.
@@ -139,14 +137,14 @@ class Updater:
     ) -> Life:
         """One target, behind those in (K, 4) boxes."""
         target, evidence = life.target, []
-        is_hidden = own is None and _is_leaving(life, predicted, frame.size)
+        is_hidden = False
         if own:
             evidence.append(_of_detection(own.box))
         front = front[_are_near(front, predicted)] if len(front) else front
         if len(front):
             expected = covered(predicted[None], front)[0]
             evidence.append(_of_others(front, expected))
-            is_hidden |= own is None and bool(expected.max() > _HIDDEN_ABOVE)
+            is_hidden = own is None and bool(expected.max() > _HIDDEN_ABOVE)
         if not is_hidden:
             followed = self._follower.follow(target, frame, interval, _all_of(evidence))
             if own is None and len(front):
@@ -195,15 +193,6 @@ class Updater:
             unconfirmed_for=0.0,
             learned_for=0.0 if learns else life.learned_for,
         )
-
-
-def _is_leaving(life: Life, predicted: NDArray[np.float64], image_size: tuple[int, int]) -> bool:
-    """Whether a target goes out of the image, and too little of it is left to be looked for."""
-    velocity, size = np.array(life.velocity), predicted[2:]
-    before = np.maximum(-predicted[:2], 0.0) / size
-    beyond = np.maximum(predicted[:2] + size - image_size, 0.0) / size
-    outside = np.where(velocity < 0.0, before, beyond)
-    return bool((outside > _LEAVES_ABOVE).any())
 
 
 def _are_near(boxes: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.bool_]:
