@@ -24,6 +24,9 @@ OPENCV = ["opencv-python-headless>=4.6,<5"]
 # Reading rosbag2 folders and MCAP files where ROS has no rosbag2_py; safe beside a ROS from apt.
 BAGS = ["rosbags>=0.11.9,<0.12"]
 
+# Several targets: which detection is of which, at the least cost over all of them.
+TARGETS = ["scipy>=1.8"]
+
 EXTRAS = {
     # A whole ROS 2 Jazzy from PyPI (third-party wheels, Linux x86-64, Python 3.10 to 3.13), for an
     # environment made for it. Never beside a ROS from apt.
@@ -33,9 +36,11 @@ EXTRAS = {
         "pyyaml",
         *OPENCV,
         *BAGS,
+        *TARGETS,
     ],
     "opencv": OPENCV,
     "bags": BAGS,
+    "targets": TARGETS,
     # The web page; the version is that of Ubuntu 24.04 or newer.
     "console": ["aiohttp>=3.9,<4"],
     "evaluation": ["rich>=13", "matplotlib>=3.6", "jinja2>=3"],

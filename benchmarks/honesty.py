@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import csv
 import math
+import multiprocessing
 import os
 import sys
 from collections.abc import Iterable, Sequence
@@ -192,7 +193,8 @@ def measured(preset: str, seeds: int, folders: Sequence[Path], processes: int) -
     if not targets:
         raise EvaluationError("fewer than two sequences with colors: a target and another scene")
     backgrounds = sorted(scenes, key=lambda folder: -starts[folder].motion)[:BACKGROUNDS]
-    with ProcessPoolExecutor(processes) as pool:
+    # A process that is forked while OpenCV has threads would wait for them for ever.
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
         jobs = [
             pool.submit(job, preset, seed, *of)
             for seed in range(seeds)

@@ -3,14 +3,30 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pf_tracker_ros.targets.detections import Detections
+    from pf_tracker_ros.targets.multi_tracker import MultiTracker
+    from pf_tracker_ros.targets.tracked_target import TrackedTarget
     from pf_tracker_ros.tracking.estimate import Estimate
     from pf_tracker_ros.tracking.tracker import Tracker
 
     __version__: str
 
-__all__ = ["Estimate", "Tracker", "__version__"]
+__all__ = [
+    "Detections",
+    "Estimate",
+    "MultiTracker",
+    "TrackedTarget",
+    "Tracker",
+    "__version__",
+]
 
-_MODULES = {"Estimate": "estimate", "Tracker": "tracker"}
+_MODULES = {
+    "Detections": "targets.detections",
+    "Estimate": "tracking.estimate",
+    "MultiTracker": "targets.multi_tracker",
+    "TrackedTarget": "targets.tracked_target",
+    "Tracker": "tracking.tracker",
+}
 
 
 def __getattr__(name: str) -> Any:
@@ -21,7 +37,7 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     from importlib import import_module
 
-    return getattr(import_module(f"{__name__}.tracking.{_MODULES[name]}"), name)
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
 
 
 def _version() -> str:

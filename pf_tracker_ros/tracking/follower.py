@@ -10,6 +10,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.background import BackgroundParameters
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.cues.fusion import Powers, Templates
@@ -28,7 +29,12 @@ from pf_tracker_ros.tracking.estimate import Estimate, FrozenPowers, TrackState
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
 from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap, map_likelihood
-from pf_tracker_ros.tracking.measurement import Measurement, Measurer, SearchingMeasurer
+from pf_tracker_ros.tracking.measurement import (
+    Evidence,
+    Measurement,
+    Measurer,
+    SearchingMeasurer,
+)
 from pf_tracker_ros.tracking.parameter_checks import check_proposal
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.prediction import KalmanPredictor, Prediction, Predictor
@@ -102,6 +108,11 @@ class Follower:
         """Whether `Frame.foreground` is asked for."""
         return self._fusion.needs_foreground
 
+    @property
+    def background(self) -> BackgroundParameters | None:
+        """Of the background model that the foreground comes from; None where it is not needed."""
+        return self.parameters.of_background["background"] if self.needs_foreground else None
+
     def begin(
         self,
         frame: Frame,
@@ -166,20 +177,23 @@ class Follower:
             distraction={name: one for name, one in target.distraction.items() if name in known},
         )
 
-    def follow(self, target: Target, frame: Frame, interval: float) -> Target:
+    def follow(
+        self, target: Target, frame: Frame, interval: float, evidence: Evidence | None = None
+    ) -> Target:
         """The target one frame later.
 
         Args:
             target: After the last frame.
             frame: The next one.
             interval: Seconds since the last one.
+            evidence: What is known of the frame beside its pixels.
 
         Source: the steps of Li et al. 2007, section 3, Zhang et al. 2015, section 3.3, and Zhang
         Bo, section 3.3; `docs/papers.md` names the lines.
         """
         draw = target.randomness.generator()
         prediction = self._predictor.predict(target, interval, frame.size, draw)
-        measured = self._measurer.measure(target, frame, prediction, draw)
+        measured = self._measurer.measure(target, frame, prediction, draw, evidence)
         judged = self._judge(target, measured, interval, draw)
         learned = self._learn(target, prediction, measured, judged)
         return self._advance(target, measured, judged, learned, draw)
@@ -192,6 +206,74 @@ class Follower:
             target.estimate.powers,
             partial(self._measurer.log_likelihoods, target, frame),
         )
+
+    def coast(self, target: Target, frame: Frame, interval: float) -> Target:
+        """The target one frame later, where the motion model alone takes it.
+
+        For a frame that is known not to show it: nothing is looked at, and nothing learned.
+
+        Args:
+            target: After the last frame.
+            frame: The next one.
+            interval: Seconds since the last one.
+        """
+        draw = target.randomness.generator()
+        prediction = self._predictor.predict(target, interval, frame.size, draw)
+        particles, motion = prediction.particles, target.motion
+        boxes = motion.boxes(particles.states)
+        box = motion.boxes(particles.mean[None])[0]
+        hidden_for = target.track.hidden_for + interval
+        track = Track("occluded", min(hidden_for, self.parameters.track.lost_after))
+        judged = Judgment(box, target.estimate.confidence, track, particles, boxes)
+        covariance = particles.covariance[:2, :2].copy()
+        estimate = _estimate(judged, frame, target.estimate.powers, covariance)
+        return replace(
+            target,
+            foresight=prediction.foresight,
+            particles=particles,
+            track=track,
+            hidden_frames=target.hidden_frames + 1,
+            followed_frames=target.followed_frames + 1,
+            randomness=Randomness.of(draw),
+            estimate=estimate,
+        )
+
+    def move(self, target: Target, box: Box) -> Target:
+        """The target with its particles brought along to another box; they keep their velocities.
+
+        Args:
+            target: As the frame at hand left it.
+            box: Where it is in that frame.
+        """
+        before = np.array(target.estimate.box)
+        size, after = before[2:], np.array(box)
+        shift = after[:2] + after[2:] / 2 - before[:2] - size / 2
+        factor = after[2:] / size
+        states = target.particles.states.copy()
+        columns = target.motion.columns
+        for axis, (place, side) in enumerate((("x", "width"), ("y", "height"))):
+            for name in (place, f"earlier_{place}"):
+                if name in columns:
+                    states[:, columns.index(name)] += shift[axis]
+            for name in (side, f"earlier_{side}"):
+                if name in columns:
+                    states[:, columns.index(name)] *= factor[axis]
+        motion = target.motion if "width" in columns else self._motion(box)
+        particles = target.particles.move(states)
+        told = target.estimate
+        boxes = told.particle_boxes + np.hstack([shift, 0.0, 0.0])
+        return replace(
+            target,
+            motion=motion,
+            particles=particles,
+            seen_box=box if target.track.state == "tracking" else target.seen_box,
+            estimate=replace(told, box=box, particle_boxes=boxes),
+        )
+
+    def relearn(self, target: Target, frame: Frame) -> Target:
+        """The target with templates of what is in its box now, as if it was first seen here."""
+        templates = self._measurer.templates(frame, np.array(target.estimate.box))
+        return replace(target, templates=templates, first_templates=templates)
 
     def _judge(
         self, target: Target, measured: Measurement, interval: float, draw: np.random.Generator

@@ -7,6 +7,7 @@ is the mean. `SearchingMeasurer` looks all around the prediction first.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast
 
@@ -27,6 +28,9 @@ from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.prediction import Prediction
 from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
 from pf_tracker_ros.tracking.target import Target
+
+# What is known of a frame beside its pixels: (N,) log likelihoods of (N, 4) boxes.
+Evidence = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,11 +84,19 @@ class Measurer:
 
     def learn(self, frame: Frame, box: NDArray[np.float64]) -> tuple[Templates, Distraction]:
         """Templates of what is in a (4,) box, and how much of what is around looks like it."""
-        region = self._region(frame, box[None], box)
-        return self._fusion.learn(region, box), {}
+        return self.templates(frame, box), {}
+
+    def templates(self, frame: Frame, box: NDArray[np.float64]) -> Templates:
+        """Templates of what is in a (4,) box."""
+        return self._fusion.learn(self._region(frame, box[None], box), box)
 
     def measure(
-        self, target: Target, frame: Frame, prediction: Prediction, draw: np.random.Generator
+        self,
+        target: Target,
+        frame: Frame,
+        prediction: Prediction,
+        draw: np.random.Generator,
+        evidence: Evidence | None = None,
     ) -> Measurement:
         """Weigh the particles, and look at what they stand for.
 
@@ -93,6 +105,7 @@ class Measurer:
             frame: At hand.
             prediction: For this frame.
             draw: Source of randomness.
+            evidence: One more factor of the likelihood; None where there is none.
 
         Source: Li et al. 2007, section 2.2; Zhang et al. 2015, equations (10) and (5).
         """
@@ -100,6 +113,8 @@ class Measurer:
         boxes = target.motion.boxes(predicted.states)
         region = self._region(frame, boxes, np.asarray(target.estimate.box))
         likelihood = self._fusion.log_likelihood(region, boxes, templates, powers)
+        if evidence:
+            likelihood += evidence(boxes)
         weighed = predicted.reweight(likelihood)
         box = target.motion.boxes(weighed.mean[None])[0]
         seen = self._fusion.observe(region, box)
@@ -178,7 +193,12 @@ class SearchingMeasurer(Measurer):
         return search, self._region(frame, search.cover(place[None]), place, place)
 
     def measure(
-        self, target: Target, frame: Frame, prediction: Prediction, draw: np.random.Generator
+        self,
+        target: Target,
+        frame: Frame,
+        prediction: Prediction,
+        draw: np.random.Generator,
+        evidence: Evidence | None = None,
     ) -> Measurement:
         """See `Measurer.measure`; the weights carry p / q."""
         motion = cast(SearchableMotion, target.motion)
@@ -192,12 +212,16 @@ class SearchingMeasurer(Measurer):
         found = self._fusion.strengths(region, search.boxes, templates)
         if not found:
             # Cues that were just chosen have no template yet, and can't search in this frame.
-            return super().measure(target, frame, prediction, draw)
+            return super().measure(target, frame, prediction, draw, evidence)
         centers = motion.center_prior(target.particles.states, prediction.interval)
         likelihood = self._fusion.search(found, templates, powers)
+        if evidence:
+            likelihood += evidence(search.boxes)
         predicted, log_prior = search.propose(predicted, motion, centers, likelihood, draw)
         boxes = motion.boxes(predicted.states)
         likelihood = self._fusion.log_likelihood(region, boxes, templates, powers)
+        if evidence:
+            likelihood += evidence(boxes)
         weighed = predicted.reweight(likelihood)
         mean = mean_around(weighed, boxes, int(np.argmax(log_prior + likelihood)))
         box = motion.boxes(mean[None])[0]

@@ -23,8 +23,8 @@ from pf_tracker_ros.filter import (
     propose_from_search,
 )
 
-# Places along each side of the square that is searched.
-_CELLS = 48
+# From one place to the next in the square that is searched, box sizes.
+_SPACING = 0.075
 # Particles so near to the likeliest, in box sizes, belong to the same mode.
 _MODE_REACH = 0.25
 
@@ -51,7 +51,8 @@ class Search:
         size = place[2:]
         self._side = parameters.window * math.sqrt(size[0] * size[1])
         self.place = place
-        self._grid = SearchGrid(place[:2] + size / 2, self._side / _CELLS, _CELLS)
+        cells = round(parameters.window / _SPACING)
+        self._grid = SearchGrid(place[:2] + size / 2, self._side / cells, cells)
         self._parameters = parameters
         self._image_size = image_size
         centers = np.clip(self._grid.centers, 0.0, image_size)

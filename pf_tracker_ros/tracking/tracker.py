@@ -48,7 +48,7 @@ class Tracker:
             )
         self._seed = seed
         self._tracked: _Tracked | None = None
-        with _usual_arithmetic():
+        with usual_arithmetic():
             self._follower = Follower(parameters)
 
     def __copy__(self) -> Tracker:
@@ -111,7 +111,7 @@ class Tracker:
         if reason := self.forbid(other.parameters):
             raise ParameterError(reason)
         if self._tracked:
-            with _usual_arithmetic():
+            with usual_arithmetic():
                 self._tracked.scene.reconfigure(other._follower)
         self._follower = other._follower
 
@@ -186,7 +186,7 @@ class Tracker:
     def _start(self, image: NDArray[np.generic], box: ArrayLike, state: TrackState) -> Estimate:
         check_image(image)
         first_box = check_box(box, (image.shape[1], image.shape[0]))
-        with _usual_arithmetic():
+        with usual_arithmetic():
             scene = Scene(self._follower, self._seed)
             number = scene.start(image, first_box, state)
             self._tracked = _Tracked(scene, number, image.shape, image.dtype)
@@ -228,7 +228,7 @@ class Tracker:
                 f"{tracked.image_shape}; start again to change the image's size or kind"
             )
         interval = NOMINAL_INTERVAL if dt is None else check_interval(dt)
-        with _usual_arithmetic():
+        with usual_arithmetic():
             tracked.scene.update(image, interval)
         return tracked.target.estimate
 
@@ -239,7 +239,7 @@ class Tracker:
         """
         if self._tracked is None:
             return None
-        with _usual_arithmetic():
+        with usual_arithmetic():
             return self._tracked.scene.map_likelihood(self._tracked.number)
 
 
@@ -263,7 +263,7 @@ class _Tracked(NamedTuple):
         return self.scene.targets[self.number]
 
 
-def _usual_arithmetic() -> np.errstate:
+def usual_arithmetic() -> np.errstate:
     """NumPy's own error handling, whatever the program around it has set.
 
     Likelihoods far from the target vanish, which `numpy.seterr(all="raise")` would make an error.

@@ -39,6 +39,7 @@ ROSDEP_KEYS = {
     "numpy": "python3-numpy",
     "pytest": "python3-pytest",
     "rich": "python3-rich",
+    "scipy": "python3-scipy",
     "yaml": "python3-yaml",
 }
 

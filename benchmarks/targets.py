@@ -1,0 +1,329 @@
+"""Several targets and a slow detector: `MultiTracker` beside trackers that never look at the image.
+
+A detector sees every k-th frame, boxes are wanted for all. A folder of a sequence holds `gt.txt`
+and `det.txt` as the MOT challenge has them, and `seqinfo.ini` (frameRate); the frames are a video
+of another place, or a folder of images. Metrics of `trackeval` over all frames: HOTA, IDF1, MOTA,
+identity switches; beside them the share of boxes that overlap another one by more than .5, and the
+CPU time of a frame on one thread, and of a target more. Each interval is run from several first
+frames, and averaged.
+
+    python benchmarks/targets.py --sequence MOT_DIR FRAMES --output benchmarks/results
+
+It writes targets.csv, targets.md and targets.png. Peers that are not installed are left out. Of
+`trackeval`, `trackers` and `norfair` some ask for another OpenCV, or another Rich, than the other
+benchmarks: give them an environment of their own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import configparser
+import csv
+import functools
+import importlib
+import importlib.util
+import itertools
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+# One thread also for the linear algebra, which reads this when NumPy is imported.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from tables import Table, bold
+from target_trackers import TRACKERS, TargetTracker
+
+from pf_tracker_ros.footage import FootageError, open_footage
+from pf_tracker_ros.targets.geometry import overlaps
+
+OURS = "pf_tracker_ros"
+PHASES = {1: (0,), 5: (0, 1, 3), 12: (0, 4, 8)}
+"""Interval of the detector to the first frames that it sees."""
+FIGURES = ("HOTA", "IDF1", "MOTA", "switches", "overlap %", "CPU ms", "CPU ms / target")
+
+
+class Told(NamedTuple):
+    """What a tracker tells of a frame, or what is true.
+
+    Attributes:
+        ids: (K,) of the targets.
+        boxes: (K, 4) x, y, width, height in pixels.
+    """
+
+    ids: NDArray[np.intp]
+    boxes: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Annotated:
+    """A sequence with everybody's ground truth and a detector's boxes.
+
+    Attributes:
+        name: Of its folder.
+        frames: Where its images are.
+        interval: Seconds from one frame to the next.
+        truth: Frame by frame the ids and boxes of those that are scored.
+        detections: Frame by frame (M, 5) boxes and scores.
+    """
+
+    name: str
+    frames: Path
+    interval: float
+    truth: tuple[Told, ...]
+    detections: tuple[NDArray[np.float64], ...]
+
+
+def read_sequence(folder: Path, frames: Path) -> Annotated:
+    """Read the files of the MOT challenge; their x and y count from 1.
+
+    Raises:
+        OSError: A file is not there.
+        ValueError: One does not hold what it should.
+    """
+    info = configparser.ConfigParser()
+    with (folder / "seqinfo.ini").open(encoding="utf-8") as file:
+        info.read_file(file)
+    truth = np.loadtxt(folder / "gt.txt", delimiter=",", ndmin=2)
+    found = np.loadtxt(folder / "det.txt", delimiter=",", ndmin=2)
+    for rows in (truth, found):
+        rows[:, 2:4] -= 1.0
+    truth = truth[truth[:, 6] != 0]
+    count = int(max(truth[:, 0].max(), found[:, 0].max()))
+    return Annotated(
+        folder.name,
+        frames,
+        1.0 / info.getfloat("Sequence", "frameRate"),
+        tuple(
+            Told(rows[:, 1].astype(np.intp), rows[:, 2:6])
+            for rows in (truth[truth[:, 0] == number] for number in range(1, count + 1))
+        ),
+        tuple(found[found[:, 0] == number][:, 2:7] for number in range(1, count + 1)),
+    )
+
+
+class Run(NamedTuple):
+    """What a tracker did on a sequence.
+
+    Attributes:
+        told: Frame by frame.
+        seconds: CPU time in all.
+    """
+
+    told: list[Told]
+    seconds: float
+
+
+def run(tracker: TargetTracker, sequence: Annotated, every: int, first: int) -> Run:
+    """Follow all targets through a sequence, with a detector that sees every so many frames.
+
+    Args:
+        tracker: Anew.
+        sequence: The frames and detections.
+        every: Frames from one that the detector sees to the next.
+        first: The first of them.
+    """
+    told, seconds = [], 0.0
+    frames = open_footage(sequence.frames).frames()
+    for number, frame in enumerate(itertools.islice(frames, len(sequence.truth))):
+        seen = sequence.detections[number] if number % every == first else None
+        start = time.process_time()
+        answer = tracker.update(frame.image, sequence.interval, seen)
+        seconds += time.process_time() - start
+        told.append(Told(*answer))
+    if len(told) < len(sequence.truth):
+        raise ValueError(
+            f"{sequence.frames} has {len(told)} frames; {sequence.name} needs {len(sequence.truth)}"
+        )
+    return Run(told, seconds)
+
+
+def score(truth: Sequence[Told], done: Run) -> dict[str, float]:
+    """The figures of one run."""
+    metrics = importlib.import_module("trackeval.metrics")
+    silent = {"PRINT_CONFIG": False, "THRESHOLD": 0.5}
+    data = _numbered(truth, done.told)
+    hota = metrics.HOTA().eval_sequence(data)
+    identity = metrics.Identity(silent).eval_sequence(data)
+    clear = metrics.CLEAR(silent).eval_sequence(data)
+    boxes = sum(len(one.ids) for one in done.told)
+    return {
+        "HOTA": 100.0 * float(np.mean(hota["HOTA"])),
+        "IDF1": 100.0 * float(identity["IDF1"]),
+        "MOTA": 100.0 * float(clear["MOTA"]),
+        "switches": float(clear["IDSW"]),
+        "overlap %": 100.0 * sum(map(_doubled, done.told)) / max(boxes, 1),
+        "CPU ms": 1e3 * done.seconds / len(done.told),
+        "CPU ms / target": 1e3 * done.seconds / max(boxes, 1),
+    }
+
+
+def _numbered(truth: Sequence[Told], told: Sequence[Told]) -> dict[str, Any]:
+    """What `trackeval` wants of a sequence: ids counted from 0, and overlaps."""
+    true_ids = np.unique(np.concatenate([one.ids for one in truth]))
+    told_ids = np.unique(np.concatenate([one.ids for one in told]))
+    return {
+        "num_timesteps": len(truth),
+        "num_gt_ids": len(true_ids),
+        "num_tracker_ids": len(told_ids),
+        "num_gt_dets": sum(len(one.ids) for one in truth),
+        "num_tracker_dets": sum(len(one.ids) for one in told),
+        "gt_ids": [np.searchsorted(true_ids, one.ids) for one in truth],
+        "tracker_ids": [np.searchsorted(told_ids, one.ids) for one in told],
+        "similarity_scores": [
+            overlaps(one.boxes, other.boxes) for one, other in zip(truth, told, strict=True)
+        ],
+    }
+
+
+def _doubled(told: Told) -> int:
+    """How many boxes overlap another one by more than a half."""
+    shared = overlaps(told.boxes, told.boxes)
+    np.fill_diagonal(shared, 0.0)
+    return int((shared.max(axis=1, initial=0.0) > 0.5).sum())
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The figures of one tracker, sequence and interval: means over the detector's first frames."""
+
+    tracker: str
+    sequence: str
+    every: int
+    figures: dict[str, float]
+
+
+def compare(
+    sequences: Iterable[Annotated], trackers: dict[str, Callable[[float], TargetTracker]]
+) -> list[Outcome]:
+    """Run all trackers on all sequences at all intervals."""
+    outcomes = []
+    for sequence in sequences:
+        for every, firsts in PHASES.items():
+            for name, make in trackers.items():
+                scores = [
+                    score(sequence.truth, run(make(sequence.interval), sequence, every, first))
+                    for first in firsts
+                ]
+                figures = {key: float(np.mean([one[key] for one in scores])) for key in scores[0]}
+                outcomes.append(Outcome(name, sequence.name, every, figures))
+                print(_line(outcomes[-1]), flush=True)
+    return outcomes
+
+
+def _line(outcome: Outcome) -> str:
+    figures = "  ".join(f"{name} {outcome.figures[name]:.1f}" for name in FIGURES)
+    return f"{outcome.sequence} every {outcome.every}: {outcome.tracker}  {figures}"
+
+
+def table(outcomes: Sequence[Outcome]) -> Table:
+    """All figures, ours in bold, a group for each sequence and interval."""
+    groups: dict[tuple[str, int], list[list[str]]] = {}
+    for one in outcomes:
+        cells = [one.sequence, str(one.every), one.tracker]
+        cells += [f"{one.figures[name]:.1f}" for name in FIGURES]
+        groups.setdefault((one.sequence, one.every), []).append(
+            [bold(cell, one.tracker == OURS) for cell in cells]
+        )
+    headings = ("sequence", "every", "tracker", *FIGURES)
+    return Table("Several targets", headings, list(groups.values()), names=3)
+
+
+def plot(path: Path, outcomes: Sequence[Outcome]) -> None:
+    """HOTA over the detector's interval, the mean over the sequences, a line a tracker."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(6.0, 4.0), layout="constrained")
+    for name in dict.fromkeys(one.tracker for one in outcomes):
+        means = [
+            np.mean(
+                [one.figures["HOTA"] for one in outcomes if (one.tracker, one.every) == (name, k)]
+            )
+            for k in PHASES
+        ]
+        style = "o-" if name == OURS else "o--"
+        axes.plot(list(PHASES), means, style, label=name, linewidth=2.5 if name == OURS else 1.2)
+    axes.set(xlabel="a detector sees every k-th frame", ylabel="HOTA, %", xticks=list(PHASES))
+    axes.grid(alpha=0.3)
+    axes.legend()
+    figure.savefig(path, dpi=120)
+    pyplot.close(figure)
+
+
+def write_csv(path: Path, outcomes: Sequence[Outcome]) -> None:
+    """One line an outcome."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["tracker", "sequence", "every", *FIGURES])
+        for one in outcomes:
+            figures = [f"{one.figures[name]:.3f}" for name in FIGURES]
+            writer.writerow([one.tracker, one.sequence, one.every, *figures])
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the comparison, print the table and write the files."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--sequence",
+        nargs=2,
+        type=Path,
+        action="append",
+        required=True,
+        metavar=("MOT_DIR", "FRAMES"),
+        help="a folder with gt.txt, det.txt and seqinfo.ini, and the video or folder of images",
+    )
+    parser.add_argument(
+        "--tracker", action="append", default=[], metavar="NAME", help="run this one only"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of ours [0]")
+    parser.add_argument(
+        "--output",
+        type=Path,
+        default=Path("benchmarks/results"),
+        metavar="DIR",
+        help="[%(default)s]",
+    )
+    options = parser.parse_args(arguments)
+    missing = {name: what for name, one in TRACKERS.items() if (what := one.missing())}
+    for name in options.tracker:
+        if name not in TRACKERS or name in missing:
+            parser.error(f"{name} cannot run: {missing.get(name, 'there is no such tracker')}")
+    if importlib.util.find_spec("trackeval") is None:
+        parser.error("trackeval is not installed: pip install trackeval")
+    trackers = {
+        name: functools.partial(one, seed=options.seed)
+        for name, one in TRACKERS.items()
+        if name not in missing and (not options.tracker or name in options.tracker)
+    }
+    for name, what in missing.items():
+        print(f"{name} is left out: {what}.")
+    cv2.setNumThreads(1)
+    try:
+        sequences = [read_sequence(*paths) for paths in options.sequence]
+        options.output.mkdir(parents=True, exist_ok=True)
+        outcomes = compare(sequences, trackers)
+        figures = table(outcomes)
+        figures.show()
+        lines = figures.markdown()
+        (options.output / "targets.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        write_csv(options.output / "targets.csv", outcomes)
+        plot(options.output / "targets.png", outcomes)
+    except (FootageError, OSError, ValueError, configparser.Error) as error:
+        parser.error(" ".join(str(error).split()))
+    print(f"files in {options.output}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,194 @@
+"""What a detector says of a frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.targets.appearance import Look, look_at
+from pf_tracker_ros.targets.geometry import overlaps
+
+# No camera shows more that could be told apart; the best scores are kept.
+_MOST = 200
+# Two boxes that overlap by more than this (intersection over union) are one object, seen twice.
+DOUBLED_ABOVE = 0.65
+# A box that overlaps another by less than this shows its own object alone.
+_CLEAR_BELOW = 0.1
+# Narrower and lower boxes hold too few pixels.
+_SMALLEST_SIDE = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Detections:
+    """What a detector found in one frame; an empty one says that it ran and found nothing.
+
+    Boxes that are no use (not finite, without area, outside of the image) are left out where they
+    are used, since a detector that now and then gives one is worth hearing; doubled ones count as
+    one.
+
+    Args:
+        boxes: (M, 4) x, y, width, height in pixels, as in `Tracker.start`.
+        scores: (M,) of the detector, 0 to 1; None where it gives none, which counts as 1.
+        labels: (M,) what each is, such as "person"; None where it does not tell.
+        age: Seconds since the frame was taken that the detector saw, 0 for the one at hand.
+
+    Attributes:
+        boxes: As given, as floats; read-only.
+        scores: As given, or ones; read-only.
+        labels: As given, or empty texts.
+        age: As given.
+
+    Raises:
+        ValueError: The shapes do not fit each other, or the age is no time.
+    """
+
+    boxes: NDArray[np.float64]
+    scores: NDArray[np.float64]
+    labels: tuple[str, ...]
+    age: float
+
+    def __init__(
+        self,
+        boxes: ArrayLike,
+        scores: ArrayLike | None = None,
+        labels: Sequence[str] | None = None,
+        age: float = 0.0,
+    ) -> None:
+        four = _floats(boxes, "boxes")
+        if four.size == 0:
+            four = four.reshape(0, 4)
+        if four.ndim != 2 or four.shape[1] != 4:
+            raise ValueError(
+                f"boxes have the shape {four.shape}; expected (M, 4), x, y, width and height each"
+            )
+        count = len(four)
+        each = np.ones(count) if scores is None else _floats(scores, "scores")
+        if each.shape != (count,):
+            raise ValueError(f"scores have the shape {each.shape}; expected ({count},), one a box")
+        texts = ("",) * count if labels is None else tuple(labels)
+        if isinstance(labels, str) or not all(isinstance(text, str) for text in texts):
+            raise ValueError(f"labels are {labels!r}; expected {count} texts, one a box")
+        if len(texts) != count:
+            raise ValueError(f"there are {len(texts)} labels; expected {count}, one a box")
+        if isinstance(age, bool) or not isinstance(age, int | float | np.number):
+            raise ValueError(f"age is {age!r}; allowed: a finite number of seconds from 0 up")
+        if not 0.0 <= float(age) < math.inf:
+            raise ValueError(f"age is {age!r}; allowed: a finite number of seconds from 0 up")
+        four.setflags(write=False)
+        each.setflags(write=False)
+        for name, value in zip(
+            ("boxes", "scores", "labels", "age"), (four, each, texts, float(age)), strict=True
+        ):
+            object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+
+class Sighting(NamedTuple):
+    """One object that a detector found.
+
+    Attributes:
+        box: (4,) in pixels, inside the image.
+        score: 0 to 1.
+        label: What it is, or an empty text.
+        look: What is in the box.
+        is_clear: Whether none of the others overlaps it.
+    """
+
+    box: NDArray[np.float64]
+    score: float
+    label: str
+    look: Look
+    is_clear: bool = True
+
+
+def usable(
+    detections: Detections, size: tuple[int, int], score_above: float
+) -> tuple[NDArray[np.intp], NDArray[np.float64], list[str]]:
+    """Which detections count, the best score first.
+
+    Args:
+        detections: Of any kind.
+        size: (width, height) of the image.
+        score_above: Those of a lower score are left out, which needs no reason.
+
+    Returns:
+        The (K,) numbers of those that count, their (K, 4) boxes cut to the image, and a sentence
+        for each reason why others do not.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        boxes, scores = detections.boxes, detections.scores
+        ends = boxes[:, :2] + boxes[:, 2:]
+        finite = np.isfinite(boxes).all(axis=1) & np.isfinite(scores) & np.isfinite(ends).all(1)
+        centers = boxes[:, :2] + boxes[:, 2:] / 2
+        starts, ends = np.maximum(boxes[:, :2], 0.0), np.minimum(ends, size)
+        inside = ((centers >= 0.0) & (centers <= size)).all(axis=1)
+        has_area = (boxes[:, 2:] >= _SMALLEST_SIDE).all(axis=1)
+        has_area &= (ends - starts >= _SMALLEST_SIDE).all(axis=1) | ~inside
+    reasons = [
+        f"{count} of {len(boxes)} detections left out: {reason}"
+        for count, reason in (
+            (int((~finite).sum()), "a box or score is not finite"),
+            (int((finite & ~has_area).sum()), "a box is smaller than 2 px"),
+            (int((finite & has_area & ~inside).sum()), "its center is outside of the image"),
+        )
+        if count
+    ]
+    numbers = np.flatnonzero(finite & has_area & inside & (scores >= score_above))
+    numbers = numbers[np.argsort(-scores[numbers], kind="stable")]
+    if len(numbers) > _MOST:
+        reasons.append(
+            f"{len(numbers) - _MOST} of {len(boxes)} detections left out: the {_MOST} with the "
+            "best scores count"
+        )
+        numbers = numbers[:_MOST]
+    cut = np.hstack([starts, ends - starts])
+    # Scores again by rank: equal ones would be sorted in an order of OpenCV's own.
+    ranks = np.linspace(1.0, 0.5, len(numbers))
+    kept = cv2.dnn.NMSBoxes(cut[numbers].tolist(), ranks.tolist(), 0.0, DOUBLED_ABOVE)
+    numbers = numbers[np.asarray(kept, dtype=np.intp).ravel()]
+    return numbers, cut[numbers], reasons
+
+
+def sightings(
+    detections: Detections, frame: Frame, score_above: float
+) -> tuple[list[Sighting], list[str]]:
+    """What counts of the detections of a frame, each looked at once; and why others do not."""
+    numbers, boxes, reasons = usable(detections, frame.size, score_above)
+    shared = overlaps(boxes, boxes)
+    np.fill_diagonal(shared, 0.0)
+    clear = shared.max(axis=1, initial=0.0) < _CLEAR_BELOW
+    found = [
+        Sighting(
+            box,
+            float(np.clip(detections.scores[number], 0.0, 1.0)),
+            detections.labels[number],
+            look_at(frame, box),
+            bool(is_clear),
+        )
+        for number, box, is_clear in zip(numbers, boxes, clear, strict=True)
+    ]
+    return found, reasons
+
+
+def _floats(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """A copy of numbers as floats.
+
+    Raises:
+        ValueError: They are none.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise ValueError(f"{name} are no array of numbers: {error}") from error
+    if array.dtype.kind not in "iuf" and array.size > 0:
+        raise ValueError(f"{name} are {values!r:.100}; expected numbers")
+    return np.array(array, dtype=np.float64) if array.size else np.zeros(array.shape)

@@ -1,0 +1,97 @@
+"""The last frames, and what the targets were in them, for detections that come late."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.targets.crowd import Crowd
+from pf_tracker_ros.targets.detections import Sighting
+from pf_tracker_ros.targets.life import Key, Life
+from pf_tracker_ros.tracking.tracker import NOMINAL_INTERVAL
+
+# How late a detection may be, in seconds.
+REACH = 2.0
+# Most memory for the images, in bytes.
+_MOST_BYTES = 128e6
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """A frame, and what is needed to work out again what it made of the targets.
+
+    Attributes:
+        frame: The image.
+        interval: Seconds since the frame before.
+        before: The targets as that left them.
+        seen: What a detector found in it; None where it did not run.
+        begun: Targets that were then asked for by hand.
+        stopped: Targets that were then forgotten by hand.
+    """
+
+    frame: Frame
+    interval: float
+    before: Crowd
+    seen: tuple[Sighting, ...] | None = None
+    begun: tuple[Life, ...] = ()
+    stopped: tuple[Key, ...] = ()
+
+
+class History:
+    """Moments in the order of time, bounded in seconds and in memory.
+
+    Attributes:
+        seconds: From the oldest to the newest.
+    """
+
+    def __init__(self) -> None:
+        self._moments: deque[Moment] = deque()
+        self.seconds = 0.0
+        self._bytes = 0
+
+    def __len__(self) -> int:
+        return len(self._moments)
+
+    def add(self, moment: Moment) -> None:
+        """Keep a moment, the newest; the oldest beyond the bounds are dropped, this one never."""
+        if self._moments:
+            self.seconds += moment.interval
+        self._moments.append(moment)
+        self._bytes += moment.frame.image.nbytes
+        while len(self._moments) > 1 and (self.seconds > REACH or self._bytes > _MOST_BYTES):
+            dropped = self._moments.popleft()
+            self.seconds -= self._moments[0].interval
+            self._bytes -= dropped.frame.image.nbytes
+
+    @property
+    def first(self) -> Moment:
+        """The oldest."""
+        return self._moments[0]
+
+    @property
+    def last(self) -> Moment:
+        """The newest."""
+        return self._moments[-1]
+
+    def since(self, age: float) -> list[Moment] | None:
+        """The moments from the one nearest to an age on, the oldest first; None if all are younger.
+
+        Args:
+            age: Seconds before the newest.
+        """
+        back: list[Moment] = []
+        since = 0.0
+        for moment in reversed(self._moments):
+            back.append(moment)
+            if age <= since + max(moment.interval, NOMINAL_INTERVAL) / 2:
+                return back[::-1]
+            since += moment.interval
+        return None
+
+    def revise(self, moments: Sequence[Moment]) -> None:
+        """Put moments in the place of as many of the newest, whose frames they have."""
+        for _ in moments:
+            self._moments.pop()
+        self._moments.extend(moments)

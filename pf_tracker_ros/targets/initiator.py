@@ -1,0 +1,120 @@
+"""When a target begins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.boxes import Box, as_box
+from pf_tracker_ros.filter.randomness import Randomness
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.targets.appearance import Look, look_at, unlikeness
+from pf_tracker_ros.targets.crowd import Crowd
+from pf_tracker_ros.targets.detections import Sighting
+from pf_tracker_ros.targets.geometry import overlaps
+from pf_tracker_ros.targets.life import Key, Life
+from pf_tracker_ros.tracking.follower import Follower
+
+# A detection that overlaps a target without one by more than this is taken for a bad one of it.
+_TAKEN_ABOVE = 0.45
+# Belief in a target of a detection with a score of 1; with less, it is as much below that.
+_FIRST_BELIEF = 1.0
+# Seconds over which a detector that runs often must confirm a target.
+_CONFIRMED_WITHIN = 0.25
+# Which child of the seed the targets' randomness comes from; others are the camera's.
+_RANDOMNESS_KEY = 1
+# A target that has ended is recognized by a look that differs by less than this.
+_ALIKE_BELOW = 0.16
+# How far it may have come: box heights at once, and in each second.
+_REACH, _SPEED = 1.0, 1.0
+
+
+class Initiator:
+    """Starts targets: by hand, or on detections of none that there is.
+
+    Args:
+        follower: Follows each target.
+        seed: Seeds all randomness.
+        most: Targets at a time that detections start.
+    """
+
+    def __init__(self, follower: Follower, seed: int, most: int) -> None:
+        self._follower = follower
+        self._seed = seed
+        self._most = most
+
+    def begin(self, frame: Frame, box: Box, key: Key, label: str) -> Life:
+        """A target that somebody asked for."""
+        look = look_at(frame, np.array(box))
+        return self._life(frame, np.array(box), key, look).voted(label, 1.0)
+
+    def start(self, crowd: Crowd, frame: Frame, rest: Sequence[tuple[int, Sighting]]) -> Crowd:
+        """The crowd with new targets, or ones that were gone.
+
+        Args:
+            crowd: In this frame.
+            frame: At hand.
+            rest: The detections that are of none of the targets, with their places among all.
+        """
+        lives, gone = list(crowd.lives), list(crowd.gone)
+        unconfirmed = [life.box for life in lives if life.unconfirmed_for > 0.0]
+        boxes = np.array(unconfirmed).reshape(-1, 4)
+        for place, one in rest:
+            if len(lives) >= self._most:
+                break
+            if overlaps(one.box[None], boxes).max(initial=0.0) > _TAKEN_ABOVE:
+                continue
+            key = Key(crowd.frame, place)
+            life = self._life(frame, one.box, key, one.look).voted(one.label, one.score)
+            life = replace(life, belief=_FIRST_BELIEF + 2.0 * (one.score - 1.0))
+            before = _recognize(one, gone)
+            if before:
+                gone.remove(before)
+                life = replace(
+                    life,
+                    key=before.key,
+                    look=before.look,
+                    belief=max(life.belief, 0.5),
+                    age=before.age + (before.gone_for or 0.0),
+                    confirmations=before.confirmations + 1,
+                    votes=before.votes,
+                ).voted(one.label, one.score)
+            lives.append(life)
+        return replace(crowd, lives=tuple(lives), gone=tuple(gone))
+
+    def confirm(self, crowd: Crowd) -> Crowd:
+        """The crowd with those targets confirmed that were so often enough.
+
+        A fast detector has said it within a moment several times; a slow one is believed at once,
+        since the next word would come too late.
+        """
+        needed = 1 + round(_CONFIRMED_WITHIN / max(crowd.rhythm, 1e-3))
+        lives = tuple(
+            replace(life, is_confirmed=True) if life.confirmations >= needed else life
+            for life in crowd.lives
+        )
+        return replace(crowd, lives=lives)
+
+    def _life(self, frame: Frame, box: NDArray[np.float64], key: Key, look: Look) -> Life:
+        place = 2 * key.place if key.place >= 0 else -2 * key.place - 1
+        child = np.random.SeedSequence(self._seed, spawn_key=(_RANDOMNESS_KEY, key.frame, place))
+        randomness = Randomness.of(np.random.default_rng(child))
+        target = self._follower.begin(frame, as_box(box), randomness)
+        return Life(key, target, look, np.log(box[2:]), _FIRST_BELIEF)
+
+
+def _recognize(one: Sighting, gone: Sequence[Life]) -> Life | None:
+    """The target of before that a detection is of."""
+    best, least = None, _ALIKE_BELOW
+    for life in gone:
+        box, since = life.box, life.gone_for or 0.0
+        apart = one.box[:2] + one.box[2:] / 2 - box[:2] - box[2:] / 2
+        reach = (_REACH + _SPEED * since) * box[3]
+        differs = unlikeness(life.look, one.look)
+        if math.hypot(*apart) <= reach and differs < least and one.label == life.label:
+            best, least = life, differs
+    return best

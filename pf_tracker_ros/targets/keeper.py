@@ -1,0 +1,69 @@
+"""How all targets go on from frame to frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.targets.associator import Associator
+from pf_tracker_ros.targets.crossings import tell_apart
+from pf_tracker_ros.targets.crowd import Crowd
+from pf_tracker_ros.targets.deleter import Deleter
+from pf_tracker_ros.targets.detections import Sighting
+from pf_tracker_ros.targets.initiator import Initiator
+from pf_tracker_ros.targets.parameters import MultiTrackerParameters
+from pf_tracker_ros.targets.updater import Updater
+from pf_tracker_ros.tracking.follower import Follower
+
+
+class CrowdKeeper:
+    """Makes the crowd of a frame out of the one before; holds the roles, and nothing of a target.
+
+    Args:
+        follower: Follows each target.
+        parameters: Every tunable.
+        seed: Seeds all randomness.
+    """
+
+    def __init__(self, follower: Follower, parameters: MultiTrackerParameters, seed: int) -> None:
+        self._associator = Associator()
+        self._updater = Updater(follower, parameters.detector.recall)
+        self.initiator = Initiator(follower, seed, parameters.targets.most)
+        self._deleter = Deleter(parameters.track.remember)
+
+    def advance(
+        self, crowd: Crowd, frame: Frame, interval: float, seen: Sequence[Sighting] | None
+    ) -> Crowd:
+        """The crowd one frame later.
+
+        Args:
+            crowd: After the last frame.
+            frame: The next one.
+            interval: Seconds since the last one.
+            seen: What the detector found in it; None where it did not run.
+        """
+        idle_for, rhythm = crowd.idle_for + interval, crowd.rhythm
+        if seen is not None:
+            idle_for, rhythm = 0.0, idle_for
+        crowd = replace(crowd, frame=crowd.frame + 1, idle_for=idle_for, rhythm=rhythm)
+        lives = crowd.lives
+        predicted = np.array([life.expected(interval) for life in lives]).reshape(-1, 4)
+        given = self._associator.assign(lives, predicted, seen or ())
+        own = [
+            seen[given[place]] if seen is not None and place in given else None
+            for place in range(len(lives))
+        ]
+        lives = tell_apart(lives, own)
+        lives = self._updater.update(lives, predicted, frame, interval, own)
+        if seen is not None:
+            lives = self._updater.count_misses(lives, own, rhythm)
+        crowd = self._deleter.end(replace(crowd, lives=lives), frame.size, interval)
+        if seen is not None:
+            taken = set(given.values())
+            rest = [(place, one) for place, one in enumerate(seen) if place not in taken]
+            crowd = self.initiator.start(crowd, frame, rest)
+            crowd = self.initiator.confirm(crowd)
+        return crowd

@@ -1,0 +1,247 @@
+"""Follows every target into the next frame, each with what the others leave to it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.boxes import as_box
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.targets.appearance import blend
+from pf_tracker_ros.targets.associator import CENTER_SPREAD
+from pf_tracker_ros.targets.detections import Sighting
+from pf_tracker_ros.targets.geometry import covered, overlaps
+from pf_tracker_ros.targets.life import Life
+from pf_tracker_ros.tracking.follower import Follower
+from pf_tracker_ros.tracking.measurement import Evidence
+from pf_tracker_ros.tracking.target import Target
+
+# Probability that a detection is not of its target, so that it says nothing of the place.
+_WRONG = 0.02
+# A target of which more than this is behind another one is not looked for.
+_HIDDEN_ABOVE = 0.5
+# Two boxes that overlap by more than this are on one object, and it is that of the one in front.
+_SAME_ABOVE = 0.5
+# How far a target may be from where it was expected, in its own sides.
+_NEAR = 1.5
+# What others in front explain of a box, beyond what was expected, counts against it so strongly.
+_EXPLAINED = 30.0
+_EXPLAINED_FREELY = 0.2
+# Share of the way to a detection that its target goes; all of it where they overlap by less, unless
+# the image is so sure of where it is.
+_GAIN = 0.5
+_FAR_BELOW = 0.5
+_SURE_ABOVE = 0.6
+# Seconds over which velocities are averaged.
+_VELOCITY_TIME = 0.3
+# Confirmations over which sizes are averaged.
+_SIZES = 3.3
+# Seconds from one learning of a confirmed target to the next.
+_LEARN_EVERY = 0.4
+# Share of a detection's look in that of its target.
+_LOOK_RATE = 0.1
+# What a detection adds to the belief in its target, and the most that this can be.
+_HIT, _LEAST_BELIEF, _MOST_BELIEF = 2.0, -1.0, 1.5
+# What the detector misses now it will miss again in a moment: seconds until it decides anew.
+_DECIDES_ANEW = 0.3
+# Of a hidden target it says at least so much that it was not found.
+_LEAST_VISIBLE = 0.4
+
+
+class Updater:
+    """Follows and corrects targets, the one in front first.
+
+    Targets explain their own pixels: what is in the box of one that is in front counts against
+    those behind it, and one that is hidden is carried on by its motion alone. A detection is one
+    more factor of the likelihood; it then brings the box along, and is learned from.
+
+    Args:
+        follower: Follows each target.
+        recall: Share of the visible targets that the detector finds.
+    """
+
+    def __init__(self, follower: Follower, recall: float) -> None:
+        self._follower = follower
+        self._log_miss = math.log(1.0 - recall)
+
+    def update(
+        self,
+        lives: Sequence[Life],
+        predicted: NDArray[np.float64],
+        frame: Frame,
+        interval: float,
+        own: Sequence[Sighting | None],
+    ) -> tuple[Life, ...]:
+        """The targets one frame later.
+
+        Args:
+            lives: N targets after the last frame.
+            predicted: (N, 4) boxes that they are expected in, pixels.
+            frame: The next one.
+            interval: Seconds since the last one.
+            own: The detection of each, None where there is none.
+        """
+        updated = list(lives)
+        front: list[NDArray[np.float64]] = []
+        # What was just confirmed explains its pixels first; of the others, what stands lower in the
+        # image, since it is nearer to the camera.
+        lower = predicted[:, 1] + predicted[:, 3]
+        unseen = np.array([one is None for one in own], dtype=np.float64)
+        for place in np.lexsort((-lower, unseen)).tolist():
+            life = self._follow(
+                lives[place],
+                predicted[place],
+                frame,
+                interval,
+                own=own[place],
+                front=np.array(front),
+            )
+            updated[place] = life
+            front.append(life.box)
+        return tuple(updated)
+
+    def count_misses(
+        self, lives: Sequence[Life], own: Sequence[Sighting | None], rhythm: float
+    ) -> tuple[Life, ...]:
+        """The targets, those that the detector did not find believed in less.
+
+        Args:
+            lives: In the frame that it saw.
+            own: The detection of each, None where there is none.
+            rhythm: Seconds since the frame that it saw before.
+        """
+        boxes = np.array([life.box for life in lives]).reshape(-1, 4)
+        lower = boxes[:, 1] + boxes[:, 3]
+        hiding = covered(boxes, boxes) * (lower[None] > lower[:, None])
+        visible = 1.0 - hiding.max(axis=1, initial=0.0)
+        decided = 1.0 - math.exp(-rhythm / _DECIDES_ANEW)
+        loss = self._log_miss * decided * np.maximum(visible, _LEAST_VISIBLE)
+        return tuple(
+            life if one else replace(life, belief=life.belief + float(lost))
+            for life, one, lost in zip(lives, own, loss, strict=True)
+        )
+
+    def _follow(
+        self,
+        life: Life,
+        predicted: NDArray[np.float64],
+        frame: Frame,
+        interval: float,
+        *,
+        own: Sighting | None,
+        front: NDArray[np.float64],
+    ) -> Life:
+        """One target, behind those in (K, 4) boxes."""
+        target, evidence = life.target, []
+        is_hidden = False
+        if own:
+            evidence.append(_of_detection(own.box))
+        front = front[_are_near(front, predicted)] if len(front) else front
+        if len(front):
+            expected = covered(predicted[None], front)[0]
+            evidence.append(_of_others(front, expected))
+            is_hidden = own is None and bool(expected.max() > _HIDDEN_ABOVE)
+        if not is_hidden:
+            followed = self._follower.follow(target, frame, interval, _all_of(evidence))
+            if own is None and len(front):
+                place = np.array([followed.estimate.box])
+                is_hidden = bool(overlaps(place, front).max() > _SAME_ABOVE)
+        velocity = life.velocity
+        if is_hidden:
+            target = self._follower.coast(target, frame, interval)
+        else:
+            velocity = _moved(life, followed, interval)
+            target = followed
+        life = replace(
+            life,
+            target=target,
+            velocity=velocity,
+            age=life.age + interval,
+            unconfirmed_for=life.unconfirmed_for + interval,
+            learned_for=life.learned_for + interval,
+            is_hidden=is_hidden,
+        )
+        return self._correct(life, frame, own) if own else life
+
+    def _correct(self, life: Life, frame: Frame, own: Sighting) -> Life:
+        """A target that a detection confirms, with its box brought towards that."""
+        box = life.box
+        is_far = bool(overlaps(box[None], own.box[None])[0, 0] < _FAR_BELOW)
+        # Where the image is sure, it takes a second detection to say that it is wrong.
+        is_doubted = is_far and life.target.estimate.confidence > _SURE_ABOVE
+        goes_over = is_far and not is_doubted
+        share = 1.0 / min(life.confirmations + 1, _SIZES)
+        log_size = life.log_size + share * (np.log(own.box[2:]) - life.log_size)
+        size = np.exp(log_size)
+        center, seen = box[:2] + box[2:] / 2, own.box[:2] + own.box[2:] / 2
+        center = center + (1.0 if goes_over else _GAIN) * (seen - center)
+        target = self._follower.move(life.target, as_box([*(center - size / 2), *size]))
+        learns = goes_over or (life.learned_for >= _LEARN_EVERY and not is_doubted)
+        if learns:
+            target = self._follower.relearn(target, frame)
+        return replace(
+            life.voted(own.label, own.score),
+            target=target,
+            log_size=log_size,
+            look=blend(life.look, own.look, _LOOK_RATE) if own.is_clear else life.look,
+            belief=min(max(life.belief, _LEAST_BELIEF) + _HIT, _MOST_BELIEF),
+            confirmations=life.confirmations + 1,
+            unconfirmed_for=0.0,
+            learned_for=0.0 if learns else life.learned_for,
+        )
+
+
+def _are_near(boxes: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(K,) which of (K, 4) boxes a target could overlap that is about at a (4,) place."""
+    apart = np.abs(boxes[:, :2] + boxes[:, 2:] / 2 - place[:2] - place[2:] / 2)
+    near: NDArray[np.bool_] = np.all(apart < boxes[:, 2:] / 2 + _NEAR * place[2:], axis=1)
+    return near
+
+
+def _moved(life: Life, followed: Target, interval: float) -> tuple[float, float]:
+    """The velocity of a target after it was seen in one more frame."""
+    before, box = life.box, np.array(followed.estimate.box)
+    way = box[:2] + box[2:] / 2 - before[:2] - before[2:] / 2
+    rate = 1.0 - math.exp(-interval / _VELOCITY_TIME)
+    x, y = (1.0 - rate) * np.array(life.velocity) + rate * way / max(interval, 1e-3)
+    return float(x), float(y)
+
+
+def _of_detection(box: NDArray[np.float64]) -> Evidence:
+    """The factor of a detection: near it a box is likelier, up to that it may be wrong."""
+    center, spread = box[:2] + box[2:] / 2, CENTER_SPREAD * box[2:]
+
+    def log_likelihood(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+        apart = (boxes[:, :2] + boxes[:, 2:] / 2 - center) / spread
+        return np.log(_WRONG + (1.0 - _WRONG) * np.exp(-0.5 * np.square(apart).sum(axis=1)))
+
+    return log_likelihood
+
+
+def _of_others(front: NDArray[np.float64], expected: NDArray[np.float64]) -> Evidence:
+    """The factor of (K, 4) boxes in front: what is in them is explained by others.
+
+    Args:
+        front: Boxes.
+        expected: (K,) share of the target that each was expected to cover.
+    """
+    free = np.maximum(expected, _EXPLAINED_FREELY)
+
+    def log_likelihood(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+        return -_EXPLAINED * np.maximum(covered(boxes, front) - free, 0.0).sum(axis=1)
+
+    return log_likelihood
+
+
+def _all_of(evidence: Sequence[Evidence]) -> Evidence | None:
+    if not evidence:
+        return None
+
+    def log_likelihood(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.sum([one(boxes) for one in evidence], axis=0)
+
+    return log_likelihood

@@ -1,0 +1,103 @@
+"""What belongs to the images of one camera, whatever is followed in them."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.background import BackgroundModel, BackgroundParameters
+from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.frames import Foreground, Frame
+from pf_tracker_ros.frames.gain_control import GainControl
+from pf_tracker_ros.frames.light import Light
+
+# Which child of the seed the background model draws from.
+_BACKGROUND_KEY = 0
+
+
+class Camera:
+    """Makes a frame of each image: gain control, light and background model follow the images.
+
+    It can be copied and pickled, without its last image: the copy goes on with the same bits and on
+    its own, `copy.copy` as deep as `copy.deepcopy`.
+
+    Args:
+        seed: Seeds the background model.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self._seed = seed
+        self._gain = GainControl()
+        self._next_gain = self._gain
+        self._light = self._next_light = Light()
+        self._background: BackgroundModel | None = None
+        self.frame: Frame | None = None
+
+    def open(
+        self,
+        image: NDArray[np.generic],
+        interval: float,
+        boxes: Sequence[Box],
+        background: BackgroundParameters | None,
+        follow_light: bool,
+    ) -> Frame:
+        """The next frame; it is the last one as soon as `keep` says so.
+
+        The background model learns it at once.
+
+        Args:
+            image: Of the size and kind of the last one; checked.
+            interval: Seconds since that one.
+            boxes: Where targets are.
+            background: Of the model; None where nobody asks for the foreground.
+            follow_light: Whether an image that has become brighter or darker as a whole is seen in
+                the light of those before.
+        """
+        self._next_gain = self._gain.follow(image, interval)
+        self._next_light = self._light.follow(image, interval) if follow_light else Light()
+        frame = Frame(image, span=self._next_gain.span, light=self._next_light.gain)
+        if background:
+            self.observe_background(frame, boxes, background)
+        return frame
+
+    def keep(self, frame: Frame) -> None:
+        """Take what `open` gave for the last frame."""
+        if frame is not self.frame:
+            self.frame, self._gain, self._light = frame, self._next_gain, self._next_light
+
+    def forget_light(self) -> None:
+        """See the next frame as it is: nothing has been seen in another light."""
+        self._light = Light()
+
+    @property
+    def has_background(self) -> bool:
+        """Whether there is a background model."""
+        return self._background is not None
+
+    def forget_background(self) -> None:
+        """Let the background model begin anew when it is asked for again."""
+        self._background = None
+
+    def observe_background(
+        self, frame: Frame, boxes: Sequence[Box], background: BackgroundParameters
+    ) -> None:
+        """Tell the frame its foreground, and learn its background; arguments as for `open`."""
+        if self._background is None:
+            seeds = np.random.SeedSequence(self._seed, spawn_key=(_BACKGROUND_KEY,))
+            draw = np.random.default_rng(seeds)
+            self._background = BackgroundModel(frame.pixels, background, draw, boxes)
+        mask = self._background.update(frame.pixels, boxes)
+        frame.background = self._background.state
+        if frame.background.name != "off":
+            frame.foreground = Foreground(mask, self._background.reduction)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A copy goes on with its next frame; that of the past would only make it large.
+        return self.__dict__ | {"frame": None}
+
+    def __copy__(self) -> Camera:
+        return copy.deepcopy(self)

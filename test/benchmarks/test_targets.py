@@ -1,0 +1,63 @@
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+INFO = "[Sequence]\nname=drawn\nframeRate=10\nseqLength=12\nimWidth=160\nimHeight=120\n"
+
+
+@pytest.fixture
+def folders(tmp_path, moving_square):
+    """A sequence of the MOT challenge with one target, found in every frame, and its images."""
+    folder, images = tmp_path / "drawn", tmp_path / "images"
+    folder.mkdir()
+    images.mkdir()
+    (folder / "seqinfo.ini").write_text(INFO)
+    truth, found = [], []
+    for number, box in enumerate(moving_square.boxes[:12], start=1):
+        x, y, width, height = box
+        truth.append(f"{number},7,{x + 1:g},{y + 1:g},{width:g},{height:g},1,0,0,0")
+        found.append(f"{number},-1,{x + 1:g},{y + 1:g},{width:g},{height:g},0.9,-1,-1,-1")
+        cv2.imwrite(str(images / f"{number:03d}.png"), moving_square.images[number - 1])
+    (folder / "gt.txt").write_text("\n".join(truth))
+    (folder / "det.txt").write_text("\n".join(found))
+    return folder, images
+
+
+def test_a_sequence_counts_pixels_from_zero(benchmark, folders, moving_square):
+    sequence = benchmark("targets").read_sequence(*folders)
+    assert sequence.interval == pytest.approx(0.1)
+    assert len(sequence.truth) == len(sequence.detections) == 12
+    np.testing.assert_allclose(sequence.truth[3].boxes, moving_square.boxes[3:4])
+    np.testing.assert_allclose(sequence.detections[3][:, :4], moving_square.boxes[3:4])
+
+
+def test_ours_follows_between_the_frames_that_the_detector_sees(benchmark, folders):
+    targets = benchmark("targets")
+    make = benchmark("target_trackers").TRACKERS[targets.OURS]
+    sequence = targets.read_sequence(*folders)
+    done = targets.run(make(sequence.interval), sequence, every=12, first=0)
+    for truth, told in zip(sequence.truth, done.told, strict=True):
+        assert list(told.ids) == [1]
+        assert targets.overlaps(truth.boxes, told.boxes)[0, 0] > 0.6
+
+
+def test_fewer_frames_than_the_truth_has_are_told(benchmark, folders):
+    targets = benchmark("targets")
+    make = benchmark("target_trackers").TRACKERS[targets.OURS]
+    folder, images = folders
+    sequence = targets.read_sequence(folder, images)
+    (images / "012.png").unlink()
+    with pytest.raises(ValueError, match="has 11 frames; drawn needs 12"):
+        targets.run(make(sequence.interval), sequence, every=12, first=0)
+
+
+def test_perfect_boxes_score_all(benchmark, folders):
+    pytest.importorskip("trackeval")
+    targets = benchmark("targets")
+    sequence = targets.read_sequence(*folders)
+    figures = targets.score(sequence.truth, targets.Run(list(sequence.truth), 1.0))
+    assert figures["HOTA"] == pytest.approx(100.0)
+    assert figures["switches"] == figures["overlap %"] == 0.0
+    assert json.dumps(figures)

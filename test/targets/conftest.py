@@ -1,0 +1,146 @@
+"""Footage of several drawn targets, and what a detector would say of them."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Detections, MultiTracker
+
+WIDTH, HEIGHT = 320, 200
+SIZE = np.array([24.0, 40.0])
+INTERVAL = 0.1
+
+
+def texture(seed, height, width, low, high):
+    noise = np.random.default_rng(seed).integers(low, high, (height // 6 + 1, width // 6 + 1, 3))
+    return cv2.resize(noise.astype(np.uint8), (width, height), interpolation=cv2.INTER_CUBIC)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Frames with the boxes of all that is in them.
+
+    Attributes:
+        images: (H, W, 3) uint8 BGR each.
+        boxes: (frames, targets, 4), NaN where a target is not in the image.
+    """
+
+    images: list
+    boxes: np.ndarray
+
+    def detections(self, frame, targets=None, age=0.0, labels=None):
+        """A detector that finds all that is there, or some of it, exactly."""
+        boxes = self.boxes[frame] if targets is None else self.boxes[frame][list(targets)]
+        boxes = boxes[np.isfinite(boxes).all(axis=1)]
+        return Detections(boxes, np.full(len(boxes), 0.95), labels, age)
+
+
+def draw(paths, colors=None):
+    """Sprites of 24 x 40 px along paths of (frames, 2) centers, a later one in front."""
+    ground = texture(1, HEIGHT, WIDTH, 100, 150)
+    sprites = [
+        cv2.addWeighted(
+            texture(10 + number, int(SIZE[1]), int(SIZE[0]), 0, 250),
+            0.5,
+            np.full((int(SIZE[1]), int(SIZE[0]), 3), color, np.uint8),
+            0.5,
+            0.0,
+        )
+        for number, color in enumerate(colors or [(20, 20, 230), (230, 40, 20), (20, 220, 30)])
+    ]
+    paths = np.asarray(paths, float)
+    images = []
+    boxes = np.full((paths.shape[1], len(paths), 4), np.nan)
+    for frame in range(paths.shape[1]):
+        image = ground.copy()
+        for number, sprite in zip(range(len(paths)), sprites, strict=False):
+            center = paths[number, frame]
+            if not np.isfinite(center).all():
+                continue
+            x, y = np.rint(center - SIZE / 2).astype(int)
+            left, top = max(x, 0), max(y, 0)
+            right, bottom = min(x + int(SIZE[0]), WIDTH), min(y + int(SIZE[1]), HEIGHT)
+            if right > left and bottom > top:
+                image[top:bottom, left:right] = sprite[top - y : bottom - y, left - x : right - x]
+                boxes[frame, number] = (x, y, *SIZE)
+        images.append(image)
+    return Drawn(images, boxes)
+
+
+@pytest.fixture(scope="session")
+def walkers():
+    """Three targets far from each other that walk for 30 frames."""
+    steps = np.arange(30)
+    return draw(
+        [
+            np.stack([40 + 3 * steps, 50 + 0 * steps], 1),
+            np.stack([280 - 3 * steps, 100 + 0 * steps], 1),
+            np.stack([60 + 2 * steps, 160 + 0 * steps], 1),
+        ]
+    )
+
+
+@pytest.fixture(scope="session")
+def crossing():
+    """Two targets that cross; the second is nearer and hides the first for some frames."""
+    steps = np.arange(40)
+    return draw(
+        [
+            np.stack([60 + 4 * steps, 90 + 0 * steps], 1),
+            np.stack([240 - 4 * steps, 100 + 0 * steps], 1),
+        ]
+    )
+
+
+@pytest.fixture(scope="session")
+def leaver():
+    """A target that leaves at the right and comes back there, beside one that stays."""
+    steps = np.arange(50)
+    x = np.where(steps < 30, 240 + 6 * steps, 240 + 6 * (54 - steps)).astype(float)
+    path = np.stack([x, 90 + 0 * steps], 1)
+    path[x > WIDTH + 4] = np.nan
+    return draw([path, np.stack([60 + 0 * steps, 120 + 0 * steps], 1)])
+
+
+@pytest.fixture
+def make_tracker():
+    def make(seed=0, **parameters):
+        named = {name.replace("__", "."): value for name, value in parameters.items()}
+        return MultiTracker.from_preset("default", seed, named)
+
+    return make
+
+
+def overlap(one, other):
+    one, other = np.asarray(one, float), np.asarray(other, float)
+    sides = np.minimum(one[:2] + one[2:], other[:2] + other[2:]) - np.maximum(one[:2], other[:2])
+    shared = np.maximum(sides, 0.0).prod()
+    return shared / (one[2:].prod() + other[2:].prod() - shared)
+
+
+@pytest.fixture(scope="session")
+def iou():
+    return overlap
+
+
+def told(targets):
+    """All that is told, to be compared to the bit."""
+    return [
+        (
+            target.id,
+            target.label,
+            target.age,
+            target.unconfirmed_for,
+            target.estimate.box,
+            target.estimate.state,
+            target.estimate.weights.tobytes(),
+        )
+        for target in targets
+    ]
+
+
+@pytest.fixture(scope="session")
+def as_told():
+    return told

@@ -1,0 +1,367 @@
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Detections, MultiTracker
+from pf_tracker_ros.background import BackgroundModel
+from pf_tracker_ros.frames.tiles import TiledImage
+from pf_tracker_ros.parameters import ParameterError
+
+INTERVAL = 0.1
+
+
+def run(tracker, drawn, every=10, frames=None, labels=None):
+    """What is told in each frame, with a detector that sees every so many."""
+    answers = []
+    for number, image in enumerate(drawn.images[:frames]):
+        seen = drawn.detections(number, labels=labels) if number % every == 0 else None
+        answers.append(tracker.update(image, INTERVAL, seen))
+    return answers
+
+
+# Targets that a detector starts
+
+
+def test_targets_start_on_detections_and_are_followed_between_them(walkers, make_tracker, iou):
+    answers = run(make_tracker(), walkers, labels=["person"] * 3)
+    for number, targets in enumerate(answers):
+        assert [target.id for target in targets] == [1, 2, 3]
+        for target in targets:
+            truth = max(walkers.boxes[number], key=lambda box: iou(box, target.estimate.box))
+            assert iou(truth, target.estimate.box) > 0.6
+            assert target.label == "person"
+            assert target.estimate.state == "tracking"
+            assert target.age == pytest.approx(number * INTERVAL)
+            assert target.unconfirmed_for == pytest.approx(number % 10 * INTERVAL)
+
+
+def test_without_targets_there_are_none(walkers, make_tracker):
+    tracker = make_tracker()
+    nothing = Detections(np.empty((0, 4)))
+    assert tracker.update(walkers.images[0]) == ()
+    assert tracker.update(walkers.images[1], INTERVAL, nothing) == ()
+    assert tracker.targets == ()
+
+
+def test_a_fast_detector_has_to_say_it_more_than_once(walkers, make_tracker):
+    tracker = make_tracker()
+    counts = []
+    for number in range(8):
+        seen = walkers.detections(number) if number > 1 else Detections([])
+        counts.append(len(tracker.update(walkers.images[number], INTERVAL, seen)))
+    assert counts == [0, 0, 0, 0, 3, 3, 3, 3]
+
+
+def test_what_the_detector_does_not_find_again_ends(walkers, make_tracker):
+    tracker = make_tracker()
+    tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
+    for number in range(1, 30):
+        seen = walkers.detections(number, targets=[0, 2]) if number % 5 == 0 else None
+        answer = tracker.update(walkers.images[number], INTERVAL, seen)
+    assert len(answer) == 2
+    centers = [target.estimate.box[1] for target in answer]
+    assert all(abs(y - 80) > 20 for y in centers)
+
+
+def test_no_more_targets_start_than_are_allowed(walkers, make_tracker):
+    assert len(run(make_tracker(targets__most=2), walkers, frames=1)[0]) == 2
+
+
+def test_low_scores_start_nothing(walkers, make_tracker):
+    low = Detections(walkers.boxes[0], [0.6, 0.1, 0.95])
+    assert len(make_tracker(detector__score_above=0.5).update(walkers.images[0], 0.1, low)) <= 2
+
+
+def test_a_target_is_called_what_it_was_called_most(walkers, make_tracker):
+    tracker = make_tracker()
+    names = ["car", "person", "person", "car", "person"]
+    for number, name in enumerate(names):
+        seen = walkers.detections(number, targets=[0], labels=[name])
+        answer = tracker.update(walkers.images[number], 1.0, seen)
+    assert [(target.id, target.label) for target in answer] == [(1, "person")]
+
+
+# By hand
+
+
+def test_a_target_by_hand_is_told_until_it_is_stopped(walkers, make_tracker, iou):
+    tracker = make_tracker()
+    first = tracker.start(walkers.images[0], walkers.boxes[0][0], "mine")
+    nothing = Detections([])
+    for number in range(1, 20):
+        answer = tracker.update(walkers.images[number], INTERVAL, nothing)
+        assert [(target.id, target.label) for target in answer] == [(first, "mine")]
+        assert iou(walkers.boxes[number][0], answer[0].estimate.box) > 0.5
+    second = tracker.start(walkers.images[19], walkers.boxes[19][1])
+    assert [target.id for target in tracker.targets] == [first, second]
+    tracker.stop(first)
+    assert [target.id for target in tracker.update(walkers.images[20], INTERVAL)] == [second]
+    third = tracker.start(walkers.images[20], walkers.boxes[20][2])
+    assert len({first, second, third}) == 3
+
+
+def test_what_was_stopped_stays_so_when_a_late_detection_comes(walkers, make_tracker):
+    tracker = make_tracker()
+    number = tracker.start(walkers.images[0], walkers.boxes[0][0])
+    for frame in range(1, 6):
+        tracker.update(walkers.images[frame], INTERVAL)
+    tracker.stop(number)
+    late = walkers.detections(3, targets=[1], age=4 * INTERVAL)
+    tracker.update(walkers.images[6], INTERVAL)
+    answer = tracker.update(walkers.images[7], INTERVAL, late)
+    assert number not in [target.id for target in answer]
+
+
+def test_starting_on_another_image_than_the_last_is_refused(walkers, make_tracker):
+    tracker = make_tracker()
+    tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
+    with pytest.raises(ValueError, match="not the one that was given last"):
+        tracker.start(walkers.images[5], walkers.boxes[5][0])
+    assert len(tracker.update(walkers.images[1], INTERVAL)) == 3
+
+
+def test_stopping_what_is_not_there_tells_what_is(walkers, make_tracker):
+    tracker = make_tracker()
+    number = tracker.start(walkers.images[0], walkers.boxes[0][0])
+    for wrong in (number + 1, 0, "1", None, True + 1):
+        with pytest.raises(ValueError, match=f"there are: {number}"):
+            tracker.stop(wrong)
+
+
+# The same bits
+
+
+def test_the_same_frames_detections_and_seed_give_the_same(walkers, make_tracker, as_told):
+    runs = [run(make_tracker(seed=4), walkers, every=6) for _ in range(2)]
+    assert list(map(as_told, runs[0])) == list(map(as_told, runs[1]))
+    other = run(make_tracker(seed=5), walkers, every=6)
+    assert list(map(as_told, runs[0])) != list(map(as_told, other))
+
+
+@pytest.mark.parametrize("delay", [1, 4, 9])
+def test_late_detections_do_what_they_would_have_done_in_time(
+    walkers, make_tracker, as_told, delay
+):
+    """After each of them the targets are those of a detector that answers at once."""
+    in_time, late = make_tracker(seed=2), make_tracker(seed=2)
+    for number, image in enumerate(walkers.images):
+        seen = walkers.detections(number) if number % 10 == 0 else None
+        expected = in_time.update(image, INTERVAL, seen)
+        before = number - delay
+        answer = None
+        if before >= 0 and before % 10 == 0:
+            answer = walkers.detections(before, age=delay * INTERVAL)
+        told = late.update(image, INTERVAL, answer)
+        if answer:
+            assert as_told(told) == as_told(expected)
+    assert as_told(told) == as_told(expected)
+
+
+def test_a_late_detection_of_an_earlier_frame_keeps_the_ids(walkers, make_tracker):
+    tracker = make_tracker()
+    for number in range(8):
+        seen = walkers.detections(number) if number == 6 else None
+        answer = tracker.update(walkers.images[number], INTERVAL, seen)
+    ids = [target.id for target in answer]
+    late = walkers.detections(3, age=5 * INTERVAL)
+    assert [target.id for target in tracker.update(walkers.images[8], INTERVAL, late)] == ids
+
+
+def test_an_answer_that_comes_twice_counts_once(walkers, make_tracker, as_told):
+    once, twice = make_tracker(), make_tracker()
+    for tracker in (once, twice):
+        tracker.update(walkers.images[0], INTERVAL)
+        tracker.update(walkers.images[1], INTERVAL, walkers.detections(0, age=INTERVAL))
+    again = walkers.detections(0, age=2 * INTERVAL)
+    assert as_told(once.update(walkers.images[2], INTERVAL)) == as_told(
+        twice.update(walkers.images[2], INTERVAL, again)
+    )
+
+
+@pytest.mark.parametrize(
+    "copied", [copy.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))]
+)
+def test_a_copy_goes_on_with_the_same_bits(walkers, make_tracker, as_told, copied):
+    tracker = make_tracker()
+    run(tracker, walkers, frames=5)
+    other = copied(tracker)
+    answers = [
+        [
+            as_told(one.update(walkers.images[number], INTERVAL, walkers.detections(number)))
+            for number in (5, 6)
+        ]
+        for one in (tracker, other)
+    ]
+    assert answers[0] == answers[1]
+
+
+# Shared work
+
+
+def test_what_is_made_of_a_frame_is_made_once_for_all_targets(walkers, make_tracker, monkeypatch):
+    counts = {"background": 0, "pixels": 0}
+    learn, compute = BackgroundModel.update, TiledImage.read
+
+    def count_learning(self, *arguments):
+        counts["background"] += 1
+        return learn(self, *arguments)
+
+    def count_pixels(self, part, make):
+        def counted(inner):
+            counts["pixels"] += (inner.bottom - inner.top) * (inner.right - inner.left)
+            return make(inner)
+
+        return compute(self, part, counted)
+
+    monkeypatch.setattr(BackgroundModel, "update", count_learning)
+    monkeypatch.setattr(TiledImage, "read", count_pixels)
+    made = []
+    for copies in (1, 3):
+        tracker = make_tracker(working_size=12)
+        for _ in range(copies):
+            tracker.start(walkers.images[0], walkers.boxes[0][0])
+        counts.update(background=0, pixels=0)
+        tracker.update(walkers.images[1], INTERVAL)
+        assert len(tracker.targets) == copies
+        made.append(dict(counts))
+    assert made[0]["background"] == made[1]["background"] == 1
+    assert made[0]["pixels"] > 0
+    assert made[1]["pixels"] < 1.5 * made[0]["pixels"]
+
+
+# Each other
+
+
+def test_ids_come_out_of_a_crossing_as_they_went_in(crossing, make_tracker, iou):
+    answers = run(make_tracker(), crossing, every=8)
+    names = {}
+    for number in (0, len(answers) - 1):
+        for target in answers[number]:
+            place = max(
+                (0, 1), key=lambda one: iou(crossing.boxes[number][one], target.estimate.box)
+            )
+            assert iou(crossing.boxes[number][place], target.estimate.box) > 0.5
+            names.setdefault(place, set()).add(target.id)
+    assert sorted(map(len, names.values())) == [1, 1]
+    assert names[0] != names[1]
+
+
+def test_two_targets_do_not_settle_on_one(crossing, make_tracker, iou):
+    tracker = make_tracker()
+    shared = []
+    for number, image in enumerate(crossing.images):
+        seen = crossing.detections(number) if number == 0 else None
+        targets = tracker.update(image, INTERVAL, seen)
+        if number >= 30:
+            shared.append(iou(*(target.estimate.box for target in targets)))
+    assert max(shared) < 0.3
+
+
+def test_one_wrong_detection_does_not_carry_a_target_away(walkers, make_tracker, iou):
+    tracker = make_tracker()
+    for number in range(12):
+        seen = walkers.detections(number) if number % 5 == 0 else None
+        answer = tracker.update(walkers.images[number], INTERVAL, seen)
+    wrong = walkers.boxes[12].copy()
+    wrong[0, 0] += 12.0
+    answer = tracker.update(walkers.images[12], INTERVAL, Detections(wrong))
+    assert iou(walkers.boxes[12][0], answer[0].estimate.box) > 0.55
+
+
+# Life
+
+
+def test_one_that_left_comes_back_with_its_id_while_it_is_remembered(leaver, make_tracker):
+    ids = {}
+    for remember in (10.0, 0.0):
+        tracker = make_tracker(track__remember=remember)
+        answers = run(tracker, leaver, every=2)
+        away = [number for number, boxes in enumerate(leaver.boxes) if np.isnan(boxes[0]).any()]
+        assert len(answers[away[-1]]) == 1
+        first = {target.id for target in answers[6]}
+        last = {target.id for target in answers[-1]}
+        ids[remember] = (first, last)
+    assert ids[10.0][0] == ids[10.0][1]
+    assert len(ids[0.0][0] & ids[0.0][1]) == 1
+    assert len(ids[0.0][1]) == 2
+
+
+# What is not usable
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((np.zeros((10, 10, 3), np.uint8),), "make another tracker"),
+        (("image",), "image is a str"),
+        ((None, -1.0), "dt is -1.0"),
+        ((None, float("nan")), "dt is nan"),
+        ((None, 0.1, [[1, 2, 3, 4]]), "expected Detections"),
+    ],
+)
+def test_what_is_refused_leaves_the_targets_as_they_were(
+    walkers, make_tracker, as_told, arguments, message
+):
+    tracker, other = make_tracker(), make_tracker()
+    for one in (tracker, other):
+        one.update(walkers.images[0], INTERVAL, walkers.detections(0))
+    image, *rest = arguments
+    with pytest.raises(ValueError, match=message):
+        tracker.update(walkers.images[1] if image is None else image, *rest)
+    assert as_told(tracker.targets) == as_told(other.targets)
+    assert as_told(tracker.update(walkers.images[1], INTERVAL)) == as_told(
+        other.update(walkers.images[1], INTERVAL)
+    )
+
+
+def test_detections_beyond_the_history_are_left_out_with_a_reason(walkers, make_tracker):
+    tracker = make_tracker()
+    run(tracker, walkers, frames=5)
+    old = walkers.detections(0, age=100.0)
+    assert len(tracker.update(walkers.images[5], INTERVAL, old)) == 3
+    assert len(tracker.left_out) == 1
+    assert "100 s old" in tracker.left_out[0]
+    tracker.update(walkers.images[6], INTERVAL)
+    assert tracker.left_out == ()
+
+
+def test_an_image_buffer_may_be_used_again(walkers, make_tracker, as_told):
+    kept, reused = make_tracker(), make_tracker()
+    buffer = np.empty_like(walkers.images[0])
+    for number in range(8):
+        late = walkers.detections(2, age=5 * INTERVAL) if number == 7 else None
+        buffer[:] = walkers.images[number]
+        answers = [
+            kept.update(walkers.images[number], INTERVAL, late),
+            reused.update(buffer, INTERVAL, late),
+        ]
+        buffer[:] = 0
+    assert as_told(answers[0]) == as_told(answers[1])
+
+
+def test_parameters_are_those_of_the_preset_and_what_is_set(make_tracker):
+    assert make_tracker(targets__most=5).parameters["targets.most"] == 5
+    with pytest.raises(ParameterError, match="no preset 'none'"):
+        MultiTracker.from_preset("none")
+    with pytest.raises(ParameterError, match=r"track\.remember"):
+        make_tracker(track__remember=-1.0)
+    with pytest.raises(TypeError, match="from_preset"):
+        MultiTracker("default")
+
+
+@pytest.mark.parametrize("preset", ["li2007", "zhang2015", "zhang_bo"])
+def test_every_preset_can_follow_several(walkers, preset):
+    tracker = MultiTracker.from_preset(preset)
+    answers = run(tracker, walkers, every=3, frames=7)
+    assert [target.id for target in answers[-1]] == [1, 2, 3]
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_gray_images_of_every_kind(walkers, make_tracker, dtype):
+    tracker = make_tracker()
+    for number in range(6):
+        gray = walkers.images[number].mean(axis=2).astype(dtype)
+        answer = tracker.update(gray, INTERVAL, walkers.detections(number) if number == 0 else None)
+    assert len(answer) == 3
