@@ -71,6 +71,7 @@ TARGET_TAKEN = "tracking a target from the box (293, 97, 115, 82) on"
 SHARE = "$(ros2 pkg prefix --share pf_tracker_ros)"
 
 README = [
+    Elsewhere("make console", "test/node/console"),
     Elsewhere("make demo", "test/demo"),
     Elsewhere("make test", "this is it"),
     Elsewhere(
@@ -80,7 +81,7 @@ README = [
     Ends("colcon build --packages-select pf_tracker_ros", "1 package finished"),
     Ends("source install/setup.bash"),
     Elsewhere("python3 -m venv ~/pf_tracker", INSTALLED),
-    Elsewhere("~/pf_tracker/bin/pip install '.[ros,evaluation]'", INSTALLED),
+    Elsewhere("~/pf_tracker/bin/pip install '.[ros,console,recordings,evaluation]'", INSTALLED),
     GoesOn(f"{RUN} tracker --ros-args -r image:=/camera/image_raw", node="/pf_tracker"),
     GoesOn(
         f"{RUN} replay drive.mcap --ros-args -r image:=/camera/image_raw -p loop:=true "
@@ -99,6 +100,10 @@ README = [
         f"{LAUNCH} tracker.launch.py image:=/camera/image_raw preset:=li2007",
         node="/pf_tracker",
         ends=(f"{LAUNCH} replay",),
+    ),
+    Ends(
+        f"{RUN} track drive.mcap --box 293,97,115,82 --output tracked --video --report",
+        "tracked",
     ),
     Ends(
         "evaluate sequences --preset default --seeds 3 --output result.json --plot success.png",

@@ -1,0 +1,126 @@
+"""The benchmark of honesty: the footage that it makes, its figures by hand, what it writes."""
+
+import csv
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def footage(benchmark):
+    return benchmark("honesty_footage")
+
+
+@pytest.fixture
+def honesty(benchmark):
+    return benchmark("honesty")
+
+
+def scene(seed, size=(96, 128)):
+    coarse = np.random.default_rng(seed).integers(20, 120, (6, 8, 3), np.uint8)
+    return cv2.resize(coarse, size[::-1], interpolation=cv2.INTER_CUBIC)
+
+
+def clip(footage, seed=0, frames=6):
+    images = tuple(np.roll(scene(seed), 2 * index, 1) for index in range(frames))
+    boxes = np.tile([40.0, 30.0, 20.0, 24.0], (frames, 1))
+    return footage.Clip(f"clip_{seed}", images, boxes, 0.1)
+
+
+def test_lights_by_hand(footage):
+    assert [footage.step(0.5)(time) for time in (-0.1, 0.0, 1.0)] == [1.0, 0.5, 0.5]
+    assert [footage.ramp(0.5, 2.0)(time) for time in (-1.0, 1.0, 3.0)] == [1.0, 0.75, 0.5]
+    pulses = [footage.flicker(0.3, 10.0)(time) for time in (-0.01, 0.0, 0.025, 0.075)]
+    assert pulses == pytest.approx([1.0, 1.0, 1.3, 0.7])
+
+
+def test_the_light_changes_in_the_middle(footage):
+    plain = clip(footage)
+    images = list(footage.relit(plain, footage.step(0.5)))
+    for index, image in enumerate(images):
+        expected = plain.images[index] if index < 3 else np.rint(plain.images[index] * 0.5)
+        np.testing.assert_allclose(image, expected, atol=1)
+
+
+def test_a_cut_goes_back_and_forth_in_the_size_of_the_first(footage):
+    begin, other = clip(footage), clip(footage, 1, 3)
+    other = footage.Clip(
+        "", tuple(cv2.resize(one, (64, 48)) for one in other.images), other.boxes, 0.1
+    )
+    images = list(footage.cut(begin, other, 5))
+    assert len(images) == 11
+    assert {image.shape for image in images} == {(96, 128, 3)}
+    np.testing.assert_array_equal(images[6], images[10])
+    np.testing.assert_array_equal(images[7], images[9])
+
+
+def test_a_target_leaves_and_comes_back_from_the_other_side(footage):
+    gone = footage.departure(clip(footage), clip(footage, 1), (1.0, 2.0, 1.0), 0.1)
+    is_there = np.isfinite(gone.boxes[:, 0])
+    assert is_there.tolist() == [True] * 10 + [False] * 20 + [True] * 10
+    speed = np.diff(gone.boxes[:10, 0])
+    np.testing.assert_allclose(speed, speed[0])
+    assert speed[0] > 0
+    assert 90 < gone.boxes[9, 0] < 128
+    assert gone.boxes[30, 0] < 0
+    x, y, width, height = np.rint(gone.boxes[5]).astype(int)
+    middle = np.s_[y + height // 4 : y + 3 * height // 4, x + width // 4 : x + 3 * width // 4]
+    background = clip(footage, 1).images[5]
+    assert np.abs(gone.images[5][middle].astype(int) - background[middle]).mean() > 5
+    np.testing.assert_array_equal(gone.images[15], clip(footage, 1).images[5])
+
+
+def test_one_place_is_told_from_another(footage):
+    assert footage.same_place(clip(footage), clip(footage))
+    assert not footage.same_place(clip(footage), clip(footage, 1))
+
+
+def test_the_tables_by_hand(honesty):
+    run = honesty.Run
+    lights = [
+        run("as it is", "a", 0, 0.8),
+        run("as it is", "b", 0, 0.6),
+        run("half from one frame on", "a", 0, 0.7),
+        run("half from one frame on", "b", 0, 0.6),
+    ]
+    kinds = [kind for kind in honesty.LIGHTS if kind not in {one.kind for one in lights}]
+    lights += [run(kind, name, 0, 0.5) for kind in kinds for name in "ab"]
+    rows = honesty.light_table(lights).groups[0]
+    assert rows[1] == ["half from one frame on", "a", "0.650", "-0.050", "-0.100"]
+    cuts = [run("cut", "a to b", 0, 30), run("cut", "a to c", 0, 0), run("cut", "a to a", 0, 90)]
+    cuts[2] = run("cut", "a to a", 0, 90, is_apart=True)
+    assert honesty.cut_table(cuts).groups[0] == [
+        ["other places", "a to b 30", "2", "15.0%"],
+        ["the same place at another time", "a to a 90", "1", "90.0%"],
+    ]
+    gone = [run("gone", "a", 0, 11, 0.5), run("gone", "b", 0, 10, 2.5), run("gone", "c", 0, 0)]
+    gone[2] = run("gone", "c", 0, 0, math.inf)
+    assert [row[1] for row in honesty.away_table(gone).groups[0]] == ["1", "1"]
+
+
+def test_the_command_writes_its_files(honesty, tmp_path, capsys):
+    for name, seed in (("first", 0), ("second", 5)):
+        folder = tmp_path / name
+        (folder / "img").mkdir(parents=True)
+        for index in range(12):
+            cv2.imwrite(str(folder / "img" / f"{index:04}.png"), np.roll(scene(seed), index, 1))
+        lines = [f"{40 + index},30,20,24\n" for index in range(12)]
+        (folder / "groundtruth.txt").write_text("".join(lines))
+    arguments = [str(tmp_path), "--preset", "li2007", "--processes", "2"]
+    assert honesty.main([*arguments, "--output", str(tmp_path / "new")]) == 0
+    text = (tmp_path / "new" / "honesty.md").read_text()
+    assert "# Honesty of preset li2007" in text
+    assert "## Light that changes" in text
+    with (tmp_path / "new" / "honesty.csv").open() as file:
+        kinds = [row["kind"] for row in csv.DictReader(file)]
+    # Two sequences in each light; one is the scene and background of the other.
+    assert len(kinds) == 2 * len(honesty.LIGHTS) + 2
+    assert "Cut to another scene" in capsys.readouterr().out
+
+
+def test_a_single_sequence_is_not_enough(honesty, moving_square_sequence, capsys):
+    with pytest.raises(SystemExit):
+        honesty.main([str(moving_square_sequence)])
+    assert "fewer than two sequences with colors" in capsys.readouterr().err
