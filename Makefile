@@ -42,7 +42,7 @@ $(BENCH_INSTALLED): requirements/bench.txt requirements/development.txt \
 	@touch $@
 
 test: lint  ## lint, types and all tests (PYTEST_ARGS=... narrows them down)
-	$(VENV)/bin/python -m pytest $(PYTEST_ARGS)
+	$(VENV)/bin/python -m pytest --numprocesses 2 --dist loadfile $(PYTEST_ARGS)
 
 lint: $(INSTALLED)  ## lint, format, spelling and types alone
 	$(VENV)/bin/ruff check

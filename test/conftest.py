@@ -187,9 +187,11 @@ def _domain_numbers():
     """Candidates for domains: each test tries the number after the last one taken.
 
     Participants of a test that has just ended may still be heard for a moment; the next test must
-    not listen where they were.
+    not listen where they were. Processes side by side begin far apart.
     """
-    return itertools.cycle(range(1, 101)).__next__
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    first = 50 * worker % 100
+    return itertools.cycle((*range(first + 1, 101), *range(1, first + 1))).__next__
 
 
 @pytest.fixture

@@ -96,6 +96,7 @@ def test_the_shipped_parts():
     assert set(CUES) == {
         "color_contrast",
         "color_histogram",
+        "coarse_correlation_response",
         "correlation_response",
         "foreground",
         "foreground_color_histogram",

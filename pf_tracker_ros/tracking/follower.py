@@ -44,7 +44,7 @@ from pf_tracker_ros.tracking.track_state import Track
 
 # Confidence that a frame alone must give for anything to be learned of it, however the cues' own
 # similarity is.
-_LEARN_ABOVE = 0.1
+_LEARN_ABOVE = 0.01
 
 
 class _Learned(NamedTuple):
@@ -282,7 +282,9 @@ class Follower:
         thresholds = self.parameters.track
         now = self._confidence.judge(target, measured.seen, measured.match, measured.spread)
         confidence = self._confidence.update(target.estimate.confidence, now)
-        track = target.track.advance(confidence, now, interval, thresholds)
+        # While it looks as it did last, it is not lost, whatever it looked like first.
+        glimpse = max(now, measured.match.similarity)
+        track = target.track.advance(confidence, glimpse, interval, thresholds)
         if self._redetector is None:
             # Nobody looks for another.
             track = replace(track, probation=0.0)
@@ -297,10 +299,10 @@ class Follower:
         if not is_seen:
             judged = self._while_hidden.judge(target, measured, judged)
             box = self._while_hidden.begin_anew(target, judged)
-        if track.state != "occluded":
+        if track.state != "occluded" or track.probation:
             # What looks like it elsewhere may be the target, what is followed something else.
             judged = replace(judged, learns=False)
-        if now > thresholds.recovered_above and not track.probation:
+        if not is_seen and now > thresholds.recovered_above:
             return judged
         found = self._find(target, measured, judged, now if is_seen else 0.0)
         if found is not None:
@@ -327,11 +329,12 @@ class Follower:
         Where it went out of sight a moment ago it is that. After a longer time it may be something
         like it: then it counts as lost until more frames agree.
         """
-        if judged.track.state == "occluded":
+        track = judged.track
+        if track.state == "tracking":
+            return replace(judged, confidence=0.0, track=track.lose(self.parameters.track))
+        if track.state == "occluded" and not track.probation:
             return replace(judged, confidence=found.confidence, track=Track())
-        if judged.track.state == "lost":
-            return judged
-        return replace(judged, confidence=0.0, track=judged.track.lose(self.parameters.track))
+        return judged
 
     def _learn(
         self, target: Target, prediction: Prediction, measured: Measurement, judged: Judgment

@@ -44,8 +44,9 @@ class Track:
     Attributes:
         state: As in `Estimate.state`.
         hidden_for: Seconds since the target was last seen, 0 while tracking.
-        probation: Seconds for which it may yet turn out that something else was found instead of
-            the target that was lost; nothing is learned of it in them.
+        probation: Seconds, counted from when it is tracked again, for which it may yet turn out
+            that something else was found instead of the target that was lost; nothing is learned of
+            it in them.
     """
 
     state: TrackState = "tracking"
@@ -68,20 +69,23 @@ class Track:
 
         Args:
             confidence: After that frame, 0 to 1.
-            similarity: What that frame alone says, 0 to 1; a glimpse starts the clock of a target
-                that is occluded again, even before the confidence has risen.
+            similarity: What that frame alone says, 0 to 1; a glimpse starts the clock again, even
+                before the confidence has risen.
             interval: Seconds since the last frame.
             thresholds: When it counts as hidden, seen again, or gone.
         """
         needed = thresholds.occluded_below
         if self.state != "tracking":
             needed = max(needed, thresholds.recovered_above)
-        if confidence >= needed:
-            was_lost = self.state == "lost"
-            return Track(probation=_PROBATION if was_lost else max(self.probation - interval, 0.0))
-        # What is not confirmed on probation is as lost as it was before.
         was_lost = self.state == "lost" or self.probation > 0.0
-        is_glimpsed = similarity >= needed and not was_lost
+        if confidence >= needed:
+            if self.state == "tracking":
+                return Track(probation=max(self.probation - interval, 0.0))
+            return Track(probation=_PROBATION if was_lost else 0.0)
+        is_glimpsed = similarity >= needed
         hidden_for = interval + (0.0 if is_glimpsed else self.hidden_for)
+        if is_glimpsed:
+            return Track("occluded", hidden_for, _PROBATION if was_lost else 0.0)
+        # What is not confirmed is as lost as it was before.
         gone = was_lost or hidden_for >= thresholds.lost_after
         return Track("lost" if gone else "occluded", hidden_for)

@@ -244,5 +244,5 @@ def test_a_users_test_stores_its_result_and_compares_with_it(run_pytest, tmp_pat
 @pytest.mark.parametrize("name", ["otb_bolt", "ir_drone_074"])
 def test_real_recordings_are_followed(tracked_recording, sequences_directory, name):
     tracked_recording(sequences_directory / name).check(
-        ends={"otb_bolt": "occluded"}.get(name, "tracking"), overlap=0.6, longest_loss=0.5
+        ends="tracking", overlap=0.6, longest_loss=0.5
     )

@@ -202,8 +202,8 @@ def test_the_boxes_that_are_searched_are_centered_on_the_place_and_inside_the_im
     search = Search(PLACE, parameters, (320, 240))
     centers = search.boxes[:, :2] + search.boxes[:, 2:] / 2
     np.testing.assert_allclose(centers.mean(axis=0), [120.0, 100.0])
-    # Centers of 48 cells over 3 box sizes.
-    np.testing.assert_allclose(np.ptp(centers, axis=0), 3.0 * 40.0 * 47 / 48)
+    # Centers of 40 cells over 3 box sizes.
+    np.testing.assert_allclose(np.ptp(centers, axis=0), 3.0 * 40.0 * 39 / 40)
     assert (search.boxes[:, 2:] == PLACE[2:]).all()
     edge = Search(np.array([-10.0, 200.0, 40.0, 40.0]), parameters, (320, 240))
     centers = edge.boxes[:, :2] + edge.boxes[:, 2:] / 2

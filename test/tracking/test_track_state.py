@@ -38,7 +38,17 @@ def test_a_glimpse_starts_the_clock_again_before_the_confidence_has_risen():
     for similarity in (0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 0.0, 0.0, 0.9):
         track = track.advance(0.1, similarity, 0.25, THRESHOLDS)
         seen.append(track.state)
-    assert seen == ["occluded"] * 6 + ["lost"] * 3
+    assert seen == ["occluded"] * 6 + ["lost"] * 2 + ["occluded"]
+
+
+def test_a_glimpse_of_a_lost_target_is_on_probation():
+    """Without another it is lost again at once, with others it is tracked on probation."""
+    glimpsed = Track("lost", 5.0).advance(0.1, 0.9, 0.25, THRESHOLDS)
+    assert (glimpsed.state, glimpsed.hidden_for) == ("occluded", 0.25)
+    assert glimpsed.advance(0.1, 0.1, 0.25, THRESHOLDS).state == "lost"
+    seen = glimpsed.advance(0.9, 0.9, 0.25, THRESHOLDS)
+    assert seen.state == "tracking"
+    assert not seen.is_settled
 
 
 def test_a_target_that_was_lost_is_on_probation_for_two_seconds():
