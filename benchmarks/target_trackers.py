@@ -21,16 +21,16 @@ class TargetTracker(Protocol):
     """A tracker of several targets, made for one sequence.
 
     Attributes:
-        library: What it needs; an empty text for none.
+        package: What it needs of Python's; an empty text for none.
     """
 
-    library: ClassVar[str] = ""
+    package: ClassVar[str] = ""
 
     @classmethod
     def missing(cls) -> str:
         """What to do before it can run; empty if nothing."""
-        is_there = not cls.library or find_spec(cls.library) is not None
-        return "" if is_there else f"{cls.library} is not installed"
+        is_there = not cls.package or find_spec(cls.package) is not None
+        return "" if is_there else f"{cls.package} is not installed"
 
     @abstractmethod
     def update(
@@ -131,7 +131,7 @@ class _Roboflow(TargetTracker):
         seed: Makes no difference.
     """
 
-    library = "trackers"
+    package = "trackers"
     kind: ClassVar[str]
 
     def __init__(self, interval: float, seed: int = 0) -> None:
@@ -146,8 +146,8 @@ class _Roboflow(TargetTracker):
         """See `TargetTracker.missing`."""
         if what := super().missing():
             return what
-        has_it = hasattr(importlib.import_module(cls.library), cls.kind)
-        return "" if has_it else f"this version of {cls.library} has no {cls.kind}"
+        has_it = hasattr(importlib.import_module(cls.package), cls.kind)
+        return "" if has_it else f"this version of {cls.package} has no {cls.kind}"
 
     def update(
         self, image: NDArray[np.uint8], interval: float, seen: NDArray[np.float64] | None
@@ -199,10 +199,10 @@ class Norfair(TargetTracker):
         seed: Makes no difference.
     """
 
-    library = "norfair"
+    package = "norfair"
 
     def __init__(self, interval: float, seed: int = 0) -> None:
-        self._norfair = importlib.import_module(self.library)
+        self._norfair = importlib.import_module(self.package)
         self._tracker = self._norfair.Tracker(
             distance_function="iou",
             distance_threshold=0.7,

@@ -6,6 +6,8 @@ import os
 import re
 import shutil
 import subprocess
+import tempfile
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -262,3 +264,29 @@ def browse(tmp_path):
         return json.loads(said.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
 
     return open_
+
+
+@pytest.fixture
+def public_folder():
+    """An empty folder that every user may look into."""
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)
+        yield Path(folder)
+
+
+@pytest.fixture
+def ordinary_user():
+    """A block as a user who may not read and write everywhere, for tests that root runs."""
+
+    @contextmanager
+    def block():
+        is_root = os.geteuid() == 0
+        if is_root:
+            os.seteuid(65534)
+        try:
+            yield
+        finally:
+            if is_root:
+                os.seteuid(0)
+
+    return block

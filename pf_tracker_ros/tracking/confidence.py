@@ -19,8 +19,8 @@ class Confidence:
     The log odds of all cues add up. They ask of the box itself whether it stands out from what is
     around it, and whether it looks like the target did last and in the first frame: what was
     learned by mistake since then does not count there. A cloud that is spread out speaks against
-    it. Their constants were fitted by logistic regression to frames that are right and wrong; how
-    that carries over to other footage is in `docs/benchmarks.md`. Where no cue can tell, the
+    it. The weights come from logistic regressions on frames that are right and wrong; how that
+    carries over to other footage is in `docs/benchmarks.md`. Where no cue can tell, the
     confidence is how well the box fits the templates.
 
     From frame to frame it falls at once, and rises as fast as is allowed.

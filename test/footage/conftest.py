@@ -1,9 +1,6 @@
 """Small recordings of every kind, written without the code under test."""
 
-import os
 import signal
-import tempfile
-from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -85,29 +82,3 @@ def no_hang():
     yield
     signal.alarm(0)
     signal.signal(signal.SIGALRM, before)
-
-
-@pytest.fixture
-def public_folder():
-    """An empty folder that every user may look into."""
-    with tempfile.TemporaryDirectory() as folder:
-        Path(folder).chmod(0o755)
-        yield Path(folder)
-
-
-@pytest.fixture
-def ordinary_user():
-    """A block as a user who may not read everything, for tests that root runs."""
-
-    @contextmanager
-    def block():
-        is_root = os.geteuid() == 0
-        if is_root:
-            os.seteuid(65534)
-        try:
-            yield
-        finally:
-            if is_root:
-                os.seteuid(0)
-
-    return block

@@ -4,8 +4,6 @@ import csv
 import os
 import subprocess
 import sys
-import tempfile
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -72,29 +70,3 @@ def long_sequence(write_sequence, moving_square):
     """The moving square there and back, for a thousand frames."""
     order = np.resize(np.r_[np.arange(20), np.arange(18, 0, -1)], 1000)
     return write_sequence("walk", moving_square.images[order], moving_square.boxes[order])
-
-
-@pytest.fixture
-def public_folder():
-    """An empty folder that every user may look into."""
-    with tempfile.TemporaryDirectory() as folder:
-        Path(folder).chmod(0o755)
-        yield Path(folder)
-
-
-@pytest.fixture
-def ordinary_user():
-    """A block as a user who may not write everywhere, for tests that root runs."""
-
-    @contextmanager
-    def block():
-        is_root = os.geteuid() == 0
-        if is_root:
-            os.seteuid(65534)
-        try:
-            yield
-        finally:
-            if is_root:
-                os.seteuid(0)
-
-    return block
