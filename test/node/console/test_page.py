@@ -33,6 +33,8 @@ CONTRASTS = """() => {
     });
 }"""
 
+SHAPES = "paths => paths.map(path => path.getAttribute('d') || '')"
+
 SEE_FRAMES = """() => {
   window.seen = [];
   const overlay = document.querySelector('#overlay');
@@ -115,12 +117,16 @@ def test_the_last_minute_of_the_figures_is_drawn(camera, page):
     camera.show_on(page)
     page.drag(camera.box_at(page.stamp))
     camera.show_until(lambda: page.box, "box")
-    paths = {name: page.locator(f"#plot-{name} path") for name in ("confidence", "powers")}
-    camera.show_until(
-        lambda: len((paths["confidence"].first.get_attribute("d") or "").split("L")) > 10, "line"
-    )
+    confidence, powers = (page.locator(f"#plot-{name} path") for name in ("confidence", "powers"))
+
+    def is_line_long():
+        # A line that is not there yet must not be waited for: frames draw it.
+        return any(len(path.split("L")) > 10 for path in confidence.evaluate_all(SHAPES))
+
+    camera.show_until(is_line_long, "line")
     # The default preset has two cues.
-    assert paths["powers"].count() == 2
+    camera.show_until(lambda: powers.count() == 2, "line for each cue")
+    camera.show_until(lambda: page.locator("#cues li").count() == 2, "share of each cue")
     shares = [float(text.split()[-1]) for text in page.locator("#cues li").all_inner_texts()]
     assert sum(shares) == pytest.approx(1.0, abs=0.02)
 
