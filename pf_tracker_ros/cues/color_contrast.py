@@ -134,9 +134,10 @@ class ColorContrast(SearchableCue):
     ) -> NDArray[np.float64]:
         """See `SearchableCue.strength`: the contrast."""
         size = region.place[2:]
-        corners = boxes[:, :2] + (boxes[:, 2:] - size) / 2
-        boxes = np.hstack([corners, np.broadcast_to(size, corners.shape)])
-        return self.contrast(region, boxes, template)
+        resized = boxes.copy()
+        resized[:, :2] += (boxes[:, 2:] - size) / 2
+        resized[:, 2:] = size
+        return self.contrast(region, resized, template)
 
     def log_likelihood_of(
         self, strength: NDArray[np.float64], template: ContrastTemplate
@@ -198,12 +199,16 @@ class ColorContrast(SearchableCue):
 
     def _edges(self, region_boxes: NDArray[np.float64]) -> tuple[NDArray[np.intp], ...]:
         """Whole-pixel (2, N) left and right, top and bottom edges of boxes, then of their rings."""
-        corners = np.stack([region_boxes[:, :2], region_boxes[:, :2] + region_boxes[:, 2:]])
-        ring = self._ring * region_boxes[:, 2:]
-        edges = nearest_pixel(corners)
-        outer = nearest_pixel(corners + np.stack([-ring, ring]))
-        edges[1] = np.maximum(edges[1], edges[0] + 1)
-        return edges[..., 0], edges[..., 1], outer[..., 0], outer[..., 1]
+        (x, y, width, height), ring = region_boxes.T, self._ring
+        sides = []
+        for start, length in ((x, width), (y, height)):
+            edges = nearest_pixel(np.stack([start, start + length]))
+            np.maximum(edges[1], edges[0] + 1, out=edges[1])
+            sides.append(edges)
+        for start, length in ((x, width), (y, height)):
+            outer = np.stack([start - ring * length, start + (1.0 + ring) * length])
+            sides.append(nearest_pixel(outer))
+        return tuple(sides)
 
 
 def _shares(counts: NDArray[np.intp]) -> NDArray[np.float32]:
@@ -214,5 +219,8 @@ def _sums(
     integral: NDArray[np.float64], x: NDArray[np.intp], y: NDArray[np.intp]
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Sums over N boxes given by their (2, N) edges, and their areas."""
-    sums = integral[y[1], x[1]] - integral[y[0], x[1]] - integral[y[1], x[0]] + integral[y[0], x[0]]
-    return sums, (x[1] - x[0]) * (y[1] - y[0])
+    (left, right), (top, bottom) = x, y * integral.shape[1]
+    values = integral.ravel()
+    lower = values.take(bottom + right) - values.take(bottom + left)
+    upper = values.take(top + right) - values.take(top + left)
+    return lower - upper, (right - left) * (y[1] - y[0])

@@ -20,7 +20,7 @@ from functools import cache, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-Spectrum = NDArray[np.complex64]
+from pf_tracker_ros.cues.square_transform import Spectrum, SquareTransform, invert, transform
 
 # Width of the peak y, in target sizes.
 _PEAK_WIDTH = 1.0 / 16.0
@@ -43,12 +43,14 @@ def spectrum(features: NDArray[np.float32]) -> Spectrum:
     trained with it answers to any window. A cosine window takes the features down to 0 at the
     borders; all together are then brought to one strength.
     """
-    window = _cosine_window(features.shape[-1])
-    means = np.einsum("kyx,yx->k", features, window) / window.sum()
-    weighted = (features - means[:, None, None]) * window
-    energy = float(np.einsum("kyx,kyx->", weighted, weighted))
-    weighted *= _FEATURE_STRENGTH * math.sqrt(weighted.size / max(energy, 1e-9))
-    return np.fft.rfft2(weighted).astype(np.complex64)
+    cells = features.shape[-1]
+    windowed, flat = _windowed(cells)
+    seen = windowed.apply(features)
+    seen -= (seen[:, :1, :1] / flat[0, 0]) * flat
+    # Half of the spectrum stands for both, but for its first and its last column.
+    energy = 2.0 * _energy(seen) - _energy(seen[..., 0]) - _energy(seen[..., -1])
+    seen *= np.float32(_FEATURE_STRENGTH * cells * math.sqrt(features.size / max(energy, 1e-9)))
+    return seen
 
 
 def train(
@@ -69,7 +71,7 @@ def train(
     area = np.float32(cells * cells)
     peak, weight = _peak(cells, target_cells), _squared_weight(cells, target_cells)
     conjugate = np.conj(seen)
-    energy = (np.square(seen.real) + np.square(seen.imag)).sum(axis=0)
+    energy = (conjugate * seen).real.sum(axis=0)
     past = np.zeros_like(seen) if before is None else before * np.float32(memory)
     memory = 0.0 if before is None else memory
     penalty = np.float32(_FIRST_PENALTY)
@@ -78,59 +80,71 @@ def train(
     for step in range(_STEPS):
         total = area * (penalty + np.float32(memory))
         # (x x^H + total I) f = x y + area * pull, solved for each frequency on its own.
-        projected = area * np.einsum("kyx,kyx->yx", conjugate, pull)
+        projected = area * (conjugate * pull).sum(axis=0)
         error = (peak - (energy * peak + projected) / (energy + total)) / total
         trained = seen * error + pull * (area / total)
         if step < _STEPS - 1:
-            inside = np.fft.irfft2(penalty * trained + dual, s=(cells, cells))
+            inside = invert(penalty * trained + dual)
             inside *= area / (weight + area * penalty)
-            inside_spectrum = np.fft.rfft2(inside)
+            inside_spectrum = transform(cells).apply(inside)
             dual = dual + penalty * (trained - inside_spectrum)
             penalty = penalty * np.float32(_PENALTY_GROWTH)
             pull = penalty * inside_spectrum - dual + past
     return trained
 
 
-def response(filter_spectrum: Spectrum, seen: Spectrum, samples: int) -> NDArray[np.float32]:
-    """Correlation of a filter with a window at every displacement.
+def response(trained: Spectrum, seen: Spectrum, samples: int) -> NDArray[np.float32]:
+    """Correlation of a filter with a window, or several, at every displacement.
 
     Args:
-        filter_spectrum: As `train` gives it.
-        seen: Spectrum of the window's features.
-        samples: Along each side of the map; a multiple of the number of cells, which it refines.
+        trained: (channels, cells, cells // 2 + 1), as `train` gives it.
+        seen: (..., channels, cells, cells // 2 + 1) spectra of the windows' features.
+        samples: Along each side of the maps; a multiple of the number of cells, which it refines.
 
     Returns:
-        (samples, samples), about 1 where the window holds the target, that displacement (0, 0) at
-        [samples // 2, samples // 2].
+        (..., samples, samples), about 1 where a window holds the target, that displacement
+        (0, 0) at [samples // 2, samples // 2].
     """
-    cells = seen.shape[1]
-    product = np.einsum("kyx,kyx->yx", np.conj(filter_spectrum), seen)
-    refined = np.zeros((samples, samples // 2 + 1), dtype=np.complex64)
+    cells = seen.shape[-2]
+    product = (np.conj(trained) * seen).sum(axis=-3) * _to_middle(cells)
+    refined = np.zeros((*product.shape[:-2], samples, samples // 2 + 1), dtype=np.complex64)
     half = cells // 2
-    refined[:half, : half + 1] = product[:half]
-    refined[-half:, : half + 1] = product[-half:]
+    refined[..., :half, : half + 1] = product[..., :half, :]
+    refined[..., -half:, : half + 1] = product[..., -half:, :]
     if samples > cells:
         # The highest frequency stands for both of its signs, which the refined map tells apart.
-        refined[-half] *= 0.5
-        refined[half] = refined[-half]
-        refined[:, half] *= 0.5
-    values = np.fft.irfft2(refined, s=(samples, samples)) * np.float32((samples / cells) ** 2)
-    return np.fft.fftshift(values)
+        refined[..., -half, :] *= 0.5
+        refined[..., half, :] = refined[..., -half, :]
+        refined[..., half] *= 0.5
+    values = np.fft.irfft2(refined, s=(samples, samples))
+    return np.asarray(values * np.float32((samples / cells) ** 2), dtype=np.float32)
 
 
 def response_at_center(filter_spectrum: Spectrum, seen: Spectrum) -> float:
     """The correlation without any displacement."""
     cells = seen.shape[1]
-    product = np.einsum("kyx,kyx->yx", np.conj(filter_spectrum), seen).real
-    # Half of the spectrum stands for both, but for its first and its last column.
-    total = 2.0 * product.sum() - product[:, 0].sum() - product[:, -1].sum()
+    product = (np.conj(filter_spectrum) * seen).real
+    total = 2.0 * product.sum() - product[..., 0].sum() - product[..., -1].sum()
     return float(total) / cells**2
 
 
+def _energy(seen: Spectrum) -> float:
+    return float(np.vdot(seen, seen).real)
+
+
 @cache
-def _cosine_window(cells: int) -> NDArray[np.float32]:
-    side = np.hanning(cells + 2)[1:-1]
-    return np.outer(side, side).astype(np.float32)
+def _windowed(cells: int) -> tuple[SquareTransform, Spectrum]:
+    """The transform of squares under a cosine window, and what it makes of a square of ones."""
+    windowed = SquareTransform(np.diag(np.hanning(cells + 2)[1:-1]))
+    return windowed, windowed.apply(np.ones((cells, cells), dtype=np.float32))
+
+
+@cache
+def _to_middle(cells: int) -> NDArray[np.float32]:
+    """(cells, cells // 2 + 1) factors that bring displacement (0, 0) to the middle of a map."""
+    frequency = np.fft.fftfreq(cells, 1 / cells)
+    signs = (-1.0) ** (frequency[:, None] + np.arange(cells // 2 + 1))
+    return signs.astype(np.float32)
 
 
 @lru_cache(maxsize=_TARGETS)

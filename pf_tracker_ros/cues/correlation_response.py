@@ -10,6 +10,7 @@ Sources: as in `correlation_filter` and in the features.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -18,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.cues.correlation_filter import (
-    Spectrum,
     response,
     response_at_center,
     spectrum,
@@ -26,6 +26,7 @@ from pf_tracker_ros.cues.correlation_filter import (
 )
 from pf_tracker_ros.cues.cue import CUES, Match, SearchableCue
 from pf_tracker_ros.cues.features import FEATURES, Features
+from pf_tracker_ros.cues.square_transform import Spectrum
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.frames.windows import read_window
 from pf_tracker_ros.parameters import declared
@@ -115,7 +116,7 @@ class View(NamedTuple):
 
 
 class _Window(NamedTuple):
-    """The window around the prediction.
+    """A square part of the frame.
 
     Attributes:
         spectrum: Of its features.
@@ -126,6 +127,31 @@ class _Window(NamedTuple):
     spectrum: Spectrum
     center: NDArray[np.float64]
     side: float
+
+
+class _Answers(NamedTuple):
+    """What the filter answers to the windows around the prediction.
+
+    Attributes:
+        maps: (windows, S, S) responses.
+        windows: In the sizes that are looked at, from small to large.
+        largest: Of all responses.
+    """
+
+    maps: NDArray[np.float32]
+    windows: Sequence[_Window]
+    largest: float
+
+    def read(self, number: int, centers: NDArray[np.float64]) -> NDArray[np.float32]:
+        """(N,) responses of a window at (N, 2) centers in image pixels, 0 outside of it."""
+        values, window = self.maps[number], self.windows[number]
+        samples = len(values)
+        places = (centers - window.center) * (samples / window.side) + samples // 2
+        cuts = range(_READ_AT_ONCE, len(places), _READ_AT_ONCE)
+        parts = np.split(places.astype(np.float32), cuts)
+        return np.concatenate(
+            [cv2.remap(values, part[None], None, cv2.INTER_CUBIC)[0] for part in parts]
+        )
 
 
 @CUES.register("correlation_response", CorrelationResponseParameters)
@@ -160,7 +186,8 @@ class CorrelationResponse(SearchableCue):
         self._features: Features = FEATURES[parameters.features]()
         self._window = parameters.window
         self._cells = cells
-        self._steps = np.arange(sizes) - sizes // 2
+        self._middle = sizes // 2
+        self._steps = np.arange(sizes) - self._middle
         self._log_step = math.log(size_step)
         self._sharpness = parameters.sharpness
         self._interval = training_interval
@@ -203,7 +230,8 @@ class CorrelationResponse(SearchableCue):
         correlation filters", section 3.5 (the peak-to-sidelobe ratio).
         """
         value = float(self.strength(seen.region, seen.box[None], template)[0])
-        values, _ = self._responses(seen.region, template)[len(self._steps) // 2]
+        answers = self._answers(seen.region, template)
+        values = answers.maps[self._middle]
         peak = max(float(values.max()), _SMALLEST)
         stands_out = _odds(_EVEN_CLUTTER * peak / max(float(values.std()), _SMALLEST))
         is_there = _odds(peak / template.reference / _EVEN_LEVEL)
@@ -218,8 +246,9 @@ class CorrelationResponse(SearchableCue):
         response is on the level of the last one that was learned from.
         """
         region, box = seen
-        values, window = self._responses(region, template)[len(self._steps) // 2]
-        at_box = float(_read(values, window, (box[:2] + box[2:] / 2)[None])[0])
+        answers = self._answers(region, template)
+        values, window = answers.maps[self._middle], answers.windows[self._middle]
+        at_box = float(answers.read(self._middle, (box[:2] + box[2:] / 2)[None])[0])
         early = region.share(
             ("first correlation response", first),
             lambda: response(first.filter, window.spectrum, self._cells),
@@ -238,26 +267,24 @@ class CorrelationResponse(SearchableCue):
         The windows are around `Region.place`. Between their sizes a box's response is
         interpolated; beyond them it is that of the next.
         """
-        responses = self._responses(region, template)
+        answers = self._answers(region, template)
         # A view may answer more than the one that was learned; still no place beats the best.
-        full = max(template.reference, *(float(values.max()) for values, _ in responses))
+        full = max(template.reference, answers.largest)
         centers = boxes[:, :2] + boxes[:, 2:] / 2
-        read = np.stack([_read(values, window, centers) for values, window in responses])
-        if len(responses) > 1:
-            sizes = boxes[:, 2] * boxes[:, 3] / (region.place[2] * region.place[3])
-            steps = np.log(sizes) / (2 * self._log_step) - self._steps[0]
-            below = np.clip(steps.astype(np.intp), 0, len(responses) - 2)
-            share = np.clip(steps - below, 0.0, 1.0)
-            each = np.arange(len(boxes))
-            read = (1.0 - share) * read[below, each] + share * read[below + 1, each]
-        else:
-            read = read[0]
-        return np.clip(read / full, 0.0, 1.0)
+        sizes = boxes[:, 2] * boxes[:, 3] / (region.place[2] * region.place[3])
+        steps = np.log(sizes) / (2 * self._log_step) + self._middle
+        steps = np.clip(steps, 0, len(self._steps) - 1)
+        # No more of the maps are read than any box asks for.
+        lowest, highest = math.floor(steps.min()), math.ceil(steps.max())
+        read = np.stack([answers.read(size, centers) for size in range(lowest, highest + 1)])
+        if lowest == highest:
+            return np.clip(read[0] / full, 0.0, 1.0)
+        below = np.minimum(steps.astype(np.intp), highest - 1)
+        share, each, below = steps - below, np.arange(len(boxes)), below - lowest
+        between = (1.0 - share) * read[below, each] + share * read[below + 1, each]
+        return np.clip(between / full, 0.0, 1.0)
 
-    def _responses(
-        self, region: Region, template: CorrelationTemplate
-    ) -> list[tuple[NDArray[np.float32], _Window]]:
-        """The response map of each size, and where its window is."""
+    def _answers(self, region: Region, template: CorrelationTemplate) -> _Answers:
         windows = region.share(
             (self, template.colored),
             lambda: [
@@ -267,13 +294,13 @@ class CorrelationResponse(SearchableCue):
                 for step in self._steps
             ],
         )
-        samples = _REFINEMENT * self._cells
-        return region.share(
-            ("correlation responses", template),
-            lambda: [
-                (response(template.filter, window.spectrum, samples), window) for window in windows
-            ],
-        )
+
+        def answer() -> _Answers:
+            seen = np.stack([window.spectrum for window in windows])
+            maps = response(template.filter, seen, _REFINEMENT * self._cells)
+            return _Answers(maps, windows, float(maps.max()))
+
+        return region.share(("correlation responses", template), answer)
 
     def blend(self, template: CorrelationTemplate, seen: View) -> CorrelationTemplate:
         """See `Cue.blend`; the filter's memory holds it near what it was."""
@@ -308,18 +335,6 @@ class CorrelationResponse(SearchableCue):
 
 def _reference(trained: Spectrum, seen: Spectrum) -> float:
     return max(response_at_center(trained, seen), _SMALLEST)
-
-
-def _read(
-    values: NDArray[np.float32], window: _Window, centers: NDArray[np.float64]
-) -> NDArray[np.float32]:
-    """(N,) values of a response map at (N, 2) centers in image pixels, 0 outside the window."""
-    samples = len(values)
-    places = (centers - window.center) * (samples / window.side) + samples // 2
-    parts = np.split(places.astype(np.float32), range(_READ_AT_ONCE, len(places), _READ_AT_ONCE))
-    return np.concatenate(
-        [cv2.remap(values, part[None], None, cv2.INTER_CUBIC)[0] for part in parts]
-    )
 
 
 def _peak_near(values: NDArray[np.float32], window: _Window, box: NDArray[np.float64]) -> float:

@@ -198,10 +198,20 @@ class SearchGrid:
     count: int
 
     @cached_property
+    def axes(self) -> NDArray[np.float64]:
+        """(2, count) x of each column's center, y of each row's."""
+        offsets = (np.arange(self.count) - (self.count - 1) / 2) * self.spacing
+        return offsets + self.center[:, None]
+
+    @cached_property
     def centers(self) -> NDArray[np.float64]:
         """(count^2, 2) centers of the cells, row by row."""
-        offsets = (np.arange(self.count) - (self.count - 1) / 2) * self.spacing
-        return np.stack(np.meshgrid(*(offsets + self.center[:, None])), axis=-1).reshape(-1, 2)
+        return on_grid(*self.axes)
+
+    def log_density(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) log density, per px^2, of being anywhere in the grid, at (N, 2) places."""
+        _, inside = self.cells_of(places)
+        return np.where(inside, -2.0 * math.log(self.spacing * self.count), -np.inf)
 
     def cells_of(self, places: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
         """(N,) number of the cell that each of (N, 2) places is in, and whether it is in any."""
@@ -209,6 +219,13 @@ class SearchGrid:
         cells = np.clip(np.floor(offsets).astype(np.intp), 0, self.count - 1)
         inside: NDArray[np.bool_] = np.all((offsets >= 0.0) & (offsets < self.count), axis=1)
         return cells[:, 1] * self.count + cells[:, 0], inside
+
+
+def on_grid(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(rows * columns, 2) places of a grid, row by row, from those along its axes."""
+    places = np.empty((len(y), len(x), 2))
+    places[..., 0], places[..., 1] = x, y[:, None]
+    return places.reshape(-1, 2)
 
 
 class GridDensity:
@@ -293,8 +310,7 @@ def propose_from_search(
     centers = np.where(searched[:, None], found.draw(count, generator), drawn)
 
     log_motion = _log_density(centers, prior.mean, np.broadcast_to(prior.spread, centers.shape))
-    anywhere = GridDensity(found.grid, np.zeros(found.grid.count**2))
-    log_jump = math.log(jump) + anywhere.log_density(centers)
+    log_jump = math.log(jump) + found.grid.log_density(centers)
     log_prior = np.logaddexp(math.log1p(-jump) + log_motion, log_jump)
     log_mixture = np.logaddexp(
         math.log(share) + found.log_density(centers), math.log1p(-share) + log_motion

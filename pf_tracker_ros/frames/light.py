@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 Thumbnail = NDArray[np.float32]
 
-# (width, height) of the thumbnails; and about how many rows of the image each row of them averages.
+# (width, height) of the thumbnails; and how many pixels along each axis each of theirs averages.
 _SIZE = (24, 18)
-_ROWS_AVERAGED = 4
+_PIXELS_AVERAGED = 4
 # Levels within which the ratio of two means tells the light: neither noise nor cut off.
 _DARKEST, _BRIGHTEST = 12.0, 200.0
 # Share of a thumbnail that must be within them.
@@ -69,9 +69,11 @@ def relit_levels(gain: float) -> NDArray[np.uint8]:
 
 
 def _thumbnail(image: NDArray[np.generic]) -> Thumbnail:
-    """(18, 24) mean brightness."""
-    stride = max(min(image.shape[:2]) // (_SIZE[1] * _ROWS_AVERAGED), 1)
-    small = cv2.resize(image[::stride, ::stride], _SIZE, interpolation=cv2.INTER_AREA)
+    """(18, 24) mean brightness of a few pixels each."""
+    width, height = _SIZE
+    few = (width * _PIXELS_AVERAGED, height * _PIXELS_AVERAGED)
+    sampled = cv2.resize(image, few, interpolation=cv2.INTER_NEAREST)
+    small = cv2.resize(sampled, _SIZE, interpolation=cv2.INTER_AREA)
     means: Thumbnail = np.asarray(small, dtype=np.float32)
     return means if means.ndim == 2 else means.mean(axis=2)
 
@@ -84,7 +86,9 @@ def _change(before: Thumbnail, now: Thumbnail) -> float:
         return 1.0
     ratio = np.log(now[tells] / before[tells])
     change = float(np.median(ratio))
+    if abs(change) < _LEAST_CHANGE:
+        return 1.0
     unexplained = np.median(np.abs(ratio - change))
-    if abs(change) < _LEAST_CHANGE or unexplained > _MOST_UNEXPLAINED * np.median(np.abs(ratio)):
+    if unexplained > _MOST_UNEXPLAINED * np.median(np.abs(ratio)):
         return 1.0
     return math.exp(change)

@@ -20,6 +20,7 @@ from pf_tracker_ros.filter import (
     ParticleSet,
     SearchGrid,
     SearchProposalParameters,
+    on_grid,
     propose_from_search,
 )
 
@@ -55,14 +56,17 @@ class Search:
         self._grid = SearchGrid(place[:2] + size / 2, self._side / cells, cells)
         self._parameters = parameters
         self._image_size = image_size
-        centers = np.clip(self._grid.centers, 0.0, image_size)
-        self.boxes = np.hstack([centers - size / 2, np.broadcast_to(size, centers.shape)])
+        # Of the boxes, along each axis.
+        self._centers = np.clip(self._grid.axes, 0.0, np.array(image_size)[:, None])
+        self.boxes = np.empty((cells * cells, 4))
+        self.boxes[:, :2] = on_grid(*(self._centers - size[:, None] / 2))
+        self.boxes[:, 2:] = size
 
     def cover(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(K, 4) boxes that cover all that can be looked at, given the (N, 4) predicted ones."""
         largest = np.maximum(boxes[:, 2:].max(axis=0), self.place[2:])
         spacing = self._grid.spacing
-        ends = self._grid.centers[[0, -1]] + [[-spacing], [spacing]]
+        ends = self._grid.axes[:, [0, -1]].T + [[-spacing], [spacing]]
         ends = np.clip(ends, 0.0, self._image_size)
         return np.vstack([boxes, np.hstack([ends - largest / 2, np.tile(largest, (2, 1))])])
 
@@ -136,9 +140,9 @@ class Search:
             own: Name of a cue to its (1,) strength there.
             strengths: Name of a cue to its (M,) strengths at `boxes`.
         """
-        centers = self.boxes[:, :2] + self.boxes[:, 2:] / 2
-        apart = np.abs(centers - box[:2] - box[2:] / 2) > box[2:] / 2
-        beside = apart.any(axis=1)
+        middle, reach = box[:2] + box[2:] / 2, box[2:] / 2
+        across, down = np.abs(self._centers - middle[:, None]) > reach[:, None]
+        beside = (down[:, None] | across).ravel()
         return measure_distraction(
             {name: float(strength[0]) for name, strength in own.items()},
             {name: strength[beside] for name, strength in strengths.items()},

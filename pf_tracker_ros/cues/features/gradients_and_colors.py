@@ -18,10 +18,15 @@ from numpy.typing import NDArray
 from pf_tracker_ros.cues.features.features import FEATURES
 
 _CELL_PIXELS = 4
+# Differences of the two neighbors in both directions, as one number.
+_PAIR = np.array([[0, -511, 0], [-1, 0, 1], [0, 511, 0]], dtype=np.float32)
 # Over 180 degrees.
 _DIRECTIONS = 9
 _BLOCKS = 4
 _GRADIENT_CHANNELS = _DIRECTIONS + _BLOCKS
+# Steps that a gray level's gradient is counted in; and by how much more than all of a cell's may
+# come to, the sums of two directions are told apart in one number.
+_MAGNITUDE_STEPS, _UPPER = 2.0**15, 2.0**28
 # Largest value of a channel after division by a block's length.
 _CUT = 0.2
 # Mean square gradient of a block, in gray levels, that counts as much as the sensor's noise.
@@ -82,32 +87,34 @@ def _fill_gradient_channels(gray: NDArray[np.uint8], channels: NDArray[np.float3
     padded = cv2.copyMakeBorder(energy, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     blocks = padded[:-1, :-1] + padded[1:, :-1] + padded[:-1, 1:] + padded[1:, 1:]
     inverse = 1.0 / np.sqrt(blocks + np.float32(_NOISE))
-    channels[:_DIRECTIONS] = 0.0
+    directions, textures = channels[:_DIRECTIONS], channels[_DIRECTIONS:]
+    directions[...] = 0.0
+    cut = np.empty_like(histogram)
     for number, (down, across) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
-        scale = inverse[down : down + rows, across : across + columns]
-        cut = np.minimum(histogram * scale, _CUT)
-        channels[:_DIRECTIONS] += cut
-        channels[_DIRECTIONS + number] = cut.sum(axis=0) / math.sqrt(2 * _DIRECTIONS)
-    channels[:_DIRECTIONS] *= 0.5
+        np.multiply(histogram, inverse[down : down + rows, across : across + columns], out=cut)
+        np.minimum(cut, np.float32(_CUT), out=cut)
+        directions += cut
+        cut.sum(axis=0, out=textures[number])
+    directions *= 0.5
+    textures /= math.sqrt(2 * _DIRECTIONS)
 
 
 def _direction_histogram(gray: NDArray[np.uint8], rows: int, columns: int) -> NDArray[np.float32]:
     """(9, rows, columns) mean gradient magnitude, shared between the two nearest directions."""
-    right = cv2.Sobel(gray, cv2.CV_16S, 1, 0, ksize=1)
-    down = cv2.Sobel(gray, cv2.CV_16S, 0, 1, ksize=1)
-    pair = cv2.addWeighted(down, 511.0, right, 1.0, 255 * 511 + 255, dtype=cv2.CV_32S)
-    # Converted once, since each table would do it again.
-    pair = pair.ravel().astype(np.intp)
-    first, lower, upper = _direction_tables()
+    # (down + 255) * 511 + right + 255, which 32-bit floating point holds exactly.
+    pair = cv2.filter2D(gray, cv2.CV_32F, _PAIR, delta=255 * 511 + 255).ravel().astype(np.intp)
+    first, shares = _direction_tables()
     bins = _first_bins(rows, columns) + first.take(pair)
-    bins_in_all = rows * columns * (_DIRECTIONS + 1)
-    sums = np.bincount(bins, lower.take(pair), bins_in_all)
-    sums[1:] += np.bincount(bins, upper.take(pair), bins_in_all)[:-1]
-    histogram = sums.reshape(rows, columns, _DIRECTIONS + 1)
+    sums = np.bincount(bins, shares.take(pair), rows * columns * (_DIRECTIONS + 1))
+    upper = np.floor(sums * (1.0 / _UPPER))
+    lower = sums - upper * _UPPER
+    lower[1:] += upper[:-1]
+    histogram = lower.reshape(rows, columns, _DIRECTIONS + 1)
     # The direction after the last is the first.
     histogram[..., 0] += histogram[..., _DIRECTIONS]
-    means = histogram[..., :_DIRECTIONS].transpose(2, 0, 1) / _CELL_PIXELS**2
-    return np.ascontiguousarray(means, dtype=np.float32)
+    means = np.ascontiguousarray(histogram.reshape(-1, _DIRECTIONS + 1).T[:_DIRECTIONS], np.float32)
+    means *= np.float32(1.0 / (_MAGNITUDE_STEPS * _CELL_PIXELS**2))
+    return means.reshape(_DIRECTIONS, rows, columns)
 
 
 @cache
@@ -119,19 +126,21 @@ def _first_bins(rows: int, columns: int) -> NDArray[np.intp]:
 
 
 @cache
-def _direction_tables() -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
-    """For any two 8-bit differences the direction below, and the magnitude's two shares."""
+def _direction_tables() -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    """For any two 8-bit differences the direction below, and the magnitude's shares.
+
+    Both shares are whole numbers of steps in one number: that of the direction above counts
+    `_UPPER`. So one sum adds up both.
+    """
     differences = np.arange(-255, 256)
     angle = np.arctan2(differences[:, None], differences[None]).ravel() % np.pi
     magnitude = np.hypot(differences[:, None], differences[None]).ravel()
     place = angle * (_DIRECTIONS / np.pi)
     first = np.minimum(np.floor(place), _DIRECTIONS - 1)
     share = place - first
-    return (
-        first.astype(np.uint8),
-        (magnitude * (1.0 - share)).astype(np.float32),
-        (magnitude * share).astype(np.float32),
-    )
+    upper = np.rint(_MAGNITUDE_STEPS * magnitude * share)
+    lower = np.rint(_MAGNITUDE_STEPS * magnitude * (1.0 - share))
+    return first.astype(np.uint8), lower + _UPPER * upper
 
 
 def _name_shares(half: NDArray[np.uint8]) -> NDArray[np.float32]:
