@@ -1,0 +1,191 @@
+"""A Ray cluster as an executor: a task for each recording, placed by cores and memory."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from types import ModuleType, TracebackType
+from typing import Any, TypeVar
+
+from pf_tracker_ros.recordings.archives.executors import WorkerEnded
+from pf_tracker_ros.recordings.errors import REFUSED, RecordingError
+
+Task = TypeVar("Task")
+Answer = TypeVar("Answer")
+
+LOCAL = "local"
+# What waits tells a cluster that grows by itself how many machines are wanted.
+_SUBMITTED_AT_ONCE = 1000
+# Tasks and answers are small, and go past Ray's store of objects. Its least size, bytes.
+_OBJECT_STORE = 80 * 2**20
+
+
+class RayCluster:
+    """Does tasks on a Ray cluster, one that is running or one of its own on this machine.
+
+    Nothing is told to Ray's makers, and a cluster of its own listens on the loopback interface
+    alone, without the dashboard.
+
+    Args:
+        address: `auto` or HOST:PORT of a cluster that is running; `local` starts one.
+        jobs: How many tasks at once; None for as many as there are cores for.
+        memory_of: Bytes that a task needs.
+
+    Raises:
+        RecordingError: Ray is not installed.
+    """
+
+    def __init__(self, address: str, jobs: int | None, memory_of: Callable[[Any], int]) -> None:
+        self._address = address
+        self._jobs = jobs
+        self._memory_of = memory_of
+        self._ray: ModuleType | None = None
+        _import_ray(is_local=address == LOCAL)
+
+    def __enter__(self) -> RayCluster:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._ray is not None:
+            self._ray.shutdown()
+
+    @property
+    def workers(self) -> int:
+        """How many tasks are done at once; see `Executor.workers`."""
+        if self._address == LOCAL:
+            return self._jobs or os.cpu_count() or 1
+        cores = int(self._connected().cluster_resources().get("CPU", 0))
+        return min(self._jobs or cores, cores) or 1
+
+    def run(
+        self, work: Callable[[Task], Answer], tasks: Sequence[Task]
+    ) -> Generator[tuple[int, Answer | WorkerEnded], None, None]:
+        """Do tasks; see `Executor.run`."""
+        if not tasks:
+            return
+        ray = self._connected()
+        # Whether a task is done again is for the caller to say.
+        remote = ray.remote(num_cpus=1, max_retries=0)(_do)
+        waiting = iter(enumerate(tasks))
+        under_way: dict[Any, int] = {}
+        try:
+            while True:
+                while len(under_way) < (self._jobs or _SUBMITTED_AT_ONCE):
+                    number, task = next(waiting, (None, None))
+                    if number is None:
+                        break
+                    placed = remote.options(memory=self._memory_for(task))
+                    under_way[placed.remote(work, task)] = number
+                if not under_way:
+                    return
+                for answered in ray.wait(list(under_way))[0]:
+                    number = under_way.pop(answered)
+                    yield number, self._answer(answered)
+        finally:
+            for unanswered in under_way:
+                ray.cancel(unanswered, force=True)
+
+    def _answer(self, answered: Any) -> Any:
+        ray = self._connected()
+        try:
+            return ray.get(answered)
+        except ray.exceptions.RayError as error:
+            return WorkerEnded(_how(ray, error))
+
+    def _memory_for(self, task: Any) -> int:
+        """Bytes to reserve: what no machine has would be waited for without an end."""
+        machines = [node for node in self._connected().nodes() if node["Alive"]]
+        rooms = [
+            int(machine["Resources"].get("memory", 0))
+            for machine in machines
+            if machine["Resources"].get("CPU", 0) >= 1
+        ]
+        needed = self._memory_of(task)
+        return min(needed, max(rooms)) if rooms else needed
+
+    def _connected(self) -> ModuleType:
+        if self._ray is None:
+            self._ray = _connect(self._address, self._jobs)
+        return self._ray
+
+
+def _do(work: Callable[[Task], Answer], task: Task) -> Answer:
+    """Do a task in a worker."""
+    return work(task)
+
+
+def _how(ray: ModuleType, error: Exception) -> str:
+    if isinstance(error, ray.exceptions.OutOfMemoryError):
+        return "its worker was ended for want of memory"
+    if isinstance(error, ray.exceptions.NodeDiedError):
+        return "its machine was lost"
+    if isinstance(error, ray.exceptions.WorkerCrashedError):
+        return "its worker ended unexpectedly"
+    cause = getattr(error, "cause", None) or error
+    lines = str(cause).strip().splitlines()
+    return f"its worker failed ({type(cause).__name__}: {lines[0] if lines else 'no reason'})"
+
+
+def _import_ray(*, is_local: bool) -> ModuleType:
+    # Both are read when Ray is imported.
+    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+    if is_local:
+        # The name is of other systems; what it says is that there will be no other machines, with
+        # which all that Ray listens on is bound to the loopback interface.
+        os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
+        os.environ.setdefault("RAY_AUTH_MODE", "token")
+    try:
+        import ray
+    except ImportError as error:
+        raise RecordingError(
+            "ray is not installed: pip install ray, or '.[ray]' in the sources"
+        ) from error
+    return ray
+
+
+def _connect(address: str, jobs: int | None) -> ModuleType:
+    is_local = address == LOCAL
+    ray = _import_ray(is_local=is_local)
+    options: dict[str, Any] = {}
+    if is_local:
+        options = {
+            "num_cpus": jobs,
+            "include_dashboard": False,
+            "object_store_memory": _OBJECT_STORE,
+            "_node_ip_address": "127.0.0.1",
+        }
+    with _own_signal_handlers():
+        try:
+            ray.init(
+                address=address, log_to_driver=False, logging_level=logging.CRITICAL, **options
+            )
+        # Ray has no error of its own for it.
+        except Exception as error:
+            lines = str(error).strip().splitlines()
+            raise RecordingError(
+                f"there is no Ray cluster to be had at {address} "
+                f"({lines[0].rstrip('.') if lines else type(error).__name__}); start one with "
+                "ray start --head, or let --ray local start one on this machine",
+                REFUSED,
+            ) from error
+    return ray
+
+
+@contextmanager
+def _own_signal_handlers() -> Iterator[None]:
+    """Keep what this program does on signals; Ray would put its own in place."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = {number: signal.getsignal(number) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
