@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import os
 import signal
+import socket
+import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from types import ModuleType, TracebackType
@@ -17,6 +19,8 @@ Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 
 LOCAL = "local"
+_LOOPBACK = ("localhost", "127.0.0.1", "[::1]", "::1")
+_SECONDS_TO_ANSWER = 10.0
 # What waits tells a cluster that grows by itself how many machines are wanted.
 _SUBMITTED_AT_ONCE = 1000
 # Tasks and answers are small, and go past Ray's store of objects. Its least size, bytes.
@@ -42,8 +46,8 @@ class RayCluster:
         self._address = address
         self._jobs = jobs
         self._memory_of = memory_of
-        self._ray: ModuleType | None = None
-        _import_ray(is_local=address == LOCAL)
+        self._is_connected = False
+        self._ray = _import_ray(stays_here=address == LOCAL or _host(address) in _LOOPBACK)
 
     def __enter__(self) -> RayCluster:
         return self
@@ -54,7 +58,7 @@ class RayCluster:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._ray is not None:
+        if self._is_connected:
             self._ray.shutdown()
 
     @property
@@ -112,8 +116,9 @@ class RayCluster:
         return min(needed, max(rooms)) if rooms else needed
 
     def _connected(self) -> ModuleType:
-        if self._ray is None:
-            self._ray = _connect(self._address, self._jobs)
+        if not self._is_connected:
+            _connect(self._ray, self._address, self._jobs)
+            self._is_connected = True
         return self._ray
 
 
@@ -134,12 +139,18 @@ def _how(ray: ModuleType, error: Exception) -> str:
     return f"its worker failed ({type(cause).__name__}: {lines[0] if lines else 'no reason'})"
 
 
-def _import_ray(*, is_local: bool) -> ModuleType:
-    # Both are read when Ray is imported.
+def _host(address: str) -> str:
+    """The host of HOST:PORT, or empty."""
+    host, colon, port = address.rpartition(":")
+    return host if colon and port.isdecimal() else ""
+
+
+def _import_ray(*, stays_here: bool) -> ModuleType:
+    # All of these are read when Ray is imported.
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-    if is_local:
-        # The name is of other systems; what it says is that there will be no other machines, with
-        # which all that Ray listens on is bound to the loopback interface.
+    if stays_here:
+        # The name is of other systems; what it says is that there are no other machines, with which
+        # all that Ray listens on is bound to the loopback interface.
         os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
         os.environ.setdefault("RAY_AUTH_MODE", "token")
     try:
@@ -151,37 +162,40 @@ def _import_ray(*, is_local: bool) -> ModuleType:
     return ray
 
 
-def _connect(address: str, jobs: int | None) -> ModuleType:
-    is_local = address == LOCAL
-    ray = _import_ray(is_local=is_local)
+def _connect(ray: ModuleType, address: str, jobs: int | None) -> None:
     options: dict[str, Any] = {}
-    if is_local:
+    if address == LOCAL:
         options = {
             "num_cpus": jobs,
             "include_dashboard": False,
             "object_store_memory": _OBJECT_STORE,
             "_node_ip_address": "127.0.0.1",
         }
-    with _own_signal_handlers():
-        try:
+    try:
+        if host := _host(address):
+            # Ray would try for minutes.
+            port = int(address.rpartition(":")[2])
+            socket.create_connection((host, port), _SECONDS_TO_ANSWER).close()
+        with _own_signal_handlers():
             ray.init(
                 address=address, log_to_driver=False, logging_level=logging.CRITICAL, **options
             )
-        # Ray has no error of its own for it.
-        except Exception as error:
-            lines = str(error).strip().splitlines()
-            raise RecordingError(
-                f"there is no Ray cluster to be had at {address} "
-                f"({lines[0].rstrip('.') if lines else type(error).__name__}); start one with "
-                "ray start --head, or let --ray local start one on this machine",
-                REFUSED,
-            ) from error
-    return ray
+    # Ray has no error of its own for it.
+    except Exception as error:
+        lines = str(error).strip().splitlines() or [type(error).__name__]
+        raise RecordingError(
+            f"there is no Ray cluster to be had at {address} ({lines[0].rstrip('.')}); start one "
+            "with ray start --head, or let --ray local start one on this machine",
+            REFUSED,
+        ) from error
 
 
 @contextmanager
 def _own_signal_handlers() -> Iterator[None]:
     """Keep what this program does on signals; Ray would put its own in place."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = {number: signal.getsignal(number) for number in numbers}
     try:

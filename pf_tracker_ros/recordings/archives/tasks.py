@@ -35,8 +35,8 @@ from pf_tracker_ros.recordings.errors import (
 )
 
 MANIFEST = "archive.json"
-# A worker that ends again and again does so for the recording's sake, such as for its memory.
-_MOST_ATTEMPTS = 4
+# If all workers end and nothing gets done, it is for the recordings' sake, such as for their memory.
+_FRUITLESS_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def done_entries(tasks: Sequence[ArchiveTask], results: Results) -> dict[str, Ar
 def run_tasks(
     tasks: Sequence[ArchiveTask], executor: Executor
 ) -> Generator[tuple[ArchiveTask, ArchiveEntry], None, None]:
-    """Do tasks; one whose worker ends unexpectedly is done again.
+    """Do tasks; those whose workers end unexpectedly are done again, as long as anything gets done.
 
     Args:
         tasks: What is to be done.
@@ -132,22 +132,22 @@ def run_tasks(
     Raises:
         RecordingError: There is nobody to do it.
     """
-    waiting = list(tasks)
-    for attempt in range(_MOST_ATTEMPTS):
-        again = []
+    waiting, fruitless = list(tasks), 0
+    while waiting:
+        ended: list[tuple[ArchiveTask, WorkerEnded]] = []
         with closing(executor.run(do_task, waiting)) as answers:
             for number, answer in answers:
-                task = waiting[number]
-                if not isinstance(answer, WorkerEnded):
-                    yield task, answer
-                elif attempt + 1 < _MOST_ATTEMPTS:
-                    again.append(task)
+                if isinstance(answer, WorkerEnded):
+                    ended.append((waiting[number], answer))
                 else:
-                    times = f"{answer.how}, {attempt + 1} times"
-                    yield task, _failed(task, FAILED, f"{task.source}: {times}")
-        waiting = again
-        if not waiting:
+                    yield waiting[number], answer
+        fruitless = fruitless + 1 if len(ended) == len(waiting) else 0
+        if fruitless == _FRUITLESS_ROUNDS:
+            for task, answer in ended:
+                how = f"{answer.how}, again and again"
+                yield task, _failed(task, FAILED, f"{task.source}: {how}")
             return
+        waiting = [task for task, _ in ended]
 
 
 def do_task(task: ArchiveTask) -> ArchiveEntry | WorkerEnded:
