@@ -35,7 +35,7 @@ from pf_tracker_ros.recordings.errors import (
 )
 
 MANIFEST = "archive.json"
-# If all workers end and nothing gets done, it is for the recordings' sake, such as for their memory.
+# If all workers end and nothing gets done, it is for their recordings' sake, such as for memory.
 _FRUITLESS_ROUNDS = 4
 
 
