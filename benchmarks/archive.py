@@ -28,7 +28,6 @@ from arguments import at_least
 from scenes import ClutteredStreet
 from scenes.clutter import FRAME_INTERVAL, HEIGHT, WIDTH
 
-FRAMES = 150
 BROKEN_EVERY = 14
 WORKER_KILLED_EVERY = 5.0
 TRACK = (sys.executable, "-m", "pf_tracker_ros.recordings")
@@ -40,7 +39,7 @@ def main() -> None:
     generator = random.Random(options.seed)
     with tempfile.TemporaryDirectory(prefix="archive_", dir=options.scratch) as folder:
         archive = Path(folder) / "archive"
-        broken = write_recordings(archive, options.recordings)
+        broken = write_recordings(archive, options.recordings, options.frames)
         print(f"{options.recordings} recordings, {broken} of them broken")
         serial = seconds_of(start(archive, Path(folder) / "serial"))
         print(f"serial: {serial:.1f} s")
@@ -55,7 +54,7 @@ def main() -> None:
         workers = 0
         for number in range(options.kills):
             driver = start(archive, output, *ray)
-            workers += kill_workers(driver, generator, generator.uniform(1.0, parallel))
+            workers += kill_workers(driver, generator, generator.uniform(1.0, parallel / 3))
             driver.kill()
             driver.wait()
             done = assert_part(results(output), expected)
@@ -81,6 +80,9 @@ def arguments() -> argparse.Namespace:
     )
     parser.add_argument("--recordings", type=at_least(2), default=40, metavar="N", help="[40]")
     parser.add_argument(
+        "--frames", type=at_least(10), default=150, metavar="N", help="of each recording [150]"
+    )
+    parser.add_argument(
         "--kills", type=at_least(0), default=20, metavar="N", help="of the driver [20]"
     )
     parser.add_argument("--seed", type=at_least(0), default=0, help="of the moments [0]")
@@ -88,12 +90,12 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def write_recordings(archive: Path, count: int) -> int:
+def write_recordings(archive: Path, count: int, frames: int) -> int:
     """Write videos with their target files; returns how many are broken."""
     archive.mkdir()
     broken = 0
     for number in range(count):
-        scene = ClutteredStreet(number, {"clutter": 0.3, "frames": FRAMES})
+        scene = ClutteredStreet(number, {"clutter": 0.3, "frames": frames})
         path = archive / f"street_{number:02d}.mp4"
         codec = cv2.VideoWriter.fourcc(*"mp4v")
         video = cv2.VideoWriter(str(path), codec, 1.0 / FRAME_INTERVAL, (WIDTH, HEIGHT))
