@@ -13,7 +13,7 @@ from types import ModuleType, TracebackType
 from typing import Any, TypeVar
 
 from pf_tracker_ros.recordings.archives.executors import WorkerEnded
-from pf_tracker_ros.recordings.errors import REFUSED, RecordingError
+from pf_tracker_ros.recordings.errors import FAILED, REFUSED, RecordingError
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
@@ -101,6 +101,12 @@ class RayCluster:
         ray = self._connected()
         try:
             return ray.get(answered)
+        except ray.exceptions.LocalRayletDiedError as error:
+            raise RecordingError(
+                "Ray has ended on this machine; start it again, and call this again, which goes on "
+                "with what is not done",
+                FAILED,
+            ) from error
         except ray.exceptions.RayError as error:
             return WorkerEnded(_how(ray, error))
 
