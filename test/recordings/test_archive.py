@@ -1,6 +1,7 @@
 """An archive: every recording once, whatever is killed on the way."""
 
 import json
+import os
 import random
 import re
 import signal
@@ -176,6 +177,8 @@ def test_a_dry_run_writes_nothing_and_tells_how_long(archive, track, tmp_path):
     assert sum(line.startswith("would track: ") for line in lines) == 11
     assert sum(line.startswith("would fail: ") for line in lines) == 2
     assert lines[-1].startswith("13 of 13 recordings, 220 frames; about 0:00:")
+    cores = min(2, os.cpu_count())
+    assert f" on {cores} cores, at " in lines[-1]
     assert not (tmp_path / "out").exists()
 
 

@@ -190,8 +190,7 @@ def _print_plan(
     if seconds := plan.seconds_a_frame:
         workers = executor.workers
         left = timedelta(seconds=round(plan.frames * seconds / workers))
-        what = "processes" if options.ray is None else "cores of the cluster"
-        text += f"; about {left} on {workers} {what}, at {1 / seconds:.0f} frames/s each"
+        text += f"; about {left} on {workers} cores, at {1 / seconds:.0f} frames/s each"
     print(text)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass
@@ -29,7 +30,7 @@ class Executor(Protocol):
 
     @property
     def workers(self) -> int:
-        """How many tasks are done at once.
+        """How many tasks are done at once, each on a core of its own.
 
         Raises:
             RecordingError: There is nobody to do them.
@@ -59,16 +60,21 @@ class Processes:
     """Processes of this machine.
 
     Attributes:
-        workers: How many.
+        count: How many.
     """
 
-    workers: int
+    count: int
+
+    @property
+    def workers(self) -> int:
+        """How many tasks are done at once, each on a core of its own; see `Executor.workers`."""
+        return min(self.count, os.cpu_count() or self.count)
 
     def run(
         self, work: Callable[[Task], Answer], tasks: Sequence[Task]
     ) -> Generator[tuple[int, Answer | WorkerEnded], None, None]:
         """Do tasks, each process one at a time; see `Executor.run`."""
-        with closing(spread(work, tasks, self.workers)) as answers:
+        with closing(spread(work, tasks, self.count)) as answers:
             for number, answer in answers:
                 if isinstance(answer, ProcessEnded):
                     how = f"its process ended with code {answer.exit_code}"

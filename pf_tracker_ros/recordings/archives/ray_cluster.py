@@ -63,9 +63,10 @@ class RayCluster:
 
     @property
     def workers(self) -> int:
-        """How many tasks are done at once; see `Executor.workers`."""
+        """How many tasks are done at once, each on a core; see `Executor.workers`."""
         if self._address == LOCAL:
-            return self._jobs or os.cpu_count() or 1
+            cores = os.cpu_count() or 1
+            return min(self._jobs or cores, cores)
         cores = int(self._connected().cluster_resources().get("CPU", 0))
         return min(self._jobs or cores, cores) or 1
 
