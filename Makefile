@@ -7,7 +7,7 @@ BENCH_VENV := .venv-bench
 BENCH_INSTALLED := $(BENCH_VENV)/.installed
 
 # What `make lock` pins: the extras of setup.py that `make setup` installs.
-LOCKED_EXTRAS := ros console evaluation recordings parquet test development
+LOCKED_EXTRAS := ros console evaluation recordings parquet ray test development
 
 # What `make bench` runs on, and further arguments for it.
 SEQUENCES ?=

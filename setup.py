@@ -27,6 +27,8 @@ BAGS = ["rosbags>=0.11.9,<0.12"]
 # Several targets: which detection is of which, at the least cost over all of them.
 TARGETS = ["scipy>=1.8"]
 
+ARCHIVES = ["fsspec>=2023.6"]
+
 EXTRAS = {
     # A whole ROS 2 Jazzy from PyPI (third-party wheels, Linux x86-64, Python 3.10 to 3.13), for an
     # environment made for it. Never beside a ROS from apt.
@@ -47,6 +49,10 @@ EXTRAS = {
     # The command `track`; with a ROS from apt, rosdep has all of it but rosbags, which writes bags.
     "recordings": ["rich>=13", "matplotlib>=3.6", "jinja2>=3", "pyyaml", *BAGS],
     "parquet": ["pyarrow>=14"],
+    # Archives with URLs; s3://, gs:// and so on want the package that fsspec names for them.
+    "archives": ARCHIVES,
+    # Archives over the machines of a Ray cluster, each of which needs it.
+    "ray": ["ray>=2.40,<3", *ARCHIVES],
     # Peers that benchmarks compare with, in an environment of its own: `particles` wants NumPy 1.
     "benchmark": ["particles>=0.4,<0.5", "rich>=13", "matplotlib>=3.6"],
     # colcon takes pytest as the test runner because it finds it under this name.

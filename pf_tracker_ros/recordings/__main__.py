@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -23,7 +24,9 @@ from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.opencv import quiet_opencv
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.recordings import errors
-from pf_tracker_ros.recordings.archive_command import run_archive
+from pf_tracker_ros.recordings.archives.command import run_archive
+from pf_tracker_ros.recordings.archives.sources import local_copy
+from pf_tracker_ros.recordings.archives.stores import as_place, is_url
 from pf_tracker_ros.recordings.command_line import BESIDE, parser
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.outputs import MakeWriter, OutputFolder
@@ -67,11 +70,12 @@ class _Summary:
         return f"{self.frames} frames ({shares}), {rate:.0f} frames/s"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None, source_name: str | None = None) -> int:
     """Run the command.
 
     Args:
         arguments: Command line without the program's name; None takes this process'.
+        source_name: What the report calls the recording; None takes its path or URL.
 
     Returns:
         Exit code, as `track --help` lists them; for any but 0, a line on standard error says why.
@@ -79,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     stop = _Stop()
     try:
         with _noticing_signals(stop), quiet_opencv():
-            return _run(parser().parse_args(arguments), stop)
+            return _run(parser().parse_args(arguments), stop, source_name)
     except FootageError as error:
         return _complain(error, errors.UNREADABLE_SOURCE)
     except RecordingError as error:
@@ -93,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
 
 
-def _run(options: argparse.Namespace, stop: _Stop) -> int:
+def _run(options: argparse.Namespace, stop: _Stop, source_name: str | None) -> int:
     # What can be refused is refused before the first frame, not after an hour's work.
     for package, extra, wanted in (
         ("rich", "recordings", True),
@@ -106,19 +110,35 @@ def _run(options: argparse.Namespace, stop: _Stop) -> int:
         if wanted:
             _require(package, extra)
     parameters = parse_parameters(options.parameter)
-    if options.archive is None and (options.source is None or options.dry_run):
-        what = "there is no SOURCE" if options.source is None else "--dry-run is for an archive"
-        raise RecordingError(f"{what}; give one, or --archive FOLDER_OR_LIST")
+    _check_kind(options)
     in_force = Tracker.from_preset(options.preset, options.seed, parameters).parameters
     if options.archive is not None:
         stop.at_once = True
         return run_archive(options)
-    recording = open_recording(
-        options.source, bag_topic=options.bag_topic, frame_rate=options.frame_rate
-    )
-    target = choose_target(recording, options.box)
     preset = PresetInForce.of({"preset": options.preset, **in_force}).summary
-    outputs = _open_outputs(options, recording, preset)
+    with local_copy(as_place(options.source)) as path:
+        return _run_one(options, path, source_name or options.source, preset, stop)
+
+
+def _check_kind(options: argparse.Namespace) -> None:
+    """Refuse what is for an archive without one."""
+    if options.archive is not None:
+        return
+    for option in ("dry_run", "ray"):
+        if getattr(options, option):
+            what = f"--{option.replace('_', '-')} is for an archive"
+            raise RecordingError(f"{what}; give one with --archive FOLDER_OR_LIST")
+    if not options.source:
+        raise RecordingError("there is no SOURCE; give one, or --archive FOLDER_OR_LIST")
+    if is_url(options.output):
+        raise RecordingError(f"--output {options.output} is for an archive; allowed: a folder")
+
+
+def _run_one(options: argparse.Namespace, path: Path, name: str, preset: str, stop: _Stop) -> int:
+    recording = open_recording(path, bag_topic=options.bag_topic, frame_rate=options.frame_rate)
+    parameters = parse_parameters(options.parameter)
+    target = choose_target(recording, options.box)
+    outputs = _open_outputs(options, recording, preset, name)
     tracking = track_recording(recording, target, options.preset, parameters, options.seed)
     summary = _Summary()
     failures: list[Exception] = []
@@ -164,7 +184,7 @@ def _track(
 
 
 def _open_outputs(
-    options: argparse.Namespace, recording: Recording, preset: str
+    options: argparse.Namespace, recording: Recording, preset: str, name: str
 ) -> list[OutputFolder]:
     makers: dict[str, MakeWriter] = {BOXES: BoxesCsv}
     if options.parquet:
@@ -175,7 +195,7 @@ def _open_outputs(
         makers[BAG] = functools.partial(TopicBag, preset=preset)
     if options.report is None:
         return [OutputFolder(options.output, makers)]
-    facts = {"recording": str(recording.path), "preset": preset, "seed": str(options.seed)}
+    facts = {"recording": name, "preset": preset, "seed": str(options.seed)}
     report = {
         REPORT_FILE: functools.partial(
             RecordingReport, recording=recording, preset=preset, facts=facts

@@ -9,6 +9,7 @@ from typing import NoReturn
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.recordings import errors
+from pf_tracker_ros.recordings.archives.stores import as_place
 from pf_tracker_ros.tracking.presets import PRESETS
 
 _DESCRIPTION = """\
@@ -62,14 +63,16 @@ def parser() -> argparse.ArgumentParser:
         "source",
         nargs="?",
         metavar="SOURCE",
-        help="a rosbag2 folder or .mcap file, a video, a folder of images or a sequence folder",
+        help="a rosbag2 folder or .mcap file, a video, a folder of images or a sequence folder; or "
+        "the URL of one, of which a copy is made (needs fsspec)",
     )
     parser.add_argument(
         "--output",
-        type=Path,
+        type=as_place,
         required=True,
         metavar="DIR",
-        help="folder for boxes.csv and the rest; made where it is missing",
+        help="folder for boxes.csv and the rest, made where it is missing; for an archive also a "
+        "place in an object store, such as s3://bucket/boxes (needs fsspec)",
     )
     parser.add_argument(
         "--box",
@@ -123,18 +126,24 @@ def parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--archive",
-        type=Path,
+        type=as_place,
         metavar="FOLDER_OR_LIST",
         help="track every recording below a folder that has its target file beside it or is a "
-        "sequence, or those that a text file lists, into a folder each; what is done of the same "
-        "inputs, version and parameters is not done again",
+        "sequence, or those that a text file lists (paths and URLs), into a folder each; what is "
+        "done of the same inputs, version and parameters is not done again",
     )
     parser.add_argument(
         "--jobs",
         type=_jobs,
-        default=1,
         metavar="N",
-        help="processes for an archive (default: %(default)s)",
+        help="recordings of an archive at once, each on a core of its own (default: 1, on Ray as "
+        "many as there are cores)",
+    )
+    parser.add_argument(
+        "--ray",
+        metavar="ADDRESS",
+        help="spread an archive over a Ray cluster: auto or HOST:PORT of one that is running, or "
+        "local to start one on this machine (needs ray)",
     )
     parser.add_argument(
         "--dry-run",

@@ -16,7 +16,8 @@ WRONG_TARGET = 7
 INTERRUPTED = 130
 TERMINATED = 143
 
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+DISK_IS_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Numbers of the system's errors for want of room."""
 _FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 
@@ -39,7 +40,7 @@ class RecordingError(ValueError):
 def unwritable(path: Path, error: OSError) -> RecordingError:
     """The error of a file or folder that the system does not let one write."""
     reason = error.strerror or type(error).__name__
-    if error.errno in _FULL:
+    if error.errno in DISK_IS_FULL:
         return RecordingError(
             f"{path} cannot be written any further ({reason}); make room, or choose another folder",
             DISK_FULL,

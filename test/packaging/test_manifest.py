@@ -16,7 +16,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = "pf_tracker_ros"
 # Imported only where an extra of setup.py has brought it, as the build farm takes no package of
 # pip, or, for the plugin of pytest, by pytest.
-OPTIONAL = {"playwright", "pyarrow", "pytest", "rosbags"}
+OPTIONAL = {"fsspec", "playwright", "pyarrow", "pytest", "ray", "rosbags"}
 # What reads bags where ROS is, imported or found by name once a bag is opened.
 FOUND_AT_RUN_TIME = {
     "rosbag2_compression_zstd",

@@ -4,65 +4,22 @@ import json
 import os
 import random
 import re
-import shutil
 import signal
 import time
-from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings import RecordingError
-from pf_tracker_ros.recordings.archive import find_recordings
+from pf_tracker_ros.recordings.archives.sources import find_recordings
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 
 
-@pytest.fixture
-def archive(write_sequence, moving_square, tmp_path):
-    """Ten recordings and three that are broken, each in another way; the folder."""
-    folder = tmp_path / "archive"
-    for number in range(10):
-        parent = folder / f"day_{number % 2}"
-        write_sequence(f"drive_{number}", moving_square.images, moving_square.boxes, parent)
-    target = "target_box: [20, 30, 24, 24]"
-    images = write_sequence("pictures", moving_square.images, moving_square.boxes, folder)
-    (images / "img").rename(folder / "shots")
-    shutil.rmtree(images)
-    (folder / "shots.target.yaml").write_text(target.replace("20, 30", "900, 30"))
-    (folder / "noise.mp4").write_bytes(b"\x00no video")
-    (folder / "noise.target.yaml").write_text(target)
-    broken = write_sequence("broken", moving_square.images, moving_square.boxes, folder)
-    (broken / "img" / "0013.png").write_bytes(b"no picture")
-    return folder
-
-
-def boxes(output):
-    """Recording to the bytes of its boxes."""
-    return {
-        str(path.parent.relative_to(output)): path.read_bytes()
-        for path in output.rglob("boxes.csv")
-    }
-
-
-def children(pid):
-    """The processes that one has started."""
-    try:
-        listed = Path(f"/proc/{pid}/task/{pid}/children").read_text()
-    except OSError:
-        return []
-    return [int(child) for child in listed.split()]
-
-
-@pytest.fixture
-def serial(archive, track, tmp_path):
-    """What one process finds; the folder, and what was said."""
-    output = tmp_path / "serial"
-    return output, track("--archive", archive, "--output", output, *QUICK)
-
-
-def test_each_recording_is_tracked_and_broken_ones_are_told(serial, archive, track, tmp_path):
+def test_each_recording_is_tracked_and_broken_ones_are_told(
+    serial, archive, track, watch, tmp_path
+):
     output, (code, said, errors) = serial
     assert code == 1
     assert said.splitlines()[-1] == (
@@ -72,7 +29,7 @@ def test_each_recording_is_tracked_and_broken_ones_are_told(serial, archive, tra
     assert len(lines) == 3
     for part in ("0013.png cannot be decoded", "noise.mp4", "shots.target.yaml: target refused"):
         assert sum(part in line for line in lines) == 1
-    found = boxes(output)
+    found = watch.boxes(output)
     assert set(found) == {f"day_{number % 2}/drive_{number}" for number in range(10)}
     assert track(archive / "day_1" / "drive_3", "--output", tmp_path / "alone", *QUICK)[0] == 0
     assert found["day_1/drive_3"] == (tmp_path / "alone" / "boxes.csv").read_bytes()
@@ -123,10 +80,10 @@ def test_the_report_of_an_archive_can_be_sorted_and_is_not_too_wide(reported, br
     assert said == {"errors": [], "rows": 2, "scroll": 390}
 
 
-def test_two_processes_find_the_same(serial, archive, track, tmp_path):
+def test_two_processes_find_the_same(serial, archive, track, watch, tmp_path):
     code, _, _ = track("--archive", archive, "--output", tmp_path / "two", "--jobs", 2, *QUICK)
     assert code == 1
-    assert boxes(tmp_path / "two") == boxes(serial[0])
+    assert watch.boxes(tmp_path / "two") == watch.boxes(serial[0])
 
 
 def test_only_what_has_changed_is_done_again(serial, archive, track):
@@ -149,35 +106,23 @@ def test_only_what_has_changed_is_done_again(serial, archive, track):
     assert "10 tracked, 0 done before, 3 failed" in said
 
 
-def assert_whole(output):
-    """What has a name of its own is whole."""
-    for path in output.rglob("boxes.csv"):
-        if not any(part.startswith(".") for part in path.relative_to(output).parts):
-            assert (path.parent / "done.json").is_file()
-            assert len(path.read_text().splitlines()) == 21
-
-
 def test_workers_that_are_killed_cost_only_what_was_under_way(
-    serial, archive, start_track, tmp_path
+    serial, archive, start_track, watch, tmp_path
 ):
     output = tmp_path / "out"
     process = start_track("--archive", archive, "--output", output, "--jobs", 2, *QUICK)
-    killed = 0
-    while process.poll() is None:
-        time.sleep(0.7)
-        for child in children(process.pid)[-1:]:
-            if killed < 3:
-                os.kill(child, signal.SIGKILL)
-                killed += 1
-        assert_whole(output)
-    process.communicate()
-    assert killed == 3
+    for count in (1, 3, 5):
+        watch.wait_for_results(output, count)
+        watch.kill_worker(process, "spawn_main")
+    process.communicate(timeout=120)
     assert process.returncode == 1
-    assert boxes(output) == boxes(serial[0])
+    assert watch.boxes(output) == watch.boxes(serial[0])
     assert not list(output.rglob(".track_*"))
 
 
-def test_a_driver_that_is_killed_goes_on_where_it_was(serial, archive, start_track, tmp_path):
+def test_a_driver_that_is_killed_goes_on_where_it_was(
+    serial, archive, start_track, watch, tmp_path
+):
     output = tmp_path / "out"
     generator = random.Random(5)
     arguments = ("--archive", archive, "--output", output, "--jobs", 2, *QUICK)
@@ -186,28 +131,25 @@ def test_a_driver_that_is_killed_goes_on_where_it_was(serial, archive, start_tra
         time.sleep(generator.uniform(0.3, 2.5))
         process.kill()
         process.communicate()
-        assert_whole(output)
+        watch.assert_whole(output)
     process = start_track(*arguments)
     process.communicate(timeout=120)
     assert process.returncode == 1
-    assert boxes(output) == boxes(serial[0])
+    assert watch.boxes(output) == watch.boxes(serial[0])
     assert not list(output.rglob(".track_*"))
 
 
-def test_ctrl_c_ends_it_at_once_and_keeps_what_is_done(archive, start_track, tmp_path):
+def test_ctrl_c_ends_it_at_once_and_keeps_what_is_done(archive, start_track, watch, tmp_path):
     output = tmp_path / "out"
     process = start_track("--archive", archive, "--output", output, *QUICK)
-    deadline = time.monotonic() + 60
-    while not list(output.glob("day_0/drive_*/done.json")):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    watch.wait_for_results(output, 1)
     process.send_signal(signal.SIGINT)
     said, errors = process.communicate(timeout=30)
     assert (process.returncode, said) == (130, "")
     assert "track: error: interrupted at once; what was not finished is gone\n" in errors
-    assert_whole(output)
+    watch.assert_whole(output)
     done = {entry["name"] for entry in json.loads((output / "archive.json").read_text())}
-    assert set(boxes(output)) <= done
+    assert set(watch.boxes(output)) <= done
     assert 1 <= len(done) < 13
     assert not list(output.rglob(".track_*"))
 
@@ -235,6 +177,8 @@ def test_a_dry_run_writes_nothing_and_tells_how_long(archive, track, tmp_path):
     assert sum(line.startswith("would track: ") for line in lines) == 11
     assert sum(line.startswith("would fail: ") for line in lines) == 2
     assert lines[-1].startswith("13 of 13 recordings, 220 frames; about 0:00:")
+    cores = min(2, os.cpu_count())
+    assert f" on {cores} cores, at " in lines[-1]
     assert not (tmp_path / "out").exists()
 
 

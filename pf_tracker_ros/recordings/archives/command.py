@@ -1,0 +1,254 @@
+"""The command `track --archive`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import closing
+from datetime import timedelta
+from itertools import islice
+from pathlib import Path, PurePosixPath
+from urllib.parse import quote
+
+from pf_tracker_ros.evaluation.command_line import parse_parameters
+from pf_tracker_ros.evaluation.reports.page import REPORT_FILE, fill
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.recordings.archives.executors import Executor, choose_executor
+from pf_tracker_ros.recordings.archives.memory import needed_memory
+from pf_tracker_ros.recordings.archives.results import Results, results_at
+from pf_tracker_ros.recordings.archives.sources import Place, find_recordings, local_copy
+from pf_tracker_ros.recordings.archives.stores import is_url
+from pf_tracker_ros.recordings.archives.tasks import (
+    ArchiveEntry,
+    ArchiveTask,
+    done_entries,
+    make_tasks,
+    run_tasks,
+    write_manifest,
+)
+from pf_tracker_ros.recordings.command_line import BESIDE
+from pf_tracker_ros.recordings.errors import DONE, FAILED, RecordingError
+from pf_tracker_ros.recordings.progress import progress_bar
+from pf_tracker_ros.recordings.recording import open_recording
+from pf_tracker_ros.recordings.target import choose_target
+from pf_tracker_ros.recordings.tracking import track_recording
+
+# What a dry run tracks to tell how long the rest would take.
+_SAMPLED_RECORDINGS = 3
+_SAMPLED_FRAMES = 60
+
+
+def run_archive(options: argparse.Namespace) -> int:
+    """Track every recording of an archive that is not done, and print a table of all.
+
+    Returns:
+        Exit code: 1 if a recording failed.
+
+    Raises:
+        RecordingError: The request cannot be carried out.
+        FootageError: The archive cannot be read.
+    """
+    for option in ("source", "box"):
+        if getattr(options, option) is not None:
+            raise RecordingError(f"{option} is for one recording; allowed: without --archive")
+    if options.report not in (None, BESIDE):
+        raise RecordingError("--report has no folder here; allowed: beside each boxes.csv")
+    results = results_at(options.output)
+    recordings = find_recordings(options.archive)
+    with choose_executor(options.ray, options.jobs, needed_memory) as executor:
+        if options.dry_run:
+            _print_plan(make_tasks(recordings, results, _arguments(options)), executor, options)
+            return DONE
+        with results.alone() as place:
+            tasks = make_tasks(recordings, place, _arguments(options))
+            return _run(tasks, place, executor, options)
+
+
+def _run(
+    tasks: Sequence[ArchiveTask],
+    results: Results,
+    executor: Executor,
+    options: argparse.Namespace,
+) -> int:
+    found = done_entries(tasks, results)
+    waiting = [task for task in tasks if task.name not in found]
+    try:
+        with (
+            progress_bar(_last(options.archive), len(waiting), "recordings") as advance,
+            closing(run_tasks(waiting, executor)) as done,
+        ):
+            for task, entry in done:
+                found[task.name] = entry
+                if entry.error:
+                    print(f"track: error: {entry.error}", file=sys.stderr)
+                advance()
+    finally:
+        # One may be done of which its worker could not tell any more.
+        found = {
+            **done_entries([task for task in tasks if task.name not in found], results),
+            **found,
+        }
+        known = [found[task.name] for task in tasks if task.name in found]
+        write_manifest(results, known)
+    if options.report is not None:
+        _write_report(known, options, results)
+    _print_table(known, len(waiting), results)
+    return FAILED if any(entry.error for entry in known) else DONE
+
+
+def _last(place: Path | str) -> str:
+    """The last part of a path or URL."""
+    return PurePosixPath(str(place)).name
+
+
+def _arguments(options: argparse.Namespace) -> list[str]:
+    """The arguments of `track` that are the same for every recording."""
+    arguments = [f"--preset={options.preset}", f"--seed={options.seed}"]
+    arguments += [f"--parameter={each}" for each in options.parameter]
+    arguments += [f"--frame-rate={options.frame_rate}"]
+    if options.bag_topic:
+        arguments.append(f"--bag-topic={options.bag_topic}")
+    arguments += [f"--{flag}" for flag in ("video", "parquet", "bag") if getattr(options, flag)]
+    return arguments + (["--report"] if options.report is not None else [])
+
+
+def _write_report(
+    found: Sequence[ArchiveEntry], options: argparse.Namespace, results: Results
+) -> None:
+    frames = sum(entry.frames for entry in found)
+    failed = sum(bool(entry.error) for entry in found)
+    page = fill(
+        "archive.html.jinja",
+        title=f"{_last(options.archive)}, tracked",
+        facts={
+            "archive": str(options.archive),
+            "preset": options.preset,
+            "parameters": ", ".join(options.parameter) or "those of the preset",
+            "recordings": f"{len(found)}, of which {failed} failed",
+            "frames": str(frames),
+        },
+        # What needs to be looked at comes first.
+        rows=[
+            {
+                "name": entry.name,
+                "address": quote(f"{entry.name}/{REPORT_FILE}"),
+                "frames": entry.frames,
+                "states": entry.states,
+                "error": entry.error,
+            }
+            for entry in sorted(found, key=lambda entry: not entry.error)
+        ],
+    )
+    results.put_text(page, REPORT_FILE)
+
+
+def _print_table(entries: Sequence[ArchiveEntry], tracked: int, results: Results) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table()
+    table.add_column("recording", overflow="fold")
+    for heading in ("frames", "tracking", "occluded", "lost"):
+        table.add_column(heading, justify="right")
+    table.add_column("", overflow="fold")
+    for entry in entries:
+        shares = [
+            f"{entry.states.get(state, 0) / entry.frames:.0%}" if entry.frames else ""
+            for state in ("tracking", "occluded", "lost")
+        ]
+        frames = str(entry.frames) if entry.frames else ""
+        # Names go in as Text: square brackets in a plain string are markup to Rich.
+        table.add_row(Text(entry.name), frames, *shares, Text(entry.error))
+    Console().print(table)
+    failed = sum(bool(entry.error) for entry in entries)
+    print(
+        f"{len(entries)} recordings: {tracked - failed} tracked, {len(entries) - tracked} done "
+        f"before, {failed} failed; results in {results.name}"
+    )
+
+
+def _print_plan(
+    tasks: Sequence[ArchiveTask], executor: Executor, options: argparse.Namespace
+) -> None:
+    """What would be done, and how long it would take, from a sample."""
+    plan = _Plan(options)
+    done = done_entries(tasks, tasks[0].results)
+    waiting = [task for task in tasks if task.name not in done]
+    for task in waiting:
+        try:
+            count = plan.look_into(task.source)
+        except (FootageError, RecordingError) as error:
+            print(f"would fail: {error}")
+        else:
+            print(f"would track: {task.source} ({count or 'an unknown number of'} frames)")
+    text = f"{len(waiting)} of {len(tasks)} recordings, {sum(plan.known)} frames"
+    if plan.unknown:
+        text += f" and those of {plan.unknown} that do not tell"
+    if seconds := plan.seconds_a_frame:
+        workers = executor.workers
+        left = timedelta(seconds=round(plan.frames * seconds / workers))
+        text += f"; about {left} on {workers} cores, at {1 / seconds:.0f} frames/s each"
+    print(text)
+
+
+class _Plan:
+    """Looks into recordings, and tracks in the first ones."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self._options = options
+        self.known: list[int] = []
+        self.unknown = 0
+        self._sampled, self._tracking = 0, 0.0
+        self._copied, self._copying = 0, 0.0
+
+    @property
+    def frames(self) -> float:
+        """Number of all frames; those that do not tell are taken to be as long as the others."""
+        mean = sum(self.known) / len(self.known) if self.known else 0.0
+        return sum(self.known) + self.unknown * mean
+
+    @property
+    def seconds_a_frame(self) -> float:
+        """What a frame takes, its share in the copying of a recording from elsewhere included."""
+        copying = self._copying / self._copied if self._copied else 0.0
+        return self._tracking / self._sampled + copying if self._sampled else 0.0
+
+    def look_into(self, source: Place) -> int | None:
+        """The number of frames of a recording, None where it does not tell.
+
+        Raises:
+            FootageError: It cannot be read.
+            RecordingError: It has no target.
+        """
+        is_sampled = self._sampled < _SAMPLED_RECORDINGS * _SAMPLED_FRAMES
+        if is_url(source) and not is_sampled:
+            # To tell it would have to be copied.
+            self.unknown += 1
+            return None
+        began = time.monotonic()
+        with local_copy(source) as path:
+            copying = time.monotonic() - began
+            count = self._look_into_copy(path, _SAMPLED_FRAMES if is_sampled else 0)
+        if count is None:
+            self.unknown += 1
+        else:
+            self.known.append(count)
+            if is_url(source):
+                self._copied, self._copying = self._copied + count, self._copying + copying
+        return count
+
+    def _look_into_copy(self, path: Path, sample: int) -> int | None:
+        options = self._options
+        recording = open_recording(path, bag_topic=options.bag_topic, frame_rate=options.frame_rate)
+        target = choose_target(recording, None)
+        if sample:
+            parameters = parse_parameters(options.parameter)
+            began = time.monotonic()
+            frames = track_recording(recording, target, options.preset, parameters, options.seed)
+            with closing(frames) as tracked:
+                self._sampled += sum(1 for _ in islice(tracked, sample))
+            self._tracking += time.monotonic() - began
+        return recording.frame_count

@@ -1,0 +1,212 @@
+"""A Ray cluster as an executor: a task for each recording, placed by cores and memory."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import socket
+import threading
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from types import ModuleType, TracebackType
+from typing import Any, TypeVar
+
+from pf_tracker_ros.recordings.archives.executors import WorkerEnded
+from pf_tracker_ros.recordings.errors import FAILED, REFUSED, RecordingError
+
+Task = TypeVar("Task")
+Answer = TypeVar("Answer")
+
+LOCAL = "local"
+_LOOPBACK = ("localhost", "127.0.0.1", "[::1]", "::1")
+_SECONDS_TO_ANSWER = 10.0
+# What waits tells a cluster that grows by itself how many machines are wanted.
+_SUBMITTED_AT_ONCE = 1000
+# Tasks and answers are small, and go past Ray's store of objects. Its least size, bytes.
+_OBJECT_STORE = 80 * 2**20
+
+
+class RayCluster:
+    """Does tasks on a Ray cluster, one that is running or one of its own on this machine.
+
+    Nothing is told to Ray's makers, and a cluster of its own listens on the loopback interface
+    alone, without the dashboard.
+
+    Args:
+        address: `auto` or HOST:PORT of a cluster that is running; `local` starts one.
+        jobs: How many tasks at once; None for as many as there are cores for.
+        memory_of: Bytes that a task needs.
+
+    Raises:
+        RecordingError: Ray is not installed.
+    """
+
+    def __init__(self, address: str, jobs: int | None, memory_of: Callable[[Any], int]) -> None:
+        self._address = address
+        self._jobs = jobs
+        self._memory_of = memory_of
+        self._is_connected = False
+        self._ray = _import_ray(stays_here=address == LOCAL or _host(address) in _LOOPBACK)
+
+    def __enter__(self) -> RayCluster:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._is_connected:
+            self._ray.shutdown()
+
+    @property
+    def workers(self) -> int:
+        """How many tasks are done at once, each on a core; see `Executor.workers`."""
+        if self._address == LOCAL:
+            cores = os.cpu_count() or 1
+            return min(self._jobs or cores, cores)
+        cores = int(self._connected().cluster_resources().get("CPU", 0))
+        return min(self._jobs or cores, cores) or 1
+
+    def run(
+        self, work: Callable[[Task], Answer], tasks: Sequence[Task]
+    ) -> Generator[tuple[int, Answer | WorkerEnded], None, None]:
+        """Do tasks; see `Executor.run`."""
+        if not tasks:
+            return
+        ray = self._connected()
+        # Whether a task is done again is for the caller to say.
+        remote = ray.remote(num_cpus=1, max_retries=0)(_do)
+        waiting = iter(enumerate(tasks))
+        under_way: dict[Any, int] = {}
+        try:
+            while True:
+                while len(under_way) < (self._jobs or _SUBMITTED_AT_ONCE):
+                    number, task = next(waiting, (None, None))
+                    if number is None:
+                        break
+                    placed = remote.options(memory=self._memory_for(task))
+                    under_way[placed.remote(work, task)] = number
+                if not under_way:
+                    return
+                for answered in ray.wait(list(under_way))[0]:
+                    number = under_way.pop(answered)
+                    yield number, self._answer(answered)
+        finally:
+            for unanswered in under_way:
+                ray.cancel(unanswered, force=True)
+
+    def _answer(self, answered: Any) -> Any:
+        ray = self._connected()
+        try:
+            return ray.get(answered)
+        except ray.exceptions.LocalRayletDiedError as error:
+            raise RecordingError(
+                "Ray has ended on this machine; start it again, and call this again, which goes on "
+                "with what is not done",
+                FAILED,
+            ) from error
+        except ray.exceptions.RayError as error:
+            return WorkerEnded(_how(ray, error))
+
+    def _memory_for(self, task: Any) -> int:
+        """Bytes to reserve: what no machine has would be waited for without an end."""
+        machines = [node for node in self._connected().nodes() if node["Alive"]]
+        rooms = [
+            int(machine["Resources"].get("memory", 0))
+            for machine in machines
+            if machine["Resources"].get("CPU", 0) >= 1
+        ]
+        needed = self._memory_of(task)
+        return min(needed, max(rooms)) if rooms else needed
+
+    def _connected(self) -> ModuleType:
+        if not self._is_connected:
+            _connect(self._ray, self._address, self._jobs)
+            self._is_connected = True
+        return self._ray
+
+
+def _do(work: Callable[[Task], Answer], task: Task) -> Answer:
+    """Do a task in a worker."""
+    return work(task)
+
+
+def _how(ray: ModuleType, error: Exception) -> str:
+    if isinstance(error, ray.exceptions.OutOfMemoryError):
+        return "its worker was ended for want of memory"
+    if isinstance(error, ray.exceptions.NodeDiedError):
+        return "its machine was lost"
+    if isinstance(error, ray.exceptions.WorkerCrashedError):
+        return "its worker ended unexpectedly"
+    cause = getattr(error, "cause", None) or error
+    lines = str(cause).strip().splitlines()
+    return f"its worker failed ({type(cause).__name__}: {lines[0] if lines else 'no reason'})"
+
+
+def _host(address: str) -> str:
+    """The host of HOST:PORT, or empty."""
+    host, colon, port = address.rpartition(":")
+    return host if colon and port.isdecimal() else ""
+
+
+def _import_ray(*, stays_here: bool) -> ModuleType:
+    # All of these are read when Ray is imported.
+    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+    if stays_here:
+        # The name is of other systems; what it says is that there are no other machines, with which
+        # all that Ray listens on is bound to the loopback interface.
+        os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
+        os.environ.setdefault("RAY_AUTH_MODE", "token")
+    try:
+        import ray
+    except ImportError as error:
+        raise RecordingError(
+            "ray is not installed: pip install ray, or '.[ray]' in the sources"
+        ) from error
+    return ray
+
+
+def _connect(ray: ModuleType, address: str, jobs: int | None) -> None:
+    options: dict[str, Any] = {}
+    if address == LOCAL:
+        options = {
+            "num_cpus": jobs,
+            "include_dashboard": False,
+            "object_store_memory": _OBJECT_STORE,
+            "_node_ip_address": "127.0.0.1",
+        }
+    try:
+        if host := _host(address):
+            # Ray would try for minutes.
+            port = int(address.rpartition(":")[2])
+            socket.create_connection((host, port), _SECONDS_TO_ANSWER).close()
+        with _own_signal_handlers():
+            ray.init(
+                address=address, log_to_driver=False, logging_level=logging.CRITICAL, **options
+            )
+    # Ray has no error of its own for it.
+    except Exception as error:
+        lines = str(error).strip().splitlines() or [type(error).__name__]
+        raise RecordingError(
+            f"there is no Ray cluster to be had at {address} ({lines[0].rstrip('.')}); start one "
+            "with ray start --head, or let --ray local start one on this machine",
+            REFUSED,
+        ) from error
+
+
+@contextmanager
+def _own_signal_handlers() -> Iterator[None]:
+    """Keep what this program does on signals; Ray would put its own in place."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = {number: signal.getsignal(number) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,277 @@
+"""Where the results of an archive go: whole or not at all, whatever is killed on the way.
+
+In a folder each recording's files come into place together, by the renaming of a folder. In an
+object store each is put there, which is atomic by itself, and `done.json` last: what lacks it is
+not done.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import platform
+import secrets
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+from urllib.parse import urlsplit
+
+from pf_tracker_ros.recordings.archives.scratch import scratch_folder
+from pf_tracker_ros.recordings.archives.sources import Place
+from pf_tracker_ros.recordings.archives.stores import (
+    is_url,
+    open_store,
+    telling_unreadable,
+    telling_unwritable,
+)
+from pf_tracker_ros.recordings.errors import FAILED, OUTPUT_EXISTS, RecordingError, unwritable
+
+DONE_FILE = "done.json"
+LOCK = ".lock"
+# Hidden, so that nobody takes what is in it for results.
+_WORKPLACE = ".track_"
+# An object comes there whole or not at all; of other stores that fsspec knows not all promise it.
+_OBJECT_STORES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss")
+
+
+class Results(Protocol):
+    """Where results go. Workers, on other machines too, are given copies of it."""
+
+    @property
+    def name(self) -> str:
+        """As it is told."""
+        ...
+
+    def alone(self) -> AbstractContextManager[Results]:
+        """Keep other runs out where that can be; what is to be used meanwhile, also by workers.
+
+        Raises:
+            RecordingError: Another run is at work there, or nothing can be written there.
+        """
+        ...
+
+    def read(self, names: Sequence[str]) -> dict[str, str]:
+        """Name to text of those files, relative, that are there and can be read.
+
+        Raises:
+            FootageError: Nothing can be read there.
+        """
+        ...
+
+    def workplace(self, recording: str) -> AbstractContextManager[Path]:
+        """A folder to make the files of a recording in; what is left in it is removed.
+
+        Raises:
+            RecordingError: It cannot be made.
+        """
+        ...
+
+    def put(self, made: Path, recording: str) -> None:
+        """Put the files of a folder in a workplace in the place of the recording's.
+
+        Raises:
+            RecordingError: They cannot be written.
+        """
+        ...
+
+    def put_text(self, text: str, name: str) -> None:
+        """Put one file in place, whole.
+
+        Raises:
+            RecordingError: It cannot be written.
+        """
+        ...
+
+
+def results_at(place: Place) -> Results:
+    """The results at a folder or the URL of an object store.
+
+    Raises:
+        RecordingError: Results cannot go there.
+    """
+    if not is_url(place):
+        return ResultsFolder(Path(place).absolute())
+    scheme = urlsplit(str(place)).scheme
+    if scheme not in _OBJECT_STORES:
+        raise RecordingError(
+            f"results cannot go to {scheme}://; allowed: a folder, {', '.join(_OBJECT_STORES)}"
+        )
+    return ResultsStore(str(place))
+
+
+@dataclass(frozen=True)
+class ResultsFolder:
+    """Results in a folder, which all workers must share.
+
+    Attributes:
+        path: Of the folder, absolute.
+        run: Stands for the run that is at work there, and in its lock file; empty before it is.
+    """
+
+    path: Path
+    run: str = ""
+
+    @property
+    def name(self) -> str:
+        """As it is told."""
+        return str(self.path)
+
+    @contextmanager
+    def alone(self) -> Iterator[ResultsFolder]:
+        """Keep other runs out, and leave nothing there that is under way; see `Results.alone`."""
+        run = secrets.token_hex(8)
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            lock = (self.path / LOCK).open("a")
+        except OSError as error:
+            raise unwritable(self.path, error) from error
+        with lock:
+            try:
+                # The system gives it up with the process, however that ends.
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise RecordingError(
+                    f"another run is writing into {self.path}; wait for it, or give another folder",
+                    OUTPUT_EXISTS,
+                ) from error
+            try:
+                lock.truncate(0)
+                lock.write(run)
+                lock.flush()
+            except OSError as error:
+                raise unwritable(self.path / LOCK, error) from error
+            self._clean_up()
+            try:
+                yield replace(self, run=run)
+            finally:
+                self._clean_up()
+
+    def read(self, names: Sequence[str]) -> dict[str, str]:
+        """Name to text of the files that are there; see `Results.read`."""
+        found = {}
+        for name in names:
+            try:
+                found[name] = (self.path / name).read_text(encoding="utf-8")
+            except (OSError, ValueError):
+                continue
+        return found
+
+    @contextmanager
+    def workplace(self, recording: str) -> Iterator[Path]:
+        """A folder beside that of the recording; see `Results.workplace`."""
+        self._check_run()
+        folder = self.path / recording
+        try:
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            made = Path(tempfile.mkdtemp(prefix=_WORKPLACE, dir=folder.parent))
+        except OSError as error:
+            raise unwritable(folder, error) from error
+        try:
+            yield made
+        finally:
+            shutil.rmtree(made, ignore_errors=True)
+
+    def put(self, made: Path, recording: str) -> None:
+        """Rename the folder that was made; see `Results.put`."""
+        folder = self.path / recording
+        # Workers may outlive their driver for a moment, until after the next one has begun.
+        self._check_run()
+        try:
+            if os.path.lexists(folder):
+                folder.replace(made.with_name(f"{made.name}_before"))
+            made.replace(folder)
+        except OSError as error:
+            raise unwritable(folder, error) from error
+
+    def put_text(self, text: str, name: str) -> None:
+        """Rename a draft; see `Results.put_text`."""
+        path = self.path / name
+        try:
+            with tempfile.TemporaryDirectory(prefix=_WORKPLACE, dir=path.parent) as folder:
+                draft = Path(folder) / path.name
+                draft.write_text(text, encoding="utf-8", errors="replace")
+                draft.replace(path)
+        except OSError as error:
+            raise unwritable(path, error) from error
+
+    def _check_run(self) -> None:
+        found = self.read([LOCK]).get(LOCK)
+        if found is None:
+            raise RecordingError(
+                f"{self.path} of {platform.node()} is another folder than that of the run; give "
+                "one that all machines share, or an object store",
+                FAILED,
+            )
+        if found != self.run:
+            raise RecordingError(f"another run has taken over {self.path}", FAILED)
+
+    def _clean_up(self) -> None:
+        for path in self.path.rglob(f"{_WORKPLACE}*"):
+            shutil.rmtree(path, ignore_errors=True)
+
+
+@dataclass(frozen=True)
+class ResultsStore:
+    """Results in an object store. It has no locks: two runs at once do the same work twice.
+
+    Attributes:
+        url: Of what stands for a folder there.
+    """
+
+    url: str
+
+    @property
+    def name(self) -> str:
+        """As it is told."""
+        return self.url
+
+    @contextmanager
+    def alone(self) -> Iterator[ResultsStore]:
+        """Find out whether anything can be written there; see `Results.alone`."""
+        self.put_text("", LOCK)
+        yield self
+
+    def read(self, names: Sequence[str]) -> dict[str, str]:
+        """Name to text of the objects that are there; see `Results.read`."""
+        found = {}
+        with telling_unreadable(self.url):
+            store, root = open_store(self.url)
+            # Of all its methods to read several this one takes names as they are, without patterns.
+            contents = store.cat_ranges([f"{root}/{name}" for name in names], None, None)
+            for name, content in zip(names, contents, strict=True):
+                if isinstance(content, bytes):
+                    found[name] = content.decode("utf-8", "replace")
+                elif not isinstance(content, FileNotFoundError):
+                    raise content
+        return found
+
+    @contextmanager
+    def workplace(self, recording: str) -> Iterator[Path]:
+        """A folder on this machine; see `Results.workplace`."""
+        with scratch_folder() as folder:
+            yield folder
+
+    def put(self, made: Path, recording: str) -> None:
+        """Put the objects there one by one, `done.json` last; see `Results.put`."""
+        files = sorted(
+            (path for path in made.rglob("*") if path.is_file()),
+            key=lambda path: path.name == DONE_FILE,
+        )
+        with telling_unwritable(f"{self.url}/{recording}"):
+            store, root = open_store(self.url)
+            folder = f"{root}/{recording}"
+            # First that of an earlier run goes which says that all is there.
+            for name in sorted(store.find(folder), key=lambda name: not name.endswith(DONE_FILE)):
+                store.rm_file(name)
+            for file in files:
+                store.put_file(str(file), f"{folder}/{file.relative_to(made).as_posix()}")
+
+    def put_text(self, text: str, name: str) -> None:
+        """Put an object there; see `Results.put_text`."""
+        with telling_unwritable(f"{self.url}/{name}"):
+            store, root = open_store(self.url)
+            store.pipe_file(f"{root}/{name}", text.encode("utf-8", "replace"))

@@ -1,0 +1,237 @@
+"""The recordings of an archive: which there are, what they are made of, a copy to read."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from pf_tracker_ros.footage import FootageError, is_bag
+from pf_tracker_ros.footage.access import entries, exists
+from pf_tracker_ros.footage.ground_truth import ground_truth_file
+from pf_tracker_ros.recordings.archives.scratch import scratch_folder
+from pf_tracker_ros.recordings.archives.stores import is_url, open_store, telling_unreadable
+from pf_tracker_ros.recordings.errors import DISK_IS_FULL, RecordingError, unwritable
+from pf_tracker_ros.recordings.target import TARGET_ENDING, target_file
+
+Place = Path | str
+"""A path, or a URL."""
+
+
+def find_recordings(archive: Place) -> dict[str, Place]:
+    """The recordings of an archive: those with a target file, and sequence folders.
+
+    Args:
+        archive: A folder, or the URL of one, that is searched with all below it; or a text file
+            that lists one recording a line, a URL or relative to the file, empty lines and those
+            after `#` left out.
+
+    Returns:
+        Name, unique among them, to absolute path or URL; sorted by name for a folder, else as
+        listed.
+
+    Raises:
+        RecordingError: Two recordings share a name, or there is none.
+        FootageError: There is no such archive, or it cannot be read.
+    """
+    base, places = _in_store(str(archive)) if is_url(archive) else _in_folder(Path(archive))
+    found: dict[str, Place] = {}
+    for place in places:
+        name = _name(place, base)
+        if name in found:
+            raise RecordingError(
+                f"{found[name]} and {place} would both be written as {name}; name one otherwise"
+            )
+        found[name] = place
+    _check_names(found)
+    if not found:
+        raise RecordingError(
+            f"no recording in {archive}; each needs its target beside it, such as drive"
+            f"{TARGET_ENDING} for drive.mcap, or a ground truth in its folder"
+        )
+    return found
+
+
+def state_of(source: Place) -> list[list[Any]]:
+    """What a recording and its target file are made of: changes where one of their files does.
+
+    Args:
+        source: Absolute path, or URL.
+
+    Returns:
+        Name, size and time of each file; of those with a URL name and what the store has for that.
+    """
+    if is_url(source):
+        return _state_in_store(str(source))
+    path = Path(source)
+    files = [path, target_file(path)]
+    if path.is_dir():
+        files += sorted(each for each in path.rglob("*") if each.is_file())
+    state = []
+    for file in files:
+        with contextlib.suppress(OSError):
+            status = file.stat()
+            size = status.st_size if file.is_file() else 0
+            state.append([str(file), size, status.st_mtime_ns])
+    return state
+
+
+@contextmanager
+def local_copy(source: Place) -> Iterator[Path]:
+    """A recording as a path: itself, or for a URL a copy with its target file, gone afterwards.
+
+    Raises:
+        FootageError: It cannot be read.
+        RecordingError: There is no room for the copy.
+    """
+    if not is_url(source):
+        yield Path(source)
+        return
+    with scratch_folder() as folder:
+        yield _download(str(source), folder)
+
+
+def _in_folder(archive: Path) -> tuple[Place, list[Place]]:
+    """The folder that names are relative to, and the recordings."""
+    if not exists(archive):
+        raise FootageError(f"there is no archive {archive}; give a folder, or a file with a list")
+    if archive.is_dir():
+        return archive.resolve(), sorted(set(_below(archive)))
+    try:
+        lines = archive.read_text(encoding="utf-8").splitlines()
+    except (OSError, ValueError) as error:
+        raise FootageError(f"the list {archive} cannot be read ({error})") from error
+    # One that is not there is told of with the others that fail.
+    return archive.parent.resolve(), [
+        text if is_url(text) else (archive.parent / Path(text).expanduser()).absolute()
+        for text in _listed(lines)
+    ]
+
+
+def _in_store(archive: str) -> tuple[Place, list[Place]]:
+    """The URL that names are relative to, and the recordings."""
+    with telling_unreadable(archive):
+        store, root = open_store(archive)
+        if store.isfile(root):
+            lines = store.cat_file(root).decode("utf-8").splitlines()
+            base = archive.rpartition("/")[0]
+            return base, [
+                text if is_url(text) else f"{base}/{text}".rstrip("/") for text in _listed(lines)
+            ]
+        names = store.find(root)
+        if not names:
+            raise FootageError(f"there is no archive {archive}, or it is empty")
+        # The rules for folders see one with the same names.
+        with scratch_folder() as likeness:
+            for name in names:
+                relative = PurePosixPath(name.removeprefix(root).lstrip("/"))
+                if ".." in relative.parts or not relative.name:
+                    continue
+                copy = likeness / relative
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                copy.write_bytes(store.cat_file(name) if name.endswith(TARGET_ENDING) else b"")
+            found = sorted(path.relative_to(likeness) for path in set(_below(likeness)))
+    return archive, [f"{archive}/{path}" if path.parts else archive for path in found]
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    if ground_truth_file(folder) is not None:
+        yield folder.resolve()
+        return
+    for path in entries(folder):
+        if path.name.startswith("."):
+            continue
+        has_target = not path.name.endswith(TARGET_ENDING) and exists(target_file(path))
+        if has_target and _is_recording(path):
+            yield path.resolve()
+        elif path.is_dir() and not path.is_symlink():
+            yield from _below(path)
+
+
+def _is_recording(path: Path) -> bool:
+    """Whether this is what the target file beside it is for, and not another file of that name."""
+    named = _named_in(target_file(path))
+    return (
+        path.resolve().name == named if named else path.is_dir() or is_bag(path) or _is_only(path)
+    )
+
+
+def _named_in(path: Path) -> str | None:
+    import yaml
+
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, yaml.YAMLError):
+        return None
+    named = document.get("recording") if isinstance(document, dict) else None
+    return named if isinstance(named, str) else None
+
+
+def _is_only(path: Path) -> bool:
+    beside = [each for each in entries(path.parent) if target_file(each) == target_file(path)]
+    return [each for each in beside if not each.name.endswith(TARGET_ENDING)] == [path]
+
+
+def _listed(lines: list[str]) -> Iterator[str]:
+    for line in lines:
+        text = line.partition("#")[0].strip()
+        if text:
+            yield text
+
+
+def _name(place: Place, base: Place) -> str:
+    """The folder of a recording's results: its place below the archive."""
+    whole, above = str(place), f"{base}/"
+    inside = whole.removeprefix(above) if whole.startswith(above) else ""
+    return inside or PurePosixPath(whole).name
+
+
+def _check_names(found: dict[str, Place]) -> None:
+    """Refuse a recording whose results would lie among those of another one."""
+    for name, place in found.items():
+        for parent in PurePosixPath(name).parents:
+            if str(parent) in found:
+                raise RecordingError(
+                    f"{place} is inside of {found[str(parent)]}, which is a recording itself; "
+                    "list one of them"
+                )
+
+
+def _state_in_store(url: str) -> list[list[Any]]:
+    try:
+        with telling_unreadable(url):
+            store, path = open_store(url)
+            names = [*store.find(path), _target_beside(store, path)]
+            return [[name, store.ukey(name)] for name in names if store.exists(name)]
+    except (FootageError, RecordingError):
+        # Told of when it is tracked.
+        return []
+
+
+def _target_beside(store: Any, path: str) -> str:
+    """Where the target of a recording stands, whether there is one or not."""
+    parent, _, name = path.rpartition("/")
+    stem = name if store.isdir(path) else PurePosixPath(name).stem
+    return f"{parent}/{stem}{TARGET_ENDING}"
+
+
+def _download(url: str, folder: Path) -> Path:
+    with telling_unreadable(url):
+        store, path = open_store(url)
+        names = store.find(path)
+        if not names:
+            raise FileNotFoundError(url)
+        parent, _, last = path.rpartition("/")
+        beside = _target_beside(store, path)
+        for name in [*names, *([beside] if store.exists(beside) else [])]:
+            copy = folder / name.removeprefix(f"{parent}/")
+            try:
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                store.get_file(name, str(copy))
+            except OSError as error:
+                if error.errno in DISK_IS_FULL:
+                    raise unwritable(copy, error) from error
+                raise
+        return folder / last

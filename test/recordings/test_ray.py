@@ -1,0 +1,211 @@
+"""An archive on a Ray cluster: the same results, whatever is killed on the way."""
+
+import contextlib
+import dataclasses
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pf_tracker_ros.recordings import RecordingError
+from pf_tracker_ros.recordings.archives.executors import WorkerEnded
+from pf_tracker_ros.recordings.archives.memory import needed_memory
+from pf_tracker_ros.recordings.archives.results import ResultsFolder
+from pf_tracker_ros.recordings.archives.tasks import make_tasks, run_tasks
+
+QUICK = ("--preset", "li2007", "--parameter", "particles=20")
+needs_ray = pytest.mark.skipif(
+    subprocess.run(
+        [sys.executable, "-c", "import ray"], capture_output=True, check=False
+    ).returncode,
+    reason="needs ray",
+)
+
+
+@pytest.fixture
+def start_on_ray(start_track, archive, monkeypatch, tmp_path):
+    """Starts the archive on two workers of a cluster of its own."""
+    # Ray keeps there the token that its processes know each other by.
+    monkeypatch.setenv("HOME", str(tmp_path))
+
+    def start(output):
+        ray = ("--ray", "local", "--jobs", 2)
+        return start_track("--archive", archive, "--output", output, *ray, *QUICK)
+
+    return start
+
+
+@needs_ray
+def test_killed_workers_and_a_killed_driver_cost_only_what_was_under_way(
+    serial, start_on_ray, watch, tmp_path
+):
+    output = tmp_path / "out"
+    driver = start_on_ray(output)
+    for count in (1, 3):
+        watch.wait_for_results(output, count)
+        watch.kill_worker(driver, "ray::_do")
+    watch.wait_for_results(output, 5)
+    watch.assert_whole(output)
+    driver.kill()
+    driver.communicate()
+    watch.assert_whole(output)
+    done = watch.boxes(output)
+    assert driver.returncode == -signal.SIGKILL
+    driver = start_on_ray(output)
+    said, errors = driver.communicate(timeout=120)
+    assert driver.returncode == 1
+    tracked, before = re.search(r"(\d+) tracked, (\d+) done before, 3 failed", said).groups()
+    assert int(tracked) + int(before) == 10
+    assert int(before) >= len(done) >= 5
+    assert watch.boxes(output) == watch.boxes(serial[0])
+    assert done.items() <= watch.boxes(output).items()
+    assert sorted(line for line in errors.splitlines() if line.startswith("track: ")) == sorted(
+        serial[1][2].splitlines()
+    )
+    names = [entry["name"] for entry in json.loads((serial[0] / "archive.json").read_text())]
+    manifest = json.loads((output / "archive.json").read_text())
+    assert [entry["name"] for entry in manifest] == names
+    assert not list(output.rglob(".track_*"))
+
+
+@needs_ray
+def test_ctrl_c_ends_it_and_its_cluster_which_nobody_else_can_reach(start_on_ray, watch, tmp_path):
+    output = tmp_path / "out"
+    driver = start_on_ray(output)
+    watch.wait_for_results(output, 1)
+    processes = [driver.pid, *watch.below(driver.pid, "ray")]
+    assert len(processes) > 3
+    addresses = [address for pid in processes for address in listening(pid)]
+    assert addresses
+    assert {address for address in addresses if not address.startswith("127.")} == set()
+    driver.send_signal(signal.SIGINT)
+    _, errors = driver.communicate(timeout=60)
+    assert driver.returncode == 130
+    assert "track: error: interrupted at once; what was not finished is gone\n" in errors
+    watch.assert_whole(output)
+    assert not list(output.rglob(".track_*"))
+
+
+def listening(pid):
+    """The addresses at which a process listens."""
+    links = set()
+    # A process may end meanwhile, and close what it had open.
+    with contextlib.suppress(OSError):
+        links = {str(path.readlink()) for path in Path(f"/proc/{pid}/fd").iterdir()}
+    for name, family, size in (("tcp", socket.AF_INET, 4), ("tcp6", socket.AF_INET6, 16)):
+        with Path(f"/proc/net/{name}").open() as file:
+            for line in list(file)[1:]:
+                _, local, _, state, *rest = line.split()
+                if state == "0A" and f"socket:[{rest[5]}]" in links:
+                    words = bytes.fromhex(local.split(":")[0])
+                    octets = b"".join(words[i : i + 4][::-1] for i in range(0, size, 4))
+                    yield socket.inet_ntop(family, octets).removeprefix("::ffff:")
+
+
+@needs_ray
+@pytest.mark.parametrize("address", ["nowhere", "127.0.0.1:1"])
+def test_without_a_cluster_it_says_how_to_have_one(start_track, archive, tmp_path, address):
+    process = start_track(
+        "--archive", archive, "--output", tmp_path / "out", "--ray", address, *QUICK
+    )
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert f"there is no Ray cluster to be had at {address} (" in errors
+    assert errors.endswith("or let --ray local start one on this machine\n")
+
+
+def test_without_ray_it_says_what_to_install(archive, track, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    arguments = ("--archive", archive, "--output", tmp_path / "out", "--ray", "local")
+    code, _, errors = track(*arguments)
+    assert code == 2
+    assert "ray is not installed: pip install ray, or '.[ray]' in the sources" in errors
+    code, _, errors = track(archive / "day_0" / "drive_0", *arguments[2:])
+    assert code == 2
+    assert "--ray is for an archive" in errors
+
+
+class Losing:
+    """Does tasks in this process; says of some that their worker has ended.
+
+    Attributes:
+        rounds: Names of the tasks of each round.
+    """
+
+    workers = 1
+
+    def __init__(self, is_lost):
+        self._is_lost = is_lost
+        self.rounds = []
+
+    def run(self, work, tasks):
+        self.rounds.append([task.name for task in tasks])
+        for number, task in enumerate(tasks):
+            lost = self._is_lost(task.name, len(self.rounds))
+            yield number, WorkerEnded("its worker was lost") if lost else work(task)
+
+
+@pytest.fixture
+def tasks(archive, tmp_path):
+    """Three tasks in a folder where a run is at work."""
+    recordings = {f"drive_{n}": archive / f"day_{n % 2}" / f"drive_{n}" for n in range(3)}
+    with ResultsFolder(tmp_path / "out").alone() as results:
+        yield make_tasks(recordings, results, QUICK)
+
+
+def test_what_workers_lose_is_done_again_as_long_as_anything_gets_done(tasks):
+    # One is done in each round: the last one after more rounds than are granted without any.
+    order = {task.name: 3 * number + 1 for number, task in enumerate(tasks)}
+    executor = Losing(lambda name, number: number < order[name])
+    found = {task.name: entry for task, entry in run_tasks(tasks, executor)}
+    assert len(executor.rounds) == 7
+    assert {entry.exit_code for entry in found.values()} == {0}
+
+
+def test_a_recording_that_ends_every_worker_is_told_and_does_not_stop_the_others(tasks):
+    executor = Losing(lambda name, number: name == "drive_1")
+    found = {task.name: entry for task, entry in run_tasks(tasks, executor)}
+    assert [entry.exit_code for _, entry in sorted(found.items())] == [0, 1, 0]
+    assert found["drive_1"].error.endswith("drive_1: its worker was lost, again and again")
+    assert executor.rounds[1:] == [["drive_1"]] * 4
+
+
+def test_a_worker_with_another_version_does_nothing(tasks):
+    others = [dataclasses.replace(task, version="0.0.1") for task in tasks]
+    found = dict(run_tasks(others, Losing(lambda name, number: False)))
+    for task, entry in found.items():
+        assert entry.exit_code == 1
+        assert "and not 0.0.1; install the same everywhere" in entry.error
+        assert not (task.results.path / task.name).exists()
+
+
+def test_a_worker_that_sees_another_folder_or_is_of_another_run_does_not_write(tasks, tmp_path):
+    elsewhere = dataclasses.replace(tasks[0].results, path=tmp_path / "unshared")
+    others = [dataclasses.replace(task, results=elsewhere) for task in tasks]
+    for _, entry in run_tasks(others, Losing(lambda name, number: False)):
+        assert "is another folder than that of the run; give one that all machines share" in (
+            entry.error
+        )
+    assert not (tmp_path / "unshared").exists()
+    former = dataclasses.replace(tasks[0].results, run="former")
+    with pytest.raises(RecordingError, match="another run has taken over"):
+        former.put(tmp_path, "drive_0")
+    assert not (tmp_path / "out" / "drive_0").exists()
+
+
+def test_memory_goes_by_the_size_of_the_images_and_what_is_written(tasks, archive):
+    task = tasks[0]
+    (archive / "day_0" / "drive_0.target.yaml").write_text(
+        "target_box: [20, 30, 24, 24]\nimage_size: [640, 480]\n"
+    )
+    plain = needed_memory(task)
+    assert 200e6 < plain < 300e6
+    full = dataclasses.replace(task, arguments=("--video", "--report"))
+    assert needed_memory(full) > 1.5 * plain
+    # Nothing runs in memory that is missing: one that does not tell has large images.
+    assert needed_memory(tasks[1]) > 1.5 * plain

@@ -1,0 +1,305 @@
+"""Archives whose recordings and results are in an object store."""
+
+import contextlib
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+
+import pytest
+
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.recordings import RecordingError
+from pf_tracker_ros.recordings.archives.results import ResultsStore, results_at
+from pf_tracker_ros.recordings.archives.scratch import scratch_folder
+from pf_tracker_ros.recordings.archives.sources import find_recordings
+from pf_tracker_ros.recordings.archives.stores import as_place
+from pf_tracker_ros.recordings.archives.tasks import (
+    done_entries,
+    make_tasks,
+    run_tasks,
+    write_manifest,
+)
+
+fsspec = pytest.importorskip("fsspec")
+QUICK = ("--preset=li2007", "--parameter=particles=20")
+
+
+class Here:
+    """Does tasks in this process, where the store in memory is."""
+
+    workers = 1
+
+    @staticmethod
+    def run(work, tasks):
+        for number, task in enumerate(tasks):
+            yield number, work(task)
+
+
+@pytest.fixture
+def memory(archive):
+    """A store in memory that holds the archive at memory://fleet."""
+    store = fsspec.filesystem("memory")
+    store.store.clear()
+    store.pseudo_dirs[:] = [""]
+    store.put(f"{archive}/", "/fleet/", recursive=True)
+    yield store
+    store.store.clear()
+
+
+@pytest.fixture
+def scratch(monkeypatch, tmp_path):
+    """The folder where scratch folders are made."""
+    folder = tmp_path / "scratch"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
+
+
+def run(archive="memory://fleet", url="memory://boxes", arguments=QUICK):
+    """Track what is not done; name to what came of it, and the names that were done."""
+    with ResultsStore(url).alone() as results:
+        tasks = make_tasks(find_recordings(archive), results, arguments)
+        done = done_entries(tasks, results)
+        waiting = [task for task in tasks if task.name not in done]
+        found = {task.name: entry for task, entry in run_tasks(waiting, Here())}
+        entries = {**done, **found}
+        write_manifest(results, [entries[task.name] for task in tasks])
+        return entries, set(found)
+
+
+def stored(store, url="/boxes"):
+    """Name of a recording to the bytes of its boxes."""
+    return {
+        name.removeprefix(f"{url}/").rpartition("/")[0]: store.cat_file(name)
+        for name in store.find(url)
+        if name.endswith("boxes.csv")
+    }
+
+
+def test_recordings_and_results_in_a_store_are_as_those_in_folders(
+    serial, memory, archive, scratch, watch
+):
+    output, (_, _, errors) = serial
+    assert list(find_recordings("memory://fleet")) == list(find_recordings(archive))
+    entries, _ = run()
+    assert stored(memory) == watch.boxes(output)
+    manifest = json.loads(memory.cat_file("/boxes/archive.json"))
+    local = json.loads((output / "archive.json").read_text())
+    told = ("name", "exit_code", "frames", "states")
+    assert [[entry[key] for key in told] for entry in manifest] == [
+        [entry[key] for key in told] for entry in local
+    ]
+    sentences = [entry.error for entry in entries.values() if entry.error]
+    assert sorted(sentences) == sorted(
+        line.removeprefix("track: error: ").replace(str(archive), "memory://fleet")
+        for line in errors.splitlines()
+    )
+    assert list(scratch.iterdir()) == []
+
+
+def test_only_what_has_changed_in_a_store_is_done_again(memory):
+    _, done = run()
+    assert len(done) == 13
+    _, done = run()
+    assert done == {"broken", "noise.mp4", "shots"}
+    truth = memory.cat_file("/fleet/day_0/drive_2/groundtruth.txt")
+    memory.pipe_file(
+        "/fleet/day_0/drive_2/groundtruth.txt", truth.replace(b"20,30,24,24", b"21,31,24,24")
+    )
+    _, done = run()
+    assert done == {"broken", "noise.mp4", "shots", "day_0/drive_2"}
+    _, done = run(arguments=(*QUICK, "--seed=1"))
+    assert len(done) == 13
+
+
+def test_what_was_not_put_there_to_the_end_is_not_done(memory, monkeypatch):
+    memory.pipe_file("/fleet/some.txt", b"day_0/drive_0\n")
+    run("memory://fleet/some.txt")
+    assert "/boxes/day_0/drive_0/done.json" in memory.store
+    put = type(memory).put_file
+
+    def fail_soon(self, local, remote, **further):
+        if "boxes.csv" in remote:
+            put(self, local, remote, **further)
+        else:
+            raise ConnectionError("the line is dead")
+
+    monkeypatch.setattr(type(memory), "put_file", fail_soon)
+    entries, _ = run("memory://fleet/some.txt", arguments=(*QUICK, "--seed=1"))
+    (entry,) = entries.values()
+    assert entry.exit_code == 1
+    assert entry.error == "memory://boxes/day_0/drive_0 cannot be written (the line is dead)"
+    # Boxes of another run than the one that is told are there.
+    assert "/boxes/day_0/drive_0/done.json" not in memory.store
+    monkeypatch.undo()
+    for _ in range(2):
+        entries, done = run("memory://fleet/some.txt")
+    assert done == set()
+    assert entries["day_0/drive_0"].exit_code == 0
+
+
+def test_files_of_a_run_with_other_outputs_do_not_stay(memory):
+    memory.pipe_file("/fleet/some.txt", b"day_0/drive_0\nmemory://fleet/day_1/drive_1  # by URL\n")
+    pytest.importorskip("matplotlib")
+    _, done = run("memory://fleet/some.txt", arguments=(*QUICK, "--report"))
+    assert done == {"day_0/drive_0", "day_1/drive_1"}
+    page = memory.cat_file("/boxes/day_1/drive_1/report.html").decode()
+    assert "memory://fleet/day_1/drive_1" in page
+    assert tempfile.gettempdir() + "/" not in page
+    run("memory://fleet/some.txt")
+    assert memory.find("/boxes/day_0/drive_0") == [
+        "/boxes/day_0/drive_0/boxes.csv",
+        "/boxes/day_0/drive_0/done.json",
+    ]
+
+
+def test_one_recording_may_have_a_url_too(track, memory, rows, scratch, tmp_path):
+    output = tmp_path / "out"
+    code, said, _ = track("memory://fleet/day_0/drive_0", "--output", output, *QUICK)
+    assert code == 0
+    assert said.startswith("memory://fleet/day_0/drive_0: 20 frames (100% tracking), ")
+    assert len(rows(output)) == 20
+    assert list(scratch.iterdir()) == []
+    code, _, errors = track("memory://fleet/nothing.mp4", "--output", tmp_path / "more")
+    assert (code, errors) == (3, "track: error: there is no memory://fleet/nothing.mp4\n")
+    code, _, errors = track("nostore://fleet/drive.mp4", "--output", tmp_path / "more")
+    assert code == 2
+    assert "nostore://fleet/drive.mp4 cannot be opened (Protocol not known: nostore)" in errors
+
+
+def test_without_fsspec_it_says_what_to_install(track, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "fsspec", None)
+    code, _, errors = track("--archive", "s3://bucket/fleet", "--output", tmp_path)
+    assert code == 2
+    assert "fsspec is not installed: pip install fsspec, or '.[archives]'" in errors
+
+
+def test_a_dry_run_looks_into_copies_of_some(track, memory, scratch, tmp_path):
+    arguments = ("--archive", "memory://fleet", "--output", tmp_path / "out", "--dry-run", *QUICK)
+    code, said, _ = track(*arguments)
+    assert code == 0
+    last = said.splitlines()[-1]
+    counts = r"13 of 13 recordings, (\d+) frames and those of (\d+) that do not tell; about 0:00:"
+    assert re.match(counts, last)
+    assert not (tmp_path / "out").exists()
+    assert list(scratch.iterdir()) == []
+
+
+def test_only_stores_that_put_things_there_whole_take_results(track, archive, tmp_path):
+    with pytest.raises(RecordingError, match=r"cannot go to sftp://; allowed: a folder, s3, "):
+        results_at("sftp://host/boxes")
+    assert results_at(as_place("file:///data/some%20boxes")).name == "/data/some boxes"
+    code, _, errors = track(archive / "day_0" / "drive_0", "--output", "s3://bucket/boxes")
+    assert code == 2
+    assert "--output s3://bucket/boxes is for an archive; allowed: a folder" in errors
+
+
+def test_an_archive_that_is_not_there_is_told():
+    with pytest.raises(FootageError, match="there is no archive memory://nowhere, or it is empty"):
+        find_recordings("memory://nowhere")
+
+
+def test_scratch_folders_of_killed_processes_go_and_those_in_use_stay(scratch):
+    code = (
+        "import sys, tempfile; tempfile.tempdir = sys.argv[1]\n"
+        "from pf_tracker_ros.recordings.archives.scratch import scratch_folder\n"
+        "with scratch_folder() as folder:\n"
+        "    (folder / 'copy').write_text('')\n"
+        "    print(folder, flush=True)\n"
+        "    sys.stdin.read()\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, scratch],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    with contextlib.closing(process.stdin):
+        other = process.stdout.readline().strip()
+        with scratch_folder() as mine:
+            assert {str(path) for path in scratch.iterdir()} == {other, str(mine)}
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    process.stdout.close()
+    assert [str(path) for path in scratch.iterdir()] == [other]
+    with scratch_folder() as mine:
+        assert list(scratch.iterdir()) == [mine]
+    assert list(scratch.iterdir()) == []
+
+
+@pytest.fixture
+def bucket(monkeypatch, archive):
+    """An object store as Amazon's that holds the archive at s3://bucket/fleet."""
+    pytest.importorskip("moto", reason="needs moto[server]")
+    pytest.importorskip("s3fs")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    server = subprocess.Popen(
+        [sys.executable, "-m", "moto.server", "--host", "127.0.0.1", "--port", str(port)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    for name, value in {
+        "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}",
+        "AWS_ACCESS_KEY_ID": "key",
+        "AWS_SECRET_ACCESS_KEY": "secret",
+        "AWS_DEFAULT_REGION": "us-east-1",
+    }.items():
+        monkeypatch.setenv(name, value)
+    try:
+        deadline = time.monotonic() + 60
+        while True:
+            with contextlib.suppress(OSError):
+                socket.create_connection(("127.0.0.1", port)).close()
+                break
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        store = fsspec.filesystem("s3", skip_instance_cache=True)
+        store.mkdir("bucket")
+        store.put(f"{archive}/", "bucket/fleet/", recursive=True)
+        yield store
+    finally:
+        server.kill()
+        server.wait()
+
+
+def test_killed_processes_leave_only_whole_objects(serial, bucket, start_track, watch):
+    expected = watch.boxes(serial[0])
+    arguments = ("--archive", "s3://bucket/fleet", "--output", "s3://bucket/boxes", "--jobs", 2)
+    for count in (2, 5):
+        driver = start_track(*arguments, *QUICK)
+        while True:
+            assert driver.poll() is None
+            bucket.invalidate_cache()
+            names = bucket.find("bucket/boxes")
+            if sum(name.endswith("done.json") for name in names) >= count:
+                break
+            time.sleep(0.02)
+        driver.kill()
+        driver.communicate()
+        bucket.invalidate_cache()
+        found = stored(bucket, "bucket/boxes")
+        assert found.items() <= expected.items()
+        for name in bucket.find("bucket/boxes"):
+            assert not name.endswith("done.json") or json.loads(bucket.cat_file(name))
+    driver = start_track(*arguments, *QUICK)
+    said, _ = driver.communicate(timeout=120)
+    assert driver.returncode == 1
+    assert re.search(r"13 recordings: \d tracked, \d done before, 3 failed", said)
+    bucket.invalidate_cache()
+    assert stored(bucket, "bucket/boxes") == expected
+    assert len(json.loads(bucket.cat_file("bucket/boxes/archive.json"))) == 13
+
+
+def test_a_store_that_refuses_is_told_in_one_sentence(bucket, start_track, tmp_path):
+    driver = start_track("--archive", "s3://bucket/fleet", "--output", "s3://missing/boxes")
+    _, errors = driver.communicate(timeout=60)
+    assert driver.returncode == 1
+    (line,) = errors.splitlines()
+    assert line.startswith("track: error: s3://missing/boxes/.lock cannot be written (")
