@@ -3,6 +3,7 @@ import * as heat from "./heat.js";
 import * as plots from "./plots.js";
 import * as recording from "./recording.js";
 import * as stage from "./stage.js";
+import * as targets from "./targets.js";
 import * as tune from "./tune.js";
 
 const RECONNECT = 500, RATE_WINDOW = 2000;
@@ -10,7 +11,7 @@ const at = (id) => document.getElementById(id);
 const text = (id, content) => { if (at(id).textContent !== content) at(id).textContent = content; };
 const number = (value, digits) => typeof value === "number" ? value.toFixed(digits) : "–";
 
-let socket = null, health = {}, lastStatus = null, drawnAt = [];
+let socket = null, health = {}, lastStatus = null, drawn = [];  // of the last frames, when and how many octets
 
 export function send(message) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
@@ -36,6 +37,8 @@ function connect() {
 
 const handlers = {
   welcome(message) {
+    send({ type: "welcomed" });
+    tellView();
     text("name", message.tracker.replace(/^\//, ""));
     heat.ask();
   },
@@ -45,7 +48,10 @@ const handlers = {
     if (!message.ok && ["target", "click"].includes(message.about)) stage.judge("refused");
   },
   recording(message) { recording.show(message); },
-  parameters(message) { tune.show(message.parameters); },
+  parameters(message) {
+    tune.show(message.parameters);
+    targets.allow(message.parameters.find((one) => one.name === "max_targets")?.value ?? 1);
+  },
   set(message) { tune.judge(message.name, message.refusal); },
   verdict(message) {
     note(message.text, message.outcome !== "refused");
@@ -61,11 +67,12 @@ async function show(data) {
   const jpeg = new Uint8Array(data, 4 + length);
   if (jpeg.length) {
     const bitmap = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" }));
+    text("jpeg", `${frame.quality}, ${bitmap.width} px`);
     stage.show(frame, bitmap);
   }
   send({ type: "shown" });
   const now = performance.now();
-  drawnAt = [...drawnAt.filter((time) => now - time < RATE_WINDOW), now];
+  drawn = [...drawn.filter(([time]) => now - time < RATE_WINDOW), [now, data.byteLength]];
   if (frame.error) note(frame.error, false);
   showStatus(frame);
 }
@@ -106,14 +113,23 @@ function showHealth() {
   stage.setPaused(heard && health.text.startsWith("paused"));
 }
 
+// A picture needs no more pixels than it is shown with.
+function tellView() {
+  const width = Math.round(at("stage").clientWidth * devicePixelRatio);
+  if (width && socket?.readyState === WebSocket.OPEN) send({ type: "view", width });
+}
+
 setInterval(() => {
   const now = performance.now();
-  drawnAt = drawnAt.filter((time) => now - time < RATE_WINDOW);
-  text("rate", `${number(1000 * drawnAt.length / RATE_WINDOW, 1)} frames/s`);
+  drawn = drawn.filter(([time]) => now - time < RATE_WINDOW);
+  text("rate", `${number(1000 * drawn.length / RATE_WINDOW, 1)} frames/s`);
+  text("link", `${number(8e-3 * drawn.reduce((sum, [, octets]) => sum + octets, 0) / RATE_WINDOW, 1)} Mbit/s`);
 }, 500);
 
 heat.begin(send);
 recording.begin(send);
 stage.begin(send, note);
+targets.begin(send);
 tune.begin(send);
+new ResizeObserver(tellView).observe(at("stage"));
 connect();

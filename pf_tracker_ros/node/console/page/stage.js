@@ -1,6 +1,7 @@
 // The picture, what is drawn over it, and drawing a target: by pointer, touch or keyboard.
 import * as heat from "./heat.js";
 import * as recording from "./recording.js";
+import * as targets from "./targets.js";
 
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay"), picture = at("picture"), context = picture.getContext("2d");
@@ -42,7 +43,7 @@ export function show(next, bitmap) {
 
 export function clear() {
   trail = [];
-  if (frame) frame = { ...frame, box: null, particles: null, status: null };
+  if (frame) frame = { ...frame, box: null, particles: null, status: null, targets: null, detections: null };
   if (frame && mode === "live") drawOverlay();
 }
 
@@ -76,6 +77,7 @@ function drawOverlay() {
   place(at("box"), box);
   place(at("halo"), box);
   heat.show(frame);
+  targets.show(frame);
   const unit = frame.width / overlay.clientWidth || 1;
   set(at("particles"), { d: (frame.particles ?? []).map(([x, y, weight]) => {
     const side = unit * (1.5 + 5 * weight);

@@ -2,7 +2,7 @@
 const at = (id) => document.getElementById(id);
 let send;
 let structure = "";        // which fields there are
-const fields = new Map();  // name to { row, show, refusal }
+const fields = new Map();  // name to { row, show, refusal, reset, input }
 
 function element(tag, properties = {}, ...children) {
   const made = Object.assign(document.createElement(tag), properties);
@@ -17,7 +17,9 @@ export function show(parameters) {
   for (const one of parameters) {
     const field = fields.get(one.name);
     field.show(one.value);
-    field.row.classList.toggle("changed", JSON.stringify(one.value) !== JSON.stringify(one.usual));
+    const changed = JSON.stringify(one.value) !== JSON.stringify(one.usual);
+    field.row.classList.toggle("changed", changed);
+    field.reset.disabled = !changed || one.fixed || one.usual === null;
   }
   for (const details of at("groups").querySelectorAll("details")) {
     const changed = details.querySelectorAll(".changed").length;
@@ -59,12 +61,16 @@ function row(one) {
     input.disabled = one.fixed;
   }
   const allowed = one.range ? `${one.range[0]} to ${one.range[1]}` : one.constraints.replace(/^allowed: /, "");
+  const reset = element("button", { type: "button", className: "reset", textContent: "Reset", ariaLabel: `Reset ${one.name}`, onclick() {
+    inputs[0].focus();  // the button goes as it has done its work
+    give(one.usual);
+  } });
   const made = element("div", { className: "parameter" },
     element("label", { htmlFor: id, textContent: one.name }),
-    element("div", { className: "field" }, ...inputs.map((input) => input.choice ? element("label", { className: "choice" }, input, input.choice) : input)),
+    element("div", { className: "field" }, ...inputs.map((input) => input.choice ? element("label", { className: "choice" }, input, input.choice) : input), reset),
     element("p", { className: "quiet", id: `${id}-about`, textContent: `${one.description} Allowed: ${allowed}.${one.fixed ? " Fixed while the node runs." : ""}` }),
     refusal);
-  fields.set(one.name, { row: made, show, refusal, input: inputs[0] });
+  fields.set(one.name, { row: made, show, refusal, reset, input: inputs[0] });
   return made;
 }
 
