@@ -23,7 +23,8 @@ from pf_tracker_ros.node.console.requests import (
     numbers_of,
     stamp_in,
 )
-from pf_tracker_ros.node.console.tracker_link import TrackerError, TrackerLink
+from pf_tracker_ros.node.console.tracker_link import TrackerLink
+from pf_tracker_ros.node.console.tracker_services import TrackerError
 from pf_tracker_ros.node.console.tuning import parameter_file, parameter_of
 
 # How often is looked at what does not come by itself: silence, and frames without an answer.
@@ -213,11 +214,11 @@ class Hub:
     async def _on_stop(self, message: Json) -> None:
         if self._player:
             self._player.picked = None
-        await self._note("stop", await self._link.stop())
+        await self._note("stop", await self._link.services.stop())
 
     async def _on_enable(self, message: Json) -> None:
         enabled = flag_of(message, "enabled")
-        await self._note("enable", await self._link.enable(enabled))
+        await self._note("enable", await self._link.services.enable(enabled))
 
     def _tell_verdict(self, verdict: Verdict) -> None:
         if self._player and verdict.outcome == "refused":
@@ -234,7 +235,8 @@ class Hub:
         if known is None:
             raise RequestError(f"there is no parameter {name!r}")
         try:
-            refusal = await self._link.set_parameter(parameter_of(known, message.get("value")))
+            wanted = parameter_of(known, message.get("value"))
+            refusal = await self._link.services.set_parameter(wanted)
         except (ValueError, TrackerError) as error:
             refusal = str(error)
         await browser.send_json({"type": "set", "name": name, "refusal": refusal})
@@ -242,7 +244,7 @@ class Hub:
     async def _on_reset(self, message: Json) -> None:
         """Take the preset in force anew, and so all values of it."""
         known = self._known("preset")
-        if refusal := await self._link.set_parameter(parameter_of(known, known["value"])):
+        if refusal := await self._link.services.set_parameter(parameter_of(known, known["value"])):
             raise RequestError(refusal)
         await self._note("reset", f"every value is that of the preset {known['value']}")
 
@@ -255,7 +257,7 @@ class Hub:
 
     async def _read_parameters(self) -> None:
         try:
-            self._parameters = await self._link.parameters()
+            self._parameters = await self._link.services.parameters()
         except TrackerError:
             self._parameters_are_old = True
             await asyncio.sleep(_TICK)

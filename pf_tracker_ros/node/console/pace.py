@@ -10,6 +10,7 @@ import asyncio
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from pf_tracker_ros.node.console.pictures import DETAILS, Detail
 
@@ -30,6 +31,10 @@ _INTERVAL = 0.4
 _PATIENCE = 1.5
 _LONGEST_PATIENCE = 40.0
 _TOO_MUCH_WITHIN = 4.0
+# Less detail has to bring so many times the frames. Else something other than the link limits them,
+# such as a browser that has little of its machine; for so many seconds it is not tried again.
+_USEFUL = 1.15
+_USELESS = 20.0
 
 
 @dataclass
@@ -40,6 +45,13 @@ class _Measured:
     frames: int = 0
     passed_over: int = 0
     busy: float = 0.0
+
+
+class _Lowered(NamedTuple):
+    """From which level less detail was given, and how many frames a second it had."""
+
+    level: int
+    rate: float
 
 
 class Pace:
@@ -62,8 +74,12 @@ class Pace:
         self._most_under_way = _FRAMES_UNDER_WAY
         self._level = 0
         self._measured = _Measured(now)
-        self._roomy_since = self._raised_at = now
+        self._roomy_since = now
+        self._raised_at: float | None = None
         self._patience = _PATIENCE
+        self._lowered: _Lowered | None = None
+        self._useless_until = now
+        self._unjudged = 0
 
     @property
     def detail(self) -> Detail:
@@ -82,9 +98,14 @@ class Pace:
             frames = 1 + math.ceil(self._round_trip * _WANTED_RATE)
             self._most_under_way = min(_MOST_UNDER_WAY, max(_FRAMES_UNDER_WAY, frames))
 
+    @property
+    def is_free(self) -> bool:
+        """Whether a frame may be sent."""
+        return self._taken < self._most_under_way
+
     async def take(self) -> None:
-        """Wait until a frame may be sent."""
-        while self._taken >= self._most_under_way:
+        """Wait until a frame may be sent, which it then has to be."""
+        while not self.is_free:
             self._freed.clear()
             await self._freed.wait()
         self._taken += 1
@@ -107,6 +128,11 @@ class Pace:
         self._taken -= 1
         self._freed.set()
         self._round_trip = min(self._round_trip, now - sent_at)
+        if self._unjudged:
+            self._unjudged -= 1
+            self._shown_at = now
+            self._measured = _Measured(now)
+            return
         measured = self._measured
         measured.frames += 1
         # The way itself is no work of the link, nor is what waits behind another frame.
@@ -122,15 +148,37 @@ class Pace:
         self._measured = _Measured(now)
         load, rate = measured.busy / elapsed, measured.frames / elapsed
         wanted = min(_WANTED_RATE, (measured.frames + measured.passed_over) / elapsed)
+        if self._raised_at is not None and now - self._raised_at > _TOO_MUCH_WITHIN:
+            # The link bears it.
+            self._raised_at, self._patience = None, _PATIENCE
         if load > _FULL and rate < _RATE_ENOUGH * wanted:
-            was_too_much = now - self._raised_at < _TOO_MUCH_WITHIN
-            self._patience = 2.0 * self._patience if was_too_much else _PATIENCE
-            self._patience = min(_LONGEST_PATIENCE, self._patience)
-            steps = max(1, round(math.log(rate / wanted) / math.log(_STEP)))
-            self._level = min(len(DETAILS) - 1, self._level + steps)
-        elif load < _ROOM:
-            if self._level and now - self._roomy_since >= self._patience:
-                self._level -= 1
-                self._raised_at = self._roomy_since = now
+            self._roomy_since = now
+            self._relieve(rate, wanted, now)
             return
-        self._roomy_since = now
+        self._lowered = None
+        if load >= _ROOM:
+            self._roomy_since = now
+        elif self._level and now - self._roomy_since >= self._patience:
+            self._raised_at = self._roomy_since = now
+            self._change(self._level - 1)
+
+    def _relieve(self, rate: float, wanted: float, now: float) -> None:
+        """Give less detail, or take that back where it was of no use."""
+        if self._lowered and rate < _USEFUL * self._lowered.rate:
+            self._change(self._lowered.level)
+            self._lowered = None
+            self._useless_until = now + _USELESS
+            return
+        if now < self._useless_until or self._level == len(DETAILS) - 1:
+            return
+        if self._raised_at is not None:
+            self._patience = min(_LONGEST_PATIENCE, 2.0 * self._patience)
+            self._raised_at = None
+        self._lowered = _Lowered(self._level, rate)
+        steps = max(1, round(math.log(rate / wanted) / math.log(_STEP)))
+        self._change(min(len(DETAILS) - 1, self._level + steps))
+
+    def _change(self, level: int) -> None:
+        self._level = level
+        # What is under way is of the level before.
+        self._unjudged = len(self._sent_at)

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from pf_tracker_ros.node.console.answers import Json
-from pf_tracker_ros.node.console.tracker_link import TrackerError, TrackerLink
+from pf_tracker_ros.node.console.tracker_link import TrackerLink
+from pf_tracker_ros.node.console.tracker_services import TrackerError
 
 _REFUSED = "target refused"
 # A frame that is answered so much later, in seconds, would have told of the target.

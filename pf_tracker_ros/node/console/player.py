@@ -140,7 +140,7 @@ class Player:
             try:
                 if not await loop.run_in_executor(None, recording.settle):
                     raise RequestError("the tracker does not answer the recording's last frame")
-                await self._link.stop()
+                await self._link.services.stop()
                 target, first = self.picked, frame
                 if target:
                     send = partial(self._link.send_target, target.box, target.stamp)

@@ -22,7 +22,7 @@ FLAGS = [
     "--disable-component-update",
     "--disable-sync",
 ]
-PAGE_DEADLINE = 15_000.0
+PAGE_DEADLINE = 60_000.0
 POLL = 20.0
 LOST_AFTER = 1.0
 

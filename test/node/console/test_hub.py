@@ -150,5 +150,3 @@ def test_images_and_particles_are_asked_for_while_somebody_looks(run):
         return seen, link.watched
 
     assert run(scenario) == ([True], [True, False])
-
-

@@ -152,6 +152,68 @@ def test_the_target_is_saved_beside_the_recording(player, moving_square, bag):
     assert [path.name for path in bag.parent.iterdir() if path.name.startswith(".")] == []
 
 
+@pytest.fixture
+def saved(bag):
+    """A function that writes the target file of the recording."""
+
+    def save(**values):
+        (bag.parent / "drive.target.yaml").write_text(yaml.safe_dump(values))
+
+    return save
+
+
+@pytest.mark.usefixtures("tracker")
+def test_a_saved_target_is_tried_from_its_frame(
+    saved, start_console, open_page, bag, moving_square
+):
+    box = [float(value) for value in moving_square.boxes[3]]
+    saved(target_box=box, frame=3, stamp=stamp_at(3), image_size=[160, 120])
+    page = open_page(start_console(source=str(bag)).link)
+    at_frame(page, 0)
+    page.locator("#load:enabled").click()
+    at_frame(page, 3)
+    page.wait_until(lambda: page.box, "box")
+    assert page.box == pytest.approx(box, abs=1e-2)
+    expected = boxes_in_lockstep(moving_square.images, tuple(box), 3)
+    go_to(page, 8)
+    assert page.box == pytest.approx(expected[stamp_at(8)], abs=2e-3)
+
+
+def test_a_target_that_has_just_been_saved_can_be_taken_again(player, moving_square):
+    assert player.locator("#load").is_disabled()
+    go_to(player, 2)
+    box = draw(player, moving_square.boxes[2])
+    player.locator("#save").click()
+    player.locator("#load:enabled").wait_for()
+    player.keyboard.press("s")
+    player.wait_until(lambda: "stopped" in player.text("note"), "answer")
+    player.locator("#load").click()
+    player.wait_until(lambda: player.stamp == stamp_at(2) and player.box, "box")
+    assert player.box == pytest.approx(box, abs=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({"target_box": [1, 2, 3]}, "'target_box' is [1, 2, 3]"),
+        ({"target_box": [1, 2, 3, 4], "stamp": 77}, "it belongs to another recording"),
+        ({"target_box": [1, 2, 3, 4], "image_size": [640, 480]}, "these have 160 x 120 px"),
+        ({"target_box": [1, 2, 3, 4], "recording": "other.mcap"}, "is the target of 'other.mcap'"),
+    ],
+)
+def test_a_target_file_that_is_wrong_or_of_another_recording_is_refused(
+    player, saved, values, reason
+):
+    # Written beside the recording after its start, in place of one that was saved.
+    draw(player, (20, 30, 24, 24))
+    player.locator("#save").click()
+    player.locator("#load:enabled").wait_for()
+    saved(**values)
+    player.locator("#load").click()
+    player.wait_until(lambda: reason in player.text("note"), "reason")
+    player.wait_until(lambda: player.box, "target that was there")
+
+
 def test_a_click_in_a_recording_is_tried_again_too(player, client):
     client.set_parameters(click_size=24.0)
     player.wait_until(

@@ -86,6 +86,47 @@ def test_a_preset_brings_other_parameters_and_reset_its_values(tuned, client):
     tuned.wait_until(lambda: field(tuned, "particles").input_value() == "60", "it on the page")
 
 
+def test_what_is_being_typed_stays_while_others_set_parameters(tuned, client, console, open_page):
+    other = open_page(console.link)
+    other.locator("#groups details").first.wait_for()
+    field(tuned, "track.lost_after").fill("7.5")
+    client.set_parameters(particles=123, preset="li2007")
+    other.wait_until(lambda: field(other, "particles").input_value() == "123", "what was set")
+    assert field(tuned, "track.lost_after").input_value() == "7.5"
+    field(tuned, "track.lost_after").press("Enter")
+    tuned.wait_until(lambda: client.get_parameters("track.lost_after") == [7.5], "what was typed")
+    tuned.wait_until(lambda: field(tuned, "particles").input_value() == "123", "what was set")
+
+
+def test_each_parameter_is_reset_by_itself(tuned, client):
+    (usual,) = client.get_parameters("track.lost_after")
+    resets = tuned.locator("#groups .reset:visible")
+    assert resets.count() == 0
+    for name, value in {"particles": "321", "track.lost_after": "7.5"}.items():
+        field(tuned, name).fill(value)
+        field(tuned, name).press("Enter")
+    tuned.wait_until(lambda: resets.count() == 2, "buttons beside what has changed")
+    tuned.get_by_label("Reset track.lost_after").click()
+    tuned.wait_until(lambda: client.get_parameters("track.lost_after") == [usual], "its value")
+    tuned.wait_until(lambda: resets.count() == 1, "one button less")
+    assert client.get_parameters("particles") == [321]
+    # The button has gone; whoever pressed it by key is at the field.
+    focused = tuned.evaluate("() => document.activeElement.id")
+    assert focused == "parameter-track.lost_after"
+
+
+def test_lists_and_choices_are_reset_as_well(tuned, client):
+    before = client.get_parameters("cues", "track.while_hidden")
+    tuned.get_by_label("hog", exact=True).check()
+    tuned.wait_until(lambda: client.get_parameters("cues") != before[:1], "other cues")
+    tuned.get_by_label("Reset cues").click()
+    field(tuned, "track.while_hidden").select_option("coast")
+    tuned.get_by_label("Reset track.while_hidden").click()
+    tuned.wait_until(
+        lambda: client.get_parameters("cues", "track.while_hidden") == before, "those of before"
+    )
+
+
 def test_what_others_set_is_shown(tuned, client):
     client.set_parameters(particles=123)
     tuned.wait_until(lambda: field(tuned, "particles").input_value() == "123", "the value")

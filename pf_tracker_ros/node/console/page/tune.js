@@ -2,6 +2,8 @@
 const at = (id) => document.getElementById(id);
 let send;
 let structure = "";        // which fields there are
+let typing = false;        // what is being typed stays until it is given
+let waiting = null;        // parameters that came meanwhile
 const fields = new Map();  // name to { row, show, refusal, reset, input }
 
 function element(tag, properties = {}, ...children) {
@@ -11,6 +13,10 @@ function element(tag, properties = {}, ...children) {
 }
 
 export function show(parameters) {
+  if (typing) {
+    waiting = parameters;
+    return;
+  }
   const now = JSON.stringify(parameters.map(({ value, ...rest }) => rest));
   if (now !== structure) build(parameters);
   structure = now;
@@ -129,7 +135,16 @@ const makers = {
   },
 };
 
+function endTyping() {
+  typing = false;
+  if (waiting) show(waiting);
+  waiting = null;
+}
+
 export function begin(sender) {
   send = sender;
+  at("groups").addEventListener("input", () => { typing = true; });
+  // Those of the fields themselves come first.
+  for (const kind of ["change", "focusout"]) at("groups").addEventListener(kind, endTyping);
   at("reset").addEventListener("click", () => send({ type: "reset" }));
 }
