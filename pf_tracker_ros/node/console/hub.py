@@ -58,6 +58,7 @@ class Hub:
             "target": self._on_target,
             "click": self._on_click,
             "stop": self._on_stop,
+            "stop_target": self._on_stop_target,
             "enable": self._on_enable,
             "reset": self._on_reset,
             **dict.fromkeys(player.REQUESTS, _refuse_without_recording),
@@ -98,6 +99,9 @@ class Hub:
             self._parameters_are_old = True
         elif kind == "fault":
             self._health.take_fault(content, now)
+        elif kind == "detections":
+            told = {"type": "detections", "stamp": str(stamp), "boxes": content}
+            self._soon(self._browsers.tell(told))
         elif kind == "health":
             self._health.take_diagnostics(content, now)
             self._link.follow_images(str(content["values"].get("image_topic", "")))
@@ -197,7 +201,8 @@ class Hub:
         x, y, width, height = numbers_of(message, "box", 4)
         stamp = stamp_in(message)
         box = (x, y, width, height)
-        if not (self._player and await self._player.try_target(box, stamp)):
+        # Of several targets, none is tried again: those before it go on.
+        if not self._player or self._has_several or not await self._player.try_target(box, stamp):
             await self._picker.send(partial(self._link.send_target, box, stamp))
 
     async def _on_click(self, message: Json) -> None:
@@ -215,6 +220,14 @@ class Hub:
         if self._player:
             self._player.picked = None
         await self._note("stop", await self._link.services.stop())
+
+    async def _on_stop_target(self, message: Json) -> None:
+        id = str(message.get("id"))
+        try:
+            self._link.stop_target(id)
+        except ValueError as error:
+            raise RequestError(str(error)) from error
+        await self._note("stop_target", f"target {id} is to stop")
 
     async def _on_enable(self, message: Json) -> None:
         enabled = flag_of(message, "enabled")
@@ -247,6 +260,10 @@ class Hub:
         if refusal := await self._link.services.set_parameter(parameter_of(known, known["value"])):
             raise RequestError(refusal)
         await self._note("reset", f"every value is that of the preset {known['value']}")
+
+    @property
+    def _has_several(self) -> bool:
+        return any(one["name"] == "max_targets" and one["value"] > 1 for one in self._parameters)
 
     def _known(self, name: str) -> Json:
         """A parameter that every tracker has."""

@@ -29,7 +29,7 @@ class Shown:
         stamp: Of its header, nanoseconds.
         image: The message.
         parts: What the tracker said of it, and of an earlier frame of the same stamp: `status`,
-            `box`, `particles` and `likelihood`, as far as it did.
+            `box`, `particles` and `likelihood`, of several targets `boxes`, as far as it did.
     """
 
     number: int
@@ -65,6 +65,10 @@ class _Answer:
         if status is None:
             return False
         state = status["values"].get("state")
+        if status.get("targets") is not None:
+            # Those of several targets come in one message, particles only where there are any.
+            needed = {"boxes"} | ({"particles"} & set(wanted) if status["targets"] else set())
+            return state not in _OF_A_TARGET or self.parts.keys() >= needed
         if state in _WITH_BOX and "box" not in self.parts:
             return False
         return state not in _OF_A_TARGET or self.parts.keys() >= set(wanted)
@@ -109,7 +113,7 @@ class Pairing:
 
         Args:
             stamp: Of the image that it is about.
-            part: `status`, `box`, `particles` or `likelihood`.
+            part: `status`, `box`, `boxes`, `particles` or `likelihood`.
             content: As in `Shown.answer`.
             now: As for `add_image`.
         """

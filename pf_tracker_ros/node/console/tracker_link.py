@@ -15,12 +15,16 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import UInt32
+from visualization_msgs.msg import MarkerArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.node.console.answers import box_of, heat_of, particles_of, status_of
+from pf_tracker_ros.node.console.several import boxes_of, detections_of, stop_message, targets_of
 from pf_tracker_ros.node.console.tracker_services import TrackerError, TrackerServices
 from pf_tracker_ros.node.message_building import box_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, advertise, subscribe
+from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 from pf_tracker_ros.node.tracker.image_input import ImageInput
 from pf_tracker_ros.stamps import set_stamp, stamp_of
 
@@ -48,8 +52,8 @@ class TrackerLink:
         node: The console's node.
         name: Of the tracker's node, in the console's namespace unless it begins with a slash.
         receive: Called in the executor with what came, its stamp in nanoseconds (0 without one),
-            and the content: `image`, `box`, `particles`, `likelihood`, `status`, `health`,
-            `parameters` for a change of these, or `fault`.
+            and the content: `image`, `box`, `boxes`, `particles`, `likelihood`, `status`,
+            `detections`, `health`, `parameters` for a change of these, or `fault`.
     """
 
     def __init__(self, node: Node, name: str, receive: Receive) -> None:
@@ -67,6 +71,7 @@ class TrackerLink:
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, DEFAULT_QOS)
         self._targets = self._advertise("target", PolygonStamped)
         self._clicks = self._advertise("click", PointStamped)
+        self._stops = self._advertise("stop_target", UInt32)
         self.services = TrackerServices(node, self.name, self._do)
         node.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
 
@@ -124,6 +129,17 @@ class TrackerLink:
         set_stamp(message.header, stamp)
         self._clicks.publish(message)
 
+    def stop_target(self, id: str) -> None:
+        """Let a tracker of several targets forget one of them.
+
+        Raises:
+            ValueError: That is no id of a target.
+            TrackerError: Nobody takes it.
+        """
+        message = stop_message(id)
+        self._expect_subscriber(self._stops)
+        self._stops.publish(message)
+
     # In the executor
 
     def _do(self, action: Callable[[], None]) -> None:
@@ -147,7 +163,15 @@ class TrackerLink:
                 self._subscribe("box", PolygonStamped, DEFAULT_QOS, self._on_box),
                 self._subscribe("status", DiagnosticArray, _EVERY_STATUS, self._on_status),
                 self._subscribe("particles", PointCloud2, DEFAULT_QOS, self._on_particles),
+                self._subscribe("boxes", MarkerArray, DEFAULT_QOS, self._on_boxes),
             ]
+            if DETECTIONS_TYPE:
+                topic = f"{self.name.rpartition('/')[0]}/detections"
+                self._answers.append(
+                    self._node.create_subscription(
+                        DETECTIONS_TYPE, topic, self._on_detections, DEFAULT_QOS
+                    )
+                )
 
     def _watch_likelihood(self, watched: bool) -> None:
         if watched and self._likelihood is None:
@@ -215,12 +239,23 @@ class TrackerLink:
     def _on_particles(self, message: PointCloud2) -> None:
         self._receive("particles", stamp_of(message.header), particles_of(message))
 
+    def _on_boxes(self, message: MarkerArray) -> None:
+        if message.markers:
+            self._receive("boxes", stamp_of(message.markers[0].header), boxes_of(message))
+
+    def _on_detections(self, message: Any) -> None:
+        self._receive("detections", stamp_of(message.header), detections_of(message))
+
     def _on_likelihood(self, message: Image) -> None:
         self._receive("likelihood", stamp_of(message.header), heat_of(message))
 
     def _on_status(self, message: DiagnosticArray) -> None:
-        for status in message.status[:1]:
-            self._receive("status", stamp_of(message.header), status_of(status))
+        if message.status:
+            own, *others = message.status
+            status = status_of(own)
+            # A tracker of several targets tells how many there are.
+            status["targets"] = targets_of(others) if "targets" in status["values"] else None
+            self._receive("status", stamp_of(message.header), status)
 
     def _on_parameters(self, message: ParameterEvent) -> None:
         if message.node == self.name:

@@ -45,6 +45,18 @@ def test_particles_are_waited_for_where_somebody_looks(pairing):
     assert pairing.choose(now=0.0)
 
 
+def test_of_several_targets_the_boxes_are_waited_for_and_no_single_one(pairing):
+    pairing.wanted = {"particles", "likelihood"}
+    crowd = TRACKING | {"targets": [{"id": "1"}]}
+    pairing.add_image(2, "picture", now=0.0)
+    pairing.add_answer(2, "status", crowd, now=0.0)
+    pairing.add_answer(2, "particles", [], now=0.0)
+    assert not pairing.choose(now=0.0)
+    pairing.add_answer(2, "boxes", {}, now=0.0)
+    assert pairing.choose(now=0.0)
+    assert pairing.latest.answer.keys() == {"status", "particles", "boxes"}
+
+
 def test_without_a_target_there_is_nothing_to_wait_for(pairing):
     pairing.wanted = {"particles"}
     pairing.add_image(2, "picture", now=0.0)

@@ -52,6 +52,7 @@ const handlers = {
     tune.show(message.parameters);
     targets.allow(message.parameters.find((one) => one.name === "max_targets")?.value ?? 1);
   },
+  detections: targets.detect,
   set(message) { tune.judge(message.name, message.refusal); },
   verdict(message) {
     note(message.text, message.outcome !== "refused");

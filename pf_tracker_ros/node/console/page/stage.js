@@ -43,7 +43,7 @@ export function show(next, bitmap) {
 
 export function clear() {
   trail = [];
-  if (frame) frame = { ...frame, box: null, particles: null, status: null, targets: null, detections: null };
+  if (frame) frame = { ...frame, box: null, particles: null, status: null, boxes: null };
   if (frame && mode === "live") drawOverlay();
 }
 

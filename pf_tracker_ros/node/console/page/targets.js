@@ -1,11 +1,11 @@
 // Several targets and the detections: thin boxes over the picture, and a list with a stop for each target.
 const SVG = "http://www.w3.org/2000/svg", TEXT = 14;
 const at = (id) => document.getElementById(id);
-const rows = new Map();  // id to the parts of its row
-let send, most = 1;
+const DETECTED = 1000;   // milliseconds for which a detection is shown
+const rows = new Map();    // id to the parts of its row
+const colors = new Map();  // id to the tracker's color for it
+let send, most = 1, detected = null;
 
-// Neighbors in number are far apart in hue.
-const color = (id) => `hsl(${(137.5 * [...id].reduce((sum, letter) => 31 * sum % 360 + letter.codePointAt(0), 0)) % 360} 90% 65%)`;
 const title = ({ id, label }) => label ? `${id} ${label}` : id;
 
 // As many children as there are things, each made once.
@@ -34,20 +34,27 @@ function draw(parent, boxes, unit) {
   });
 }
 
+const milliseconds = (stamp) => Number(BigInt(stamp) / 1000000n);
+
 export function show(frame) {
-  const found = most > 1 ? frame.targets ?? [] : [], unit = frame.width / at("overlay").clientWidth || 1;
-  draw(at("targets"), found.filter(({ box }) => box).map((one) =>
-    ({ box: one.box, stroke: color(one.id), state: one.state, words: title(one) })), unit);
-  draw(at("detections"), (frame.detections ?? []).map(({ box, label }) => ({ box, words: label })), unit);
+  const boxes = frame.boxes ?? {}, found = frame.status?.targets ?? [], unit = frame.width / at("overlay").clientWidth || 1;
+  for (const [id, { color }] of Object.entries(boxes)) colors.set(id, color);
+  draw(at("targets"), found.filter(({ id }) => boxes[id]).map((one) =>
+    ({ box: boxes[one.id].box, stroke: boxes[one.id].color, state: one.state, words: title(one) })), unit);
+  const isNew = detected && Math.abs(milliseconds(frame.stamp) - milliseconds(detected.stamp)) < DETECTED;
+  draw(at("detections"), (isNew ? detected.boxes : []).map(({ box, label }) => ({ box, words: label })), unit);
   list(found);
 }
+
+export function detect(message) { detected = message; }
 
 function list(found) {
   const ids = new Set(found.map(({ id }) => id));
   for (const [id, { row }] of rows) if (!ids.has(id)) { row.remove(); rows.delete(id); }
   for (const one of found) {
     if (!rows.has(one.id)) add(one.id);
-    const { text, stop } = rows.get(one.id);
+    const { mark, text, stop } = rows.get(one.id);
+    mark.style.background = colors.get(one.id) ?? "";
     const words = `${title(one)} · ${one.state}${typeof one.confidence === "number" ? ` ${one.confidence.toFixed(2)}` : ""}`;
     if (text.textContent !== words) text.textContent = words;
     stop.ariaLabel = `Stop ${title(one)}`;
@@ -57,17 +64,17 @@ function list(found) {
 
 function add(id) {
   const [row, mark, text, stop] = ["li", "i", "span", "button"].map((name) => document.createElement(name));
-  mark.style.background = color(id);
   Object.assign(stop, { type: "button", textContent: "Stop", onclick() { send({ type: "stop_target", id }); } });
   row.append(mark, text, stop);
   at("target-list").append(row);
-  rows.set(id, { row, text, stop });
+  rows.set(id, { row, mark, text, stop });
 }
 
 // Whether there is room for more than one decides whether the list is there.
 export function allow(count) {
   most = count;
   at("targets-card").hidden = most < 2;
+  at("heat-button").disabled = most > 1;  // there is one likelihood for one target
 }
 
 export function begin(sender) { send = sender; }
