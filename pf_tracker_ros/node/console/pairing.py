@@ -14,6 +14,9 @@ _MOST_IMAGES = 8
 _MOST_ANSWERS = 32
 # An image that nobody has answered for so long, in seconds, is shown as it is.
 _PATIENCE = 0.25
+# Parts of one answer come together: one that came so much before its status, in seconds, is of
+# another answer to the same stamp.
+_TOGETHER = 0.2
 # A tracker that has been silent for so long is not waited for.
 _SILENCE = 1.0
 _WITH_BOX = ("tracking", "occluded")
@@ -58,20 +61,28 @@ class _Waiting:
 
 @dataclass
 class _Answer:
+    """The parts, and when each of them came."""
+
     parts: Json = field(default_factory=dict)
+    times: dict[str, float] = field(default_factory=dict)
+
+    def copy(self) -> _Answer:
+        return _Answer(dict(self.parts), dict(self.times))
 
     def is_complete(self, wanted: Collection[str]) -> bool:
         status = self.parts.get("status")
         if status is None:
             return False
+        since = self.times["status"] - _TOGETHER
+        own = {part for part, time in self.times.items() if time >= since}
         state = status["values"].get("state")
         if status.get("targets") is not None:
             # Those of several targets come in one message, particles only where there are any.
             needed = {"boxes"} | ({"particles"} & set(wanted) if status["targets"] else set())
-            return state not in _OF_A_TARGET or self.parts.keys() >= needed
-        if state in _WITH_BOX and "box" not in self.parts:
+            return state not in _OF_A_TARGET or own >= needed
+        if state in _WITH_BOX and "box" not in own:
             return False
-        return state not in _OF_A_TARGET or self.parts.keys() >= set(wanted)
+        return state not in _OF_A_TARGET or own >= set(wanted)
 
 
 class Pairing:
@@ -91,6 +102,7 @@ class Pairing:
         self.wanted: set[str] = set()
         self._images: OrderedDict[int, _Waiting] = OrderedDict()
         self._answers: OrderedDict[int, _Answer] = OrderedDict()
+        self._known = _Answer()
         self._order = 0
         self._answered_at = float("-inf")
 
@@ -118,10 +130,11 @@ class Pairing:
             now: As for `add_image`.
         """
         if self.latest and stamp == self.latest.stamp and stamp not in self._images:
-            # Another answer to the same stamp, as where a frame is played again.
+            # A part that is late, or another answer, as where a frame is played again.
             self.add_image(stamp, self.latest.image, now)
-            self._answers[stamp] = _Answer(dict(self.latest.parts))
-        self._answers.setdefault(stamp, _Answer()).parts[part] = content
+            self._answers[stamp] = self._known.copy()
+        answer = self._answers.setdefault(stamp, _Answer())
+        answer.parts[part], answer.times[part] = content, now
         if part == "status":
             self._answered_at = now
         while len(self._answers) > _MOST_ANSWERS:
@@ -131,14 +144,23 @@ class Pairing:
         """Bring `latest` up to date, and tell whether it is another frame than before."""
         silent = now - self._answered_at > _SILENCE
         for stamp, waiting in reversed(self._images.items()):
-            answer = self._answers.get(stamp, _Answer())
+            answer = self._answers.get(stamp) or self._known_of(stamp)
             complete = answer.is_complete(self.wanted)
             if complete or silent or now - waiting.arrival > _PATIENCE:
                 number = self.latest.number + 1 if self.latest else 1
-                self.latest = Shown(number, stamp, waiting.image, dict(answer.parts))
+                self._known = answer.copy()
+                self.latest = Shown(number, stamp, waiting.image, self._known.parts)
                 for other in [s for s, w in self._images.items() if w.order <= waiting.order]:
                     del self._images[other]
                     # Where stamps repeat, as in a loop, this is no answer to the next one.
                     self._answers.pop(other, None)
                 return True
         return False
+
+    def _known_of(self, stamp: int) -> _Answer:
+        """What is known of an image that nothing has been said of since it came.
+
+        All there was to say may have come before it, with the image of the same stamp before.
+        """
+        is_latest = self.latest is not None and stamp == self.latest.stamp
+        return self._known if is_latest else _Answer()

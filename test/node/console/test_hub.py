@@ -7,6 +7,7 @@ import pytest
 from sensor_msgs.msg import Image
 
 from pf_tracker_ros.node.console.hub import Hub
+from pf_tracker_ros.node.console.pictures import Picture
 
 
 class Link:
@@ -138,6 +139,30 @@ def test_a_browser_that_draws_nothing_gets_two_frames_and_then_the_newest(run):
         return counts
 
     assert run(scenario)[2:] == [2] * 27
+
+
+def test_a_frame_is_encoded_once_for_all_browsers(run, monkeypatch):
+    made = []
+
+    def note(message, detail):
+        made.append(detail)
+        return Picture(1, 1, b"jpeg")
+
+    monkeypatch.setattr("pf_tracker_ros.node.console.browsers.picture_of", note)
+
+    async def scenario(hub, link, browser):
+        others = [Browser(), Browser()]
+        welcomes = [asyncio.ensure_future(hub.welcome(one)) for one in (browser, *others)]
+        await asyncio.sleep(0)
+        hub.receive("image", 1, Image(height=1, width=1, step=1, encoding="mono8", data=[7]))
+        while not all(one.frames for one in (browser, *others)):
+            await asyncio.sleep(0)
+        for welcome in welcomes:
+            welcome.cancel()
+        return True
+
+    assert run(scenario)
+    assert len(made) == 1
 
 
 def test_images_and_particles_are_asked_for_while_somebody_looks(run):

@@ -117,6 +117,42 @@ def test_another_answer_to_the_same_frame_is_shown(pairing):
     assert pairing.latest.answer == {"status": IDLE}
 
 
+def test_an_image_that_comes_after_its_answer_keeps_it(pairing):
+    for now in (0.0, 1.0):
+        pairing.add_answer(2, "status", TRACKING, now=now)
+        pairing.add_answer(2, "box", [1, 2, 3, now], now=now)
+        pairing.choose(now)
+        pairing.add_image(2, f"picture at {now}", now=now)
+        pairing.choose(now)
+        # Played again, it is answered before it comes.
+        pairing.choose(now + 0.5)
+        assert pairing.latest.image == f"picture at {now}"
+        assert pairing.latest.answer == {"status": TRACKING, "box": [1, 2, 3, now]}
+
+
+def test_a_frame_that_is_played_again_has_no_box_of_before(pairing):
+    pairing.add_image(2, "picture", now=0.0)
+    pairing.add_answer(2, "status", TRACKING, now=0.0)
+    pairing.add_answer(2, "box", [1, 2, 3, 4], now=0.0)
+    assert pairing.choose(now=0.0)
+    pairing.add_answer(2, "status", TRACKING, now=1.0)
+    assert not pairing.choose(now=1.0)
+    pairing.add_answer(2, "box", [5, 6, 7, 8], now=1.0)
+    assert pairing.choose(now=1.0)
+    assert pairing.latest.answer["box"] == [5, 6, 7, 8]
+
+
+def test_a_part_that_is_late_is_shown_at_once(pairing):
+    pairing.wanted = {"particles"}
+    pairing.add_image(2, "picture", now=0.0)
+    pairing.add_answer(2, "status", TRACKING, now=0.0)
+    assert pairing.choose(now=0.5)
+    for part in ("box", "particles"):
+        pairing.add_answer(2, part, [], now=0.6)
+    assert pairing.choose(now=0.6)
+    assert pairing.latest.answer.keys() == {"status", "box", "particles"}
+
+
 def test_what_waits_has_a_limit():
     pairing = Pairing()
     pairing.add_answer(0, "status", IDLE, now=0.0)
