@@ -12,8 +12,11 @@ from pf_tracker_ros.node.console.answers import Json
 # Raw images that may wait for an answer.
 _MOST_IMAGES = 8
 _MOST_ANSWERS = 32
-# An image that nobody has answered for so long, in seconds, is shown as it is.
+# An image that nobody has answered for so long, in seconds, is shown as it is; for longer where the
+# answers take long, too.
 _PATIENCE = 0.25
+_TIMES_USUAL = 2.0
+_FORGETTING = 0.9
 # Parts of one answer come together: one that came so much before its status, in seconds, is of
 # another answer to the same stamp.
 _TOGETHER = 0.2
@@ -103,6 +106,8 @@ class Pairing:
         self._images: OrderedDict[int, _Waiting] = OrderedDict()
         self._answers: OrderedDict[int, _Answer] = OrderedDict()
         self._known = _Answer()
+        # How long an answer takes, seconds.
+        self._usual = 0.0
         self._order = 0
         self._answered_at = float("-inf")
 
@@ -146,7 +151,10 @@ class Pairing:
         for stamp, waiting in reversed(self._images.items()):
             answer = self._answers.get(stamp) or self._known_of(stamp)
             complete = answer.is_complete(self.wanted)
-            if complete or silent or now - waiting.arrival > _PATIENCE:
+            if complete:
+                self._usual = max(now - waiting.arrival, _FORGETTING * self._usual)
+            patience = max(_PATIENCE, _TIMES_USUAL * self._usual)
+            if complete or silent or now - waiting.arrival > patience:
                 number = self.latest.number + 1 if self.latest else 1
                 self._known = answer.copy()
                 self.latest = Shown(number, stamp, waiting.image, self._known.parts)

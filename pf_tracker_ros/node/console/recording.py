@@ -22,6 +22,9 @@ from pf_tracker_ros.recordings import open_recording
 from pf_tracker_ros.recordings.target import read_target_file, target_file
 
 _SETTLING = 30.0
+# A frame that is played twice is a duplicate to the tracker, and its box is gone from the page. No
+# frame is lost on the way, so a tracker that does not answer is a slow one.
+_PATIENCE = 5.0
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,7 @@ class Recording:
             "bag_topic": bag_topic,
             "lockstep": True,
             "lockstep_rate": 1.0,
+            "lockstep_timeout": _PATIENCE,
             "lockstep_status": f"{tracker}/status",
             "start_paused": True,
             "stay_at_end": True,

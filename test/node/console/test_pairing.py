@@ -81,6 +81,17 @@ def test_a_picture_without_an_answer_is_shown_in_the_end(pairing):
     assert pairing.latest.answer == {}
 
 
+def test_a_tracker_that_takes_long_is_waited_for_longer(pairing):
+    for stamp in range(2, 10):
+        now = 0.3 * stamp
+        pairing.add_image(stamp, "picture", now)
+        pairing.add_answer(stamp, "status", IDLE, now + 0.24)
+        assert pairing.choose(now + 0.24)
+    pairing.add_image(10, "picture", now=3.0)
+    assert not pairing.choose(now=3.4)
+    assert pairing.choose(now=3.5)
+
+
 def test_without_a_tracker_pictures_are_shown_at_once():
     pairing = Pairing()
     pairing.add_image(1, "first", now=0.0)

@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import signal
 
 import pytest
 import yaml
@@ -111,6 +112,24 @@ def test_a_target_is_tried_again_from_its_own_frame(player, moving_square):
     expected = boxes_in_lockstep(moving_square.images, box, 2)
     go_to(player, 9)
     assert player.box == pytest.approx(expected[stamp_at(9)], abs=2e-3)
+
+
+def test_a_tracker_that_is_slow_for_once_is_waited_for(
+    graph, start_console, open_page, bag, moving_square
+):
+    tracker = graph.process("-p", "seed:=0")
+    page = open_page(start_console(source=str(bag)).link)
+    at_frame(page, 0)
+    draw(page, moving_square.boxes[0])
+    tracker.send_signal(signal.SIGSTOP)
+    page.keyboard.press("n")
+    # Longer than `replay` waits for an answer if nobody tells it to be patient.
+    page.wait_for_timeout(2500.0)
+    tracker.send_signal(signal.SIGCONT)
+    at_frame(page, 1)
+    page.keyboard.press("n")
+    at_frame(page, 2)
+    assert page.text("state") == "tracking"
 
 
 def test_it_plays_and_pauses_at_its_end_and_goes_on_from_there(player, moving_square):
