@@ -111,6 +111,7 @@ class Crowd(Node):
     def __init__(self, context):
         super().__init__("pf_tracker", context=context)
         self.declare_parameter("max_targets", 4)
+        self.declare_parameter("detector.labels", ["person", "car"])
         self.targets = {1: ("car", "tracking"), 2: (HOSTILE, "occluded"), 3: ("", "lost")}
         self.stopped = []
         self._status = self.create_publisher(DiagnosticArray, "~/status", LATCHED)
@@ -175,7 +176,7 @@ def rectangle(rect):
 
 
 def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, crowd):
-    page, _ = shown
+    page, show_until = shown
     rects, texts = page.locator("#targets rect"), page.locator("#targets text")
     assert [rectangle(rects.nth(i)) for i in range(2)] == [crowd.box(1), crowd.box(2)]
     assert texts.all_text_contents() == ["1 car", f"2 {HOSTILE}"]
@@ -183,10 +184,26 @@ def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, crow
     rows = page.locator("#target-list li span").all_text_contents()
     assert rows == ["1 car · tracking 0.50", f"2 {HOSTILE} · occluded 0.50", "3 · lost 0.50"]
     assert page.text("target-count") == "3 of 4"
+    # The confidence of each has its line.
+    show_until(lambda: page.locator("#plot-confidence path").count() == 3, "lines")
     assert page.locator("img, script:not([src])").count() == 0
     # There is no single one.
     assert page.box is None
     assert page.locator("#heat-button").is_disabled()
+
+
+def test_a_list_of_any_words_is_set_as_words(shown, crowd):
+    page, _ = shown
+    page.locator("#groups summary", has_text="Others").click()
+    words = page.locator("[id='parameter-detector.labels']")
+    assert words.input_value() == "person, car"
+    words.fill("truck,  large van,")
+    words.press("Enter")
+    page.wait_until(
+        lambda: crowd.get_parameter("detector.labels").value == ["truck", "large van"], "words"
+    )
+    # What it is without anybody's doing is not known.
+    assert page.locator(".parameter.changed", has=words).count() == 0
 
 
 def test_each_target_is_stopped_by_its_button_also_by_key(shown, crowd):

@@ -81,7 +81,7 @@ async function show(data) {
 function showStatus(frame) {
   const values = frame.status?.values ?? {};
   lastStatus = performance.now();
-  if (frame.status) plots.add(values);
+  if (frame.status) plots.add(values, frame.status.targets);
   showState(values.state, values.confidence);
   text("count", number(values.particles, 0));
   text("effective", number(values.effective_sample_size, 0));

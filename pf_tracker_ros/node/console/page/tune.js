@@ -23,9 +23,9 @@ export function show(parameters) {
   for (const one of parameters) {
     const field = fields.get(one.name);
     field.show(one.value);
-    const changed = JSON.stringify(one.value) !== JSON.stringify(one.usual);
+    const changed = one.usual !== null && JSON.stringify(one.value) !== JSON.stringify(one.usual);
     field.row.classList.toggle("changed", changed);
-    field.reset.disabled = !changed || one.fixed || one.usual === null;
+    field.reset.disabled = !changed || one.fixed;
   }
   for (const details of at("groups").querySelectorAll("details")) {
     const changed = details.querySelectorAll(".changed").length;
@@ -60,7 +60,7 @@ function row(one) {
   const id = `parameter-${one.name}`;
   const refusal = element("p", { className: "refusal", id: `${id}-refusal`, role: "alert" });
   const give = (value) => { refusal.textContent = ""; send({ type: "set", name: one.name, value }); };
-  const { inputs, show } = (makers[one.kind === "text" && one.choices.length ? "choice" : one.kind])(one, give);
+  const { inputs, show } = makers[kindOf(one)](one, give);
   inputs[0].id = id;
   for (const input of inputs) {
     input.setAttribute("aria-describedby", `${id}-about ${refusal.id}`);
@@ -78,6 +78,11 @@ function row(one) {
     refusal);
   fields.set(one.name, { row: made, show, refusal, reset, input: inputs[0] });
   return made;
+}
+
+function kindOf({ kind, choices }) {
+  if (kind === "text" && choices.length) return "choice";
+  return kind === "texts" && !choices.length ? "words" : kind;
 }
 
 // A slider covers wide ranges finely where they are small.
@@ -124,6 +129,10 @@ const makers = {
       const values = input.value.replace(/[[\]]/g, "").split(",").filter((part) => part.trim()).map(numberOf);
       give(values.every((value) => typeof value === "number") ? values : input.value);
     } });
+    return { inputs: [input], show(value) { input.value = value.join(", "); } };
+  },
+  words(one, give) {
+    const input = element("input", { onchange: () => give(input.value.split(",").map((word) => word.trim()).filter(Boolean)) });
     return { inputs: [input], show(value) { input.value = value.join(", "); } };
   },
   texts(one, give) {
