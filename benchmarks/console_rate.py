@@ -153,6 +153,17 @@ def relay() -> Iterator[None]:
         server.close()
 
 
+def wait_for_server() -> None:
+    """Wait until the console serves its page; what it takes to start is no cost of a frame."""
+    deadline = time.monotonic() + START_TIMEOUT
+    while True:
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", PORT), 1.0):
+            return
+        if time.monotonic() > deadline:
+            raise RuntimeError(f"the console does not serve within {START_TIMEOUT:g} s")
+        time.sleep(0.1)
+
+
 @contextmanager
 def launcher_of(chromium: str) -> Iterator[Path]:
     """A script that starts the browser with its low priority."""
@@ -272,6 +283,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for _ in range(given.rounds):
             rows[NO_CONSOLE].append(measure(frames, given.seconds, tracker))
             with node("console.console_node", f"port:={PORT}") as console:
+                wait_for_server()
                 rows[NO_BROWSER].append(measure(frames, given.seconds, tracker, console))
                 for name, port in ((BROWSER, PORT), (SLOW, RELAY_PORT)):
                     with page_of(browser, port) as page:
