@@ -345,6 +345,31 @@ def test_without_a_browser_the_tracker_has_nobody_to_publish_for(
     client.wait_for(lambda: (listeners(), takers()) == (before, 1), "end of them")
 
 
+@pytest.mark.usefixtures("tracker")
+def test_an_older_frame_never_comes_over_a_newer_one(camera, page):
+    camera.show_on(page)
+    page.evaluate(SEE_FRAMES)
+    # Of the next frames, the first takes longest to decode.
+    page.evaluate(
+        """() => {
+          const decode = window.createImageBitmap.bind(window);
+          let delay = 900;
+          window.createImageBitmap = async (...given) => {
+            const mine = delay;
+            delay = 0;
+            await new Promise(done => setTimeout(done, mine));
+            return decode(...given);
+          };
+        }"""
+    )
+    last = [camera.show() for _ in range(3)][-1].stamp
+    page.wait_until(lambda: page.shows(last), "newest frame")
+    page.wait_for_timeout(1000.0)
+    assert page.stamp == last
+    stamps = [int(stamp) for stamp, _ in page.evaluate("() => window.seen")]
+    assert stamps == sorted(stamps)
+
+
 def test_the_tracker_has_the_machine_first(graph):
     module = "pf_tracker_ros.node.console.console_node"
     process = graph.process("-p", "port:=0", module=module)

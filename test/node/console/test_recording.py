@@ -132,6 +132,21 @@ def test_a_tracker_that_is_slow_for_once_is_waited_for(
     assert page.text("state") == "tracking"
 
 
+def test_the_box_is_back_with_a_tracker_that_was_silent_for_a_while(
+    graph, start_console, open_page, bag, moving_square
+):
+    tracker = graph.process("-p", "seed:=0")
+    page = open_page(start_console(source=str(bag)).link)
+    at_frame(page, 0)
+    box = draw(page, moving_square.boxes[0])
+    tracker.send_signal(signal.SIGSTOP)
+    page.wait_until(lambda: "has fallen silent" in page.text("health"), "that it is missed")
+    assert page.box is None
+    tracker.send_signal(signal.SIGCONT)
+    page.wait_until(lambda: page.box, "box of the picture that stands still")
+    assert tuple(page.box) == box
+
+
 def test_it_plays_and_pauses_at_its_end_and_goes_on_from_there(player, moving_square):
     box = draw(player, moving_square.boxes[0])
     expected = boxes_in_lockstep(moving_square.images, box, 0)

@@ -11,6 +11,7 @@ const at = (id) => document.getElementById(id);
 const text = (id, content) => { if (at(id).textContent !== content) at(id).textContent = content; };
 const number = (value, digits) => typeof value === "number" ? value.toFixed(digits) : "–";
 
+let drawing = Promise.resolve();  // once the frames that came before are
 let socket = null, health = {}, lastStatus = null, drawn = [];  // of the last frames, when and how many octets
 
 export function send(message) {
@@ -27,7 +28,8 @@ function connect() {
   const scheme = location.protocol === "https:" ? "wss:" : "ws:";
   socket = new WebSocket(`${scheme}//${location.host}/socket`);
   socket.binaryType = "arraybuffer";
-  socket.onmessage = ({ data }) => typeof data === "string" ? take(JSON.parse(data)) : show(data);
+  // One frame after another: of two that are decoded at once, the older one may be done later.
+  socket.onmessage = ({ data }) => { if (typeof data === "string") take(JSON.parse(data)); else drawing = drawing.then(() => show(data)); };
   socket.onclose = () => {
     health = { tracker: "silent", level: "error", text: "The console does not answer; it is tried again twice a second." };
     showHealth();
@@ -67,9 +69,11 @@ async function show(data) {
   const frame = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
   const jpeg = new Uint8Array(data, 4 + length);
   if (jpeg.length) {
-    const bitmap = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" }));
-    text("jpeg", `${frame.quality}, ${bitmap.width} px`);
-    stage.show(frame, bitmap);
+    const bitmap = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" })).catch(() => null);
+    if (bitmap) {
+      text("jpeg", `${frame.quality}, ${bitmap.width} px`);
+      stage.show(frame, bitmap);
+    } else frame.error = "the browser cannot show the picture";
   }
   send({ type: "shown" });
   const now = performance.now();
@@ -105,12 +109,10 @@ function showHealth() {
   text("health", health.text);
   at("health").dataset.level = health.level;
   text("topic", heard && health.image_topic ? `${health.image_topic} · ${health.image_reliability ?? ""}`.replace("_", " ") : "");
-  if (!heard) stage.clear();
   // Without images, only the diagnostics tell how the target is.
-  if (!heard || performance.now() - lastStatus > 1000 || lastStatus === null) {
-    showState(health.state, health.confidence);
-    if (health.state === "idle") stage.clear();
-  }
+  const isOld = performance.now() - lastStatus > 1000 || lastStatus === null;
+  if (!heard || isOld) showState(health.state, health.confidence);
+  stage.setBlank(!heard || (isOld && health.state === "idle"));
   stage.setPaused(heard && health.text.startsWith("paused"));
 }
 
