@@ -83,13 +83,15 @@ def test_the_overlay_follows_a_replayed_bag_with_the_box_of_the_same_stamp(
         "-p",
         f"source:={bag}",
         "-p",
+        "rate:=0.5",
+        "-p",
         f"target_box:={box}",
         module="pf_tracker_ros.node.replay.replay_node",
     )
     client.wait_for(
         lambda: page.evaluate("() => window.seen.filter(([, box]) => box).length") >= 130,
         "frames on the page",
-        60.0,
+        120.0,
     )
     seen = [(int(stamp), box) for stamp, box in page.evaluate("() => window.seen") if box]
     client.box_at(seen[-1][0])
