@@ -1,11 +1,13 @@
 """What the console's page shows of a camera at 30 Hz, and what that costs the tracker.
 
-Camera, tracker, console and a headless Chromium are processes of their own, on the loopback.
+Camera, tracker, console and a headless Chromium are processes of their own, on the loopback. The
+same tracker is measured by turns without a console, with one, with a browser that shows its page,
+and with one behind a relay that lets 5 Mbit/s through; each figure is the median over the rounds.
 Shown is what the page has drawn when its next animation frame begins; the age counts from the
-stamp, which the camera takes as it publishes. The slow link is a relay that lets 5 Mbit/s through
-to the browser.
+stamp, which the camera takes as it publishes. The browser has a low priority, as it would run on
+another machine.
 
-    python benchmarks/console_rate.py --seconds 20
+    python benchmarks/console_rate.py --rounds 5 --seconds 10
 """
 
 from __future__ import annotations
@@ -14,25 +16,39 @@ import argparse
 import contextlib
 import os
 import shutil
+import signal
 import socket
+import subprocess
+import sys
+import tempfile
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import rclpy
 from arguments import at_least
 from diagnostic_msgs.msg import DiagnosticArray
 from domain_coordinator import domain_id
-from frame_loss import SIZES, Camera, moving_noise, play, process
+from frame_loss import SIZES, START_TIMEOUT, Camera, moving_noise, play
+from numpy.typing import NDArray
 from playwright.sync_api import Browser, sync_playwright
 
 PORT = 8647
 RELAY_PORT = 8648
 LINK_BYTES = 5e6 / 8
 RATE = 30.0
+NO_CONSOLE, NO_BROWSER, BROWSER, SLOW = (
+    "no console",
+    "no browser",
+    "a browser",
+    "a browser at 5 Mbit/s",
+)
+BROWSER_PRIORITY = 10
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--disable-background-networking"]
 NOTE_FRAMES = """() => {
   window.ages = [];
@@ -42,6 +58,34 @@ NOTE_FRAMES = """() => {
     requestAnimationFrame(() => window.ages.push([Date.now(), Date.now() - stamp]));
   }).observe(overlay, { attributes: true, attributeFilter: ['data-stamp'] });
 }"""
+
+
+class Row(NamedTuple):
+    """What one turn measured; times in milliseconds, NaN for what was not there.
+
+    Attributes:
+        answered: Share of the frames, percent.
+        processing: Time of the tracker for a frame, median.
+        processing_99: Its 99th percentile.
+        age: Of the answer, median.
+        age_99: Its 99th percentile.
+        tracker: CPU time of the tracker's process for a frame.
+        console: The same of the console's.
+        shown: Frames a second on the page.
+        shown_age: From the stamp to the screen, median.
+        shown_age_99: Its 99th percentile.
+    """
+
+    answered: float
+    processing: float
+    processing_99: float
+    age: float
+    age_99: float
+    tracker: float
+    console: float
+    shown: float = np.nan
+    shown_age: float = np.nan
+    shown_age_99: float = np.nan
 
 
 class TimedCamera(Camera):
@@ -59,6 +103,25 @@ class TimedCamera(Camera):
     def _on_status(self, message: DiagnosticArray) -> None:
         values = {item.key: item.value for item in message.status[0].values}
         self.times.append(float(values["processing_time_ms"]))
+
+
+@contextmanager
+def node(module: str, *parameters: str) -> Iterator[int]:
+    """A node of this package as a process, ended with SIGINT; its id."""
+    given = [word for parameter in parameters for word in ("-p", parameter)]
+    command = [sys.executable, "-m", f"pf_tracker_ros.node.{module}", "--ros-args", *given]
+    child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        yield child.pid
+    finally:
+        child.send_signal(signal.SIGINT)
+        child.wait(START_TIMEOUT)
+
+
+def cpu_ms(process: int) -> float:
+    """CPU time of a process until now, all threads, milliseconds."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return 1e3 * (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 @contextmanager
@@ -90,6 +153,27 @@ def relay() -> Iterator[None]:
         server.close()
 
 
+def wait_for_server() -> None:
+    """Wait until the console serves its page; what it takes to start is no cost of a frame."""
+    deadline = time.monotonic() + START_TIMEOUT
+    while True:
+        with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", PORT), 1.0):
+            return
+        if time.monotonic() > deadline:
+            raise RuntimeError(f"the console does not serve within {START_TIMEOUT:g} s")
+        time.sleep(0.1)
+
+
+@contextmanager
+def launcher_of(chromium: str) -> Iterator[Path]:
+    """A script that starts the browser with its low priority."""
+    with tempfile.TemporaryDirectory() as folder:
+        script = Path(folder) / "chromium"
+        script.write_text(f'#!/bin/sh\nexec nice -n {BROWSER_PRIORITY} {chromium} "$@"\n')
+        script.chmod(0o755)
+        yield script
+
+
 @contextmanager
 def page_of(browser: Browser, port: int) -> Iterator[Any]:
     """A page of the console that notes when it has drawn what."""
@@ -100,25 +184,73 @@ def page_of(browser: Browser, port: int) -> Iterator[Any]:
     page.close()
 
 
-def measure(size: str, seconds: float, page: Any) -> str:
-    """One row: what the tracker did, and what the page has shown."""
+def measure(
+    frames: list[Any], seconds: float, tracker: int, console: int | None = None, page: Any = None
+) -> Row:
+    """One turn: what the tracker did, and what the page has shown.
+
+    Args:
+        frames: Images of the camera.
+        seconds: To measure for.
+        tracker: Process of the tracker.
+        console: Process of the console, None without one.
+        page: That is open, None without one.
+    """
     camera = TimedCamera()
-    figures = play(camera, moving_noise(*SIZES[size]), RATE, seconds)
+    processes = [tracker] if console is None else [tracker, console]
+    before = [cpu_ms(process) for process in processes]
+    figures = play(camera, frames, RATE, seconds)
     camera.destroy_node()  # type: ignore[no-untyped-call]
-    times = np.array(camera.times[len(camera.times) // 5 :])
-    ages = 1e3 * np.array(figures.ages)
-    row = (
-        f"{len(figures.ages) / figures.published:.1%} | {np.median(times):.1f} / "
-        f"{np.percentile(times, 99):.1f} | {np.median(ages):.0f} / {np.percentile(ages, 99):.0f}"
+    costs = [
+        (cpu_ms(process) - was) / len(camera.times)
+        for process, was in zip(processes, before, strict=True)
+    ]
+    times = camera.times[len(camera.times) // 5 :]
+    row = Row(
+        100.0 * len(figures.ages) / figures.published,
+        *_middle_and_99(np.array(times)),
+        *_middle_and_99(1e3 * np.array(figures.ages)),
+        costs[0],
+        costs[1] if console else np.nan,
     )
     if page is None:
-        return f"{row} | - | -"
-    shown = np.array(page.evaluate("() => window.ages"), np.float64)
+        return row
+    shown = np.array(page.evaluate("() => window.ages"), np.float64).reshape(-1, 2)
     shown = shown[shown[:, 0] > shown[-1, 0] - 1e3 * seconds]
     rate = (len(shown) - 1) / (shown[-1, 0] - shown[0, 0]) * 1e3
-    return (
-        f"{row} | {rate:.1f} | {np.median(shown[:, 1]):.0f} / {np.percentile(shown[:, 1], 99):.0f}"
-    )
+    middle, most = _middle_and_99(shown[:, 1])
+    return row._replace(shown=rate, shown_age=middle, shown_age_99=most)
+
+
+def _middle_and_99(values: NDArray[np.float64]) -> tuple[float, float]:
+    middle, most = np.percentile(values, [50, 99])
+    return float(middle), float(most)
+
+
+def print_table(rows: dict[str, list[Row]]) -> None:
+    """Print the medians, and what each way costs the tracker beside its turn without a console."""
+    columns = "answered | processing (ms) | answer's age (ms) | tracker's CPU a frame (ms) | "
+    columns += "console's CPU a frame (ms) | shown a second | age shown (ms)"
+    print(f"| median / 99 % | {columns} |\n{8 * '|---'}|")
+    for name, turns in rows.items():
+        middle = Row(*np.median(np.array(turns), axis=0))
+        cells = [
+            f"{middle.answered:.1f} %",
+            f"{middle.processing:.1f} / {middle.processing_99:.1f}",
+            f"{middle.age:.0f} / {middle.age_99:.0f}",
+            f"{middle.tracker:.1f}",
+            f"{middle.console:.1f}",
+            f"{middle.shown:.1f}",
+            f"{middle.shown_age:.0f} / {middle.shown_age_99:.0f}",
+        ]
+        print(f"| {name} | {' | '.join('-' if 'nan' in cell else cell for cell in cells)} |")
+    without = np.array(rows[NO_CONSOLE])
+    for name in (NO_BROWSER, BROWSER, SLOW):
+        more = Row(*np.median(np.array(rows[name]) - without, axis=0))
+        print(
+            f"\n{name}, beside the turn without a console: processing {more.processing:+.2f} / "
+            f"{more.processing_99:+.2f} ms, CPU {more.tracker:+.2f} ms a frame"
+        )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -128,37 +260,36 @@ def main(arguments: Sequence[str] | None = None) -> None:
         arguments: Command line without the program's name; None takes the process'.
     """
     parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
-    parser.add_argument("--seconds", type=at_least(1), default=20)
+    parser.add_argument("--seconds", type=at_least(1), default=10, help="of each turn")
+    parser.add_argument("--rounds", type=at_least(1), default=5, help="turns of each kind")
     parser.add_argument("--size", choices=SIZES, default="768x576")
     given = parser.parse_args(arguments)
     chromium = shutil.which("chromium") or parser.error("needs Chromium: apt install chromium")
-    columns = "answered | processing (ms) | answer's age (ms) | shown a second | age shown (ms)"
-    print(f"| median / 99 % | {columns} |")
-    print("|---|---|---|---|---|---|")
+    frames = moving_noise(*SIZES[given.size])
+    rows: dict[str, list[Row]] = defaultdict(list)
     with domain_id() as domain, contextlib.ExitStack() as stack:
         os.environ |= {
             "ROS_DOMAIN_ID": str(domain),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }
         box = "target_box:=[100.0, 100.0, 40.0, 40.0]"
-        tracker = "pf_tracker_ros.node.tracker.tracker_node"
-        stack.enter_context(
-            process("-m", tracker, "--ros-args", "-p", box, "-p", "time_jump:=keep")
-        )
+        tracker = stack.enter_context(node("tracker.tracker_node", box, "time_jump:=keep"))
         rclpy.init()
-        print(f"| no console | {measure(given.size, given.seconds, None)} |", flush=True)
-        console = "pf_tracker_ros.node.console.console_node"
-        stack.enter_context(process("-m", console, "--ros-args", "-p", f"port:={PORT}"))
-        print(f"| no browser | {measure(given.size, given.seconds, None)} |", flush=True)
+        stack.callback(rclpy.try_shutdown)
         driver = stack.enter_context(sync_playwright())
-        browser = driver.chromium.launch(executable_path=chromium, args=FLAGS)
+        launcher = stack.enter_context(launcher_of(chromium))
+        browser = driver.chromium.launch(executable_path=launcher, args=FLAGS)
         stack.enter_context(relay())
-        for name, port in (("a browser", PORT), ("a browser at 5 Mbit/s", RELAY_PORT)):
-            with page_of(browser, port) as page:
-                print(f"| {name} | {measure(given.size, given.seconds, page)} |", flush=True)
-        print(f"| no browser | {measure(given.size, given.seconds, None)} |", flush=True)
+        for _ in range(given.rounds):
+            rows[NO_CONSOLE].append(measure(frames, given.seconds, tracker))
+            with node("console.console_node", f"port:={PORT}") as console:
+                wait_for_server()
+                rows[NO_BROWSER].append(measure(frames, given.seconds, tracker, console))
+                for name, port in ((BROWSER, PORT), (SLOW, RELAY_PORT)):
+                    with page_of(browser, port) as page:
+                        rows[name].append(measure(frames, given.seconds, tracker, console, page))
         browser.close()
-        rclpy.try_shutdown()
+    print_table(rows)
 
 
 if __name__ == "__main__":

@@ -52,12 +52,14 @@ def box_of(message: PolygonStamped) -> list[float] | None:
 
 def particles_of(message: PointCloud2) -> list[list[float]]:
     """The heaviest particles, [x, y, weight as a share of the largest]; pixels, at most 400."""
-    width = 4 * len(PARTICLE_FIELDS)
-    if message.point_step != width or message.is_bigendian:
+    # Those of several targets have one field more, at the end.
+    fields, rest = divmod(message.point_step, 4)
+    if rest or fields < len(PARTICLE_FIELDS) or message.is_bigendian:
         return []
     octets = np.frombuffer(message.data, np.uint8)
-    count = len(octets) // width
-    columns = octets[: count * width].view(np.float32).reshape(count, len(PARTICLE_FIELDS))
+    count = len(octets) // message.point_step
+    columns = octets[: count * message.point_step].view(np.float32).reshape(count, fields)
+    columns = columns[:, : len(PARTICLE_FIELDS)]
     columns = columns[np.isfinite(columns).all(axis=1)]
     if not len(columns) or not columns[:, 5].max() > 0.0:
         return []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import Any
 
@@ -18,6 +19,8 @@ from pf_tracker_ros.node.console.web_server import WebServer
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.parameters import build
+
+_NICENESS = 5
 
 
 class ConsoleNode(Node):
@@ -97,8 +100,9 @@ def main(arguments: list[str] | None = None, source: str | None = None) -> int:
     Returns:
         The exit code: 1 where the page cannot be served.
     """
-    # Other cores are the tracker's.
+    # The machine is the tracker's first: no frame of it is to wait for a picture.
     cv2.setNumThreads(1)
+    os.nice(_NICENESS)
     nodes: list[ConsoleNode] = []
 
     def create() -> ConsoleNode:

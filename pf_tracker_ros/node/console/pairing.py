@@ -12,8 +12,14 @@ from pf_tracker_ros.node.console.answers import Json
 # Raw images that may wait for an answer.
 _MOST_IMAGES = 8
 _MOST_ANSWERS = 32
-# An image that nobody has answered for so long, in seconds, is shown as it is.
+# An image that nobody has answered for so long, in seconds, is shown as it is; for longer where the
+# answers take long, too.
 _PATIENCE = 0.25
+_TIMES_USUAL = 2.0
+_FORGETTING = 0.9
+# Parts of one answer come together: one that came so much before its status, in seconds, is of
+# another answer to the same stamp.
+_TOGETHER = 0.2
 # A tracker that has been silent for so long is not waited for.
 _SILENCE = 1.0
 _WITH_BOX = ("tracking", "occluded")
@@ -29,7 +35,7 @@ class Shown:
         stamp: Of its header, nanoseconds.
         image: The message.
         parts: What the tracker said of it, and of an earlier frame of the same stamp: `status`,
-            `box`, `particles` and `likelihood`, as far as it did.
+            `box`, `particles` and `likelihood`, of several targets `boxes`, as far as it did.
     """
 
     number: int
@@ -58,16 +64,28 @@ class _Waiting:
 
 @dataclass
 class _Answer:
+    """The parts, and when each of them came."""
+
     parts: Json = field(default_factory=dict)
+    times: dict[str, float] = field(default_factory=dict)
+
+    def copy(self) -> _Answer:
+        return _Answer(dict(self.parts), dict(self.times))
 
     def is_complete(self, wanted: Collection[str]) -> bool:
         status = self.parts.get("status")
         if status is None:
             return False
+        since = self.times["status"] - _TOGETHER
+        own = {part for part, time in self.times.items() if time >= since}
         state = status["values"].get("state")
-        if state in _WITH_BOX and "box" not in self.parts:
+        if status.get("targets") is not None:
+            # Those of several targets come in one message, particles only where there are any.
+            needed = {"boxes"} | ({"particles"} & set(wanted) if status["targets"] else set())
+            return state not in _OF_A_TARGET or own >= needed
+        if state in _WITH_BOX and "box" not in own:
             return False
-        return state not in _OF_A_TARGET or self.parts.keys() >= set(wanted)
+        return state not in _OF_A_TARGET or own >= set(wanted)
 
 
 class Pairing:
@@ -87,6 +105,9 @@ class Pairing:
         self.wanted: set[str] = set()
         self._images: OrderedDict[int, _Waiting] = OrderedDict()
         self._answers: OrderedDict[int, _Answer] = OrderedDict()
+        self._known = _Answer()
+        # How long an answer takes, seconds.
+        self._usual = 0.0
         self._order = 0
         self._answered_at = float("-inf")
 
@@ -109,15 +130,16 @@ class Pairing:
 
         Args:
             stamp: Of the image that it is about.
-            part: `status`, `box`, `particles` or `likelihood`.
+            part: `status`, `box`, `boxes`, `particles` or `likelihood`.
             content: As in `Shown.answer`.
             now: As for `add_image`.
         """
         if self.latest and stamp == self.latest.stamp and stamp not in self._images:
-            # Another answer to the same stamp, as where a frame is played again.
+            # A part that is late, or another answer, as where a frame is played again.
             self.add_image(stamp, self.latest.image, now)
-            self._answers[stamp] = _Answer(dict(self.latest.parts))
-        self._answers.setdefault(stamp, _Answer()).parts[part] = content
+            self._answers[stamp] = self._known.copy()
+        answer = self._answers.setdefault(stamp, _Answer())
+        answer.parts[part], answer.times[part] = content, now
         if part == "status":
             self._answered_at = now
         while len(self._answers) > _MOST_ANSWERS:
@@ -127,14 +149,26 @@ class Pairing:
         """Bring `latest` up to date, and tell whether it is another frame than before."""
         silent = now - self._answered_at > _SILENCE
         for stamp, waiting in reversed(self._images.items()):
-            answer = self._answers.get(stamp, _Answer())
+            answer = self._answers.get(stamp) or self._known_of(stamp)
             complete = answer.is_complete(self.wanted)
-            if complete or silent or now - waiting.arrival > _PATIENCE:
+            if complete:
+                self._usual = max(now - waiting.arrival, _FORGETTING * self._usual)
+            patience = max(_PATIENCE, _TIMES_USUAL * self._usual)
+            if complete or silent or now - waiting.arrival > patience:
                 number = self.latest.number + 1 if self.latest else 1
-                self.latest = Shown(number, stamp, waiting.image, dict(answer.parts))
+                self._known = answer.copy()
+                self.latest = Shown(number, stamp, waiting.image, self._known.parts)
                 for other in [s for s, w in self._images.items() if w.order <= waiting.order]:
                     del self._images[other]
                     # Where stamps repeat, as in a loop, this is no answer to the next one.
                     self._answers.pop(other, None)
                 return True
         return False
+
+    def _known_of(self, stamp: int) -> _Answer:
+        """What is known of an image that nothing has been said of since it came.
+
+        All there was to say may have come before it, with the image of the same stamp before.
+        """
+        is_latest = self.latest is not None and stamp == self.latest.stamp
+        return self._known if is_latest else _Answer()

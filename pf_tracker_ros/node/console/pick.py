@@ -1,17 +1,26 @@
-"""What the tracker makes of a target that was picked, read from its statuses."""
+"""Targets that are sent to the tracker, and what it makes of them, read from its statuses."""
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from pf_tracker_ros.node.console.answers import Json
+from pf_tracker_ros.node.console.tracker_link import TrackerLink
+from pf_tracker_ros.node.console.tracker_services import TrackerError
 
 _REFUSED = "target refused"
 # A frame that is answered so much later, in seconds, would have told of the target.
 _ANSWERED_AFTER = 0.5
 _MOST_ATTEMPTS = 4
+# A target that nothing has been heard of for so long waits for an image.
+_PATIENCE = 3.0
+_TICK = 0.1
+_MEETING_TICKS = 20
 
 
 @dataclass(frozen=True)
@@ -19,7 +28,7 @@ class Verdict:
     """What became of a target.
 
     Attributes:
-        outcome: `accepted` or `refused`.
+        outcome: `accepted`, `refused` or, before either, `waiting`.
         text: One sentence, of a refused one the node's own.
     """
 
@@ -31,17 +40,14 @@ class Pick:
     """A target that has been sent and not been answered.
 
     Attributes:
-        number: Which one, counted from 1.
         sent_at: Seconds by any clock that is always the same.
 
     Args:
-        number: As the attribute.
         sent_at: As the attribute.
         send: Sends it.
     """
 
-    def __init__(self, number: int, sent_at: float, send: Callable[[], None]) -> None:
-        self.number = number
+    def __init__(self, sent_at: float, send: Callable[[], None]) -> None:
         self.sent_at = sent_at
         self._send = send
         self._attempts = 1
@@ -83,3 +89,68 @@ class Pick:
         if is_new and error.startswith(_REFUSED):
             return Verdict("refused", error)
         return None
+
+
+class Picker:
+    """Sends targets, one after another, and tells what becomes of the last.
+
+    Args:
+        link: To the tracker.
+        tell: Called with each verdict.
+    """
+
+    def __init__(self, link: TrackerLink, tell: Callable[[Verdict], None]) -> None:
+        self._link = link
+        self._tell = tell
+        self._pick: Pick | None = None
+        self._is_waiting = False
+
+    async def send(self, send: Callable[[], None]) -> None:
+        """Send a target, and expect a verdict on it.
+
+        Args:
+            send: Does so, and again where it may have been lost.
+
+        Raises:
+            TrackerError: Nobody takes targets.
+        """
+        # A tracker that has just been found may not be known to take any yet.
+        for _ in range(_MEETING_TICKS):
+            if self._link.takes_targets:
+                break
+            await asyncio.sleep(_TICK)
+        send()
+        self._pick = Pick(time.monotonic(), send)
+        self._is_waiting = False
+
+    def judge_status(self, status: Json) -> None:
+        """Look for the verdict in the status of a frame."""
+        if self._pick:
+            self._conclude(self._pick.judge_status(status))
+
+    def judge_health(self, health: Json, now: float) -> None:
+        """Look for the verdict in the node's diagnostics; see `Pick.judge_health`."""
+        if self._pick:
+            self._conclude(self._pick.judge_health(health, now))
+
+    def look(self, answered_at: float, now: float, *, may_repeat: bool) -> None:
+        """Send again what was lost, and tell what waits for an image.
+
+        Args:
+            answered_at: As for `Pick.send_again`.
+            now: The same.
+            may_repeat: Whether the target may be sent again.
+        """
+        if self._pick is None:
+            return
+        if may_repeat:
+            with contextlib.suppress(TrackerError):
+                self._pick.send_again(answered_at, now)
+        if not self._is_waiting and now - self._pick.sent_at > _PATIENCE:
+            self._is_waiting = True
+            self._tell(Verdict("waiting", "sent; the tracker answers with the next image"))
+
+    def _conclude(self, verdict: Verdict | None) -> None:
+        if verdict:
+            self._pick = None
+            self._tell(verdict)

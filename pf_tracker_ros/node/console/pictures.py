@@ -11,10 +11,38 @@ from pf_tracker_ros.decoding.decoder import ImageDecoder
 from pf_tracker_ros.decoding.image_decoding import ImageError
 from pf_tracker_ros.frames.gray_range import range_of, sample, to_8_bit
 
-_QUALITY = 80
 # Wider pictures show no more on a screen, and take their time on the way.
 _WIDEST = 1920
 _LARGEST = 2**25
+# Few sizes, so that one picture serves several windows.
+_SCALES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.18, 0.125)
+
+
+@dataclass(frozen=True)
+class Detail:
+    """How much of an image a picture shows.
+
+    Attributes:
+        quality: Of the JPEG, 0 to 100.
+        scale: Of its sides, relative to the image's.
+    """
+
+    quality: int
+    scale: float = 1.0
+
+
+DETAILS = (
+    Detail(80),
+    Detail(65),
+    Detail(50),
+    Detail(35),
+    Detail(40, 0.75),
+    Detail(50, 0.5),
+    Detail(35, 0.5),
+    Detail(40, 0.35),
+    Detail(30, 0.25),
+)
+"""From the most on, each about as much less than the one before."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +62,7 @@ class Picture:
     error: str = ""
 
 
-def picture_of(message: Image | CompressedImage) -> Picture:
+def picture_of(message: Image | CompressedImage, detail: Detail) -> Picture:
     """Decode an image message and encode it for the page."""
     try:
         image = ImageDecoder(_LARGEST).decode(message)
@@ -43,10 +71,17 @@ def picture_of(message: Image | CompressedImage) -> Picture:
         if image.dtype != "uint8":
             image = to_8_bit(image, range_of(sample(image), margin=0.0))
         height, width = image.shape[:2]
-        if width > _WIDEST:
-            size = (_WIDEST, max(1, round(height * _WIDEST / width)))
+        shown = round(min(_WIDEST, max(1.0, width * detail.scale)))
+        if shown < width:
+            size = (shown, max(1, round(height * shown / width)))
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-        _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+        _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, detail.quality])
     except (ImageError, cv2.error, ValueError) as error:
         return Picture(0, 0, b"", f"the image cannot be shown: {error}")
     return Picture(width, height, jpeg.tobytes())
+
+
+def scale_for(image_width: float, window_width: float) -> float:
+    """The least scale at which an image fills a window; both widths in pixels."""
+    fitting = [scale for scale in _SCALES if image_width * scale >= window_width]
+    return min(fitting, default=1.0)

@@ -15,10 +15,16 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.footage.access import exists
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
+from pf_tracker_ros.recordings import open_recording
+from pf_tracker_ros.recordings.target import read_target_file, target_file
 
 _SETTLING = 30.0
+# A frame that is played twice is a duplicate to the tracker, and its box is gone from the page. No
+# frame is lost on the way, so a tracker that does not answer is a slow one.
+_PATIENCE = 5.0
 
 
 @dataclass(frozen=True)
@@ -51,6 +57,10 @@ class Recording:
 
     def __init__(self, node: Node, source: str, bag_topic: str, tracker: str) -> None:
         self._path = Path(source).resolve()
+        self._bag_topic = bag_topic
+        self._target_file = target_file(self._path)
+        self._has_target = False
+        self._look_for_target()
         self._context = Context()
         rclpy.init(context=self._context, args=[], domain_id=node.context.get_domain_id())
         image = node.resolve_topic_name("image")
@@ -60,6 +70,7 @@ class Recording:
             "bag_topic": bag_topic,
             "lockstep": True,
             "lockstep_rate": 1.0,
+            "lockstep_timeout": _PATIENCE,
             "lockstep_status": f"{tracker}/status",
             "start_paused": True,
             "stay_at_end": True,
@@ -90,6 +101,7 @@ class Recording:
             "frames": self._replay.frame_count,
             "playing": not self.paused,
             "rate": self._replay.get_parameter("lockstep_rate").value,
+            "target": self._target_file.name if self._has_target else "",
         }
 
     @property
@@ -149,8 +161,6 @@ class Recording:
         Raises:
             OSError: It cannot be written.
         """
-        name = self._path.name if self._path.is_dir() else self._path.stem
-        path = self._path.with_name(f"{name}.target.yaml")
         box = ", ".join(str(float(value)) for value in target.box)
         text = (
             "# A target in the recording beside this file, picked on the console's page.\n"
@@ -158,10 +168,32 @@ class Recording:
             f"frame: {target.frame}  # on which it was drawn, counted from 0\n"
             f"stamp: {target.stamp}  # of that frame, nanoseconds\n"
         )
+        path = self._target_file
         unfinished = path.with_name(f".{path.name}.{os.getpid()}")
         unfinished.write_text(text, encoding="utf-8")
         unfinished.replace(path)
+        self._look_for_target()
         return path
+
+    def load(self) -> PickedTarget:
+        """The target of the file beside the recording, with the frame that it was drawn on.
+
+        Reads the recording up to that frame.
+
+        Raises:
+            RecordingError: The file is wrong, or of another recording.
+            FootageError: The recording cannot be read that far.
+        """
+        target = read_target_file(self._target_file, self._path)
+        recording = open_recording(self._path, bag_topic=self._bag_topic)
+        with contextlib.closing(recording.frames()) as frames:
+            for frame in frames:
+                if box := target.box_in(frame):
+                    return PickedTarget(box, frame.stamp, frame.index)
+        raise target.missed()
+
+    def _look_for_target(self) -> None:
+        self._has_target = exists(self._target_file)
 
     def _spin(self) -> None:
         with contextlib.suppress(ExternalShutdownException):

@@ -1,11 +1,7 @@
-"""The console's side of the tracker's topics and services; every callback comes from the executor.
-
-Nothing here waits: what is asked of the tracker is answered by a future of asyncio.
-"""
+"""The console's side of the tracker's topics; every callback comes from the executor."""
 
 from __future__ import annotations
 
-import asyncio
 from collections import deque
 from collections.abc import Callable
 from functools import partial
@@ -13,21 +9,22 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PolygonStamped
-from rcl_interfaces.msg import Parameter, ParameterEvent
-from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
-from rclpy.client import Client
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import Image, PointCloud2
-from std_srvs.srv import SetBool, Trigger
+from std_msgs.msg import UInt32
+from visualization_msgs.msg import MarkerArray
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.node.console.answers import Json, box_of, heat_of, particles_of, status_of
-from pf_tracker_ros.node.console.tuning import shaped, shown_names
+from pf_tracker_ros.node.console.answers import box_of, heat_of, particles_of, status_of
+from pf_tracker_ros.node.console.several import boxes_of, detections_of, stop_message, targets_of
+from pf_tracker_ros.node.console.tracker_services import TrackerError, TrackerServices
 from pf_tracker_ros.node.message_building import box_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, advertise, subscribe
+from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 from pf_tracker_ros.node.tracker.image_input import ImageInput
 from pf_tracker_ros.stamps import set_stamp, stamp_of
 
@@ -41,15 +38,7 @@ _EVERY_STATUS = QoSProfile(
 )
 # With its history full, Fast DDS asks for the acknowledgment with each message; else every 3 s.
 _TARGET_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-# A service may not know a client yet that it is ready for; its answer is lost then.
 _PATIENCE = 2.0
-_ATTEMPTS = 2
-_TICK = 0.1
-_MEETING_TICKS = 20
-
-
-class TrackerError(Exception):
-    """The tracker cannot be asked, or has not answered; the message says what to do."""
 
 
 class TrackerLink:
@@ -57,13 +46,14 @@ class TrackerLink:
 
     Attributes:
         name: Fully qualified name of the tracker's node.
+        services: Of it.
 
     Args:
         node: The console's node.
         name: Of the tracker's node, in the console's namespace unless it begins with a slash.
         receive: Called in the executor with what came, its stamp in nanoseconds (0 without one),
-            and the content: `image`, `box`, `particles`, `likelihood`, `status`, `health`,
-            `parameters` for a change of these, or `fault`.
+            and the content: `image`, `box`, `boxes`, `particles`, `likelihood`, `status`,
+            `detections`, `health`, `parameters` for a change of these, or `fault`.
     """
 
     def __init__(self, node: Node, name: str, receive: Receive) -> None:
@@ -75,34 +65,20 @@ class TrackerLink:
         self._guard = node.create_guard_condition(self._act)
         self._image_topic = ""
         self._watching = False
-        self._particles: Subscription | None = None
+        self._answers: list[Subscription] = []
         self._likelihood: Subscription | None = None
         self._images = ImageInput(node, self._on_image, self._report)
-        for kind, message_type, profile, callback in (
-            ("box", PolygonStamped, DEFAULT_QOS, self._on_box),
-            ("status", DiagnosticArray, _EVERY_STATUS, self._on_status),
-        ):
-            self._subscribe(kind, message_type, profile, callback)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, DEFAULT_QOS)
         self._targets = self._advertise("target", PolygonStamped)
         self._clicks = self._advertise("click", PointStamped)
-        self._stop = node.create_client(Trigger, f"{self.name}/stop")
-        self._enable = node.create_client(SetBool, f"{self.name}/enable")
-        self._parameters = {
-            kind: node.create_client(kind, f"{self.name}/{name}")
-            for kind, name in (
-                (ListParameters, "list_parameters"),
-                (DescribeParameters, "describe_parameters"),
-                (GetParameters, "get_parameters"),
-                (SetParameters, "set_parameters"),
-            )
-        }
+        self._stops = self._advertise("stop_target", UInt32)
+        self.services = TrackerServices(node, self.name, self._do)
         node.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
 
     # What is said to the tracker; called from any thread
 
     def watch(self, watched: bool) -> None:
-        """Subscribe to images and particles as long as anybody looks."""
+        """Subscribe to images and what the tracker says of each, as long as anybody looks."""
         self._do(lambda: self._watch(watched))
 
     def watch_likelihood(self, watched: bool) -> None:
@@ -153,76 +129,16 @@ class TrackerLink:
         set_stamp(message.header, stamp)
         self._clicks.publish(message)
 
-    async def stop(self) -> str:
-        """Let the tracker forget its target; what it says.
+    def stop_target(self, id: str) -> None:
+        """Let a tracker of several targets forget one of them.
 
         Raises:
-            TrackerError: It does not answer.
+            ValueError: That is no id of a target.
+            TrackerError: Nobody takes it.
         """
-        return str((await self.ask(self._stop, Trigger.Request())).message)
-
-    async def enable(self, enabled: bool) -> str:
-        """Let the tracker go on or pause; what it says.
-
-        Raises:
-            TrackerError: It does not answer.
-        """
-        return str((await self.ask(self._enable, SetBool.Request(data=enabled))).message)
-
-    async def parameters(self) -> list[Json]:
-        """All parameters, as `tuning.shaped` gives them.
-
-        Raises:
-            TrackerError: It does not answer.
-        """
-        listed = await self._ask_parameters(ListParameters, ListParameters.Request())
-        names = shown_names(listed.result.names)
-        described = await self._ask_parameters(
-            DescribeParameters, DescribeParameters.Request(names=names)
-        )
-        values = await self._ask_parameters(GetParameters, GetParameters.Request(names=names))
-        if not len(described.descriptors) == len(values.values) == len(names):
-            raise TrackerError("the parameters changed while they were asked for")
-        return shaped(described.descriptors, values.values)
-
-    async def set_parameter(self, parameter: Parameter) -> str:
-        """Set a parameter; why it is refused, or empty.
-
-        Raises:
-            TrackerError: It does not answer.
-        """
-        request = SetParameters.Request(parameters=[parameter])
-        answer = await self._ask_parameters(SetParameters, request)
-        (result,) = answer.results
-        return "" if result.successful else str(result.reason or "the node gives no reason")
-
-    async def _ask_parameters(self, kind: Any, request: Any) -> Any:
-        return await self.ask(self._parameters[kind], request)
-
-    async def ask(self, client: Client, request: Any) -> Any:
-        """The response of a service.
-
-        Raises:
-            TrackerError: There is no such service, or it does not answer.
-        """
-        # Those of a tracker that has just been found may not be known yet.
-        for _ in range(_MEETING_TICKS):
-            if client.service_is_ready():
-                break
-            await asyncio.sleep(_TICK)
-        else:
-            raise TrackerError(
-                f"{client.srv_name} is not there: is the tracker running and active?"
-            )
-        loop = asyncio.get_running_loop()
-        for _ in range(_ATTEMPTS):
-            answer: asyncio.Future[Any] = loop.create_future()
-            self._do(partial(_call, client, request, loop, answer))
-            try:
-                return await asyncio.wait_for(answer, _PATIENCE)
-            except asyncio.TimeoutError:
-                continue
-        raise TrackerError(f"{client.srv_name} does not answer")
+        message = stop_message(id)
+        self._expect_subscriber(self._stops)
+        self._stops.publish(message)
 
     # In the executor
 
@@ -239,13 +155,23 @@ class TrackerLink:
             return
         self._watching = watched
         self._reopen()
+        for subscription in self._answers:
+            self._node.destroy_subscription(subscription)
+        self._answers = []
         if watched:
-            self._particles = self._subscribe(
-                "particles", PointCloud2, DEFAULT_QOS, self._on_particles
-            )
-        elif self._particles:
-            self._node.destroy_subscription(self._particles)
-            self._particles = None
+            self._answers = [
+                self._subscribe("box", PolygonStamped, DEFAULT_QOS, self._on_box),
+                self._subscribe("status", DiagnosticArray, _EVERY_STATUS, self._on_status),
+                self._subscribe("particles", PointCloud2, DEFAULT_QOS, self._on_particles),
+                self._subscribe("boxes", MarkerArray, DEFAULT_QOS, self._on_boxes),
+            ]
+            if DETECTIONS_TYPE:
+                topic = f"{self.name.rpartition('/')[0]}/detections"
+                self._answers.append(
+                    self._node.create_subscription(
+                        DETECTIONS_TYPE, topic, self._on_detections, DEFAULT_QOS
+                    )
+                )
 
     def _watch_likelihood(self, watched: bool) -> None:
         if watched and self._likelihood is None:
@@ -313,12 +239,23 @@ class TrackerLink:
     def _on_particles(self, message: PointCloud2) -> None:
         self._receive("particles", stamp_of(message.header), particles_of(message))
 
+    def _on_boxes(self, message: MarkerArray) -> None:
+        if message.markers:
+            self._receive("boxes", stamp_of(message.markers[0].header), boxes_of(message))
+
+    def _on_detections(self, message: Any) -> None:
+        self._receive("detections", stamp_of(message.header), detections_of(message))
+
     def _on_likelihood(self, message: Image) -> None:
         self._receive("likelihood", stamp_of(message.header), heat_of(message))
 
     def _on_status(self, message: DiagnosticArray) -> None:
-        for status in message.status[:1]:
-            self._receive("status", stamp_of(message.header), status_of(status))
+        if message.status:
+            own, *others = message.status
+            status = status_of(own)
+            # A tracker of several targets tells how many there are.
+            status["targets"] = targets_of(others) if "targets" in status["values"] else None
+            self._receive("status", stamp_of(message.header), status)
 
     def _on_parameters(self, message: ParameterEvent) -> None:
         if message.node == self.name:
@@ -329,21 +266,3 @@ class TrackerLink:
         for status in message.status:
             if status.name == wanted:
                 self._receive("health", 0, status_of(status))
-
-
-def _call(
-    client: Client, request: Any, loop: asyncio.AbstractEventLoop, answer: asyncio.Future[Any]
-) -> None:
-    def settle(done: Any) -> None:
-        loop.call_soon_threadsafe(_settle, answer, done)
-
-    client.call_async(request).add_done_callback(settle)
-
-
-def _settle(answer: asyncio.Future[Any], done: Any) -> None:
-    if answer.done():
-        return
-    if error := done.exception():
-        answer.set_exception(TrackerError(str(error)))
-    else:
-        answer.set_result(done.result())

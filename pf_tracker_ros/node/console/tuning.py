@@ -6,6 +6,7 @@ what the preset says of it follows from the declarations.
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -125,16 +126,28 @@ def parameter_file(node: str, known: Sequence[Json]) -> str:
 
 def _usual(values: Mapping[str, Any]) -> dict[str, Any]:
     """What each parameter has with the preset in force and nothing else."""
-    try:
-        preset = preset_parameters(str(values.get("preset")))
-    except ParameterError:
-        preset = {}
-    usual = {name: one.default for name, one in (_NODE | _TRACKER).items()} | preset
+    usual = {name: one.default for name, one in _NODE.items()}
+    if int(values.get("max_targets", 1)) > 1:
+        usual |= _of_several(str(values.get("preset")))
+    else:
+        usual |= {name: one.default for name, one in _TRACKER.items()}
+        with contextlib.suppress(ParameterError):
+            usual |= preset_parameters(str(values.get("preset")))
     if "preset" in values:
         usual["preset"] = values["preset"]
     return {
         name: list(value) if isinstance(value, tuple) else value for name, value in usual.items()
     }
+
+
+def _of_several(preset: str) -> dict[str, Any]:
+    """What a preset says for several targets; nothing where it or SciPy is not there."""
+    try:
+        from pf_tracker_ros.targets.parameters import multi_preset_parameters
+
+        return multi_preset_parameters(preset)
+    except (ModuleNotFoundError, ParameterError):
+        return {}
 
 
 def _group(name: str) -> str:

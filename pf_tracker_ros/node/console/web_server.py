@@ -11,6 +11,7 @@ import contextlib
 import json
 import socket
 import threading
+from collections import deque
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -80,6 +81,8 @@ class WebServer:
         self._stopping = asyncio.Event()
         self._started = threading.Event()
         self._error: OSError | None = None
+        self._received: deque[tuple[str, int, Any]] = deque()
+        self._is_waking = False
         self._sockets: set[web.WebSocketResponse] = set()
         self._thread = threading.Thread(target=self._serve, name="web server", daemon=True)
 
@@ -112,12 +115,19 @@ class WebServer:
 
     def receive(self, kind: str, stamp: int, content: Any) -> None:
         """Hand on to the hub what came from the tracker; called from any thread."""
-        with contextlib.suppress(RuntimeError):  # The loop may have been closed just before.
-            self._loop.call_soon_threadsafe(self._receive, kind, stamp, content)
+        self._received.append((kind, stamp, content))
+        # What is there already is taken with the rest: waking the loop costs more than a message.
+        if not self._is_waking:
+            self._is_waking = True
+            with contextlib.suppress(RuntimeError):  # The loop may have been closed just before.
+                self._loop.call_soon_threadsafe(self._receive)
 
-    def _receive(self, kind: str, stamp: int, content: Any) -> None:
-        if self._hub:
-            self._hub.receive(kind, stamp, content)
+    def _receive(self) -> None:
+        self._is_waking = False
+        while self._received:
+            received = self._received.popleft()
+            if self._hub:
+                self._hub.receive(*received)
 
     def _serve(self) -> None:
         with contextlib.closing(self._loop):

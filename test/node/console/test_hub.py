@@ -7,8 +7,7 @@ import pytest
 from sensor_msgs.msg import Image
 
 from pf_tracker_ros.node.console.hub import Hub
-
-HEALTH = {"level": "ok", "message": "tracking", "values": {"image_topic": "/image"}}
+from pf_tracker_ros.node.console.pictures import Picture
 
 
 class Link:
@@ -127,7 +126,7 @@ def test_a_browser_that_draws_nothing_gets_two_frames_and_then_the_newest(run):
         counts = []
         for stamp in range(1, 30):
             hub.receive("image", stamp, image)
-            while hub._newest_number < stamp:
+            while not hub._pairing.latest or hub._pairing.latest.number < stamp:
                 await asyncio.sleep(0)
             if stamp < 3:
                 while browser.frames < stamp:
@@ -142,6 +141,30 @@ def test_a_browser_that_draws_nothing_gets_two_frames_and_then_the_newest(run):
     assert run(scenario)[2:] == [2] * 27
 
 
+def test_a_frame_is_encoded_once_for_all_browsers(run, monkeypatch):
+    made = []
+
+    def note(message, detail):
+        made.append(detail)
+        return Picture(1, 1, b"jpeg")
+
+    monkeypatch.setattr("pf_tracker_ros.node.console.browsers.picture_of", note)
+
+    async def scenario(hub, link, browser):
+        others = [Browser(), Browser()]
+        welcomes = [asyncio.ensure_future(hub.welcome(one)) for one in (browser, *others)]
+        await asyncio.sleep(0)
+        hub.receive("image", 1, Image(height=1, width=1, step=1, encoding="mono8", data=[7]))
+        while not all(one.frames for one in (browser, *others)):
+            await asyncio.sleep(0)
+        for welcome in welcomes:
+            welcome.cancel()
+        return True
+
+    assert run(scenario)
+    assert len(made) == 1
+
+
 def test_images_and_particles_are_asked_for_while_somebody_looks(run):
     async def scenario(hub, link, browser):
         watching = asyncio.ensure_future(hub.welcome(browser))
@@ -152,14 +175,3 @@ def test_images_and_particles_are_asked_for_while_somebody_looks(run):
         return seen, link.watched
 
     assert run(scenario) == ([True], [True, False])
-
-
-def test_silence_is_told_within_two_seconds(run):
-    async def scenario(hub, link, browser):
-        hub.receive("health", 0, HEALTH)
-        heard_at = hub._heard_at
-        return [hub._current_health(heard_at + after) for after in (1.3, 1.8)]
-
-    heard, silent = run(scenario)
-    assert (heard["tracker"], heard["text"]) == ("heard", "tracking")
-    assert silent["tracker"] == "silent"

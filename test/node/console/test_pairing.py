@@ -45,6 +45,18 @@ def test_particles_are_waited_for_where_somebody_looks(pairing):
     assert pairing.choose(now=0.0)
 
 
+def test_of_several_targets_the_boxes_are_waited_for_and_no_single_one(pairing):
+    pairing.wanted = {"particles", "likelihood"}
+    crowd = TRACKING | {"targets": [{"id": "1"}]}
+    pairing.add_image(2, "picture", now=0.0)
+    pairing.add_answer(2, "status", crowd, now=0.0)
+    pairing.add_answer(2, "particles", [], now=0.0)
+    assert not pairing.choose(now=0.0)
+    pairing.add_answer(2, "boxes", {}, now=0.0)
+    assert pairing.choose(now=0.0)
+    assert pairing.latest.answer.keys() == {"status", "particles", "boxes"}
+
+
 def test_without_a_target_there_is_nothing_to_wait_for(pairing):
     pairing.wanted = {"particles"}
     pairing.add_image(2, "picture", now=0.0)
@@ -67,6 +79,17 @@ def test_a_picture_without_an_answer_is_shown_in_the_end(pairing):
     assert not pairing.choose(now=0.2)
     assert pairing.choose(now=0.3)
     assert pairing.latest.answer == {}
+
+
+def test_a_tracker_that_takes_long_is_waited_for_longer(pairing):
+    for stamp in range(2, 10):
+        now = 0.3 * stamp
+        pairing.add_image(stamp, "picture", now)
+        pairing.add_answer(stamp, "status", IDLE, now + 0.24)
+        assert pairing.choose(now + 0.24)
+    pairing.add_image(10, "picture", now=3.0)
+    assert not pairing.choose(now=3.4)
+    assert pairing.choose(now=3.5)
 
 
 def test_without_a_tracker_pictures_are_shown_at_once():
@@ -103,6 +126,42 @@ def test_another_answer_to_the_same_frame_is_shown(pairing):
     pairing.add_answer(2, "status", IDLE, now=0.2)
     assert pairing.choose(now=0.2)
     assert pairing.latest.answer == {"status": IDLE}
+
+
+def test_an_image_that_comes_after_its_answer_keeps_it(pairing):
+    for now in (0.0, 1.0):
+        pairing.add_answer(2, "status", TRACKING, now=now)
+        pairing.add_answer(2, "box", [1, 2, 3, now], now=now)
+        pairing.choose(now)
+        pairing.add_image(2, f"picture at {now}", now=now)
+        pairing.choose(now)
+        # Played again, it is answered before it comes.
+        pairing.choose(now + 0.5)
+        assert pairing.latest.image == f"picture at {now}"
+        assert pairing.latest.answer == {"status": TRACKING, "box": [1, 2, 3, now]}
+
+
+def test_a_frame_that_is_played_again_has_no_box_of_before(pairing):
+    pairing.add_image(2, "picture", now=0.0)
+    pairing.add_answer(2, "status", TRACKING, now=0.0)
+    pairing.add_answer(2, "box", [1, 2, 3, 4], now=0.0)
+    assert pairing.choose(now=0.0)
+    pairing.add_answer(2, "status", TRACKING, now=1.0)
+    assert not pairing.choose(now=1.0)
+    pairing.add_answer(2, "box", [5, 6, 7, 8], now=1.0)
+    assert pairing.choose(now=1.0)
+    assert pairing.latest.answer["box"] == [5, 6, 7, 8]
+
+
+def test_a_part_that_is_late_is_shown_at_once(pairing):
+    pairing.wanted = {"particles"}
+    pairing.add_image(2, "picture", now=0.0)
+    pairing.add_answer(2, "status", TRACKING, now=0.0)
+    assert pairing.choose(now=0.5)
+    for part in ("box", "particles"):
+        pairing.add_answer(2, part, [], now=0.6)
+    assert pairing.choose(now=0.6)
+    assert pairing.latest.answer.keys() == {"status", "box", "particles"}
 
 
 def test_what_waits_has_a_limit():

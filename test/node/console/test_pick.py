@@ -4,7 +4,7 @@ from pf_tracker_ros.node.console.pick import Pick
 
 
 def make(sent_at, send=lambda: None):
-    return Pick(1, sent_at, send)
+    return Pick(sent_at, send)
 
 
 def status(message="tracking", **values):

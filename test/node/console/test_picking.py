@@ -40,11 +40,19 @@ def overlap(one, other):
 
 
 @pytest.fixture
-def sent(client):
-    """What is sent to the tracker, as it comes: targets and clicks."""
+def sent(tracker, console, client):
+    """What the console sends to the tracker, as it comes: targets and clicks."""
     messages = []
     client.create_subscription(PolygonStamped, "pf_tracker/target", messages.append, 10)
     client.create_subscription(PointStamped, "pf_tracker/click", messages.append, 10)
+    senders = [one for one in console.publishers if one.topic.endswith(("/target", "/click"))]
+    assert len(senders) == 2
+
+    def are_heard():
+        # By the tracker, and here; what is sent before that is lost.
+        return all(sender.get_subscription_count() == 2 for sender in senders)
+
+    client.wait_for(are_heard, "subscriptions")
     return messages
 
 

@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import signal
 
 import pytest
 import yaml
@@ -55,7 +56,7 @@ def player(tracker, start_console, open_page, bag):
 
 
 def at_frame(page, index):
-    page.wait_until(lambda: page.stamp == stamp_at(index), f"frame {index}")
+    page.wait_until(lambda: page.shows(stamp_at(index)), f"frame {index}")
 
 
 def go_to(page, index):
@@ -63,12 +64,17 @@ def go_to(page, index):
     at_frame(page, index)
 
 
-def draw(page, box):
+def draw(page, wanted):
     """Draw a box, and return the one that the page has sent."""
-    page.drag(box)
+    page.drag(wanted)
     page.wait_until(lambda: "accepted" in page.text("note"), "acceptance")
-    page.wait_until(lambda: page.box, "box")
-    return tuple(page.box)
+
+    def shown():
+        # Not that of a target before it.
+        box = page.box
+        return box if box == pytest.approx(wanted, abs=1.0) else None
+
+    return tuple(page.wait_until(shown, "box"))
 
 
 def test_stepping_gives_the_boxes_of_a_run_in_lockstep(player, moving_square):
@@ -78,7 +84,7 @@ def test_stepping_gives_the_boxes_of_a_run_in_lockstep(player, moving_square):
         player.keyboard.press("n")
         at_frame(player, index)
         assert player.box == pytest.approx(expected[stamp_at(index)], abs=2e-3), index
-    assert player.text("frame") == "11 / 19"
+    player.wait_until(lambda: player.text("frame") == "11 / 19", "position")
 
 
 def test_seeking_gives_the_boxes_of_a_run_in_lockstep(player, moving_square):
@@ -106,6 +112,39 @@ def test_a_target_is_tried_again_from_its_own_frame(player, moving_square):
     expected = boxes_in_lockstep(moving_square.images, box, 2)
     go_to(player, 9)
     assert player.box == pytest.approx(expected[stamp_at(9)], abs=2e-3)
+
+
+def test_a_tracker_that_is_slow_for_once_is_waited_for(
+    graph, start_console, open_page, bag, moving_square
+):
+    tracker = graph.process("-p", "seed:=0")
+    page = open_page(start_console(source=str(bag)).link)
+    at_frame(page, 0)
+    draw(page, moving_square.boxes[0])
+    tracker.send_signal(signal.SIGSTOP)
+    page.keyboard.press("n")
+    # Longer than `replay` waits for an answer if nobody tells it to be patient.
+    page.wait_for_timeout(2500.0)
+    tracker.send_signal(signal.SIGCONT)
+    at_frame(page, 1)
+    page.keyboard.press("n")
+    at_frame(page, 2)
+    assert page.text("state") == "tracking"
+
+
+def test_the_box_is_back_with_a_tracker_that_was_silent_for_a_while(
+    graph, start_console, open_page, bag, moving_square
+):
+    tracker = graph.process("-p", "seed:=0")
+    page = open_page(start_console(source=str(bag)).link)
+    at_frame(page, 0)
+    box = draw(page, moving_square.boxes[0])
+    tracker.send_signal(signal.SIGSTOP)
+    page.wait_until(lambda: "has fallen silent" in page.text("health"), "that it is missed")
+    assert page.box is None
+    tracker.send_signal(signal.SIGCONT)
+    page.wait_until(lambda: page.box, "box of the picture that stands still")
+    assert tuple(page.box) == box
 
 
 def test_it_plays_and_pauses_at_its_end_and_goes_on_from_there(player, moving_square):
@@ -152,6 +191,68 @@ def test_the_target_is_saved_beside_the_recording(player, moving_square, bag):
     assert [path.name for path in bag.parent.iterdir() if path.name.startswith(".")] == []
 
 
+@pytest.fixture
+def saved(bag):
+    """A function that writes the target file of the recording."""
+
+    def save(**values):
+        (bag.parent / "drive.target.yaml").write_text(yaml.safe_dump(values))
+
+    return save
+
+
+@pytest.mark.usefixtures("tracker")
+def test_a_saved_target_is_tried_from_its_frame(
+    saved, start_console, open_page, bag, moving_square
+):
+    box = [float(value) for value in moving_square.boxes[3]]
+    saved(target_box=box, frame=3, stamp=stamp_at(3), image_size=[160, 120])
+    page = open_page(start_console(source=str(bag)).link)
+    at_frame(page, 0)
+    page.locator("#load:enabled").click()
+    at_frame(page, 3)
+    page.wait_until(lambda: page.box, "box")
+    assert page.box == pytest.approx(box, abs=1e-2)
+    expected = boxes_in_lockstep(moving_square.images, tuple(box), 3)
+    go_to(page, 8)
+    assert page.box == pytest.approx(expected[stamp_at(8)], abs=2e-3)
+
+
+def test_a_target_that_has_just_been_saved_can_be_taken_again(player, moving_square):
+    assert player.locator("#load").is_disabled()
+    go_to(player, 2)
+    box = draw(player, moving_square.boxes[2])
+    player.locator("#save").click()
+    player.locator("#load:enabled").wait_for()
+    player.keyboard.press("s")
+    player.wait_until(lambda: "stopped" in player.text("note"), "answer")
+    player.locator("#load").click()
+    player.wait_until(lambda: player.stamp == stamp_at(2) and player.box, "box")
+    assert player.box == pytest.approx(box, abs=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({"target_box": [1, 2, 3]}, "'target_box' is [1, 2, 3]"),
+        ({"target_box": [1, 2, 3, 4], "stamp": 77}, "it belongs to another recording"),
+        ({"target_box": [1, 2, 3, 4], "image_size": [640, 480]}, "these have 160 x 120 px"),
+        ({"target_box": [1, 2, 3, 4], "recording": "other.mcap"}, "is the target of 'other.mcap'"),
+    ],
+)
+def test_a_target_file_that_is_wrong_or_of_another_recording_is_refused(
+    player, saved, values, reason
+):
+    # Written beside the recording after its start, in place of one that was saved.
+    draw(player, (20, 30, 24, 24))
+    player.locator("#save").click()
+    player.locator("#load:enabled").wait_for()
+    saved(**values)
+    player.locator("#load").click()
+    player.wait_until(lambda: reason in player.text("note"), "reason")
+    player.wait_until(lambda: player.box, "target that was there")
+
+
 def test_a_click_in_a_recording_is_tried_again_too(player, client):
     client.set_parameters(click_size=24.0)
     player.wait_until(
@@ -160,7 +261,7 @@ def test_a_click_in_a_recording_is_tried_again_too(player, client):
     player.mouse.click(*player.to_screen(32, 42))
     player.wait_until(lambda: player.box, "box")
     assert player.box == pytest.approx([20, 30, 24, 24], abs=1.0)
-    assert player.locator("#save").is_enabled()
+    player.wait_until(player.locator("#save").is_enabled, "target to save")
 
 
 def test_without_a_tracker_it_waits_for_one(start_console, open_page, bag, graph):

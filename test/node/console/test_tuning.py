@@ -60,6 +60,15 @@ def test_each_has_its_group_its_range_and_what_the_preset_says():
     assert found["hostile.<b>"]["usual"] is None
 
 
+def test_of_several_targets_the_preset_says_something_else():
+    several = shape(
+        described("preset", "default"), described("max_targets", 4), described("particles", 100)
+    )
+    assert several["particles"]["usual"] == 100
+    single = shape(described("preset", "default"), described("particles", 100))
+    assert single["particles"]["usual"] == 200
+
+
 def test_an_empty_list_of_numbers_is_one():
     descriptor = ParameterDescriptor(name="target_box", type=ParameterType.PARAMETER_DOUBLE_ARRAY)
     (one,) = shaped([descriptor], [ParameterValue()])

@@ -3,6 +3,7 @@ import * as heat from "./heat.js";
 import * as plots from "./plots.js";
 import * as recording from "./recording.js";
 import * as stage from "./stage.js";
+import * as targets from "./targets.js";
 import * as tune from "./tune.js";
 
 const RECONNECT = 500, RATE_WINDOW = 2000;
@@ -10,7 +11,8 @@ const at = (id) => document.getElementById(id);
 const text = (id, content) => { if (at(id).textContent !== content) at(id).textContent = content; };
 const number = (value, digits) => typeof value === "number" ? value.toFixed(digits) : "–";
 
-let socket = null, health = {}, lastStatus = null, drawnAt = [];
+let drawing = Promise.resolve();  // once the frames that came before are
+let socket = null, health = {}, lastStatus = null, drawn = [];  // of the last frames, when and how many octets
 
 export function send(message) {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
@@ -26,7 +28,8 @@ function connect() {
   const scheme = location.protocol === "https:" ? "wss:" : "ws:";
   socket = new WebSocket(`${scheme}//${location.host}/socket`);
   socket.binaryType = "arraybuffer";
-  socket.onmessage = ({ data }) => typeof data === "string" ? take(JSON.parse(data)) : show(data);
+  // One frame after another: of two that are decoded at once, the older one may be done later.
+  socket.onmessage = ({ data }) => { if (typeof data === "string") take(JSON.parse(data)); else drawing = drawing.then(() => show(data)); };
   socket.onclose = () => {
     health = { tracker: "silent", level: "error", text: "The console does not answer; it is tried again twice a second." };
     showHealth();
@@ -36,6 +39,8 @@ function connect() {
 
 const handlers = {
   welcome(message) {
+    send({ type: "welcomed" });
+    tellView();
     text("name", message.tracker.replace(/^\//, ""));
     heat.ask();
   },
@@ -45,7 +50,11 @@ const handlers = {
     if (!message.ok && ["target", "click"].includes(message.about)) stage.judge("refused");
   },
   recording(message) { recording.show(message); },
-  parameters(message) { tune.show(message.parameters); },
+  parameters(message) {
+    tune.show(message.parameters);
+    targets.allow(message.parameters.find((one) => one.name === "max_targets")?.value ?? 1);
+  },
+  detections: targets.detect,
   set(message) { tune.judge(message.name, message.refusal); },
   verdict(message) {
     note(message.text, message.outcome !== "refused");
@@ -60,12 +69,15 @@ async function show(data) {
   const frame = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
   const jpeg = new Uint8Array(data, 4 + length);
   if (jpeg.length) {
-    const bitmap = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" }));
-    stage.show(frame, bitmap);
+    const bitmap = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" })).catch(() => null);
+    if (bitmap) {
+      text("jpeg", `${frame.quality}, ${bitmap.width} px`);
+      stage.show(frame, bitmap);
+    } else frame.error = "the browser cannot show the picture";
   }
   send({ type: "shown" });
   const now = performance.now();
-  drawnAt = [...drawnAt.filter((time) => now - time < RATE_WINDOW), now];
+  drawn = [...drawn.filter(([time]) => now - time < RATE_WINDOW), [now, data.byteLength]];
   if (frame.error) note(frame.error, false);
   showStatus(frame);
 }
@@ -73,7 +85,7 @@ async function show(data) {
 function showStatus(frame) {
   const values = frame.status?.values ?? {};
   lastStatus = performance.now();
-  if (frame.status) plots.add(values);
+  if (frame.status) plots.add(values, frame.status.targets);
   showState(values.state, values.confidence);
   text("count", number(values.particles, 0));
   text("effective", number(values.effective_sample_size, 0));
@@ -97,23 +109,30 @@ function showHealth() {
   text("health", health.text);
   at("health").dataset.level = health.level;
   text("topic", heard && health.image_topic ? `${health.image_topic} · ${health.image_reliability ?? ""}`.replace("_", " ") : "");
-  if (!heard) stage.clear();
   // Without images, only the diagnostics tell how the target is.
-  if (!heard || performance.now() - lastStatus > 1000 || lastStatus === null) {
-    showState(health.state, health.confidence);
-    if (health.state === "idle") stage.clear();
-  }
+  const isOld = performance.now() - lastStatus > 1000 || lastStatus === null;
+  if (!heard || isOld) showState(health.state, health.confidence);
+  stage.setBlank(!heard || (isOld && health.state === "idle"));
   stage.setPaused(heard && health.text.startsWith("paused"));
+}
+
+// A picture needs no more pixels than it is shown with.
+function tellView() {
+  const width = Math.round(at("stage").clientWidth * devicePixelRatio);
+  if (width && socket?.readyState === WebSocket.OPEN) send({ type: "view", width });
 }
 
 setInterval(() => {
   const now = performance.now();
-  drawnAt = drawnAt.filter((time) => now - time < RATE_WINDOW);
-  text("rate", `${number(1000 * drawnAt.length / RATE_WINDOW, 1)} frames/s`);
+  drawn = drawn.filter(([time]) => now - time < RATE_WINDOW);
+  text("rate", `${number(1000 * drawn.length / RATE_WINDOW, 1)} frames/s`);
+  text("link", `${number(8e-3 * drawn.reduce((sum, [, octets]) => sum + octets, 0) / RATE_WINDOW, 1)} Mbit/s`);
 }, 500);
 
 heat.begin(send);
 recording.begin(send);
 stage.begin(send, note);
+targets.begin(send);
 tune.begin(send);
+new ResizeObserver(tellView).observe(at("stage"));
 connect();

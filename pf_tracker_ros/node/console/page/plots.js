@@ -4,18 +4,18 @@ const SECONDS = 60, WIDTH = 600, HEIGHT = 100, INTERVAL = 250;
 const SVG = "http://www.w3.org/2000/svg";
 
 const plots = [
-  { id: "confidence", top: () => 1, of: (values) => ({ confidence: values.confidence }) },
+  { id: "confidence", top: () => 1, of: (values, targets) => targets ? Object.fromEntries(targets.map((one) => [one.id, one.confidence])) : { confidence: values.confidence } },
   { id: "effective", top: (most, values) => values.particles ?? most, of: (values) => ({ effective: values.effective_sample_size }) },
   { id: "processing", top: (most) => Math.max(10, most), of: (values) => ({ processing: values.processing_time_ms }) },
   { id: "powers", top: () => 1, of: (values) => Object.fromEntries(
     Object.entries(values).filter(([key]) => key.startsWith("power_")).map(([key, value]) => [key.slice(6), value])) },
 ];
-const past = [];  // [seconds, values] of the frames of the last minute
+const past = [];  // [seconds, values, targets if there are several] of the frames of the last minute
 let drawn = 0;
 
-export function add(values) {
+export function add(values, targets) {
   const now = performance.now() / 1000;
-  past.push([now, values]);
+  past.push([now, values, targets]);
   while (past[0][0] < now - SECONDS) past.shift();
   if (now - drawn < INTERVAL / 1000) return;
   drawn = now;
@@ -26,8 +26,8 @@ function draw(now) {
   for (const { id, top, of } of plots) {
     const lines = new Map();
     let most = 0;
-    for (const [time, values] of past) {
-      for (const [name, value] of Object.entries(of(values))) {
+    for (const [time, values, targets] of past) {
+      for (const [name, value] of Object.entries(of(values, targets))) {
         if (typeof value !== "number") continue;
         if (!lines.has(name)) lines.set(name, []);
         lines.get(name).push([time, value]);

@@ -14,6 +14,8 @@ export function show(next) {
   at("frame").textContent = `${Math.max(0, next.frame)} / ${last}`;
   at("speed").value = String(next.rate);
   at("save").disabled = !next.saves;
+  at("load").disabled = !next.target;
+  at("load").title = next.target;
 }
 
 export function toggle() { send({ type: "play", playing: !state.playing }); }
@@ -29,4 +31,5 @@ export function begin(sender) {
   at("seek").addEventListener("change", () => { seeking = false; seek(at("seek").valueAsNumber); });
   at("speed").addEventListener("change", () => send({ type: "rate", rate: Number(at("speed").value) }));
   at("save").addEventListener("click", () => send({ type: "save" }));
+  at("load").addEventListener("click", () => send({ type: "load" }));
 }

@@ -1,6 +1,7 @@
 // The picture, what is drawn over it, and drawing a target: by pointer, touch or keyboard.
 import * as heat from "./heat.js";
 import * as recording from "./recording.js";
+import * as targets from "./targets.js";
 
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay"), picture = at("picture"), context = picture.getContext("2d");
@@ -16,6 +17,7 @@ let last = null;         // of the one before
 let grip = null;         // what a pointer that is down moves
 let trail = [];
 let paused = false;
+let blank = false;       // nothing is drawn over the picture, as nothing is known of it
 
 export function show(next, bitmap) {
   if (mode !== "live") {
@@ -24,6 +26,7 @@ export function show(next, bitmap) {
     return;
   }
   frame = next;
+  blank = false;
   at("missing").hidden = true;
   if (picture.width !== bitmap.width || picture.height !== bitmap.height) {
     picture.width = bitmap.width;
@@ -40,9 +43,11 @@ export function show(next, bitmap) {
   drawOverlay();
 }
 
-export function clear() {
+// The answer to the frame comes back with the tracker: a picture that stands still gets no other.
+export function setBlank(now) {
+  if (now === blank) return;
+  blank = now;
   trail = [];
-  if (frame) frame = { ...frame, box: null, particles: null, status: null };
   if (frame && mode === "live") drawOverlay();
 }
 
@@ -69,15 +74,17 @@ function place(element, box) {
 }
 
 function drawOverlay() {
-  const values = frame.status?.values ?? {}, box = frame.box ?? null;
+  const { stamp, width, height } = frame, known = blank ? { stamp, width, height } : frame;
+  const values = known.status?.values ?? {}, box = known.box ?? null;
   overlay.dataset.state = values.state ?? "";
   overlay.dataset.stamp = frame.stamp;
   overlay.dataset.box = JSON.stringify(box);
   place(at("box"), box);
   place(at("halo"), box);
-  heat.show(frame);
+  heat.show(known);
+  targets.show(known);
   const unit = frame.width / overlay.clientWidth || 1;
-  set(at("particles"), { d: (frame.particles ?? []).map(([x, y, weight]) => {
+  set(at("particles"), { d: (known.particles ?? []).map(([x, y, weight]) => {
     const side = unit * (1.5 + 5 * weight);
     return `M${(x - side / 2).toFixed(1)} ${(y - side / 2).toFixed(1)}h${side.toFixed(1)}v${side.toFixed(1)}h-${side.toFixed(1)}z`;
   }).join("") });

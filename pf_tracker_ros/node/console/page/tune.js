@@ -2,7 +2,9 @@
 const at = (id) => document.getElementById(id);
 let send;
 let structure = "";        // which fields there are
-const fields = new Map();  // name to { row, show, refusal }
+let typing = false;        // what is being typed stays until it is given
+let waiting = null;        // parameters that came meanwhile
+const fields = new Map();  // name to { row, show, refusal, reset, input }
 
 function element(tag, properties = {}, ...children) {
   const made = Object.assign(document.createElement(tag), properties);
@@ -11,13 +13,19 @@ function element(tag, properties = {}, ...children) {
 }
 
 export function show(parameters) {
+  if (typing) {
+    waiting = parameters;
+    return;
+  }
   const now = JSON.stringify(parameters.map(({ value, ...rest }) => rest));
   if (now !== structure) build(parameters);
   structure = now;
   for (const one of parameters) {
     const field = fields.get(one.name);
     field.show(one.value);
-    field.row.classList.toggle("changed", JSON.stringify(one.value) !== JSON.stringify(one.usual));
+    const changed = one.usual !== null && JSON.stringify(one.value) !== JSON.stringify(one.usual);
+    field.row.classList.toggle("changed", changed);
+    field.reset.disabled = !changed || one.fixed;
   }
   for (const details of at("groups").querySelectorAll("details")) {
     const changed = details.querySelectorAll(".changed").length;
@@ -52,20 +60,29 @@ function row(one) {
   const id = `parameter-${one.name}`;
   const refusal = element("p", { className: "refusal", id: `${id}-refusal`, role: "alert" });
   const give = (value) => { refusal.textContent = ""; send({ type: "set", name: one.name, value }); };
-  const { inputs, show } = (makers[one.kind === "text" && one.choices.length ? "choice" : one.kind])(one, give);
+  const { inputs, show } = makers[kindOf(one)](one, give);
   inputs[0].id = id;
   for (const input of inputs) {
     input.setAttribute("aria-describedby", `${id}-about ${refusal.id}`);
     input.disabled = one.fixed;
   }
   const allowed = one.range ? `${one.range[0]} to ${one.range[1]}` : one.constraints.replace(/^allowed: /, "");
+  const reset = element("button", { type: "button", className: "reset", textContent: "Reset", ariaLabel: `Reset ${one.name}`, onclick() {
+    inputs[0].focus();  // the button goes as it has done its work
+    give(one.usual);
+  } });
   const made = element("div", { className: "parameter" },
     element("label", { htmlFor: id, textContent: one.name }),
-    element("div", { className: "field" }, ...inputs.map((input) => input.choice ? element("label", { className: "choice" }, input, input.choice) : input)),
+    element("div", { className: "field" }, ...inputs.map((input) => input.choice ? element("label", { className: "choice" }, input, input.choice) : input), reset),
     element("p", { className: "quiet", id: `${id}-about`, textContent: `${one.description} Allowed: ${allowed}.${one.fixed ? " Fixed while the node runs." : ""}` }),
     refusal);
-  fields.set(one.name, { row: made, show, refusal, input: inputs[0] });
+  fields.set(one.name, { row: made, show, refusal, reset, input: inputs[0] });
   return made;
+}
+
+function kindOf({ kind, choices }) {
+  if (kind === "text" && choices.length) return "choice";
+  return kind === "texts" && !choices.length ? "words" : kind;
 }
 
 // A slider covers wide ranges finely where they are small.
@@ -114,6 +131,10 @@ const makers = {
     } });
     return { inputs: [input], show(value) { input.value = value.join(", "); } };
   },
+  words(one, give) {
+    const input = element("input", { onchange: () => give(input.value.split(",").map((word) => word.trim()).filter(Boolean)) });
+    return { inputs: [input], show(value) { input.value = value.join(", "); } };
+  },
   texts(one, give) {
     let order = [];
     const boxes = one.choices.map((choice) => element("input", { type: "checkbox", choice, onchange() {
@@ -123,7 +144,16 @@ const makers = {
   },
 };
 
+function endTyping() {
+  typing = false;
+  if (waiting) show(waiting);
+  waiting = null;
+}
+
 export function begin(sender) {
   send = sender;
+  at("groups").addEventListener("input", () => { typing = true; });
+  // Those of the fields themselves come first.
+  for (const kind of ["change", "focusout"]) at("groups").addEventListener(kind, endTyping);
   at("reset").addEventListener("click", () => send({ type: "reset" }));
 }

@@ -1,0 +1,151 @@
+"""The pages that are open: each gets the newest frame at its own pace, all get the same news."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Protocol
+
+from pf_tracker_ros.node.console.answers import Json, packed
+from pf_tracker_ros.node.console.pace import Pace
+from pf_tracker_ros.node.console.pairing import Shown
+from pf_tracker_ros.node.console.pictures import Detail, picture_of, scale_for
+
+
+class Browser(Protocol):
+    """One page that is open."""
+
+    async def send_json(self, message: Json) -> None:
+        """Send a message; one to a browser that has gone is lost."""
+
+    async def send_bytes(self, message: bytes) -> None:
+        """Send a frame."""
+
+
+class _Viewer:
+    """What is known of a browser: its pace, the frame it got last, and its window's width."""
+
+    def __init__(self) -> None:
+        self.pace = Pace(time.monotonic())
+        self.number = 0
+        self.width: float | None = None
+
+
+class Browsers:
+    """The browsers, from their welcome until they are gone.
+
+    Args:
+        newest: Gives the frame to show, None before the first.
+    """
+
+    def __init__(self, newest: Callable[[], Shown | None]) -> None:
+        self._newest = newest
+        self._viewers: dict[Browser, _Viewer] = {}
+        self._changed = asyncio.Condition()
+        self._encoder = ThreadPoolExecutor(1, "encoder")
+        self._encoded: dict[tuple[int, Detail], asyncio.Future[tuple[int, bytes]]] = {}
+        self._image_width = 0
+
+    def __len__(self) -> int:
+        return len(self._viewers)
+
+    def __contains__(self, browser: Browser) -> bool:
+        return browser in self._viewers
+
+    def close(self) -> None:
+        """Encode no more."""
+        self._encoder.shutdown(wait=False, cancel_futures=True)
+
+    def add(self, browser: Browser) -> None:
+        """Take a browser in; `remove` lets it go."""
+        self._viewers[browser] = _Viewer()
+
+    def remove(self, browser: Browser) -> None:
+        """Forget a browser."""
+        self._viewers.pop(browser, None)
+
+    async def show(self, browser: Browser, news: Sequence[Json]) -> None:
+        """Give a browser first the news and then every frame that it bears, until canceled."""
+        viewer = self._viewers[browser]
+        viewer.pace.greet(time.monotonic())
+        for message in news:
+            await browser.send_json(message)
+        while True:
+            async with self._changed:
+                await self._changed.wait_for(lambda: self._newest_number > viewer.number)
+            await viewer.pace.take()
+            shown = self._newest()
+            assert shown is not None
+            passed_over = shown.number - viewer.number - 1 if viewer.number else 0
+            viewer.number = shown.number
+            frame = await self._encode(shown, self._detail_for(viewer))
+            viewer.pace.send(max(0, passed_over), time.monotonic())
+            await browser.send_bytes(frame)
+
+    async def show_newest(self) -> None:
+        """There is another frame to show."""
+        async with self._changed:
+            self._changed.notify_all()
+
+    async def tell(self, message: Json) -> None:
+        """Tell all of them something."""
+        await asyncio.gather(*(browser.send_json(message) for browser in list(self._viewers)))
+
+    def hear(self, browser: Browser) -> None:
+        """A browser has answered its welcome."""
+        if viewer := self._viewers.get(browser):
+            viewer.pace.hear(time.monotonic())
+
+    def acknowledge(self, browser: Browser) -> None:
+        """A browser has drawn a frame."""
+        if viewer := self._viewers.get(browser):
+            viewer.pace.acknowledge(time.monotonic())
+
+    async def set_width(self, browser: Browser, width: float) -> None:
+        """Note how wide a browser shows the picture, in pixels of its screen."""
+        if viewer := self._viewers.get(browser):
+            is_wider = viewer.width is not None and width > viewer.width
+            viewer.width = width
+            if is_wider:
+                # A picture that stands still is to be as sharp as one that moves.
+                viewer.number = 0
+                await self.show_newest()
+
+    @property
+    def _newest_number(self) -> int:
+        newest = self._newest()
+        return newest.number if newest else 0
+
+    def _detail_for(self, viewer: _Viewer) -> Detail:
+        """What the link bears, and no more than the window shows."""
+        detail = viewer.pace.detail
+        if viewer.width is None:
+            return detail
+        scale = min(detail.scale, scale_for(self._image_width, viewer.width))
+        return Detail(detail.quality, scale)
+
+    async def _encode(self, shown: Shown, detail: Detail) -> bytes:
+        """A frame as it is sent, made once for all browsers that get it in the same detail."""
+        key = (shown.number, detail)
+        if key not in self._encoded:
+            self._encoded = {k: v for k, v in self._encoded.items() if k[0] == shown.number}
+            loop = asyncio.get_running_loop()
+            self._encoded[key] = loop.run_in_executor(self._encoder, _encoded, shown, detail)
+        self._image_width, frame = await asyncio.shield(self._encoded[key])
+        return frame
+
+
+def _encoded(shown: Shown, detail: Detail) -> tuple[int, bytes]:
+    """The width of the image, and the frame."""
+    picture = picture_of(shown.image, detail)
+    header = {
+        "stamp": str(shown.stamp),
+        "width": picture.width,
+        "height": picture.height,
+        "quality": detail.quality,
+        "error": picture.error,
+        **shown.answer,
+    }
+    return picture.width, packed(header, picture.jpeg)

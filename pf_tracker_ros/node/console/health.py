@@ -1,0 +1,71 @@
+"""How the tracker is, in the words of its diagnostics, and whether it is heard at all."""
+
+from __future__ import annotations
+
+from pf_tracker_ros.node.console.answers import Json
+
+# The diagnostics come once a second; a tracker that says nothing for longer has gone.
+_SILENCE = 1.6
+_FAULT_SHOWN = 6.0
+_SHOWN = ("state", "confidence", "image_topic", "image_reliability", "preset", "input_rate")
+
+
+class Health:
+    """What was heard of one tracker. All times are seconds by one clock that never jumps.
+
+    Attributes:
+        answered_at: When it answered a frame last.
+
+    Args:
+        name: Of the tracker's node.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.answered_at = float("-inf")
+        self._name = name
+        self._status: Json | None = None
+        self._diagnostics: Json | None = None
+        self._heard_at: float | None = None
+        self._fault, self._fault_at = "", float("-inf")
+
+    def take_status(self, status: Json, now: float) -> None:
+        """Take the status of a frame."""
+        self._heard_at = self.answered_at = now
+        self._status = status
+
+    def take_diagnostics(self, diagnostics: Json, now: float) -> None:
+        """Take what the node says of itself once a second."""
+        self._heard_at, self._diagnostics = now, diagnostics
+
+    def take_fault(self, fault: str, now: float) -> None:
+        """Take what the console itself has to complain about."""
+        self._fault, self._fault_at = fault, now
+
+    def told(self, now: float, *, stands_still: bool) -> Json:
+        """What the page shows.
+
+        Args:
+            now: The time.
+            stands_still: Whether a recording does, so that images are not missed.
+        """
+        said = self._diagnostics or self._status
+        if self._heard_at is None or said is None:
+            text = (
+                f"no tracker is heard as {self._name}; start it (ros2 run pf_tracker_ros tracker), "
+                "with the ROS_DOMAIN_ID of the console"
+            )
+            return {"type": "health", "tracker": "absent", "level": "error", "text": text}
+        if now - self._heard_at > _SILENCE:
+            text = (
+                f"{self._name} has fallen silent: it has ended, hangs, or cannot be reached; the "
+                "console goes on with it as soon as it is back"
+            )
+            return {"type": "health", "tracker": "silent", "level": "error", "text": text}
+        values, text, level = said["values"], str(said["message"]), said["level"]
+        if now - self._fault_at < _FAULT_SHOWN:
+            text, level = f"{text}; the console: {self._fault}", "error"
+        if stands_still and text.startswith("no image for"):
+            # No fault of anybody.
+            text, level = text.partition("; ")[2], "ok"
+        told = {"type": "health", "tracker": "heard", "level": level, "text": text}
+        return told | {name: values.get(name) for name in _SHOWN}

@@ -1,0 +1,159 @@
+"""Plays the recording for the page, so that a target can be tried again and again."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+from functools import partial
+
+from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.node.console.answers import Json
+from pf_tracker_ros.node.console.pick import Picker
+from pf_tracker_ros.node.console.recording import PickedTarget, Recording
+from pf_tracker_ros.node.console.requests import RequestError, flag_of, number_of, whole_of
+from pf_tracker_ros.node.console.tracker_link import TrackerLink
+from pf_tracker_ros.recordings import RecordingError
+
+_FIRST_FRAME_INTERVAL = 1.0
+
+REQUESTS = ("play", "step", "seek", "rate", "save", "load")
+"""What can be asked of a recording."""
+
+
+class Player:
+    """Does what browsers ask of the recording.
+
+    Attributes:
+        picked: The target that is tried, None without one.
+
+    Args:
+        recording: That is played.
+        link: To the tracker.
+        picker: Sends the target.
+        tell: Tells all browsers something.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        link: TrackerLink,
+        picker: Picker,
+        tell: Callable[[Json], Awaitable[None]],
+    ) -> None:
+        self.picked: PickedTarget | None = None
+        self._recording = recording
+        self._link = link
+        self._picker = picker
+        self._tell = tell
+        self._told: Json = {}
+        self._show_first_at = float("-inf")
+        self._seeking = asyncio.Lock()
+        self.requests: Mapping[str, Callable[[Json], Awaitable[None]]] = {
+            "play": self._on_play,
+            "step": self._on_step,
+            "seek": self._on_seek,
+            "rate": self._on_rate,
+            "save": self._on_save,
+            "load": self._on_load,
+        }
+
+    @property
+    def state(self) -> Json:
+        """What the page shows of the recording."""
+        return {"type": "recording", "saves": self.picked is not None, **self._recording.state}
+
+    @property
+    def stands_still(self) -> bool:
+        """Whether no images are to be expected."""
+        return self._recording.paused
+
+    async def look(self, now: float, *, has_picture: bool) -> None:
+        """Tell the browsers what is new.
+
+        Args:
+            now: Seconds by a clock that never jumps.
+            has_picture: Whether there is one to draw a target on.
+        """
+        state = self.state
+        if state != self._told:
+            self._told = state
+            await self._tell(state)
+        # The first may go by before the console is known to be a subscriber.
+        if not has_picture and self._recording.paused and now > self._show_first_at:
+            self._show_first_at = now + _FIRST_FRAME_INTERVAL
+            self._recording.seek(self._recording.frame)
+
+    async def try_target(self, box: Box, stamp: int) -> bool:
+        """Play on from the frame that a target was drawn on; whether the recording has it."""
+        frame = self._recording.index_of(stamp)
+        if frame is None:
+            return False
+        self.picked = PickedTarget(box, stamp, frame)
+        await self._go_to(frame)
+        return True
+
+    async def _on_play(self, message: Json) -> None:
+        self._recording.paused = not flag_of(message, "playing")
+
+    async def _on_step(self, message: Json) -> None:
+        self._recording.paused = True
+        self._recording.step()
+
+    async def _on_seek(self, message: Json) -> None:
+        frame, last = whole_of(message, "frame"), self._recording.last_frame
+        await self._go_to(frame if last is None else min(frame, last))
+
+    async def _on_rate(self, message: Json) -> None:
+        if refusal := self._recording.set_rate(number_of(message, "rate")):
+            raise RequestError(refusal)
+
+    async def _on_save(self, message: Json) -> None:
+        if self.picked is None:
+            raise RequestError("there is no target to save; draw one first")
+        try:
+            path = self._recording.save(self.picked)
+        except OSError as error:
+            raise RequestError(f"the target cannot be saved: {error}") from error
+        text = f"saved as {path.name}, beside the recording"
+        await self._tell({"type": "note", "about": "save", "ok": True, "text": text})
+
+    async def _on_load(self, message: Json) -> None:
+        """Take the target of the file beside the recording, and go to its frame."""
+        loop = asyncio.get_running_loop()
+        try:
+            target = await loop.run_in_executor(None, self._recording.load)
+        except (RecordingError, FootageError) as error:
+            raise RequestError(str(error)) from error
+        self.picked = target
+        await self._go_to(target.frame)
+
+    async def _go_to(self, frame: int) -> None:
+        """Play a frame of the recording so that the boxes are those of a run in lockstep.
+
+        With a target, that begins on the frame that it was drawn on.
+        """
+        recording, loop = self._recording, asyncio.get_running_loop()
+        async with self._seeking:
+            was_paused = recording.paused
+            recording.paused = True
+            try:
+                if not await loop.run_in_executor(None, recording.settle):
+                    raise RequestError("the tracker does not answer the recording's last frame")
+                await self._link.services.stop()
+                target, first = self.picked, frame
+                if target:
+                    send = partial(self._link.send_target, target.box, target.stamp)
+                    first = min(frame, target.frame)
+                    if first == target.frame:
+                        await self._picker.send(send)
+                    else:
+                        send()
+                    while not await loop.run_in_executor(None, self._link.await_target):
+                        send()
+                recording.seek(first)
+                if frame > first:
+                    recording.step(frame - first)
+                await loop.run_in_executor(None, recording.settle)
+            finally:
+                recording.paused = was_paused

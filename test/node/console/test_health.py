@@ -1,0 +1,43 @@
+"""How the tracker is, from what was heard of it."""
+
+import pytest
+
+from pf_tracker_ros.node.console.health import Health
+
+DIAGNOSTICS = {"level": "ok", "message": "tracking", "values": {"image_topic": "/image"}}
+
+
+@pytest.fixture
+def health():
+    """Of a tracker that told of itself at the time 10."""
+    health = Health("/pf_tracker")
+    health.take_diagnostics(DIAGNOSTICS, 10.0)
+    return health
+
+
+def test_silence_is_told_within_two_seconds(health):
+    heard, silent = (health.told(now, stands_still=False) for now in (11.3, 11.8))
+    assert (heard["tracker"], heard["text"]) == ("heard", "tracking")
+    assert heard["image_topic"] == "/image"
+    assert silent["tracker"] == "silent"
+
+
+def test_a_tracker_that_was_never_heard_is_absent_not_silent():
+    told = Health("/left/pf_tracker").told(0.0, stands_still=False)
+    assert (told["tracker"], told["level"]) == ("absent", "error")
+    assert "/left/pf_tracker" in told["text"]
+
+
+def test_a_fault_of_the_console_stands_beside_the_nodes_words_for_a_while(health):
+    health.take_fault("no match", 10.0)
+    health.take_status(DIAGNOSTICS, 20.0)
+    assert health.told(10.5, stands_still=False)["text"] == "tracking; the console: no match"
+    assert health.told(20.5, stands_still=False)["text"] == "tracking"
+
+
+def test_images_are_not_missed_while_a_recording_stands_still(health):
+    missing = {"level": "warn", "message": "no image for 5.0 s; waiting for a target", "values": {}}
+    health.take_diagnostics(missing, 10.0)
+    told = health.told(10.5, stands_still=True)
+    assert (told["text"], told["level"]) == ("waiting for a target", "ok")
+    assert health.told(10.5, stands_still=False)["level"] == "warn"

@@ -1,0 +1,229 @@
+"""What a tracker of several targets says, and a page that shows it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import ColorRGBA, UInt32
+from visualization_msgs.msg import Marker, MarkerArray
+
+from pf_tracker_ros.node.console.answers import particles_of
+from pf_tracker_ros.node.console.several import boxes_of, detections_of, stop_message, targets_of
+
+HOSTILE = "<img src=x onerror=alert(1)>"
+LATCHED = QoSProfile(
+    depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+RED = ColorRGBA(r=1.0, g=0.5, b=0.0, a=1.0)
+
+
+def status(name="", message="", **values):
+    items = [KeyValue(key=key, value=value) for key, value in values.items()]
+    return DiagnosticStatus(name=name, message=message, values=items)
+
+
+def marker(id, corners, namespace="boxes"):
+    points = [Point(x=float(x), y=float(y)) for x, y in corners]
+    return Marker(ns=namespace, id=id, action=Marker.ADD, points=points, color=RED)
+
+
+def corners_of(x, y, width, height):
+    return [(x, y), (x + width, y), (x + width, y + height), (x, y + height), (x, y)]
+
+
+def test_targets_have_id_label_and_state_as_they_were_told():
+    told = [
+        status(id="1", label="7", state="tracking", confidence="0.75"),
+        status(id="20000001", label=HOSTILE, state="lost"),
+        status(state="tracking"),
+        status(id="1e3", state="tracking"),
+    ]
+    assert targets_of(told) == [
+        {"id": "1", "label": "7", "state": "tracking", "confidence": 0.75},
+        {"id": "20000001", "label": HOSTILE, "state": "lost", "confidence": None},
+    ]
+
+
+def test_boxes_are_those_of_the_markers_by_id():
+    message = MarkerArray(
+        markers=[
+            Marker(action=Marker.DELETEALL),
+            marker(3, corners_of(10, 20, 30, 40)),
+            marker(3, [(10, 20)], "labels"),
+            marker(4, [(float("nan"), 0), (1, 1)]),
+            marker(5, []),
+        ]
+    )
+    assert boxes_of(message) == {"3": {"box": [10.0, 20.0, 30.0, 40.0], "color": "#ff8000"}}
+
+
+def detection(x, y, width, height, theta=0.0, **scores):
+    center = SimpleNamespace(position=SimpleNamespace(x=x, y=y), theta=theta)
+    results = [
+        SimpleNamespace(hypothesis=SimpleNamespace(class_id=label, score=score))
+        for label, score in scores.items()
+    ]
+    bbox = SimpleNamespace(center=center, size_x=width, size_y=height)
+    return SimpleNamespace(bbox=bbox, results=results)
+
+
+def test_detections_are_upright_boxes_with_the_best_label():
+    message = SimpleNamespace(
+        detections=[
+            detection(50.0, 60.0, 20.0, 10.0, car=0.2, van=0.7),
+            detection(50.0, 60.0, 20.0, 10.0, theta=np.pi / 2),
+            detection(float("nan"), 0.0, 1.0, 1.0),
+        ]
+    )
+    assert detections_of(message) == [
+        {"box": [40.0, 55.0, 20.0, 10.0], "label": "van"},
+        {"box": [45.0, 50.0, 10.0, 20.0], "label": ""},
+    ]
+
+
+@pytest.mark.parametrize("id", ["", "-1", "1.0", "one", "²", "4294967296", "9" * 5000])
+def test_what_is_no_id_stops_nothing(id):
+    with pytest.raises(ValueError, match="there is no target"):
+        stop_message(id)
+
+
+def test_particles_of_several_targets_have_their_ids_beside_the_weights():
+    rows = np.array([(1, 2, 0, 5, 5, 0.25, 1), (3, 4, 0, 5, 5, 0.5, 2)], np.float32)
+    cloud = PointCloud2(point_step=28, width=2, height=1, data=rows.tobytes())
+    assert particles_of(cloud) == [[3.0, 4.0, 1.0], [1.0, 2.0, 0.5]]
+
+
+class Crowd(Node):
+    """In the place of a tracker of several targets: answers each image with those it has.
+
+    Attributes:
+        targets: Label and state by id; those that are not lost have a box.
+        stopped: Ids that it was told to stop.
+    """
+
+    def __init__(self, context):
+        super().__init__("pf_tracker", context=context)
+        self.declare_parameter("max_targets", 4)
+        self.declare_parameter("detector.labels", ["person", "car"])
+        self.targets = {1: ("car", "tracking"), 2: (HOSTILE, "occluded"), 3: ("", "lost")}
+        self.stopped = []
+        self._status = self.create_publisher(DiagnosticArray, "~/status", LATCHED)
+        self._boxes = self.create_publisher(MarkerArray, "~/boxes", 10)
+        self._health = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_subscription(Image, "image", self._on_image, 10)
+        self.create_subscription(UInt32, "~/stop_target", self._on_stop, 10)
+        self.create_timer(0.2, self._tell)
+
+    @staticmethod
+    def box(id):
+        return [10.0 * id, 5.0 * id, 30.0, 20.0]
+
+    def _on_image(self, image):
+        markers = [Marker(header=image.header, action=Marker.DELETEALL)]
+        statuses = [status("/pf_tracker", state="tracking", frame="tracked", targets="3")]
+        for id, (label, state) in self.targets.items():
+            name = f"/pf_tracker: target {id}"
+            statuses.append(status(name, id=str(id), label=label, state=state, confidence="0.5"))
+            if state != "lost":
+                markers.append(marker(id, corners_of(*self.box(id))))
+        self._boxes.publish(MarkerArray(markers=markers))
+        self._status.publish(DiagnosticArray(header=image.header, status=statuses))
+
+    def _on_stop(self, message):
+        self.stopped.append(message.data)
+        self.targets.pop(message.data, None)
+
+    def _tell(self):
+        told = status("pf_tracker: tracker", "tracking 3 targets", image_topic="/image")
+        self._health.publish(DiagnosticArray(status=[told]))
+
+
+@pytest.fixture
+def crowd(graph):
+    node = Crowd(graph.context())
+    graph.run(node)
+    return node
+
+
+@pytest.fixture
+def shown(crowd, client, page, images):
+    """A page that shows the targets, and a function that shows frames until something is so."""
+    numbers = iter(range(100_000))
+
+    def show_until(condition, what):
+        def shows():
+            client.images.publish(client.message(images[0], client.at(next(numbers))))
+            page.wait_for_timeout(30)
+            return condition()
+
+        return page.wait_until(shows, what)
+
+    page.locator("#targets-card").wait_for()
+    show_until(lambda: page.locator("#targets rect").count() == 2, "boxes")
+    return page, show_until
+
+
+def rectangle(rect):
+    names = ("x", "y", "width", "height")
+    return [float(rect.get_attribute(name)) for name in names]
+
+
+def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, crowd):
+    page, show_until = shown
+    rects, texts = page.locator("#targets rect"), page.locator("#targets text")
+    assert [rectangle(rects.nth(i)) for i in range(2)] == [crowd.box(1), crowd.box(2)]
+    assert texts.all_text_contents() == ["1 car", f"2 {HOSTILE}"]
+    assert {rects.nth(i).get_attribute("stroke") for i in range(2)} == {"#ff8000"}
+    rows = page.locator("#target-list li span").all_text_contents()
+    assert rows == ["1 car · tracking 0.50", f"2 {HOSTILE} · occluded 0.50", "3 · lost 0.50"]
+    assert page.text("target-count") == "3 of 4"
+    # The confidence of each has its line.
+    show_until(lambda: page.locator("#plot-confidence path").count() == 3, "lines")
+    assert page.locator("img, script:not([src])").count() == 0
+    # There is no single one.
+    assert page.box is None
+    assert page.locator("#heat-button").is_disabled()
+
+
+def test_a_list_of_any_words_is_set_as_words(shown, crowd):
+    page, _ = shown
+    page.locator("#groups summary", has_text="Others").click()
+    words = page.locator("[id='parameter-detector.labels']")
+    assert words.input_value() == "person, car"
+    words.fill("truck,  large van,")
+    words.press("Enter")
+    page.wait_until(
+        lambda: crowd.get_parameter("detector.labels").value == ["truck", "large van"], "words"
+    )
+    # What it is without anybody's doing is not known.
+    assert page.locator(".parameter.changed", has=words).count() == 0
+
+
+def test_each_target_is_stopped_by_its_button_also_by_key(shown, crowd):
+    page, show_until = shown
+    rows = page.locator("#target-list li")
+    page.get_by_role("button", name="Stop 3").click()
+    show_until(lambda: rows.count() == 2, "two targets")
+    page.get_by_role("button", name="Stop 1 car").focus()
+    # A frame between does not take the focus away.
+    before = page.stamp
+    show_until(lambda: page.stamp > before, "next frame")
+    page.keyboard.press("Enter")
+    show_until(lambda: rows.count() == 1, "one target")
+    assert crowd.stopped == [3, 1]
+    show_until(lambda: page.locator("#targets rect").count() == 1, "one box")
+
+
+@pytest.mark.usefixtures("tracker")
+def test_a_tracker_of_one_target_has_no_list(camera, page):
+    camera.show_on(page)
+    page.locator("#groups details").first.wait_for()
+    assert page.locator("#targets-card").is_hidden()
+    assert page.locator("#heat-button").is_enabled()
