@@ -33,7 +33,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 os.environ.setdefault(
     "FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("separate_processes.xml"))
 )
-DEADLINE = 15.0
+DEADLINE = 60.0
 PATIENCE = 4.0
 FRAME_INTERVAL = 40_000_000
 FIRST_STAMP = 1_700_000_000_000_000_000
