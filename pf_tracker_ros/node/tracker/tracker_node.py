@@ -34,10 +34,11 @@ from pf_tracker_ros.node.tracker.status import PAUSED, Status, StatusOutput, sta
 from pf_tracker_ros.node.tracker.target_input import TargetInput
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.stamps import NANOSECONDS, stamp_of
+from pf_tracker_ros.tracking.frame_order import TimePolicy
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PresetInForce, preset_parameters
-from pf_tracker_ros.tracking.session import Outcome, Session, TimePolicy
+from pf_tracker_ros.tracking.session import Outcome, Session
 
 
 class TrackerNode(ManagedNode):
