@@ -19,6 +19,14 @@ class NodeParameters:
         "it was last seen.",
         choices=tuple(PRESETS),
     )
+    max_targets: int = declared(
+        1,
+        "Most targets at a time. Above 1, each target that is given is one more, and a detector, "
+        "on the topic detections or built in, starts and corrects targets. Whether it is above 1 "
+        "is decided at start-up.",
+        minimum=1,
+        maximum=1000,
+    )
     seed: int = declared(
         0,
         "Seeds all randomness: the same frames, target and seed give the same boxes. A change "

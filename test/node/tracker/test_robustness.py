@@ -208,7 +208,8 @@ ANY_VALUE = (
     | st.lists(st.floats(), min_size=1, max_size=5)
     | st.lists(st.sampled_from([*CUES, "smell"]), max_size=3)
 )
-NAMES = sorted(set(DECLARATIONS) - {"image_transport", "image_reliability", "autostart"})
+FIXED = {"image_transport", "image_reliability", "autostart", "max_targets"}
+NAMES = sorted(set(DECLARATIONS) - FIXED)
 SETS = st.tuples(
     st.just("parameters"),
     parameters(NAMES, lambda name: st.tuples(st.just(name), ANY_VALUE))
