@@ -115,7 +115,7 @@ class Following(Protocol):
     def stop(self) -> str:
         """Forget all targets, and tell what came of it."""
 
-    def look_away(self) -> None:
+    def begin_frame(self) -> None:
         """Begin a frame of which nothing is known so far."""
 
     def process(self, image: NDArray[Any], header: Header) -> Followed:

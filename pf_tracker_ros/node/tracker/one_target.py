@@ -98,7 +98,7 @@ class OneTarget:
         self._states.forget()
         return "stopped; waiting for a target" if had_target else "there was no target"
 
-    def look_away(self) -> None:  # noqa: D102
+    def begin_frame(self) -> None:  # noqa: D102
         self._likelihood = None
 
     def process(self, image: NDArray[Any], header: Header) -> Followed:  # noqa: D102

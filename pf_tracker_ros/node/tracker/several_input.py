@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import UInt32
 
-from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, subscribe
+from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, subscribe, take_waiting
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.detections import Detections
@@ -67,6 +67,11 @@ class SeveralInput:
                     raw=True,
                 )
             )
+
+    def take_waiting(self) -> None:
+        """Take what came before the image at hand."""
+        for subscription in self._subscriptions:
+            take_waiting(subscription)
 
     def close(self) -> None:
         """Give the subscriptions up."""

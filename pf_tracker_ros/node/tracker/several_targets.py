@@ -110,8 +110,10 @@ class SeveralTargets:
             return "there was no target"
         return f"stopped {count} target{'' if count == 1 else 's'}; waiting for a target"
 
-    def look_away(self) -> None:
-        """All that is known of several targets is in the session."""
+    def begin_frame(self) -> None:
+        """Take what detectors have said before the frame."""
+        if self._input:
+            self._input.take_waiting()
 
     def process(self, image: NDArray[Any], header: Header) -> Followed:  # noqa: D102
         outcome = MultiOutcome("waiting")

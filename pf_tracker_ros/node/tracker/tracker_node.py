@@ -243,7 +243,9 @@ class TrackerNode(ManagedNode):
     def _on_image(self, message: Image | CompressedImage) -> None:
         began = time.perf_counter()
         frame = "refused"
-        self._following.look_away()
+        self._following.begin_frame()
+        if self._targets and self._values["max_targets"] > 1:
+            self._targets.take_waiting()
         try:
             frame = self._process(message)
         except Exception as error:

@@ -14,26 +14,6 @@ from pf_tracker_ros.decoding.image_decoding import decode
 from pf_tracker_ros.overlay import target_color
 
 SEVERAL = {"max_targets": 4, "image_reliability": "reliable"}
-SIZE = np.array([24.0, 40.0])
-
-
-@pytest.fixture(scope="module")
-def walkers():
-    """(images, boxes (frames, 2, 4)) of two colored walkers on a textured ground."""
-    rng = np.random.default_rng(4)
-    ground = rng.integers(90, 150, (200, 320, 3)).astype(np.uint8)
-    sprites = [rng.integers(0, 120, (40, 24, 3)).astype(np.uint8) for _ in range(2)]
-    sprites[0][..., 2] = 240
-    sprites[1][..., 0] = 240
-    images, boxes = [], []
-    for frame in range(14):
-        image = ground.copy()
-        corners = [(30 + 3 * frame, 40), (250 - 3 * frame, 120)]
-        for (x, y), sprite in zip(corners, sprites, strict=True):
-            image[y : y + 40, x : x + 24] = sprite
-        images.append(image)
-        boxes.append([(float(x), float(y), *SIZE) for x, y in corners])
-    return images, boxes
 
 
 @pytest.fixture
