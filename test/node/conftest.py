@@ -332,12 +332,6 @@ class Graph:
         self._closing.append(lambda: _end(process))
         return process
 
-    def end(self, client, node):
-        """Let a client and a tracker go before the others, so that new ones do not hear them."""
-        client.close()
-        self._closing.remove(client.close)
-        node.context.try_shutdown()
-
     def context(self):
         context = Context()
         rclpy.init(context=context, domain_id=self._domain)

@@ -4,6 +4,10 @@ import numpy as np
 import pytest
 import rclpy
 
+from pf_tracker_ros import Detections
+from pf_tracker_ros.targets.parameters import multi_preset_parameters
+from pf_tracker_ros.targets.session import MultiSession
+
 vision = pytest.importorskip("vision_msgs.msg")
 
 SEVERAL = {"max_targets": 8, "image_reliability": "reliable"}
@@ -100,21 +104,25 @@ def test_what_a_detector_finds_is_followed_in_every_frame(client, detected, walk
         assert max(overlap((x, y, width, height), box) for box in boxes[13]) > 0.6
 
 
-def test_the_same_in_lockstep_gives_the_same_bits_with_late_detections(graph, ros_domain, walkers):
-    runs = []
-    for _ in range(2):
-        client = graph.client()
-        heard = []
-        client.create_subscription(
-            vision.Detection2DArray, "pf_tracker/detections", heard.append, 100
-        )
-        node = graph.tracker(client, seed=5, **SEVERAL)
-        follow(client, Detector(client, node), walkers, range(12), delay=3)
-        client.wait_for(lambda heard=heard: len(heard) == 12, "detections of all frames")
-        runs.append(heard)
-        graph.end(client, node)
-    assert runs[0] == runs[1]
-    assert len(runs[0][-1].detections) == 2
+def test_in_lockstep_late_detections_give_the_bits_of_the_library(client, detected, walkers):
+    images, boxes = walkers
+    detector, heard = detected(seed=5)
+    follow(client, detector, walkers, range(12), delay=3)
+    parameters = {**multi_preset_parameters("default"), "targets.most": SEVERAL["max_targets"]}
+    session = MultiSession(parameters, 5)
+    for number in range(12):
+        if number >= 3 and (number - 3) % 4 == 0:
+            found = Detections(boxes[number - 3], [0.9, 0.9], ["person", "person"])
+            session.add_detections(found, client.at(number - 3))
+        told = session.process(images[number], client.at(number)).targets
+        message = client.answer(heard, client.at(number))
+        assert [one.id for one in message.detections] == [str(target.id) for target in told]
+        for one, target in zip(message.detections, told, strict=True):
+            x, y, width, height = target.estimate.box
+            center = one.bbox.center.position
+            assert (center.x, center.y) == (x + width / 2, y + height / 2)
+            assert (one.bbox.size_x, one.bbox.size_y) == (width, height)
+    assert len(told) == 2
 
 
 def test_only_labels_and_scores_that_are_asked_for_count(client, detected, walkers):
