@@ -27,6 +27,21 @@ class NodeParameters:
         minimum=1,
         maximum=1000,
     )
+    built_in_detector: str = declared(
+        "none",
+        "Detector of the node's own that starts and corrects targets, where max_targets is above "
+        "1: people is OpenCV's for people who are at least 100 px high, motion finds what moves "
+        "before a camera that stands still.",
+        choices=("none", "people", "motion"),
+    )
+    built_in_detector_rate: float = declared(
+        1.0,
+        "Most frames in a second that the built-in detector looks at, beside the tracker and as "
+        "fast as it can; motion is cheap enough for 5.",
+        unit="Hz",
+        minimum=0.01,
+        maximum=100.0,
+    )
     seed: int = declared(
         0,
         "Seeds all randomness: the same frames, target and seed give the same boxes. A change "

@@ -17,7 +17,7 @@ from pf_tracker_ros.node.tracker.outputs import Outputs
 from pf_tracker_ros.node.tracker.session_settings import set_up
 from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED
 from pf_tracker_ros.node.tracker.state_log import StateLog
-from pf_tracker_ros.parameters import declarations
+from pf_tracker_ros.parameters import ParameterError, declarations
 from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.tracking.estimate import estimate_values
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
@@ -54,12 +54,14 @@ class OneTarget:
         return self._session is not None
 
     def check(self, values: Values) -> None:  # noqa: D102
+        _check_alone(values)
         if self._session:
             self._session.check(_of_tracker(values), values["seed"])
         else:
             Session(_of_tracker(values), values["seed"])
 
     def configure(self, values: Values) -> None:  # noqa: D102
+        _check_alone(values)
         if self._session:
             self._session.configure(_of_tracker(values), values["seed"])
         else:
@@ -140,3 +142,12 @@ class OneTarget:
 
 def _of_tracker(values: Values) -> dict[str, Any]:
     return {name: values[name] for name in declarations(TrackerParameters, values)}
+
+
+def _check_alone(values: Values) -> None:
+    """Refuse what asks for several targets."""
+    if values["built_in_detector"] != "none":
+        raise ParameterError(
+            f"parameter 'built_in_detector' is '{values['built_in_detector']}', which starts "
+            "targets by itself; allowed: 'none', or start the node with 'max_targets' above 1"
+        )

@@ -21,7 +21,7 @@ NOT_INSTALLED = (
     "ros-jazzy-vision-msgs, give targets on ~/target, or set 'built_in_detector'"
 )
 
-# Bytes of a message: a thousand detections. Each becomes objects of Python, a tenth of a millisecond.
+# Bytes of a message: a thousand detections, each of which becomes objects of Python.
 _LARGEST = 500_000
 
 

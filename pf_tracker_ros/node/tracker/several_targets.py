@@ -15,15 +15,18 @@ from std_msgs.msg import Header
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.node.parameter_group import Values
 from pf_tracker_ros.node.qos import Report
+from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 from pf_tracker_ros.node.tracker.following import Followed, Known, TargetStatus
 from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL
 from pf_tracker_ros.node.tracker.session_settings import set_up
-from pf_tracker_ros.node.tracker.several_input import SeveralInput
+from pf_tracker_ros.node.tracker.several_input import NOT_INSTALLED, SeveralInput
 from pf_tracker_ros.node.tracker.several_outputs import SeveralOutputs
 from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED
 from pf_tracker_ros.node.tracker.state_log import TargetsLog
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.stamps import stamp_of
+from pf_tracker_ros.targets.built_in_detectors import DETECTORS
+from pf_tracker_ros.targets.detecting import DetectingThread
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.parameters import SeveralTargetsParameters, multi_preset_parameters
 from pf_tracker_ros.targets.session import MultiOutcome, MultiSession
@@ -43,12 +46,15 @@ class SeveralTargets:
     tunables = SeveralTargetsParameters
 
     def __init__(self, logger: Any) -> None:
+        self._logger = logger
         self._log = TargetsLog(logger)
         self._left_out = Throttle()
         self._session: MultiSession | None = None
         self._input: SeveralInput | None = None
         self._outputs: SeveralOutputs | None = None
         self._heard = 0
+        self._detecting: DetectingThread | None = None
+        self._detector = ("none", 0.0)
 
     def usual(self, preset: str) -> Values:  # noqa: D102
         return multi_preset_parameters(preset)
@@ -72,8 +78,21 @@ class SeveralTargets:
         else:
             self._session = MultiSession(_of_tracker(values), values["seed"])
         set_up(self._session, values)
+        self._set_detector(values["built_in_detector"], values["built_in_detector_rate"])
+
+    def _set_detector(self, name: str, rate: float) -> None:
+        """Let a built-in detector look at the frames, or none."""
+        if (name, rate) == self._detector:
+            return
+        if self._detecting:
+            self._detecting.close()
+            self._detecting = None
+        if name != "none":
+            self._detecting = DetectingThread(DETECTORS[name](), rate)
+        self._detector = (name, rate)
 
     def forget(self) -> None:  # noqa: D102
+        self._set_detector("none", 0.0)
         self._session = None
         self._heard = 0
 
@@ -81,6 +100,8 @@ class SeveralTargets:
         self._outputs = SeveralOutputs(node, report)
 
     def subscribe(self, node: Node, report: Report) -> None:  # noqa: D102
+        if not DETECTIONS_TYPE and self._detector[0] == "none":
+            self._logger.warning(NOT_INSTALLED)
         self._input = SeveralInput(node, self._detect, self._stop_target, report)
 
     def unsubscribe(self) -> None:  # noqa: D102
@@ -117,13 +138,30 @@ class SeveralTargets:
 
     def process(self, image: NDArray[Any], header: Header) -> Followed:  # noqa: D102
         outcome = MultiOutcome("waiting")
+        stamp = stamp_of(header)
+        failures = self._ask_detector()
         if self._session:
-            outcome = self._session.process(image, stamp_of(header))
+            outcome = self._session.process(image, stamp)
+        if self._detecting and outcome.frame not in SKIPPED:
+            self._detecting.offer(image, stamp)
         if self._outputs and outcome.frame not in SKIPPED:
             self._outputs.publish(image, header, outcome.targets)
             self._log.tell(outcome.targets)
-        errors = (*outcome.refused, *self._left_out.pick(outcome.left_out))
+        errors = (*outcome.refused, *self._left_out.pick((*failures, *outcome.left_out)))
         return Followed(outcome.frame, errors, outcome.jumped_back)
+
+    def _ask_detector(self) -> tuple[str, ...]:
+        """Take what the built-in detector has found since the last frame; what went wrong."""
+        if self._detecting is None:
+            return ()
+        try:
+            found = self._detecting.take()
+            if found:
+                self._detect(*found)
+        except Exception as error:
+            # Whatever the detector raised, in its thread: the frame at hand has no part in it.
+            return (f"the detector '{self._detector[0]}' failed: {error}",)
+        return ()
 
     def _detect(self, detections: Detections, stamp: int) -> None:
         self._heard += 1
