@@ -19,7 +19,7 @@ from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 from pf_tracker_ros.node.tracker.following import Followed, Known, TargetStatus
 from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL
 from pf_tracker_ros.node.tracker.session_settings import set_up
-from pf_tracker_ros.node.tracker.several_input import NOT_INSTALLED, SeveralInput
+from pf_tracker_ros.node.tracker.several_input import DETECTIONS_TOPIC, NOT_INSTALLED, SeveralInput
 from pf_tracker_ros.node.tracker.several_outputs import SeveralOutputs
 from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED
 from pf_tracker_ros.node.tracker.state_log import TargetsLog
@@ -100,7 +100,9 @@ class SeveralTargets:
         self._outputs = SeveralOutputs(node, report)
 
     def subscribe(self, node: Node, report: Report) -> None:  # noqa: D102
-        if not DETECTIONS_TYPE and self._detector[0] == "none":
+        if DETECTIONS_TYPE:
+            self._logger.info(f"detections on {node.resolve_topic_name(DETECTIONS_TOPIC)}")
+        elif self._detector[0] == "none":
             self._logger.warning(NOT_INSTALLED)
         self._input = SeveralInput(node, self._detect, self._stop_target, report)
 
