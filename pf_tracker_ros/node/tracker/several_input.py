@@ -12,6 +12,7 @@ from std_msgs.msg import UInt32
 
 from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, subscribe, take_waiting
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
+from pf_tracker_ros.node.tracker.reporter import Throttle
 from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.detections import Detections
 
@@ -33,7 +34,8 @@ class SeveralInput:
         detect: Called with detections and the stamp in nanoseconds of the frame that the detector
             saw; raises ValueError to refuse them.
         stop: Called with the id of a target; raises ValueError if there is none.
-        report: Called with the reason for what is refused.
+        report: Called with the reason for what is refused; of detections, where it has not just
+            been told of the same kind.
     """
 
     def __init__(
@@ -47,6 +49,7 @@ class SeveralInput:
         self._detect = detect
         self._stop = stop
         self._report = report
+        self._throttle = Throttle()
         self._subscriptions = [
             subscribe(
                 node, UInt32, "~/stop_target", self._on_stop, profile=DEFAULT_QOS, report=report
@@ -90,7 +93,8 @@ class SeveralInput:
             message = _deserialized(octets)
             self._detect(detections_of(message), stamp_of(message.header))
         except ValueError as error:
-            self._report(f"detections refused: {error}")
+            for sentence in self._throttle.pick([f"detections refused: {error}"]):
+                self._report(sentence)
 
 
 def detections_of(message: Any) -> Detections:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,7 +15,7 @@ from pf_tracker_ros.node.parameter_group import Values
 from pf_tracker_ros.node.qos import Report
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 from pf_tracker_ros.node.tracker.following import Followed, Known, TargetStatus
-from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL
+from pf_tracker_ros.node.tracker.reporter import Throttle
 from pf_tracker_ros.node.tracker.session_settings import set_up
 from pf_tracker_ros.node.tracker.several_input import DETECTIONS_TOPIC, NOT_INSTALLED, SeveralInput
 from pf_tracker_ros.node.tracker.several_outputs import SeveralOutputs
@@ -187,23 +185,6 @@ class SeveralTargets:
             session.requested_stamp if session else None,
             tuple(_status_of(target) for target in targets),
         )
-
-
-class Throttle:
-    """Picks what has not been said for a while, whatever the numbers in it."""
-
-    def __init__(self) -> None:
-        self._said_at: dict[str, float] = {}
-
-    def pick(self, sentences: Sequence[str]) -> tuple[str, ...]:
-        """Those of the sentences that are not of the kind of one that was just picked."""
-        now, picked = time.monotonic(), []
-        for sentence in sentences:
-            kind = re.sub(r"[\d.]+", "", sentence)
-            if now - self._said_at.get(kind, -LOG_INTERVAL) >= LOG_INTERVAL:
-                self._said_at[kind] = now
-                picked.append(sentence)
-        return tuple(picked)
 
 
 def _of_tracker(values: Values) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from array import array
 from pathlib import Path
 
 import numpy as np
+import pytest
 from geometry_msgs.msg import Point32, PointStamped, Polygon, PolygonStamped
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -276,8 +277,11 @@ def calm():
     ]
 
 
-def test_after_any_messages_in_any_order_the_next_target_is_tracked(graph, client, images, box):
-    graph.tracker(client, **QUICK)
+@pytest.mark.parametrize("most", [1, 3])
+def test_after_any_messages_in_any_order_the_next_target_is_tracked(
+    graph, client, images, box, most
+):
+    graph.tracker(client, max_targets=most, **QUICK)
     sender = Sender(client, images)
 
     @cases(40)

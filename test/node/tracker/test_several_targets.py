@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from geometry_msgs.msg import PointStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rclpy.duration import Duration
 from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import UInt32
@@ -244,3 +246,33 @@ def test_a_target_box_is_the_first_of_several(client, crowd, walkers):
     client.show(images[0], client.at(0))
     client.point_at(boxes[1][1])
     assert ids(client.show(images[1], client.at(1))) == [1, 2]
+
+
+def test_a_deactivated_node_keeps_its_targets_and_a_cleaned_up_one_does_not(client, crowd, walkers):
+    images, _ = walkers
+    crowd(built_in_detector="motion")
+    two_targets(client, walkers)
+    manager = client.create_client(ChangeState, "pf_tracker/change_state")
+    client.wait_for(manager.service_is_ready, "lifecycle service")
+    for names, there in (
+        (["DEACTIVATE", "ACTIVATE"], [1, 2]),
+        (["DEACTIVATE", "CLEANUP", "CONFIGURE", "ACTIVATE"], []),
+    ):
+        for name in names:
+            wanted = Transition(id=getattr(Transition, f"TRANSITION_{name}"))
+            future = manager.call_async(ChangeState.Request(transition=wanted))
+            client.wait_for(future.done, name)
+            assert future.result().success
+        client.wait_for(client.images.get_subscription_count, "subscription")
+        assert ids(_shown_again(client, images)) == there
+
+
+def _shown_again(client, images):
+    """The status of an image that is published until it is answered: nodes get to know anew."""
+    number = len(client.statuses) + 1
+
+    def answered():
+        client.images.publish(client.message(images[1], client.at(number)))
+        return [one for one in client.statuses if one.stamp == client.at(number)]
+
+    return client.wait_for(answered, "status")[0]
