@@ -323,8 +323,8 @@ class MultiSession:
         if not count:
             return []
         return [
-            f"{count} of the detector's answers left out: more than {MOST_ANSWERS} came before "
-            "their frames; let it stamp them with the stamp of the image that it saw"
+            f"{count} of the detector's answers left out: {MOST_ANSWERS} at most wait for a frame; "
+            "let frames come, and the detector give each the stamp of the image that it saw"
         ]
 
 
