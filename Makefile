@@ -50,7 +50,7 @@ lint: $(INSTALLED)  ## lint, format, spelling and types alone
 	$(VENV)/bin/codespell
 	$(VENV)/bin/mypy
 
-demo: $(INSTALLED)  ## track two recorded clips through the node; results go to demo/<clip>/
+demo: $(INSTALLED)  ## track three recorded clips through the node; results go to demo/<clip>/
 	$(VENV)/bin/python demo/run.py
 
 console: $(INSTALLED)  ## open the tracker's web page on a recorded clip (CONSOLE_ARGS="--clip bikes")

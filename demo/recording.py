@@ -16,19 +16,26 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image, PointCloud2
+from visualization_msgs.msg import MarkerArray
 
 from pf_tracker_ros.footage.cdr import header_stamp
+from pf_tracker_ros.stamps import stamp_of
 
 BOX = "/pf_tracker/box"
+BOXES = "/pf_tracker/boxes"
 STATUS = "/pf_tracker/status"
 PARTICLES = "/pf_tracker/particles"
 OVERLAY = "/pf_tracker/overlay"
 # The overlay comes last: once the tracker knows that somebody listens to it, it knows of the rest.
-TOPICS = {
-    BOX: (PolygonStamped, "geometry_msgs/msg/PolygonStamped"),
+_TOPICS_OF_ALL = {
     STATUS: (DiagnosticArray, "diagnostic_msgs/msg/DiagnosticArray"),
     PARTICLES: (PointCloud2, "sensor_msgs/msg/PointCloud2"),
     OVERLAY: (Image, "sensor_msgs/msg/Image"),
+}
+_TOPICS_OF_ONE = {BOX: (PolygonStamped, "geometry_msgs/msg/PolygonStamped"), **_TOPICS_OF_ALL}
+_TOPICS_OF_SEVERAL = {
+    BOXES: (MarkerArray, "visualization_msgs/msg/MarkerArray"),
+    **_TOPICS_OF_ALL,
 }
 RECORDED_STATUS = "/recorder/status"
 _EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
@@ -43,12 +50,14 @@ class Recorder:
     the frame has been recorded: a replay in lockstep with that topic loses nothing here either.
 
     Attributes:
+        topics: Topic to its type and to the name of that.
         messages: Topic to stamp to serialized message.
     """
 
-    def __init__(self) -> None:
-        """Start listening in the ROS domain of this process."""
-        self.messages: dict[str, dict[int, bytes]] = {topic: {} for topic in TOPICS}
+    def __init__(self, *, several: bool = False) -> None:
+        """Start listening in the ROS domain of this process, to one target or to several."""
+        self.topics = _TOPICS_OF_SEVERAL if several else _TOPICS_OF_ONE
+        self.messages: dict[str, dict[int, bytes]] = {topic: {} for topic in self.topics}
         self._context = Context()
         self._context.init()
         self._node = Node("recorder", context=self._context)
@@ -56,7 +65,7 @@ class Recorder:
         self._executor.add_node(self._node)
         self._probes = self._node.create_publisher(Image, "/image", 1)
         self._recorded = self._node.create_publisher(DiagnosticArray, RECORDED_STATUS, 10)
-        for topic, (message_type, _) in TOPICS.items():
+        for topic, (message_type, _) in self.topics.items():
             self._node.create_subscription(
                 message_type, topic, self._keep(topic), _EVERYTHING, raw=True
             )
@@ -76,7 +85,7 @@ class Recorder:
 
     def read(self, topic: str) -> dict[int, Any]:
         """The messages of a topic by stamp."""
-        message_type, _ = TOPICS[topic]
+        message_type, _ = self.topics[topic]
         return {
             stamp: deserialize_message(message, message_type)
             for stamp, message in self.messages[topic].items()
@@ -118,7 +127,7 @@ class Recorder:
 
     def _keep(self, topic: str) -> Callable[[bytes], None]:
         def keep(message: bytes) -> None:
-            stamp = header_stamp(message)
+            stamp = self._stamp(topic, message)
             # The first message of a stamp is the answer; a frame that comes twice changes nothing.
             self.messages[topic].setdefault(stamp, message)
             if self._is_complete(stamp):
@@ -126,20 +135,31 @@ class Recorder:
 
         return keep
 
+    def _stamp(self, topic: str, message: bytes) -> int:
+        """Of a message; one with markers has that of its first."""
+        if topic != BOXES:
+            return header_stamp(message)
+        return stamp_of(deserialize_message(message, MarkerArray).markers[0].header)
+
     def _is_complete(self, stamp: int) -> bool:
         if stamp not in self.messages[STATUS]:
             return False
         state = status_values(deserialize_message(self.messages[STATUS][stamp], DiagnosticArray))
-        expected = {"idle": {OVERLAY}, "lost": {OVERLAY, PARTICLES}}.get(
-            state["state"], set(TOPICS)
+        every = {OVERLAY, BOXES} & self.topics.keys()
+        expected = {"idle": every, "lost": every | {PARTICLES}}.get(
+            state["state"], set(self.topics)
         )
         return all(stamp in self.messages[topic] for topic in expected)
 
 
 def status_values(message: DiagnosticArray) -> dict[str, str]:
-    """The values of a status by key."""
-    (status,) = message.status
-    return {pair.key: pair.value for pair in status.values}
+    """The values of the tracker's own status by key."""
+    return {pair.key: pair.value for pair in message.status[0].values}
+
+
+def target_values(message: DiagnosticArray) -> list[dict[str, str]]:
+    """The values of each of several targets by key."""
+    return [{pair.key: pair.value for pair in status.values} for status in message.status[1:]]
 
 
 def _probe() -> Image:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from failure import DemoError
 from numpy.typing import NDArray
-from recording import BOX, OVERLAY, STATUS, TOPICS, Recorder, status_values
+from recording import BOX, BOXES, OVERLAY, STATUS, Recorder, status_values, target_values
 from rich.table import Table
 
 from pf_tracker_ros.decoding.image_decoding import decode
@@ -30,15 +30,27 @@ _CAPTION_HEIGHT = 26
 
 
 @dataclass(frozen=True)
+class TargetResult:
+    """One of several targets in one frame; as in `FrameResult`, and its id and label."""
+
+    id: int
+    label: str
+    box: tuple[float, float, float, float] | None
+    state: str
+    confidence: float
+
+
+@dataclass(frozen=True)
 class FrameResult:
     """The tracker's answer for one frame.
 
     Attributes:
         stamp: Nanoseconds.
-        box: (x, y, width, height) in pixels, None while the target is lost.
+        box: (x, y, width, height) in pixels, None while the target is lost, and with several.
         state: As in `~/status`.
-        confidence: 0 to 1.
+        confidence: 0 to 1; of several targets the mean, 0 without any.
         milliseconds: Processing time.
+        targets: Of several; None where there is one.
     """
 
     stamp: int
@@ -46,6 +58,7 @@ class FrameResult:
     state: str
     confidence: float
     milliseconds: float
+    targets: tuple[TargetResult, ...] | None = None
 
 
 def collect(recorder: Recorder, stamps: list[int]) -> list[FrameResult]:
@@ -54,11 +67,9 @@ def collect(recorder: Recorder, stamps: list[int]) -> list[FrameResult]:
     Raises:
         DemoError: A frame has no status, or no target was tracked in it.
     """
-    statuses = recorder.read(STATUS)
-    boxes = recorder.read(BOX)
-    missing = [index for index, stamp in enumerate(stamps) if stamp not in statuses]
-    if missing:
-        raise DemoError(f"the tracker published no status for frames {missing}")
+    if BOXES in recorder.topics:
+        return _collect_several(recorder, stamps)
+    statuses, boxes = _statuses(recorder, stamps), recorder.read(BOX)
     results = []
     for index, stamp in enumerate(stamps):
         values = status_values(statuses[stamp])
@@ -76,29 +87,83 @@ def collect(recorder: Recorder, stamps: list[int]) -> list[FrameResult]:
     return results
 
 
+def _collect_several(recorder: Recorder, stamps: list[int]) -> list[FrameResult]:
+    statuses, markers = _statuses(recorder, stamps), recorder.read(BOXES)
+    results = []
+    for stamp in stamps:
+        values = status_values(statuses[stamp])
+        boxes = {
+            marker.id: _outline(marker.points)
+            for marker in markers[stamp].markers
+            if marker.ns == "boxes"
+        }
+        targets = tuple(
+            TargetResult(
+                id=int(one["id"]),
+                label=one["label"],
+                box=boxes.get(int(one["id"])),
+                state=one["state"],
+                confidence=float(one["confidence"]),
+            )
+            for one in target_values(statuses[stamp])
+        )
+        results.append(
+            FrameResult(
+                stamp=stamp,
+                box=None,
+                state=values["state"],
+                confidence=statistics.mean([one.confidence for one in targets] or [0.0]),
+                milliseconds=float(values["processing_time_ms"]),
+                targets=targets,
+            )
+        )
+    return results
+
+
+def _statuses(recorder: Recorder, stamps: list[int]) -> dict[int, Any]:
+    statuses = recorder.read(STATUS)
+    missing = [index for index, stamp in enumerate(stamps) if stamp not in statuses]
+    if missing:
+        raise DemoError(f"the tracker published no status for frames {missing}")
+    return statuses
+
+
+def _outline(points: Any) -> tuple[float, float, float, float]:
+    """(x, y, width, height) of corners from the top left on, clockwise."""
+    first, opposite = points[0], points[2]
+    return first.x, first.y, opposite.x - first.x, opposite.y - first.y
+
+
 def write_bag(recorder: Recorder, stamps: list[int], path: Path) -> None:
     """Write all that the tracker published for these frames into an MCAP file."""
     with BagWriter(path) as writer:
-        for topic, (_, message_type) in TOPICS.items():
+        for topic, (_, message_type) in recorder.topics.items():
             writer.add_topic(topic, message_type)
         for stamp in stamps:
-            for topic in TOPICS:
+            for topic in recorder.topics:
                 if stamp in recorder.messages[topic]:
                     writer.write(topic, stamp, recorder.messages[topic][stamp])
 
 
 def write_json(clip: str, results: list[FrameResult], path: Path) -> None:
     """Write one entry a frame: stamp in seconds, box, state and confidence."""
-    frames = [
-        {
-            "stamp": result.stamp / 1e9,
-            "box": None if result.box is None else [round(value, 3) for value in result.box],
-            "state": result.state,
-            "confidence": result.confidence,
-        }
-        for result in results
-    ]
+    frames = []
+    for result in results:
+        frame = {"stamp": result.stamp / 1e9, **_entry(result)}
+        if result.targets is not None:
+            frame["targets"] = [
+                {"id": one.id, "label": one.label, **_entry(one)} for one in result.targets
+            ]
+        frames.append(frame)
     path.write_text(json.dumps({"clip": clip, "frames": frames}, indent=1) + "\n")
+
+
+def _entry(result: FrameResult | TargetResult) -> dict[str, Any]:
+    return {
+        "box": None if result.box is None else [round(value, 3) for value in result.box],
+        "state": result.state,
+        "confidence": result.confidence,
+    }
 
 
 def read_overlays(recorder: Recorder, stamps: list[int]) -> list[Picture]:

@@ -96,6 +96,11 @@ class Given:
             raise ValueError(f"argument {name}:={text}; allowed: [x, y, width, height] in pixels")
         return numbers
 
+    def words(self, name: str) -> list[str]:
+        """An argument that is a list of words, with or without brackets; empty is no word."""
+        words = (part.strip(" '\"") for part in self.text(name).strip("[] ").split(","))
+        return [word for word in words if word]
+
     def log_arguments(self) -> list[str]:
         """The command line that sets the argument `log_level`, if it was given."""
         level = self.text("log_level")

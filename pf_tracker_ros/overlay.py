@@ -1,4 +1,4 @@
-"""The estimate, the particles and the state drawn into the image, as in the figures of the paper.
+"""Estimates, particles and states drawn into the image, as in the figures of the paper.
 
 Source: Li et al. 2007, figures: a large white box for the estimate, small white boxes for the
 particles, their place and size showing state and weight.
@@ -6,7 +6,9 @@ particles, their place and size showing state and weight.
 
 from __future__ import annotations
 
-from typing import Any
+import colorsys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -14,6 +16,9 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.frames.gray_range import range_of, sample, to_8_bit
 from pf_tracker_ros.tracking.estimate import Estimate
+
+if TYPE_CHECKING:
+    from pf_tracker_ros.targets.tracked_target import TrackedTarget
 
 Color = tuple[int, int, int]
 
@@ -28,6 +33,8 @@ _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _NOMINAL_HEIGHT = 576.0
 _PARTICLE_SIDES = (2.0, 10.0)
 _FONT_SCALE = 0.7
+# Of a whole turn of the hue from one id to the next: any few that follow each other differ well.
+_HUE_STEP = 0.381966
 
 
 def draw_overlay(image: NDArray[Any], estimate: Estimate | None, text: str = "") -> NDArray[Any]:
@@ -53,11 +60,58 @@ def draw_overlay(image: NDArray[Any], estimate: Estimate | None, text: str = "")
         _draw_boxes(canvas, np.array([estimate.box]), _OUTLINE, thickness + 2)
         _draw_boxes(canvas, np.array([estimate.box]), color, thickness)
     if text:
-        font_scale = _FONT_SCALE * scale
-        origin = (round(8 * scale), round(24 * scale))
-        for text_color, width in ((_OUTLINE, thickness + 2), (color, thickness)):
-            cv2.putText(canvas, text, origin, _FONT, font_scale, text_color, width, cv2.LINE_AA)
+        _write(canvas, text, (round(8 * scale), round(24 * scale)), color, scale)
     return canvas
+
+
+def draw_targets(image: NDArray[Any], targets: Sequence[TrackedTarget]) -> NDArray[Any]:
+    """Draw several targets into a copy of the image, each in the color of its id.
+
+    Args:
+        image: As for `draw_overlay`.
+        targets: Drawn with their particles, boxes, ids and labels; the box of one that is not seen
+            is thin.
+
+    Returns:
+        (H, W, 3) uint8 BGR.
+    """
+    canvas = _canvas(image)
+    scale = max(canvas.shape[0] / _NOMINAL_HEIGHT, 0.5)
+    thickness = max(1, round(2 * scale))
+    for target in targets:
+        particles = _particle_boxes(target.estimate, 0.5 * scale)
+        _draw_boxes(canvas, particles, target_color(target.id), 1)
+    for target in targets:
+        color, box = target_color(target.id), np.array([target.estimate.box])
+        width = thickness if target.estimate.state == "tracking" else 1
+        _draw_boxes(canvas, box, _OUTLINE, width + 2)
+        _draw_boxes(canvas, box, color, width)
+        x, y = np.clip(box[0, :2], 0.0, canvas.shape[1::-1])
+        above = round(y - 4 * scale) if y > 20 * scale else round(y + 20 * scale)
+        _write(canvas, target_text(target), (round(x), above), color, 0.8 * scale)
+    return canvas
+
+
+def target_color(id: int) -> Color:
+    """The color of one of several targets, (blue, green, red)."""
+    hue = id * _HUE_STEP % 1.0
+    red, green, blue = colorsys.hsv_to_rgb(hue, 0.75 if id % 2 else 0.55, 1.0)
+    return round(255 * blue), round(255 * green), round(255 * red)
+
+
+def target_text(target: TrackedTarget) -> str:
+    """The id and the label of one of several targets."""
+    return f"{target.id} {target.label}".rstrip()
+
+
+def _write(
+    canvas: NDArray[Any], text: str, origin: tuple[int, int], color: Color, scale: float
+) -> None:
+    thickness = max(1, round(2 * scale))
+    for text_color, width in ((_OUTLINE, thickness + 2), (color, thickness)):
+        cv2.putText(
+            canvas, text, origin, _FONT, _FONT_SCALE * scale, text_color, width, cv2.LINE_AA
+        )
 
 
 def _canvas(image: NDArray[Any]) -> NDArray[Any]:

@@ -85,8 +85,8 @@ class Declaration:
             return f"each at most once, {listed}" if self.type == tuple[str, ...] else listed
         if self.type is bool:
             return "true or false"
-        if self.type is str:
-            return "any string"
+        if self.type in (str, tuple[str, ...]):
+            return "any string" if self.type is str else "any strings"
         text = f"{self.minimum:.10g} to {self.maximum:.10g}"
         if self.lengths:
             lengths = " or ".join(str(length) for length in self.lengths)
@@ -169,7 +169,10 @@ def declared(
     Raises:
         TypeError: A number without both ends of its range; the range keeps out NaN and infinity.
     """
-    numeric = isinstance(default, int | float | tuple) and not isinstance(default, bool)
+    # An empty list may be one of texts; `declarations` knows.
+    numeric = (
+        isinstance(default, int | float | tuple) and not isinstance(default, bool) and default != ()
+    )
     if numeric and not choices and not (math.isfinite(minimum) and math.isfinite(maximum)):
         raise TypeError(f"a number needs a range: {description}")
     return dataclasses.field(
@@ -383,6 +386,9 @@ def _types(group_type: type) -> Mapping[str, Any]:
 
 def _declaration(name: str, value_type: Any, field: dataclasses.Field[Any]) -> Declaration:
     declaration = Declaration(name=name, type=value_type, **field.metadata[_METADATA_KEY])
+    is_bounded = math.isfinite(declaration.minimum) and math.isfinite(declaration.maximum)
+    if _ELEMENTS.get(value_type, value_type) in (int, float) and not is_bounded:
+        raise TypeError(f"a number needs a range: {declaration.description}")
     return dataclasses.replace(declaration, choices=_choices(field))
 
 

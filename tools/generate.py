@@ -16,6 +16,7 @@ from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import Declaration, all_declarations, choosers, declarations
+from pf_tracker_ros.targets.parameters import MultiTrackerParameters, multi_preset_parameters
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
@@ -24,6 +25,12 @@ _LINE_LENGTH = 100
 _INDENT = " " * 4
 _NODE = declarations(NodeParameters)
 _CHOOSERS = choosers(TrackerParameters)
+_OF_ONE = all_declarations(TrackerParameters)
+_OF_SEVERAL = {
+    name: declaration
+    for name, declaration in declarations(MultiTrackerParameters).items()
+    if name not in _OF_ONE
+}
 
 
 def generated_files() -> dict[str, str]:
@@ -90,12 +97,32 @@ def _parameter_tables() -> str:
         "and brings those of what is, with the values that the preset in force has for them, or "
         "else those of the column *otherwise*; one request may choose and set what that brings.",
         _table(_in_groups(all_declarations(TrackerParameters)), presets, "learns again"),
+        "## Several targets",
+        "With `max_targets` above 1 the node has these as well, and the library's `MultiTracker` "
+        "always has; `targets.most` is the library's alone, in the place of `max_targets`. The "
+        f"presets are the same but for {_different_for_several()}.",
+        _table(_OF_SEVERAL),
         "## The replay publisher `replay`",
         _table(declarations(ReplayParameters)),
         "## The console `console`",
         _table(declarations(ConsoleParameters)),
     ]
     return "\n\n".join(sections) + "\n"
+
+
+def _different_for_several() -> str:
+    """Which values of which presets are others where several targets are followed."""
+    found = []
+    for preset in PRESETS:
+        one, several = preset_parameters(preset), multi_preset_parameters(preset)
+        changed = [
+            f"`{name}: {_yaml(value)}`"
+            for name, value in several.items()
+            if name not in _OF_SEVERAL and one.get(name) != value and name in one
+        ]
+        if changed:
+            found.append(f"`{preset}`, which then has {', '.join(changed)}")
+    return " and ".join(found)
 
 
 def _listed(names: Iterable[str]) -> str:

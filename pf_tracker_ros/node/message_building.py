@@ -5,7 +5,8 @@ from __future__ import annotations
 import array
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -23,6 +24,9 @@ from pf_tracker_ros.footage.messages import (
 )
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
+
+if TYPE_CHECKING:
+    from pf_tracker_ros.targets.tracked_target import TrackedTarget
 
 _FLOAT_SIZE = 4
 
@@ -66,14 +70,29 @@ def box_message(box: Box, header: Header) -> PolygonStamped:
 def particles_message(estimate: Estimate, header: Header) -> PointCloud2:
     """The particles as points at the centers of their boxes, in pixels, with size and weight."""
     columns = particle_columns(estimate.particle_boxes, estimate.weights)
-    point_step = _FLOAT_SIZE * len(PARTICLE_FIELDS)
+    return _points_message(columns, PARTICLE_FIELDS, header)
+
+
+def several_particles_message(targets: Sequence[TrackedTarget], header: Header) -> PointCloud2:
+    """The particles of several targets, at least one, with the ids of these as one more field."""
+    columns = []
+    for target in targets:
+        own = particle_columns(target.estimate.particle_boxes, target.estimate.weights)
+        columns.append(np.hstack([own, np.full((len(own), 1), target.id, np.float32)]))
+    return _points_message(np.vstack(columns), (*PARTICLE_FIELDS, "id"), header)
+
+
+def _points_message(
+    columns: NDArray[np.float32], names: Sequence[str], header: Header
+) -> PointCloud2:
+    point_step = _FLOAT_SIZE * len(names)
     return PointCloud2(
         header=header,
         height=1,
         width=len(columns),
         fields=[
             PointField(name=name, offset=index * _FLOAT_SIZE, datatype=PointField.FLOAT32, count=1)
-            for index, name in enumerate(PARTICLE_FIELDS)
+            for index, name in enumerate(names)
         ],
         is_bigendian=sys.byteorder == "big",
         point_step=point_step,
@@ -145,9 +164,16 @@ def status_message(
         message: One sentence for people.
         values: What there is to know, key to value.
     """
+    return DiagnosticArray(header=header, status=[single_status(name, level, message, values)])
+
+
+def single_status(
+    name: str, level: bytes, message: str, values: Mapping[str, str | float | int]
+) -> DiagnosticStatus:
+    """One status alone; arguments as for `status_message`."""
     status = DiagnosticStatus(name=name, level=level, message=message)
     status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-    return DiagnosticArray(header=header, status=[status])
+    return status
 
 
 def _octets(values: NDArray[np.generic]) -> array.array[int]:

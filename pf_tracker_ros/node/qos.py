@@ -88,6 +88,20 @@ def subscribe(
     return _with_overrides(node, create, name, "subscription", report)
 
 
+def take_waiting(subscription: Subscription) -> None:
+    """Run a subscription's callback with each message that waits for it.
+
+    The executor takes one message of each subscription at a time, so of two that came before an
+    image the second would come after it.
+    """
+    while True:
+        with subscription.handle:
+            found = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        if found is None:
+            return
+        subscription.callback(found[0])
+
+
 def advertise(
     node: Node, message_type: Any, topic: str, *, profile: QoSProfile, report: Report
 ) -> Publisher:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -90,6 +90,14 @@ class Detections:
 
     def __len__(self) -> int:
         return len(self.boxes)
+
+    def with_labels(self, labels: Collection[str]) -> Detections:
+        """Those with one of some labels; all where there are none."""
+        if not labels:
+            return self
+        places = [place for place, label in enumerate(self.labels) if label in labels]
+        texts = [self.labels[place] for place in places]
+        return Detections(self.boxes[places], self.scores[places], texts, self.age)
 
 
 class Sighting(NamedTuple):

@@ -14,7 +14,8 @@ from pf_tracker_ros.tracking.tracker import NOMINAL_INTERVAL
 
 # How late a detection may be, in seconds.
 REACH = 2.0
-# Most memory for the images, in bytes.
+# Most frames, and most memory for their images, in bytes.
+_MOST_FRAMES = 1000
 _MOST_BYTES = 128e6
 
 
@@ -40,7 +41,7 @@ class Moment:
 
 
 class History:
-    """Moments in the order of time, bounded in seconds and in memory.
+    """Moments in the order of time, bounded in seconds, in number and in memory.
 
     Attributes:
         seconds: From the oldest to the newest.
@@ -50,6 +51,28 @@ class History:
         self._moments: deque[Moment] = deque()
         self.seconds = 0.0
         self._bytes = 0
+        self._most_frames = _MOST_FRAMES
+        self._most_bytes = _MOST_BYTES
+
+    def limit(self, frames: int, megabytes: float) -> None:
+        """Change the bounds; the oldest moments beyond them are dropped, the newest never.
+
+        Args:
+            frames: Most frames that are kept.
+            megabytes: Most memory that their images hold, in units of 10^6 bytes.
+        """
+        self._most_frames, self._most_bytes = frames, megabytes * 1e6
+        self._trim()
+
+    def clear(self) -> None:
+        """Forget all moments."""
+        self.put(())
+
+    def put(self, moments: Sequence[Moment]) -> None:
+        """Keep these in the place of all, in the same order; none, or as many as there are."""
+        self._moments = deque(moments)
+        if not moments:
+            self.seconds, self._bytes = 0.0, 0
 
     def __len__(self) -> int:
         return len(self._moments)
@@ -60,10 +83,22 @@ class History:
             self.seconds += moment.interval
         self._moments.append(moment)
         self._bytes += moment.frame.image.nbytes
-        while len(self._moments) > 1 and (self.seconds > REACH or self._bytes > _MOST_BYTES):
+        self._trim()
+
+    def _trim(self) -> None:
+        while len(self._moments) > 1 and (
+            self.seconds > REACH
+            or self._bytes > self._most_bytes
+            or len(self._moments) > self._most_frames
+        ):
             dropped = self._moments.popleft()
             self.seconds -= self._moments[0].interval
             self._bytes -= dropped.frame.image.nbytes
+
+    @property
+    def moments(self) -> tuple[Moment, ...]:
+        """All of them, the oldest first."""
+        return tuple(self._moments)
 
     @property
     def first(self) -> Moment:

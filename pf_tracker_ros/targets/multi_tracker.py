@@ -12,25 +12,28 @@ from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.parameters import build, change, flatten
+from pf_tracker_ros.parameters import ParameterError, build, change, flatten
 from pf_tracker_ros.targets.crowd import Crowd
-from pf_tracker_ros.targets.detections import DOUBLED_ABOVE, Detections, Sighting, sightings
-from pf_tracker_ros.targets.geometry import overlaps
+from pf_tracker_ros.targets.detections import Detections, Sighting, sightings
+from pf_tracker_ros.targets.hindsight import fill_in, follow_alone, merged, work_out
 from pf_tracker_ros.targets.history import History, Moment
 from pf_tracker_ros.targets.keeper import CrowdKeeper
-from pf_tracker_ros.targets.life import Key, Life
+from pf_tracker_ros.targets.life import Life
+from pf_tracker_ros.targets.names import Names
 from pf_tracker_ros.targets.parameters import MultiTrackerParameters, multi_preset_parameters
+from pf_tracker_ros.targets.relearning import (
+    Memory,
+    learned_again,
+    needs_learning,
+    reconfigured,
+    resized,
+)
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.tracking.camera import Camera
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_interval
+from pf_tracker_ros.tracking.scaling import scaled_to
 from pf_tracker_ros.tracking.tracker import NOMINAL_INTERVAL, usual_arithmetic
-
-# A target that a late detection has started in the place of another keeps the id of that one if
-# they overlap by more than this.
-_SAME_ABOVE = 0.5
-# Names of targets that are remembered beyond those that there are.
-_MOST_NAMES = 10_000
 
 
 class MultiTracker:
@@ -64,8 +67,7 @@ class MultiTracker:
         self._camera = Camera(seed)
         self._crowd = Crowd()
         self._history = History()
-        self._names: dict[Key, int] = {}
-        self._last_name = 0
+        self._names = Names()
         self._shape: tuple[tuple[int, ...], np.dtype[Any]] | None = None
         self.left_out: tuple[str, ...] = ()
 
@@ -99,6 +101,122 @@ class MultiTracker:
         return flatten(self._parameters)
 
     @property
+    def history(self) -> History:
+        """The last frames, for late detections; may be limited otherwise."""
+        return self._history
+
+    def set_parameters(self, values: Mapping[str, Any]) -> None:
+        """Change parameters, all or none, keeping the targets with their ids.
+
+        What decides on how a target is described, such as the motion model, learns every target
+        again from where it was last seen; frames before the change are then gone for late
+        detections.
+
+        Args:
+            values: Full parameter name to value.
+
+        Raises:
+            ParameterError: A name or value is not allowed, values contradict each other, or a
+                target was not seen for so long that it could not be learned.
+        """
+        values = change(MultiTrackerParameters, self.parameters, values)
+        self.share_parameters(MultiTracker(build(MultiTrackerParameters, values), self._seed))
+
+    def share_parameters(self, other: MultiTracker) -> None:
+        """Go on with the parameters and the seed of another tracker, sharing what both only read.
+
+        Args:
+            other: Whose parameters to take, and nothing else.
+
+        Raises:
+            ParameterError: As `set_parameters`.
+        """
+        with usual_arithmetic():
+            crowd, moments = self._adapted(other)
+        self._history.put(moments)
+        self._crowd, self._seed = crowd, other._seed
+        self._parameters, self._follower = other._parameters, other._follower
+        self._keeper = other._keeper
+        if not self._follower.background:
+            self._camera.forget_background()
+
+    def check_parameters(self, other: MultiTracker) -> None:
+        """Try what `share_parameters` would do, and change nothing.
+
+        Raises:
+            ParameterError: As `set_parameters`.
+        """
+        with usual_arithmetic():
+            self._adapted(other)
+
+    def _adapted(self, other: MultiTracker) -> tuple[Crowd, tuple[Moment, ...]]:
+        """The targets, and the moments to be kept, for the parameters of another tracker."""
+        memory = Memory(self._crowd, self._history, self._camera.frame)
+        if not needs_learning(memory, self.parameters, other.parameters):
+            return reconfigured(memory, other._follower)
+        crowd, unseen = learned_again(memory, other._follower)
+        for life in unseen:
+            if life.is_told and life.key in self._names:
+                raise ParameterError(
+                    f"the target {self._names[life.key]} would have to be learned again, and was "
+                    f"not seen in the last {self._history.seconds:.2g} s; stop it first, or wait "
+                    "until it is seen"
+                )
+        return crowd, ()
+
+    def fits(self, image: NDArray[np.generic]) -> bool:
+        """Whether an image has the size and kind of those before; any does before the first."""
+        return self._shape is None or self._shape == (image.shape, image.dtype)
+
+    def resize(self, image: NDArray[np.generic]) -> bool:
+        """Go on with images of another size, keeping the targets with their ids.
+
+        They are learned again from where they were last seen, scaled; those that were not seen for
+        long are forgotten, and so are the frames before.
+
+        Args:
+            image: One of that size, to be given to `update` next.
+
+        Returns:
+            Whether it could be done: the image is of the same kind and aspect ratio. If not, all is
+            as before.
+
+        Raises:
+            ValueError: It is no image.
+        """
+        check_image(image)
+        frame = self._camera.frame
+        last = scaled_to(frame.image, image) if frame else None
+        if frame is None or last is None:
+            return False
+        with usual_arithmetic():
+            memory = Memory(self._crowd, self._history, frame)
+            crowd = resized(memory, self._follower, image)
+            self._camera = Camera(self._seed)
+            boxes = [life.target.estimate.box for life in crowd.lives]
+            self._keep(self._open(last, 0.0, boxes))
+        self._crowd = crowd
+        self._history.clear()
+        return True
+
+    def forget_past(self) -> None:
+        """Let no detection be of the frames so far, as where time begins anew."""
+        self._history.clear()
+
+    def clear(self) -> None:
+        """Forget all targets, those that have ended too; what the detector sees, it starts again.
+
+        Their ids are not used again.
+        """
+        self._crowd = replace(self._crowd, lives=(), gone=())
+        self._history.clear()
+
+    def forget_camera(self) -> None:
+        """Forget all targets, and take images of any size and kind."""
+        self.clear()
+        self._camera, self._shape = Camera(self._seed), None
+
+    @property
     def targets(self) -> tuple[TrackedTarget, ...]:
         """The targets as the last frame left them, in the order of their ids."""
         told = [
@@ -109,8 +227,7 @@ class MultiTracker:
                 life.age,
                 life.unconfirmed_for,
             )
-            for life in self._crowd.lives
-            if life.is_told and life.key in self._names
+            for life in self._names.told(self._crowd.lives).values()
         ]
         return tuple(sorted(told, key=lambda target: target.id))
 
@@ -146,17 +263,59 @@ class MultiTracker:
                     "image is not the one that was given last; give it to update first, then start "
                     "on it"
                 )
-            number = self._crowd.frame
-            before = sum(key.place < 0 and key.frame == number for key in self._names)
-            key = Key(number, -1 - before)
-            life = self._keeper.initiator.begin(frame, first_box, key, label)
-        self._keep(frame)
-        self._crowd = replace(self._crowd, lives=(*self._crowd.lives, life))
-        if len(self._history):
-            last = self._history.last
-            self._history.revise([replace(last, begun=(*last.begun, life))])
-        self._name(life)
-        return self._names[key]
+            self._keep(frame)
+            return self._begin(frame, first_box, label, ())
+
+    def start_earlier(self, box: ArrayLike, age: float = 0.0, label: str = "") -> int:
+        """Take a new target by hand that somebody saw in a frame gone by.
+
+        Args:
+            box: (x, y, width, height) of the target in pixels, as for `Tracker.start`.
+            age: Seconds from that frame to the last one that was given to `update`.
+            label: What it is.
+
+        Returns:
+            Its id, never that of another.
+
+        Raises:
+            ValueError: The box, the age or the label is not usable, or no frame is kept from then;
+                all targets are kept.
+        """
+        back, frame = check_interval(age), self._camera.frame
+        if not isinstance(label, str):
+            raise ValueError(f"label is {label!r}; allowed: a text")
+        if frame is None:
+            raise ValueError("there is no frame so far; give one to update first")
+        first_box = check_box(box, frame.size)
+        moments = self._history.since(back)
+        if moments is None and back > NOMINAL_INTERVAL / 2:
+            raise ValueError(
+                f"it was drawn on a frame from {back:.3f} s ago; allowed: one of the last "
+                f"{len(self._history)}, back to {self._history.seconds:.3f} s ago"
+            )
+        with usual_arithmetic():
+            return self._begin(frame, first_box, label, moments or ())
+
+    def _begin(self, frame: Frame, box: Box, label: str, moments: Sequence[Moment]) -> int:
+        """Take a new target.
+
+        Args:
+            frame: The last one.
+            box: Of the target.
+            label: What it is.
+            moments: From the one that the box was drawn on, up to the last one; none for that.
+        """
+        drawn_on = moments[0].frame if moments else frame
+        number = moments[1].before.frame if len(moments) > 1 else self._crowd.frame
+        key = self._names.next_by_hand(number)
+        life = self._keeper.initiator.begin(drawn_on, box, key, label)
+        moments = moments or self._history.moments[-1:]
+        lives: tuple[Life, ...] = (life,)
+        if moments:
+            lives, revised = follow_alone(self._keeper, life, moments)
+            self._history.revise(revised)
+        self._crowd = replace(self._crowd, lives=(*self._crowd.lives, *lives))
+        return self._names.name(life)
 
     def stop(self, id: int) -> None:
         """Forget a target.
@@ -185,7 +344,7 @@ class MultiTracker:
         self,
         image: NDArray[np.generic],
         dt: float | None = None,
-        detections: Detections | None = None,
+        detections: Detections | Sequence[Detections] | None = None,
     ) -> tuple[TrackedTarget, ...]:
         """Follow all targets into the next frame.
 
@@ -193,7 +352,8 @@ class MultiTracker:
             image: As for `Tracker.start`; of the same size and kind each time.
             dt: Seconds since the last frame; None means the nominal interval.
             detections: What a detector found in this frame, or in the earlier one that its age
-                names; None where it has said nothing. `left_out` tells what was no use in it.
+                names, or several such answers; None where it has said nothing. `left_out` tells
+                what was no use in it.
 
         Returns:
             The targets that are sure enough, in the order of their ids.
@@ -203,109 +363,45 @@ class MultiTracker:
                 good state is kept.
         """
         check_image(image)
-        if self._shape and self._shape != (image.shape, image.dtype):
+        if not self.fits(image):
             raise ValueError(self._misfit(image))
-        if detections is not None and not isinstance(detections, Detections):
-            raise ValueError(
-                f"detections are a {type(detections).__name__}; expected "
-                "Detections(boxes, scores, labels, age), or None where no detector ran"
-            )
+        answers = _answers(detections)
         interval = NOMINAL_INTERVAL if dt is None else check_interval(dt)
         with usual_arithmetic():
-            told = {self._names[life.key]: life for life in self._crowd.lives if self._tells(life)}
+            told = self._names.told(self._crowd.lives)
             frame = self._open(
                 image.copy(), interval, [life.target.estimate.box for life in self._crowd.lives]
             )
-            crowd, seen = self._crowd, None
-            revised: list[Moment] = []
-            left_out: list[str] = []
-            if detections is not None:
-                if detections.age <= interval / 2 or not len(self._history):
-                    seen, left_out = self._sightings(detections, frame)
-                else:
-                    crowd, revised, left_out = self._look_back(detections, interval)
+            of_now = [one for one in answers if one.age <= interval / 2]
+            late = [one for one in answers if one not in of_now]
+            moments, left_out = fill_in(self._history, late, interval, self._sightings)
+            crowd, revised = work_out(self._keeper, moments) if moments else (self._crowd, [])
+            seen: tuple[Sighting, ...] | None = None
+            for answer in of_now:
+                found, reasons = self._sightings(answer, frame)
+                seen = merged(seen, found)
+                left_out += reasons
             moment = Moment(frame, interval, crowd, seen)
             crowd = self._keeper.advance(crowd, frame, interval, seen)
         self._keep(frame)
         self._history.revise(revised)
         self._history.add(moment)
-        self._crowd, self.left_out = crowd, tuple(left_out)
+        self._crowd, self.left_out = crowd, tuple(dict.fromkeys(left_out))
         if revised:
-            self._pass_on_names(told)
+            self._names.pass_on(told, crowd)
         for life in crowd.lives:
             if life.is_told:
-                self._name(life)
-        self._forget_names()
+                self._names.name(life)
+        self._names.forget(crowd, self._history.first.before.frame)
         return self.targets
-
-    def _look_back(
-        self, detections: Detections, interval: float
-    ) -> tuple[Crowd, list[Moment], list[str]]:
-        """The targets of the last frame, had late detections come in time.
-
-        Args:
-            detections: Of an earlier frame than the one at hand.
-            interval: Seconds from the last frame to that.
-
-        Returns:
-            The targets, the moments that were worked out again, and what was left out.
-        """
-        moments = self._history.since(detections.age - interval)
-        if moments is None:
-            reason = (
-                f"the detections are {detections.age:g} s old, and frames of the last "
-                f"{self._history.seconds + interval:.2g} s are kept"
-            )
-            return self._crowd, [], [reason]
-        first = moments[0]
-        seen, left_out = self._sightings(detections, first.frame)
-        moments[0] = replace(first, seen=(*_not_among(first.seen or (), seen), *(first.seen or ())))
-        crowd = first.before
-        revised = []
-        for moment in moments:
-            revised.append(replace(moment, before=crowd))
-            crowd = self._keeper.advance(crowd, moment.frame, moment.interval, moment.seen)
-            crowd = replace(crowd, lives=(*crowd.lives, *moment.begun))
-            for key in moment.stopped:
-                crowd = crowd.without(key)
-        return crowd, revised, left_out
 
     def _sightings(
         self, detections: Detections, frame: Frame
     ) -> tuple[tuple[Sighting, ...], list[str]]:
-        seen, reasons = sightings(detections, frame, self._parameters.detector.score_above)
+        detector = self._parameters.detector
+        wanted = detections.with_labels(detector.labels)
+        seen, reasons = sightings(wanted, frame, detector.score_above)
         return tuple(seen), reasons
-
-    def _tells(self, life: Life) -> bool:
-        return life.is_told and life.key in self._names
-
-    def _name(self, life: Life) -> None:
-        if life.key not in self._names:
-            self._last_name += 1
-            self._names[life.key] = self._last_name
-
-    def _pass_on_names(self, told: Mapping[int, Life]) -> None:
-        """Let targets that took the places of others, when those were worked out again, be them."""
-        there = {life.key for life in (*self._crowd.lives, *self._crowd.gone)}
-        lost = [(name, life) for name, life in told.items() if life.key not in there]
-        for life in self._crowd.lives:
-            if not lost or not life.is_told or life.key in self._names:
-                continue
-            same = overlaps(life.box[None], np.array([one.box for _, one in lost]))[0]
-            best = int(same.argmax())
-            if same[best] > _SAME_ABOVE:
-                self._names[life.key] = lost.pop(best)[0]
-
-    def _forget_names(self) -> None:
-        """Forget those that no frame can bring back."""
-        if len(self._names) > _MOST_NAMES:
-            there = {life.key for life in (*self._crowd.lives, *self._crowd.gone)}
-            oldest = self._history.first.before.frame
-            self._names = {
-                key: name
-                for key, name in self._names.items()
-                if key in there or key.frame >= oldest
-            }
 
     def _open(self, image: NDArray[np.generic], interval: float, boxes: Sequence[Box]) -> Frame:
         follows_light = self._follower.parameters.follow_light
@@ -323,9 +419,22 @@ class MultiTracker:
         )
 
 
-def _not_among(known: Sequence[Sighting], seen: Sequence[Sighting]) -> list[Sighting]:
-    """Those of what was seen that were not said before of the same frame."""
-    if not known:
-        return list(seen)
-    boxes = np.array([one.box for one in known])
-    return [one for one in seen if overlaps(one.box[None], boxes).max() <= DOUBLED_ABOVE]
+def _answers(detections: object) -> list[Detections]:
+    """What was given for detections, as a list.
+
+    Raises:
+        ValueError: It is something else.
+    """
+    if detections is None:
+        return []
+    given = detections if isinstance(detections, list | tuple) else [detections]
+    answers: list[Detections] = []
+    for one in given:
+        if not isinstance(one, Detections):
+            raise ValueError(
+                f"detections are a {type(one).__name__}; expected "
+                "Detections(boxes, scores, labels, age), several of them, or None where no "
+                "detector ran"
+            )
+        answers.append(one)
+    return answers

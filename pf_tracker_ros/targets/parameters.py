@@ -29,6 +29,11 @@ class TargetsParameters:
 class DetectorParameters:
     """What is known of the detector that starts and corrects targets."""
 
+    labels: tuple[str, ...] = declared(
+        (),
+        "Labels of the detections that count, as the detector writes them, such as person; empty "
+        "takes all.",
+    )
     score_above: float = declared(
         0.3,
         "Detections of a lower score are left out.",
@@ -59,12 +64,18 @@ class SeveralTrackParameters(TrackParameters):
 
 
 @dataclass(frozen=True)
-class MultiTrackerParameters(TrackerParameters):
-    """The tunables of several targets: those of each, and those of all together."""
+class SeveralTargetsParameters(TrackerParameters):
+    """The tunables of several targets, but for how many there may be."""
 
     track: SeveralTrackParameters = group(SeveralTrackParameters)
-    targets: TargetsParameters = group(TargetsParameters)
     detector: DetectorParameters = group(DetectorParameters)
+
+
+@dataclass(frozen=True)
+class MultiTrackerParameters(SeveralTargetsParameters):
+    """The tunables of several targets: those of each, and those of all together."""
+
+    targets: TargetsParameters = group(TargetsParameters)
 
 
 # What several targets ask of a preset: less work for each, since a detector tells sizes, and a

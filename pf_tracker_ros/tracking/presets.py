@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -113,17 +113,24 @@ class PresetInForce:
     changes: Mapping[str, tuple[Any, Any]]
 
     @classmethod
-    def of(cls, values: Mapping[str, Any]) -> PresetInForce:
+    def of(
+        cls,
+        values: Mapping[str, Any],
+        tunables: type = TrackerParameters,
+        parameters_of: Callable[[str], Mapping[str, Any]] = preset_parameters,
+    ) -> PresetInForce:
         """Compare values with their preset.
 
         Args:
             values: Full name to value of `preset` and every parameter of the tracker.
+            tunables: The declared group of these.
+            parameters_of: Tells the value of every parameter in a preset.
         """
         name = values["preset"]
-        preset = preset_parameters(name)
+        preset = parameters_of(name)
         usual = {
             parameter: preset.get(parameter, declaration.default)
-            for parameter, declaration in declarations(TrackerParameters, values).items()
+            for parameter, declaration in declarations(tunables, values).items()
         }
         changes = {
             parameter: (values[parameter], value)

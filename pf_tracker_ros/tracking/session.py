@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,45 +19,26 @@ from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.frame_history import FrameHistory, PastFrame
+from pf_tracker_ros.tracking.frame_order import FrameOrder, TimePolicy
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.scaling import (
+    box_within,
+    is_scaled,
+    scaled_box,
+    scaled_to,
+    size_of,
+    size_text,
+)
 from pf_tracker_ros.tracking.tracker import Tracker
 
 FrameOutcome = Literal["started", "tracked", "duplicate", "late", "waiting"]
-
-# A frame that is older than the last one by at most this came late; by more, time began anew, as
-# when a bag starts again.
-LATE_WITHIN = NANOSECONDS
-
-# So many late frames in a row are no stragglers: a recording shorter than that begins again.
-_MOST_LATE = 10
 
 # A target's frame may have been lost on the way; one so much later stands in for it.
 _SUBSTITUTE_WITHIN = NANOSECONDS
 
 # Through so many frames a target is followed to catch up: in the meantime no image is answered.
 _MOST_CAUGHT_UP = 30
-
-# A target is not drawn on a frame that far ahead; a tool has stamped it with the wrong clock.
-_LONGEST_WAIT = 60 * NANOSECONDS
-
-# Share by which the aspect ratio of an image may differ where a camera only scales its images:
-# their sides are whole numbers, often whole multiples of some.
-_SAME_ASPECT = 0.01
-
-
-@dataclass(frozen=True)
-class TimePolicy:
-    """What to do when time jumps back.
-
-    Attributes:
-        on_jump: "keep" goes on with the target as it is, "restart" starts again on the box that
-            the target was first drawn with, "wait" forgets the target.
-        late_within: Nanoseconds that a frame may be older than the last one and only be late.
-    """
-
-    on_jump: str = "keep"
-    late_within: int = LATE_WITHIN
 
 
 @dataclass(frozen=True)
@@ -152,10 +132,9 @@ class Session:
         self._first: _FirstBox | None = None
         self._sighting: _Sighting | None = None
         self._checked: _Change | None = None
-        self._last_stamp = 0
+        self._order = FrameOrder()
         # Before the last one where the target has been learned again from an earlier frame.
         self._followed_until = 0
-        self._late_in_a_row = 0
 
     @property
     def estimate(self) -> Estimate | None:
@@ -204,7 +183,7 @@ class Session:
         tracker = Tracker(build(TrackerParameters, parameters), seed)
         if self._sighting and self._tracker.forbid(tracker.parameters):
             image = self._sighting.frame.image
-            tracker.take_over(self._tracker, image, _within(self._sighting.box, image))
+            tracker.take_over(self._tracker, image, box_within(self._sighting.box, image))
         return _Change(parameters, seed, tracker)
 
     def request(self, box: Box, stamp: int = 0) -> None:
@@ -217,12 +196,7 @@ class Session:
         Raises:
             ValueError: The stamp is by another clock than those of the frames.
         """
-        ahead = stamp - self._last_stamp
-        if stamp and self._last_stamp and ahead > _LONGEST_WAIT:
-            raise ValueError(
-                f"its stamp is {ahead / NANOSECONDS:.0f} s after that of the last frame, from "
-                "another clock; allowed: the stamp of a frame, or 0 for the next one"
-            )
+        self._order.check_ahead(stamp)
         self._requested = _RequestedTarget(box, stamp)
 
     def withdraw(self) -> None:
@@ -273,8 +247,8 @@ class Session:
         kept = [past for past in self.history.since(requested.stamp) if past.stamp < frame.stamp]
         if kept and kept[0].size != frame.size:
             raise ValueError(
-                f"it was drawn on an image of {_size_text(kept[0].size)} px, and they have "
-                f"{_size_text(frame.size)} px now; allowed: a target on one of these, or stamp 0 "
+                f"it was drawn on an image of {size_text(kept[0].size)} px, and they have "
+                f"{size_text(frame.size)} px now; allowed: a target on one of these, or stamp 0 "
                 "for the next frame"
             )
         frames = [*kept, frame]
@@ -307,19 +281,15 @@ class Session:
         return Outcome("started", estimate, caught_up=len(frames) - 1)
 
     def _follow(self, frame: Frame, refused_target: str) -> Outcome:
-        known = frame.stamp != 0 and self._last_stamp != 0
-        elapsed = frame.stamp - self._last_stamp
         if not self._tracker.started:
             self._take(frame, None)
             return Outcome("waiting", None, refused_target)
-        if known and elapsed == 0:
-            return Outcome("duplicate", self.estimate, refused_target)
-        if known and elapsed < 0:
-            self._late_in_a_row += 1
-            stragglers = self._late_in_a_row < _MOST_LATE
-            if elapsed >= -self.time_policy.late_within and stragglers:
-                return Outcome("late", self.estimate, refused_target)
-            return self._jump_back(frame, -elapsed / NANOSECONDS, refused_target)
+        behind = (self._order.last - frame.stamp) / NANOSECONDS
+        place = self._order.place(frame.stamp, self.time_policy.late_within)
+        if place in ("duplicate", "late"):
+            return Outcome(place, self.estimate, refused_target)
+        if place == "jump":
+            return self._jump_back(frame, behind, refused_target)
         return self._track(frame, refused_target)
 
     def _jump_back(self, frame: Frame, seconds: float, refused_target: str) -> Outcome:
@@ -360,16 +330,12 @@ class Session:
         None where the image is of another kind or aspect ratio, or too small to show the target.
         """
         seen = sighting.frame.image
-        same_kind = (seen.shape[2:], seen.dtype) == (image.shape[2:], image.dtype)
-        if not same_kind or not _is_scaled(_size(seen), _size(image)):
+        scaled = scaled_to(seen, image)
+        if scaled is None:
             return None
-        shrinks = image.size < seen.size
-        scaled = cv2.resize(
-            seen, _size(image), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-        )
         tracker = self._tracker.empty(self._seed)
         try:
-            box = _scaled(_within(sighting.box, seen), _size(seen), _size(image))
+            box = scaled_box(box_within(sighting.box, seen), size_of(seen), size_of(image))
             tracker.take_over(self._tracker, scaled, box)
         except ValueError:
             return None
@@ -377,43 +343,13 @@ class Session:
 
     def _take(self, frame: PastFrame, estimate: Estimate | None) -> None:
         self._estimate = estimate
-        self._last_stamp = self._followed_until = frame.stamp
-        self._late_in_a_row = 0
+        self._order.take(frame.stamp)
+        self._followed_until = frame.stamp
         self.history.add(frame.image, frame.stamp)
-
-
-def _size(image: NDArray[np.generic]) -> tuple[int, int]:
-    """(width, height), pixels."""
-    return image.shape[1], image.shape[0]
-
-
-def _size_text(size: tuple[int, int]) -> str:
-    return "{} x {}".format(*size)
-
-
-def _is_scaled(size: tuple[int, int], other: tuple[int, int]) -> bool:
-    """Whether two sizes have one aspect ratio, but for rounding."""
-    products = size[0] * other[1], size[1] * other[0]
-    return abs(products[0] - products[1]) <= _SAME_ASPECT * max(products)
-
-
-def _scaled(box: Box, size: tuple[int, int], other: tuple[int, int]) -> Box:
-    """A box of an image of one size in the same image of another size."""
-    across, down = other[0] / size[0], other[1] / size[1]
-    return box[0] * across, box[1] * down, box[2] * across, box[3] * down
 
 
 def _box_in(image: NDArray[np.generic], first: _FirstBox) -> Box:
     """The box that a target was drawn with, scaled to an image of the same aspect ratio."""
-    if not _is_scaled(first.image_size, _size(image)):
+    if not is_scaled(first.image_size, size_of(image)):
         return first.box
-    return _scaled(first.box, first.image_size, _size(image))
-
-
-def _within(box: Box, image: NDArray[np.generic]) -> Box:
-    """The box as near to it as a target in this image may be: an estimate may exceed the image."""
-    (x, y, width, height), (rows, columns) = box, image.shape[:2]
-    center_x = min(max(x + width / 2, 0.0), float(columns))
-    center_y = min(max(y + height / 2, 0.0), float(rows))
-    width, height = min(max(width, 1.0), float(columns)), min(max(height, 1.0), float(rows))
-    return center_x - width / 2, center_y - height / 2, width, height
+    return scaled_box(first.box, first.image_size, size_of(image))

@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from array import array
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +49,7 @@ class Status:
     level: str
     message: str
     values: dict
+    targets: tuple = ()
 
 
 def stamp_of(header):
@@ -177,6 +178,14 @@ class Client(Node):
 
         return self.wait_for(found, f"message for stamp {stamp}")[0]
 
+    def answer_of_array(self, arrays, stamp):
+        """The markers of the array among `arrays` for a frame, once it has come."""
+
+        def found():
+            return [one.markers for one in arrays if stamp_of(one.markers[0].header) == stamp]
+
+        return self.wait_for(found, f"markers for stamp {stamp}")[0]
+
     def set_parameters(self, **values):
         """Set parameters in one atomic step; double underscores stand for dots."""
         parameters = [
@@ -224,10 +233,14 @@ class Client(Node):
 
 
 def _parsed(message):
-    (status,) = message.status
+    own, *targets = (_parsed_one(message.header, status) for status in message.status)
+    return replace(own, targets=tuple(targets))
+
+
+def _parsed_one(header, status):
     levels = {getattr(DiagnosticStatus, level): level for level in ("OK", "WARN", "ERROR", "STALE")}
     return Status(
-        stamp=stamp_of(message.header),
+        stamp=stamp_of(header),
         name=status.name,
         level=levels[status.level],
         message=status.message,

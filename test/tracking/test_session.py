@@ -7,9 +7,10 @@ import pytest
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.parameters import change
 from pf_tracker_ros.tracking.follower import Follower
+from pf_tracker_ros.tracking.frame_order import LATE_WITHIN, TimePolicy
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
-from pf_tracker_ros.tracking.session import LATE_WITHIN, Session, TimePolicy
+from pf_tracker_ros.tracking.session import Session
 
 SECOND = 1_000_000_000
 START = 1_000 * SECOND

@@ -151,8 +151,8 @@ class _Listener(Node):
         return announced <= self.answers.boxes.keys()
 
     def _on_status(self, message: DiagnosticArray) -> None:
-        (status,) = message.status
-        values = {pair.key: pair.value for pair in status.values}
+        # That of the node itself; with several targets, theirs come after it.
+        values = {pair.key: pair.value for pair in message.status[0].values}
         # The first is the answer; a frame that comes twice changes nothing.
         self.answers.statuses.setdefault(stamp_of(message.header), values)
 

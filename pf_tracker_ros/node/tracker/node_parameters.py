@@ -19,6 +19,29 @@ class NodeParameters:
         "it was last seen.",
         choices=tuple(PRESETS),
     )
+    max_targets: int = declared(
+        1,
+        "Most targets at a time. Above 1, each target that is given is one more, and a detector, "
+        "on the topic detections or built in, starts and corrects targets. Whether it is above 1 "
+        "is decided at start-up.",
+        minimum=1,
+        maximum=1000,
+    )
+    built_in_detector: str = declared(
+        "none",
+        "Detector of the node's own that starts and corrects targets, where max_targets is above "
+        "1: people is OpenCV's for people who are at least 100 px high, motion finds what moves "
+        "before a camera that stands still.",
+        choices=("none", "people", "motion"),
+    )
+    built_in_detector_rate: float = declared(
+        1.0,
+        "Most frames in a second that the built-in detector looks at, beside the tracker and as "
+        "fast as it can; motion is cheap enough for 5.",
+        unit="Hz",
+        minimum=0.01,
+        maximum=100.0,
+    )
     seed: int = declared(
         0,
         "Seeds all randomness: the same frames, target and seed give the same boxes. A change "

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import time
 import traceback
 from collections import Counter, deque
+from collections.abc import Sequence
 from typing import Any
 
 from pf_tracker_ros.decoding.image_decoding import ImageError
@@ -18,6 +20,7 @@ _IMAGE_CURE = (
     ": give a target on these images (~/target, ~/click), forget the one there is (~/stop), or let "
     "the camera send what it sent before; another size of the same aspect ratio would do as well"
 )
+_NUMBERS = re.compile(r"-?[\d.]+")
 # Most refusals in the log within the interval, whatever they say.
 _LOGGED_ERRORS = 20
 
@@ -97,3 +100,24 @@ class Reporter:
         self.count += 1
         if error not in self._unshown:
             self._unshown.append(error)
+
+
+class Throttle:
+    """Picks what has not been said for a while, whatever the numbers in it."""
+
+    def __init__(self) -> None:
+        self._said_at: dict[str, float] = {}
+
+    def pick(self, sentences: Sequence[str]) -> tuple[str, ...]:
+        """Those of the sentences that are not of the kind of one that was just picked."""
+        now = time.monotonic()
+        self._said_at = {
+            kind: moment for kind, moment in self._said_at.items() if now - moment < LOG_INTERVAL
+        }
+        picked = []
+        for sentence in sentences:
+            kind = _NUMBERS.sub("", sentence)
+            if kind not in self._said_at:
+                self._said_at[kind] = now
+                picked.append(sentence)
+        return tuple(picked)

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from pf_tracker_ros.tracking.estimate import Estimate
+
+if TYPE_CHECKING:
+    from pf_tracker_ros.targets.tracked_target import TrackedTarget
 
 # A target that flickers at the frame rate is told of once in so long, with the state it is then in.
 _INTERVAL = 1.0
@@ -36,3 +40,26 @@ class StateLog:
             return
         self._logger.info(f"{self._told} -> {estimate.state}, confidence {estimate.confidence:.2f}")
         self._told, self._told_at = estimate.state, now
+
+
+class TargetsLog:
+    """Logs which targets there are, once they are others, the last of them within a second.
+
+    Args:
+        logger: Of the node.
+    """
+
+    def __init__(self, logger: Any) -> None:
+        self._logger = logger
+        self._told: tuple[int, ...] = ()
+        self._told_at = -_INTERVAL
+
+    def tell(self, targets: Sequence[TrackedTarget]) -> None:
+        """Log the targets after a frame if they are others than the last ones that were told."""
+        now = time.monotonic()
+        ids = tuple(target.id for target in targets)
+        if ids == self._told or now - self._told_at < _INTERVAL:
+            return
+        listed = ", ".join(f"{target.id} {target.label}".rstrip() for target in targets)
+        self._logger.info(f"targets: {listed or 'none'}")
+        self._told, self._told_at = ids, now

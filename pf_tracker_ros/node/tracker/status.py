@@ -1,4 +1,4 @@
-"""The status of a frame: what is known of the target, and what stands in the way."""
+"""The status of a frame: what is known of the targets, and what stands in the way."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from pf_tracker_ros.node.message_building import likelihood_values, status_message
+from pf_tracker_ros.node.message_building import single_status, status_message
 from pf_tracker_ros.node.qos import LATCHED_QOS, Report, advertise
+from pf_tracker_ros.node.tracker.following import Known, TargetStatus
 from pf_tracker_ros.node.tracker.reporter import Reporter
 from pf_tracker_ros.node.tracker.skipped_frames import Skipped
 from pf_tracker_ros.stamps import parts
-from pf_tracker_ros.tracking.estimate import Estimate, estimate_values
-from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
-from pf_tracker_ros.tracking.state_descriptions import DESCRIPTIONS, SEVERITIES
+from pf_tracker_ros.tracking.state_descriptions import SEVERITIES
 
 PAUSED = "paused; the service ~/enable goes on"
 
@@ -32,25 +31,21 @@ class Status:
 
     Attributes:
         frame: What became of the frame, empty where it is not about one.
-        known: The estimate of the last frame that was looked at, None without a target.
+        known: What is known after the last frame that was looked at.
         skipped: The frames since, None if that is this one.
-        requested_stamp: Stamp of the frame that a requested target waits for, None or 0 without.
         obstacle: What keeps the node from tracking at all, or empty.
         enabled: Whether it looks at images.
         preset: Of the tracker, and how many values differ from it.
         lost_share: Share of the camera's frames that did not come, 0 to 1.
-        likelihood: Around the target in this frame, where somebody wants to know it.
     """
 
     frame: str
-    known: Estimate | None
+    known: Known
     skipped: Skipped | None
-    requested_stamp: int | None
     obstacle: str
     enabled: bool
     preset: str
     lost_share: float
-    likelihood: LikelihoodMap | None = None
 
     @property
     def is_skipped(self) -> bool:
@@ -60,7 +55,7 @@ class Status:
     @property
     def last_state(self) -> str:
         """`idle`, or the state of the track, in the last frame that was looked at."""
-        return self.known.state if self.known else "idle"
+        return self.known.state
 
     @property
     def state(self) -> str:
@@ -86,10 +81,10 @@ class Status:
             return self.skipped.described
         if not self.enabled:
             return PAUSED
-        if self.requested_stamp:
-            stamp = stamp_text(self.requested_stamp)
+        if self.known.requested_stamp:
+            stamp = stamp_text(self.known.requested_stamp)
             return f"{self.state}; a target waits for an image stamped {stamp} s"
-        return DESCRIPTIONS[self.state]
+        return self.known.description
 
     @property
     def values(self) -> dict[str, str | float | int]:
@@ -102,11 +97,16 @@ class Status:
             values["last_state"] = self.last_state
         if self.skipped and self.skipped.last_stamp:
             values["last_stamp"] = stamp_text(self.skipped.last_stamp)
-        if self.known and not self.is_skipped:
-            values |= estimate_values(self.known)
-        if self.likelihood:
-            values |= likelihood_values(self.likelihood)
+        if not self.is_skipped:
+            values |= self.known.values
+        if self.frame:
+            values |= self.known.of_frame
         return values
+
+    @property
+    def targets(self) -> tuple[TargetStatus, ...]:
+        """Those of several targets; none where the image was not looked at."""
+        return () if self.is_skipped else self.known.targets
 
 
 class StatusOutput:
@@ -145,7 +145,14 @@ class StatusOutput:
         values["preset"] = status.preset
         values |= reporter.values()
         name = self._node.get_fully_qualified_name()
-        self._publisher.publish(status_message(header, name, level, "; ".join(errors), values))
+        message = status_message(header, name, level, "; ".join(errors), values)
+        for target in status.targets:
+            message.status.append(
+                single_status(
+                    f"{name}: target {target.id}", target.level, target.message, target.values
+                )
+            )
+        self._publisher.publish(message)
 
     def close(self) -> None:
         """Withdraw the topic."""

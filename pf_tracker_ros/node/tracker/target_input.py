@@ -12,7 +12,7 @@ from rclpy.serialization import deserialize_message
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.node.message_building import TargetError, box_of_polygon
-from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, subscribe
+from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, subscribe, take_waiting
 from pf_tracker_ros.stamps import stamp_of
 
 # Bytes of a message: thousands of corners, and a frame's name of any sensible length.
@@ -70,6 +70,11 @@ class TargetInput:
                 (PointStamped, "~/click", self._on_click),
             )
         ]
+
+    def take_waiting(self) -> None:
+        """Take what came before the image at hand."""
+        for subscription in self._subscriptions:
+            take_waiting(subscription)
 
     def close(self) -> None:
         """Give the subscriptions up."""

@@ -23,25 +23,20 @@ from pf_tracker_ros.node.parameter_requests import take_whole_requests
 from pf_tracker_ros.node.qos import given_overrides
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.node.tracker.diagnostics import Diagnostics, Health
+from pf_tracker_ros.node.tracker.following import Following
 from pf_tracker_ros.node.tracker.image_input import ImageInput
 from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
-from pf_tracker_ros.node.tracker.outputs import Outputs
+from pf_tracker_ros.node.tracker.one_target import OneTarget
 from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter
 from pf_tracker_ros.node.tracker.services import Services
 from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED, SkippedFrames
-from pf_tracker_ros.node.tracker.state_log import StateLog
 from pf_tracker_ros.node.tracker.status import PAUSED, Status, StatusOutput, stamp_text
 from pf_tracker_ros.node.tracker.target_input import TargetInput
-from pf_tracker_ros.parameters import declarations
-from pf_tracker_ros.stamps import NANOSECONDS, stamp_of
-from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
-from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.presets import PresetInForce, preset_parameters
-from pf_tracker_ros.tracking.session import Outcome, Session, TimePolicy
+from pf_tracker_ros.stamps import stamp_of
 
 
 class TrackerNode(ManagedNode):
-    """Tracks one target through the images of one topic.
+    """Tracks one target, or several, through the images of one topic.
 
     Configured, it has a tracker, publishers and services; active, it subscribes. Every image is
     answered by one status with its header, whatever became of it. A wrong parameter at start-up
@@ -57,23 +52,20 @@ class TrackerNode(ManagedNode):
         super().__init__("pf_tracker", **options)
         self._log = self.get_logger()  # type: ignore[no-untyped-call]
         self._reporter = Reporter(self._log)
-        self._states = StateLog(self._log)
         self._skipped = SkippedFrames(self._log)
-        self._session: Session | None = None
         self._obstacle = ""
         self._enabled = True
-        self._outputs: Outputs | None = None
         self._status: StatusOutput | None = None
         self._offered: Services | None = None
         self._targets: TargetInput | None = None
-        self._likelihood: LikelihoodMap | None = None
         self._unused_overrides: set[str] = set()
 
         self._binding = ParameterBinding(self, report=self._reporter.report)
         self._binding.declare(NodeParameters)
+        self._following, self._missing = self._chosen_following()
         self._binding.declare(
-            TrackerParameters,
-            usual=lambda values: preset_parameters(values["preset"]),
+            self._following.tunables,
+            usual=lambda values: self._following.usual(values["preset"]),
             renewed_by="preset",
             superseded=files_superseded_by(
                 "preset",
@@ -85,7 +77,7 @@ class TrackerNode(ManagedNode):
         )
         self._binding.listen(check=self._check, apply=self._apply)
         take_whole_requests(self, self._binding)
-        self._preset = PresetInForce.of(self._values)
+        self._preset = self._following.preset(self._values)
         self._decoder = ImageDecoder(self._values["largest_image"])
         self._images = ImageInput(self, self._on_image, self._reporter.report)
         self._diagnostics = Diagnostics(self, self._health, lambda: self._values["stale_after"])
@@ -108,12 +100,14 @@ class TrackerNode(ManagedNode):
             raise ValueError(self._obstacle)
         report = self._reporter.report
         self._status = StatusOutput(self, report)
-        self._outputs = Outputs(self, report)
+        self._following.advertise(self, report)
         self._offered = Services(self, self._stop, self._enable)
 
     def activate(self) -> None:
         """Subscribe to targets and images."""
-        # The executor serves what waits in this order: a target before the image it came with.
+        # The executor serves what waits in this order: room is made before a target comes, and that
+        # before the image it came with.
+        self._following.subscribe(self, self._reporter.report)
         self._targets = TargetInput(
             self, self._request, lambda: self._values["click_size"], self._reporter.report
         )
@@ -131,6 +125,7 @@ class TrackerNode(ManagedNode):
     def deactivate(self) -> None:
         """Give the subscriptions up; the target is kept."""
         self._images.close()
+        self._following.unsubscribe()
         if self._targets:
             self._targets.close()
             self._targets = None
@@ -138,10 +133,12 @@ class TrackerNode(ManagedNode):
     def clean_up(self) -> None:
         """Give all that was taken back."""
         self.deactivate()
-        for taken in (self._offered, self._outputs, self._status):
+        for taken in (self._offered, self._status):
             if taken:
                 taken.close()
-        self._offered = self._outputs = self._status = self._session = None
+        self._offered = self._status = None
+        self._following.close()
+        self._following.forget()
         self._obstacle = ""
         self._enabled = True
 
@@ -159,76 +156,78 @@ class TrackerNode(ManagedNode):
     # Parameters
 
     def _check(self, values: Values) -> None:
-        tunables, seed = self._tracker_values(values), values["seed"]
-        if self._session:
-            self._session.check(tunables, seed)
-        elif not (self._obstacle or self._binding.refused):
-            Session(tunables, seed)
+        if (values["max_targets"] > 1) != (self._values["max_targets"] > 1):
+            raise ValueError(
+                "parameter 'max_targets' decides at start-up whether there is one target or "
+                "several; start the node again with it"
+            )
+        if self._following.is_ready or not (self._obstacle or self._binding.refused):
+            self._following.check(values)
 
     def _apply(self, changes: Values) -> None:
-        self._preset = PresetInForce.of(self._values)
+        self._preset = self._following.preset(self._values)
         if "preset" in changes:
             self._log.info(f"preset {self._preset.described}")
         self._decoder.largest = self._values["largest_image"]
         if self._images.topic and changes.keys() & {"image_reliability", "image_transport"}:
             self._subscribe()
-        if self._session is None:
+        if not self._following.is_ready:
             if self._status:
                 self._make_session()
             return
-        self._session.configure(self._tracker_values(self._values), self._values["seed"])
-        self._set_up(self._session)
+        self._following.configure(self._values)
         if "target_box" in changes:
-            self._request_target_box(self._session)
+            self._request_target_box()
 
     def _make_session(self) -> None:
         """Make the session, unless a parameter is in the way."""
-        values = self._values
-        self._obstacle = "; ".join(self._binding.refused.values())
+        self._obstacle = self._missing or "; ".join(self._binding.refused.values())
         if self._obstacle:
             return
         try:
-            self._session = Session(self._tracker_values(values), values["seed"])
+            self._following.configure(self._values)
         except ValueError as error:
             self._obstacle = str(error)
             self._reporter.report(self._obstacle)
             return
-        self._set_up(self._session)
-        self._request_target_box(self._session)
+        self._request_target_box()
 
-    def _set_up(self, session: Session) -> None:
-        values = self._values
-        session.time_policy = TimePolicy(
-            values["time_jump"], round(values["time_jump_threshold"] * NANOSECONDS)
-        )
-        session.history.limit(values["history_frames"], values["history_megabytes"])
+    def _chosen_following(self) -> tuple[Following, str]:
+        """What is followed, and what is missing for it."""
+        if self._values["max_targets"] == 1:
+            return OneTarget(self._log), ""
+        try:
+            # Only here, because a single target needs no SciPy.
+            from pf_tracker_ros.node.tracker.several_targets import SeveralTargets
+        except ModuleNotFoundError as error:
+            if error.name != "scipy":
+                raise
+            self._reporter.report(str(error))
+            return OneTarget(self._log), str(error)
+        return SeveralTargets(self._log), ""
 
-    def _request_target_box(self, session: Session) -> None:
+    def _request_target_box(self) -> None:
         box = self._values["target_box"]
-        if box:
-            session.request(box)
-        else:
-            session.withdraw()
-
-    def _tracker_values(self, values: Values) -> dict[str, Any]:
-        return {name: values[name] for name in declarations(TrackerParameters, values)}
+        if not box:
+            self._following.withdraw()
+            return
+        try:
+            self._following.request(box, 0)
+        except ValueError as error:
+            self._reporter.report(f"target refused: {error}")
 
     # Targets
 
     def _request(self, box: Box, stamp: int) -> None:
-        if self._session is None:
+        if not self._following.is_ready:
             raise TargetError(f"target refused: not tracking, because {self._obstacle}")
         try:
-            self._session.request(box, stamp)
+            self._following.request(box, stamp)
         except ValueError as error:
             raise TargetError(f"target refused: {error}") from error
 
     def _stop(self) -> str:
-        had_target = self._session is not None and self._session.estimate is not None
-        if self._session:
-            self._session.stop()
-        self._states.forget()
-        return self._told("stopped; waiting for a target" if had_target else "there was no target")
+        return self._told(self._following.stop())
 
     def _enable(self, enabled: bool) -> str:
         self._enabled = enabled
@@ -244,7 +243,9 @@ class TrackerNode(ManagedNode):
     def _on_image(self, message: Image | CompressedImage) -> None:
         began = time.perf_counter()
         frame = "refused"
-        self._likelihood = None
+        self._following.begin_frame()
+        if self._targets and self._values["max_targets"] > 1:
+            self._targets.take_waiting()
         try:
             frame = self._process(message)
         except Exception as error:
@@ -265,35 +266,16 @@ class TrackerNode(ManagedNode):
     def _process(self, message: Image | CompressedImage) -> str:
         if not self._enabled:
             return "paused"
-        image = self._decoder.decode(message)
-        outcome = Outcome("waiting", None)
-        if self._session:
-            outcome = self._session.process(image, stamp_of(message.header))
-        if outcome.refused_target:
-            self._reporter.report(outcome.refused_target)
-        self._log_progress(outcome)
-        if self._outputs and outcome.frame not in SKIPPED:
-            self._outputs.publish(image, message.header, outcome.estimate)
-            if self._session and self._outputs.wants_likelihood:
-                self._likelihood = self._session.map_likelihood()
-            if self._likelihood:
-                self._outputs.publish_likelihood(self._likelihood, message.header)
-        return outcome.frame
-
-    def _log_progress(self, outcome: Outcome) -> None:
-        if outcome.jumped_back:
+        followed = self._following.process(self._decoder.decode(message), message.header)
+        for error in followed.errors:
+            self._reporter.report(error)
+        if followed.jumped_back:
             self._diagnostics.jumps += 1
             self._log.warning(
-                f"time went back by {outcome.jumped_back:.3f} s: {self._values['time_jump']}",
+                f"time went back by {followed.jumped_back:.3f} s: {self._values['time_jump']}",
                 throttle_duration_sec=LOG_INTERVAL,
             )
-        if outcome.estimate is None:
-            return
-        if outcome.frame == "started":
-            box = ", ".join(f"{value:g}" for value in outcome.estimate.box)
-            self._log.info(f"tracking a target from the box ({box}) on")
-            self._states.forget()
-        self._states.tell(outcome.estimate)
+        return followed.frame
 
     # What the node tells of itself
 
@@ -317,17 +299,14 @@ class TrackerNode(ManagedNode):
         )
 
     def _current_status(self, frame: str) -> Status:
-        session = self._session
         return Status(
             frame=frame,
-            known=session.estimate if session else None,
+            known=self._following.known,
             skipped=self._skipped.last,
-            requested_stamp=session.requested_stamp if session else None,
             obstacle=self._obstacle,
             enabled=self._enabled,
             preset=self._preset.summary,
             lost_share=self._diagnostics.lost_share,
-            likelihood=self._likelihood if frame else None,
         )
 
     def _health(self) -> Health:

@@ -1,5 +1,6 @@
 """The target as a vision_msgs detection."""
 
+import math
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 
@@ -8,8 +9,13 @@ import pytest
 from geometry_msgs.msg import PoseWithCovariance
 from std_msgs.msg import Header
 
-from pf_tracker_ros import Estimate
-from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE, detections_message
+from pf_tracker_ros import Estimate, TrackedTarget
+from pf_tracker_ros.node.tracker.detections import (
+    DETECTIONS_TYPE,
+    detections_message,
+    several_detections_message,
+)
+from pf_tracker_ros.node.tracker.several_input import detections_of
 
 
 # The definitions of vision_msgs 4, for machines without it: what is not in them cannot be set.
@@ -98,6 +104,52 @@ def test_the_target_is_the_only_detection(estimate):
 
 def test_without_a_target_there_is_no_detection():
     assert detections_message(None, Header(), DEFINITIONS).detections == []
+
+
+def test_each_of_several_targets_has_its_id_and_label(estimate):
+    targets = [
+        TrackedTarget(3, "person", estimate, 1.0, 0.5),
+        TrackedTarget(7, "", estimate, 1.0, 0.5),
+    ]
+    array = several_detections_message(targets, Header(frame_id="camera"), DEFINITIONS)
+    assert [one.id for one in array.detections] == ["3", "7"]
+    assert [one.results[0].hypothesis.class_id for one in array.detections] == ["person", "target"]
+    (back, _) = detections_of(array).boxes.tolist()
+    assert tuple(back) == estimate.box
+
+
+def detection(box=(30.0, 40.0, 20.0, 10.0), theta=0.0, hypotheses=()):
+    x, y, width, height = box
+    return Detection2D(
+        bbox=BoundingBox2D(Pose2D(Point2D(x, y), theta), width, height),
+        results=[
+            ObjectHypothesisWithPose(ObjectHypothesis(label, score)) for label, score in hypotheses
+        ],
+    )
+
+
+def test_the_best_hypothesis_is_what_a_detector_means():
+    said = Detection2DArray(
+        detections=[
+            detection(hypotheses=[("dog", 0.2), ("cat", 0.7), ("cow", 0.1)]),
+            detection(),
+        ]
+    )
+    detections = detections_of(said)
+    assert detections.labels == ("cat", "")
+    assert detections.scores.tolist() == [0.7, 1.0]
+    assert detections.boxes[0].tolist() == [20.0, 35.0, 20.0, 10.0]
+
+
+def test_a_box_that_is_turned_counts_as_its_outline():
+    quarter = detections_of(Detection2DArray(detections=[detection(theta=math.pi / 2)]))
+    assert quarter.boxes[0] == pytest.approx([25.0, 30.0, 10.0, 20.0])
+    broken = detections_of(Detection2DArray(detections=[detection(theta=math.nan)]))
+    assert np.isfinite(broken.boxes).all()
+
+
+def test_no_detections_are_an_answer_too():
+    assert len(detections_of(Detection2DArray())) == 0
 
 
 def test_detections_come_with_each_frame(graph, moving_square):

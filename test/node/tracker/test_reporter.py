@@ -4,7 +4,8 @@ import pytest
 import rclpy.logging
 
 from pf_tracker_ros.decoding.image_decoding import ImageError
-from pf_tracker_ros.node.tracker.reporter import Reporter
+from pf_tracker_ros.node.tracker import reporter as reporter_module
+from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter, Throttle
 
 
 @pytest.mark.parametrize("kind", [RuntimeError, ValueError, lambda text: ImageError("data", text)])
@@ -27,3 +28,13 @@ def test_an_unexpected_error_is_logged_with_where_it_came_from(capfd):
         reporter.report_failure(error)
     assert reporter.last_error == "unexpected RuntimeError: no such thing"
     assert __file__ in capfd.readouterr().err
+
+
+def test_what_was_just_said_is_not_said_again_whatever_the_numbers(monkeypatch):
+    now = 100.0
+    monkeypatch.setattr(reporter_module.time, "monotonic", lambda: now)
+    throttle = Throttle()
+    assert throttle.pick(["2 of 9 are old", "gone"]) == ("2 of 9 are old", "gone")
+    assert throttle.pick(["3.5 of -7 are old", "new"]) == ("new",)
+    now += LOG_INTERVAL
+    assert throttle.pick(["4 of 9 are old"]) == ("4 of 9 are old",)

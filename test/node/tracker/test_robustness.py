@@ -6,6 +6,7 @@ from array import array
 from pathlib import Path
 
 import numpy as np
+import pytest
 from geometry_msgs.msg import Point32, PointStamped, Polygon, PolygonStamped
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -208,7 +209,8 @@ ANY_VALUE = (
     | st.lists(st.floats(), min_size=1, max_size=5)
     | st.lists(st.sampled_from([*CUES, "smell"]), max_size=3)
 )
-NAMES = sorted(set(DECLARATIONS) - {"image_transport", "image_reliability", "autostart"})
+FIXED = {"image_transport", "image_reliability", "autostart", "max_targets"}
+NAMES = sorted(set(DECLARATIONS) - FIXED)
 SETS = st.tuples(
     st.just("parameters"),
     parameters(NAMES, lambda name: st.tuples(st.just(name), ANY_VALUE))
@@ -275,8 +277,11 @@ def calm():
     ]
 
 
-def test_after_any_messages_in_any_order_the_next_target_is_tracked(graph, client, images, box):
-    graph.tracker(client, **QUICK)
+@pytest.mark.parametrize("most", [1, 3])
+def test_after_any_messages_in_any_order_the_next_target_is_tracked(
+    graph, client, images, box, most
+):
+    graph.tracker(client, max_targets=most, **QUICK)
     sender = Sender(client, images)
 
     @cases(40)

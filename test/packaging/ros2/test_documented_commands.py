@@ -70,6 +70,8 @@ RUN, LAUNCH = "ros2 run pf_tracker_ros", "ros2 launch pf_tracker_ros"
 TARGET_TAKEN = "tracking a target from the box (293, 97, 115, 82) on"
 SHARE = "$(ros2 pkg prefix --share pf_tracker_ros)"
 
+SEVERAL = f"{LAUNCH} detector.launch.py image:=/camera/image_raw detections:=/yolo/detections"
+
 README = [
     Elsewhere("make console", "test/node/console"),
     Elsewhere("make demo", "test/demo"),
@@ -105,6 +107,7 @@ README = [
         f"{RUN} track drive.mcap --box 293,97,115,82 --output tracked --video --report",
         "tracked",
     ),
+    GoesOn(SEVERAL, prints="targets on /pf_tracker", ends=(f"{LAUNCH} tracker",)),
     Ends(
         "evaluate sequences --preset default --seeds 3 --output result.json --plot success.png",
         "moving_square",
@@ -112,7 +115,17 @@ README = [
 ]
 
 NODE = [
-    GoesOn(f"{RUN} tracker --ros-args -p autostart:=false", node="/pf_tracker"),
+    GoesOn(f"{SEVERAL} labels:=person,car", node="/pf_tracker", prints="targets on /pf_tracker"),
+    Ends(
+        'ros2 topic pub --once /pf_tracker/stop_target std_msgs/msg/UInt32 "{data: 1}"',
+        "publishing #1",
+    ),
+    GoesOn(
+        f"{RUN} tracker --ros-args -p autostart:=false",
+        node="/pf_tracker",
+        prints="waiting to be configured",
+        ends=(f"{LAUNCH} detector",),
+    ),
     Ends("ros2 lifecycle set /pf_tracker configure", "Transitioning successful"),
     Ends("ros2 lifecycle set /pf_tracker activate", "Transitioning successful"),
     Ends("ros2 param set /pf_tracker preset zhang2015", "Set parameter successful"),

@@ -12,6 +12,8 @@ DECLARING = ("DeclareLaunchArgument", "argument")
 READ_WITHOUT_A_NAME = {"log_arguments": "log_level", "environment": "large_images"}
 TRACKER = "ros2 launch pf_tracker_ros tracker.launch.py"
 REPLAY = "ros2 launch pf_tracker_ros replay.launch.py"
+DETECTOR = "ros2 launch pf_tracker_ros detector.launch.py"
+RUN_REPLAY = "ros2 run pf_tracker_ros replay"
 TARGET = 'target_box:="[293, 97, 115, 82]"'
 
 each_launch_file = pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: path.name)
@@ -62,8 +64,9 @@ def parameters_set(tree):
     }
 
 
-def test_there_are_launch_files_for_the_tracker_and_the_replay_publisher():
-    assert [path.name for path in LAUNCH_FILES] == ["replay.launch.py", "tracker.launch.py"]
+def test_there_are_launch_files_for_the_tracker_a_detector_and_the_replay_publisher():
+    names = ["detector.launch.py", "replay.launch.py", "tracker.launch.py"]
+    assert [path.name for path in LAUNCH_FILES] == names
 
 
 @each_launch_file
@@ -73,7 +76,7 @@ def test_each_argument_that_is_read_is_declared_and_each_declared_one_is_read(pa
 
 
 def test_the_replay_publisher_hands_the_tracker_only_arguments_that_it_has():
-    replay, tracker = map(parsed, LAUNCH_FILES)
+    _, replay, tracker = map(parsed, LAUNCH_FILES)
     (handed,) = [
         keyword.value.func.value
         for call in calls(replay)
@@ -89,9 +92,15 @@ def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
     from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
     from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
     from pf_tracker_ros.parameters import declarations
+    from pf_tracker_ros.targets.parameters import SeveralTargetsParameters
 
-    for path, group in zip(LAUNCH_FILES, (ReplayParameters, NodeParameters), strict=True):
-        known = declarations(group)
+    of_node = declarations(NodeParameters)
+    of_each = (
+        of_node | declarations(SeveralTargetsParameters),
+        declarations(ReplayParameters),
+        of_node,
+    )
+    for path, known in zip(LAUNCH_FILES, of_each, strict=True):
         tree = parsed(path)
         assert parameters_set(tree) <= known.keys()
         values = constants(tree)
@@ -187,6 +196,45 @@ def test_a_tracker_takes_the_preset_over_the_file_and_the_time_from_the_clock(
         assert values(status)["preset"] == "li2007"
         assert launch.end() == 0
     assert "preset li2007; images on /image" in launch.output
+
+
+def test_a_detector_is_heard_with_what_was_given(shell):
+    pytest.importorskip("vision_msgs")
+    arguments = "detections:=/yolo/detections labels:='[person, car]' max_targets:=5"
+    command = f"{DETECTOR} {arguments} score_above:=0.4 namespace:=left log_level:=info"
+    with shell.started(command) as launch:
+        launch.wait_for("detections on /yolo/detections")
+        launch.wait_for("targets on /left/pf_tracker/target")
+        shell.wait_for_node("/left/pf_tracker")
+        dumped = shell.run("ros2 param dump /left/pf_tracker").stdout
+        for told in ("max_targets: 5", "score_above: 0.4", "- person", "- car"):
+            assert told in dumped
+        assert launch.end() == 0
+
+
+def test_the_built_in_detector_of_people_needs_nothing_else(shell, heard, drive):
+    pytest.importorskip("rclpy")
+    from visualization_msgs.msg import MarkerArray
+
+    command = f"{DETECTOR} built_in_detector:=people built_in_detector_rate:=5.0 seed:=2"
+    replay = f"{RUN_REPLAY} {drive} --ros-args -p loop:=true"
+    with shell.started(command) as launch, shell.started(replay):
+        assert heard(MarkerArray, "/pf_tracker/boxes").markers
+        assert launch.end() == 0
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("max_targets:=many", "argument max_targets:=many; allowed: a number, int"),
+        ("score_above:=high", "argument score_above:=high; allowed: a number, float"),
+        ("preset:=lee2007", "argument preset:=lee2007; allowed: default, li2007, zhang2015"),
+    ],
+)
+def test_a_wrong_argument_of_the_detector_ends_the_launch_too(shell, given, told):
+    outcome = shell.run(f"{DETECTOR} {given}")
+    assert outcome.returncode != 0
+    assert told in outcome.stdout + outcome.stderr
 
 
 def test_the_console_comes_with_the_tracker(shell):

@@ -1,0 +1,137 @@
+"""What is said of several targets: a detector's answers, and which target to stop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import UInt32
+
+from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, subscribe, take_waiting
+from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
+from pf_tracker_ros.node.tracker.reporter import Throttle
+from pf_tracker_ros.stamps import stamp_of
+from pf_tracker_ros.targets.detections import Detections
+
+DETECTIONS_TOPIC = "detections"
+NOT_INSTALLED = (
+    "vision_msgs is not installed, so no detector is heard on the topic 'detections': install "
+    "ros-jazzy-vision-msgs, give targets on ~/target, or set 'built_in_detector'"
+)
+
+# Bytes of a message: a thousand detections, each of which becomes objects of Python.
+_LARGEST = 500_000
+
+
+class SeveralInput:
+    """The subscriptions to detections and to ids that are to be stopped, while they are open.
+
+    Args:
+        node: The node that subscribes.
+        detect: Called with detections and the stamp in nanoseconds of the frame that the detector
+            saw; raises ValueError to refuse them.
+        stop: Called with the id of a target; raises ValueError if there is none.
+        report: Called with the reason for what is refused; of detections, where it has not just
+            been told of the same kind.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        detect: Callable[[Detections, int], None],
+        stop: Callable[[int], None],
+        report: Report,
+    ) -> None:
+        self._node = node
+        self._detect = detect
+        self._stop = stop
+        self._report = report
+        self._throttle = Throttle()
+        self._subscriptions = [
+            subscribe(
+                node, UInt32, "~/stop_target", self._on_stop, profile=DEFAULT_QOS, report=report
+            )
+        ]
+        if DETECTIONS_TYPE:
+            self._subscriptions.append(
+                subscribe(
+                    node,
+                    DETECTIONS_TYPE,
+                    DETECTIONS_TOPIC,
+                    self._on_detections,
+                    profile=DEFAULT_QOS,
+                    report=report,
+                    reliability_cure="; publish detections reliably, or set the parameter "
+                    f"qos_overrides.{node.resolve_topic_name(DETECTIONS_TOPIC)}.subscription"
+                    ".reliability to best_effort",
+                    raw=True,
+                )
+            )
+
+    def take_waiting(self) -> None:
+        """Take what came before the image at hand."""
+        for subscription in self._subscriptions:
+            take_waiting(subscription)
+
+    def close(self) -> None:
+        """Give the subscriptions up."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        self._subscriptions = []
+
+    def _on_stop(self, message: UInt32) -> None:
+        try:
+            self._stop(message.data)
+        except ValueError as error:
+            self._report(f"not stopped: {error}")
+
+    def _on_detections(self, octets: bytes) -> None:
+        try:
+            message = _deserialized(octets)
+            self._detect(detections_of(message), stamp_of(message.header))
+        except ValueError as error:
+            for sentence in self._throttle.pick([f"detections refused: {error}"]):
+                self._report(sentence)
+
+
+def detections_of(message: Any) -> Detections:
+    """The detections of a vision_msgs Detection2DArray.
+
+    The label and the score are those of the hypothesis with the best score; without one there is no
+    label, and the score is 1. A box that is turned counts as its upright outline.
+    """
+    boxes, scores, labels = [], [], []
+    for detection in message.detections:
+        boxes.append(_upright(detection.bbox))
+        best = max(
+            (one.hypothesis for one in detection.results), key=lambda one: one.score, default=None
+        )
+        scores.append(1.0 if best is None else best.score)
+        labels.append("" if best is None else best.class_id)
+    return Detections(boxes, scores, labels)
+
+
+def _upright(box: Any) -> tuple[float, float, float, float]:
+    """(x, y, width, height) of the outline of a BoundingBox2D, pixels."""
+    width, height, angle = box.size_x, box.size_y, box.center.theta
+    if angle and math.isfinite(angle):
+        across, down = abs(math.cos(angle)), abs(math.sin(angle))
+        width, height = width * across + height * down, width * down + height * across
+    center = box.center.position
+    return center.x - width / 2, center.y - height / 2, width, height
+
+
+def _deserialized(octets: bytes) -> Any:
+    if len(octets) > _LARGEST:
+        raise ValueError(
+            f"the message has {len(octets)} bytes; allowed: up to {_LARGEST}, about a "
+            "thousand detections; let the detector leave out those with low scores"
+        )
+    try:
+        return deserialize_message(octets, DETECTIONS_TYPE)
+    except Exception as error:
+        # What rclpy raises for bytes that are no such message is not specified.
+        raise ValueError(f"the message cannot be read: {error}") from error

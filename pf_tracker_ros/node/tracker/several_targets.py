@@ -1,0 +1,224 @@
+"""Several targets: their session, what is heard and published of them, and what the log tells."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from numpy.typing import NDArray
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.node.parameter_group import Values
+from pf_tracker_ros.node.qos import Report
+from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
+from pf_tracker_ros.node.tracker.following import Followed, Known, TargetStatus
+from pf_tracker_ros.node.tracker.reporter import Throttle
+from pf_tracker_ros.node.tracker.session_settings import set_up
+from pf_tracker_ros.node.tracker.several_input import DETECTIONS_TOPIC, NOT_INSTALLED, SeveralInput
+from pf_tracker_ros.node.tracker.several_outputs import SeveralOutputs
+from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED
+from pf_tracker_ros.node.tracker.state_log import TargetsLog
+from pf_tracker_ros.parameters import declarations
+from pf_tracker_ros.stamps import stamp_of
+from pf_tracker_ros.targets.built_in_detectors import DETECTORS
+from pf_tracker_ros.targets.detecting import DetectingThread
+from pf_tracker_ros.targets.detections import Detections
+from pf_tracker_ros.targets.parameters import SeveralTargetsParameters, multi_preset_parameters
+from pf_tracker_ros.targets.session import MultiOutcome, MultiSession
+from pf_tracker_ros.targets.tracked_target import TrackedTarget
+from pf_tracker_ros.tracking.estimate import estimate_values
+from pf_tracker_ros.tracking.presets import PresetInForce
+from pf_tracker_ros.tracking.state_descriptions import DESCRIPTIONS, SEVERITIES
+
+
+class SeveralTargets:
+    """Follows several targets; see `Following`.
+
+    Args:
+        logger: Of the node.
+    """
+
+    tunables = SeveralTargetsParameters
+
+    def __init__(self, logger: Any) -> None:
+        self._logger = logger
+        self._log = TargetsLog(logger)
+        self._left_out = Throttle()
+        self._session: MultiSession | None = None
+        self._input: SeveralInput | None = None
+        self._outputs: SeveralOutputs | None = None
+        self._heard = 0
+        self._detecting: DetectingThread | None = None
+        self._detector = ("none", 0.0)
+
+    def usual(self, preset: str) -> Values:  # noqa: D102
+        return multi_preset_parameters(preset)
+
+    def preset(self, values: Values) -> PresetInForce:  # noqa: D102
+        return PresetInForce.of(values, SeveralTargetsParameters, self.usual)
+
+    @property
+    def is_ready(self) -> bool:  # noqa: D102
+        return self._session is not None
+
+    def check(self, values: Values) -> None:  # noqa: D102
+        if self._session:
+            self._session.check(_of_tracker(values), values["seed"])
+        else:
+            MultiSession(_of_tracker(values), values["seed"])
+
+    def configure(self, values: Values) -> None:  # noqa: D102
+        if self._session:
+            self._session.configure(_of_tracker(values), values["seed"])
+        else:
+            self._session = MultiSession(_of_tracker(values), values["seed"])
+        set_up(self._session, values)
+        self._set_detector(values["built_in_detector"], values["built_in_detector_rate"])
+
+    def _set_detector(self, name: str, rate: float) -> None:
+        """Let a built-in detector look at the frames, or none."""
+        if (name, rate) == self._detector:
+            return
+        if self._detecting:
+            self._detecting.close()
+            self._detecting = None
+        if name != "none":
+            self._detecting = DetectingThread(DETECTORS[name](), rate)
+        self._detector = (name, rate)
+
+    def forget(self) -> None:  # noqa: D102
+        self._set_detector("none", 0.0)
+        self._session = None
+        self._heard = 0
+
+    def advertise(self, node: Node, report: Report) -> None:  # noqa: D102
+        self._outputs = SeveralOutputs(node, report)
+
+    def subscribe(self, node: Node, report: Report) -> None:  # noqa: D102
+        if DETECTIONS_TYPE:
+            self._logger.info(f"detections on {node.resolve_topic_name(DETECTIONS_TOPIC)}")
+        elif self._detector[0] == "none":
+            self._logger.warning(NOT_INSTALLED)
+        self._input = SeveralInput(node, self._detect, self._stop_target, report)
+
+    def unsubscribe(self) -> None:  # noqa: D102
+        if self._input:
+            self._input.close()
+            self._input = None
+
+    def close(self) -> None:  # noqa: D102
+        if self._outputs:
+            self._outputs.close()
+            self._outputs = None
+
+    def request(self, box: Box, stamp: int) -> None:  # noqa: D102
+        if self._session:
+            self._session.request(box, stamp)
+
+    def withdraw(self) -> None:  # noqa: D102
+        if self._session:
+            self._session.withdraw()
+
+    def stop(self) -> str:  # noqa: D102
+        count = len(self._session.targets) if self._session else 0
+        if self._session:
+            self._session.stop()
+        self._log.tell(())
+        if count == 0:
+            return "there was no target"
+        return f"stopped {count} target{'' if count == 1 else 's'}; waiting for a target"
+
+    def begin_frame(self) -> None:
+        """Take what detectors have said before the frame."""
+        if self._input:
+            self._input.take_waiting()
+
+    def process(self, image: NDArray[Any], header: Header) -> Followed:  # noqa: D102
+        outcome = MultiOutcome("waiting")
+        stamp = stamp_of(header)
+        failures = self._ask_detector()
+        if self._session:
+            outcome = self._session.process(image, stamp)
+        if self._detecting and outcome.frame not in SKIPPED:
+            self._detecting.offer(image, stamp)
+        if self._outputs and outcome.frame not in SKIPPED:
+            self._outputs.publish(image, header, outcome.targets)
+            self._log.tell(outcome.targets)
+        errors = (*outcome.refused, *self._left_out.pick((*failures, *outcome.left_out)))
+        return Followed(outcome.frame, errors, outcome.jumped_back)
+
+    def _ask_detector(self) -> tuple[str, ...]:
+        """Take what the built-in detector has found since the last frame; what went wrong."""
+        if self._detecting is None:
+            return ()
+        try:
+            found = self._detecting.take()
+            if found:
+                self._detect(*found)
+        except Exception as error:
+            # Whatever the detector raised, in its thread: the frame at hand has no part in it.
+            return (f"the detector '{self._detector[0]}' failed: {error}",)
+        return ()
+
+    def _detect(self, detections: Detections, stamp: int) -> None:
+        self._heard += 1
+        if self._session:
+            self._session.add_detections(detections, stamp)
+
+    def _stop_target(self, id: int) -> None:
+        if self._session:
+            self._session.stop_target(id)
+
+    @property
+    def known(self) -> Known:  # noqa: D102
+        session = self._session
+        targets = session.targets if session else ()
+        state = _best_state(targets)
+        return Known(
+            state,
+            _description(state, targets),
+            {"targets": len(targets), "detector_answers": self._heard},
+            {},
+            session.requested_stamp if session else None,
+            tuple(_status_of(target) for target in targets),
+        )
+
+
+def _of_tracker(values: Values) -> dict[str, Any]:
+    tunables = declarations(SeveralTargetsParameters, values)
+    return {name: values[name] for name in tunables} | {"targets.most": values["max_targets"]}
+
+
+def _best_state(targets: Sequence[TrackedTarget]) -> str:
+    """The state of the target that is seen best, `idle` without one."""
+    states = {target.estimate.state for target in targets}
+    return next((one for one in ("tracking", "occluded", "lost") if one in states), "idle")
+
+
+def _description(state: str, targets: Sequence[TrackedTarget]) -> str:
+    count = len(targets)
+    if count < 2:
+        return DESCRIPTIONS[state]
+    unseen = sum(target.estimate.state != "tracking" for target in targets)
+    return f"tracking {count} targets" + (f", {unseen} of them out of sight" if unseen else "")
+
+
+def _status_of(target: TrackedTarget) -> TargetStatus:
+    estimate = target.estimate
+    values: dict[str, str | float | int] = {
+        "id": target.id,
+        "label": target.label,
+        "state": estimate.state,
+        "age": round(target.age, 3),
+        "unconfirmed_for": round(target.unconfirmed_for, 3),
+    }
+    level = bytes([SEVERITIES[estimate.state]])
+    # One of several that is behind another is no fault.
+    if estimate.state == "occluded":
+        level = DiagnosticStatus.OK
+    return TargetStatus(
+        target.id, level, DESCRIPTIONS[estimate.state], values | estimate_values(estimate)
+    )

@@ -1,0 +1,107 @@
+"""Frames gone by, worked out again with what is known of them only now."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.targets.crowd import Crowd
+from pf_tracker_ros.targets.detections import DOUBLED_ABOVE, Detections, Sighting
+from pf_tracker_ros.targets.geometry import overlaps
+from pf_tracker_ros.targets.history import History, Moment
+from pf_tracker_ros.targets.keeper import CrowdKeeper
+from pf_tracker_ros.targets.life import Life
+
+# What counts of detections in a frame, and why others do not.
+Looker = Callable[[Detections, Frame], tuple[tuple[Sighting, ...], list[str]]]
+
+
+def fill_in(
+    history: History, late: Sequence[Detections], interval: float, look: Looker
+) -> tuple[list[Moment], list[str]]:
+    """The moments from the oldest on that late detections are of, with these in them.
+
+    Args:
+        history: The frames so far.
+        late: Of earlier frames than the one at hand.
+        interval: Seconds from the last frame to that one.
+        look: Tells what counts of detections.
+
+    Returns:
+        The moments, to be worked out again, and what was left out.
+    """
+    moments: list[Moment] = []
+    left_out: list[str] = []
+    for detections in sorted(late, key=lambda one: -one.age):
+        since = history.since(detections.age - interval)
+        if since is None:
+            left_out.append(
+                f"the detections are {detections.age:g} s old, and frames of the last "
+                f"{history.seconds + interval:.2g} s are kept"
+            )
+            continue
+        moments = moments or since
+        place = len(moments) - len(since)
+        moment = moments[place]
+        seen, reasons = look(detections, moment.frame)
+        moments[place] = replace(moment, seen=merged(moment.seen, seen))
+        left_out += reasons
+    return moments, left_out
+
+
+def work_out(keeper: CrowdKeeper, moments: Sequence[Moment]) -> tuple[Crowd, list[Moment]]:
+    """What moments make of the targets that there were before the first of them.
+
+    Args:
+        keeper: Makes the crowd of a frame out of the one before.
+        moments: One after the other, at least one.
+
+    Returns:
+        The targets after the last, and the moments, each with the targets before it.
+    """
+    crowd = moments[0].before
+    revised = []
+    for moment in moments:
+        revised.append(replace(moment, before=crowd))
+        crowd = keeper.advance(crowd, moment.frame, moment.interval, moment.seen)
+        crowd = replace(crowd, lives=(*crowd.lives, *moment.begun))
+        for key in moment.stopped:
+            crowd = crowd.without(key)
+    return crowd, revised
+
+
+def follow_alone(
+    keeper: CrowdKeeper, life: Life, moments: Sequence[Moment]
+) -> tuple[tuple[Life, ...], list[Moment]]:
+    """Take a target that began in a moment through those since, which it joins.
+
+    It is followed by itself: the others were there before it.
+
+    Args:
+        keeper: Makes the crowd of a frame out of the one before.
+        life: Began in the first moment.
+        moments: That one and those since.
+
+    Returns:
+        The target after the last, and the moments with it.
+    """
+    first, *others = moments
+    alone = Crowd(frame=life.key.frame, lives=(life,))
+    revised = [replace(first, begun=(*first.begun, life))]
+    for moment in others:
+        before = replace(moment.before, lives=(*moment.before.lives, *alone.lives))
+        revised.append(replace(moment, before=before))
+        alone = keeper.advance(alone, moment.frame, moment.interval, None)
+    return alone.lives, revised
+
+
+def merged(known: tuple[Sighting, ...] | None, seen: tuple[Sighting, ...]) -> tuple[Sighting, ...]:
+    """What was said of a frame, and what is said of it in addition, each object once."""
+    if not known:
+        return seen
+    boxes = np.array([one.box for one in known])
+    new = [one for one in seen if overlaps(one.box[None], boxes).max() <= DOUBLED_ABOVE]
+    return (*new, *known)

@@ -1,0 +1,92 @@
+"""Targets that start without a hand and without another node."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros.node.tracker import several_targets
+from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
+
+SEVERAL = {"max_targets": 4, "image_reliability": "reliable", "built_in_detector_rate": 20.0}
+
+
+def scene(number):
+    """A block that moves over a still ground."""
+    noise = np.random.default_rng(0).integers(172, 188, (150, 200, 1))
+    image = np.repeat(noise, 3, axis=2).astype(np.uint8)
+    x = 10 + number % 140
+    cv2.rectangle(image, (x, 60), (x + 25, 100), (20, 20, 60), -1)
+    return image, x
+
+
+def show_until(client, condition, first=0, scene=scene):
+    """Show frames until a status is as it should be; that status and the next frame's number."""
+    number = first
+
+    def met():
+        nonlocal number
+        status = client.show(scene(number)[0], client.at(number))
+        number += 1
+        return status if condition(status) else None
+
+    return client.wait_for(met, "such a status", deadline=60.0), number
+
+
+def test_what_moves_starts_a_target_that_is_followed(graph, client):
+    graph.tracker(client, built_in_detector="motion", **SEVERAL)
+    status, number = show_until(client, lambda status: status.targets)
+    assert status.targets[0].values["label"] == "moving"
+    for following in range(number, number + 5):
+        status = client.show(scene(following)[0], client.at(following))
+        assert (status.level, len(status.targets)) == ("OK", 1)
+        assert status.targets[0].values["id"] == "1"
+
+
+def test_a_detector_is_chosen_and_given_up_at_run_time(graph, client):
+    graph.tracker(client, **SEVERAL)
+    heard = "detector_answers"
+    for number in range(3):
+        assert client.show(scene(number)[0], client.at(number)).values[heard] == "0"
+    assert client.set_parameters(built_in_detector="people").successful
+    _, number = show_until(client, lambda status: int(status.values[heard]) >= 2, first=3)
+    assert client.set_parameters(built_in_detector="none").successful
+    answers = client.show(scene(number)[0], client.at(number)).values[heard]
+    for following in range(number + 1, number + 4):
+        status = client.show(scene(following)[0], client.at(following))
+        assert status.values[heard] == answers
+
+
+def test_one_target_takes_no_detector(graph, client, images):
+    graph.tracker(client, built_in_detector="people", image_reliability="reliable")
+    status = client.show(images[0], client.at(0))
+    assert (status.level, status.values["frame"]) == ("ERROR", "waiting")
+    assert "'built_in_detector' is 'people'" in status.message
+    assert client.set_parameters(built_in_detector="none").successful
+    assert client.show(images[1], client.at(1)).level == "OK"
+    refused = client.set_parameters(built_in_detector="motion")
+    assert not refused.successful
+    assert "'max_targets' above 1" in refused.reason
+
+
+def test_a_detector_that_fails_costs_no_frame(graph, client, monkeypatch):
+    class Broken:
+        def detect(self, image, interval):
+            raise RuntimeError("no eyes")
+
+    monkeypatch.setattr(several_targets, "DETECTORS", {"motion": Broken})
+    graph.tracker(client, built_in_detector="motion", **SEVERAL)
+    status, _ = show_until(client, lambda status: status.level == "WARN")
+    assert status.message == "the detector 'motion' failed: no eyes"
+    assert status.values["frame"] == "waiting"
+
+
+@pytest.mark.skipif(DETECTIONS_TYPE is not None, reason="vision_msgs is installed")
+def test_without_vision_msgs_the_log_says_what_else_there_is(graph):
+    process = graph.process("-p", "max_targets:=3")
+    lines = []
+    for line in process.stdout:
+        lines.append(line)
+        if "targets on" in line:
+            break
+    (told,) = [line for line in lines if "vision_msgs is not installed" in line]
+    assert "give targets on ~/target, or set 'built_in_detector'" in told

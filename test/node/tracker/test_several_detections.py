@@ -1,0 +1,231 @@
+"""A detector that starts and corrects several targets of a live node, through vision_msgs."""
+
+import numpy as np
+import pytest
+import rclpy
+
+from pf_tracker_ros import Detections
+from pf_tracker_ros.targets.parameters import multi_preset_parameters
+from pf_tracker_ros.targets.session import MultiSession
+
+vision = pytest.importorskip("vision_msgs.msg")
+
+SEVERAL = {"max_targets": 8, "image_reliability": "reliable"}
+
+
+class Detector:
+    """Publishes what a detector found; the tracker has it before the next image."""
+
+    def __init__(self, client, node, topic="detections"):
+        self._client = client
+        self._publisher = client.create_publisher(vision.Detection2DArray, topic, 1)
+        (heard,) = [s for s in node.subscriptions if s.topic_name == f"/{topic}"]
+        client.wait_for(
+            lambda: self._publisher.get_subscription_count() and heard.get_publisher_count(), topic
+        )
+
+    def say(self, boxes, stamp, labels=None, scores=None):
+        self.send(array_of(boxes, stamp, labels, scores))
+
+    def send(self, message):
+        self._publisher.publish(message)
+        assert self._publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=10))
+
+
+def array_of(boxes, stamp, labels=None, scores=None):
+    message = vision.Detection2DArray()
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+    for number, (x, y, width, height) in enumerate(boxes):
+        detection = vision.Detection2D()
+        detection.bbox.center.position.x = x + width / 2
+        detection.bbox.center.position.y = y + height / 2
+        detection.bbox.size_x, detection.bbox.size_y = float(width), float(height)
+        result = vision.ObjectHypothesisWithPose()
+        result.hypothesis.class_id = labels[number] if labels else "person"
+        result.hypothesis.score = scores[number] if scores else 0.9
+        detection.results.append(result)
+        message.detections.append(detection)
+    return message
+
+
+@pytest.fixture
+def detected(graph, client):
+    """A tracker of several targets, a detector, and the detections that the tracker publishes."""
+
+    def start(**parameters):
+        heard = []
+        client.create_subscription(
+            vision.Detection2DArray, "pf_tracker/detections", heard.append, 100
+        )
+        node = graph.tracker(client, **{**SEVERAL, **parameters})
+        return Detector(client, node), heard
+
+    return start
+
+
+def ids(status):
+    return [int(one.values["id"]) for one in status.targets]
+
+
+def follow(client, detector, walkers, numbers, *, delay=0):
+    """Show frames; every fourth, the detector answers of the one `delay` before."""
+    images, boxes = walkers
+    for number in numbers:
+        seen = number - delay
+        if seen >= 0 and seen % 4 == 0:
+            detector.say(boxes[seen], client.at(seen))
+        status = client.show(images[number], client.at(number))
+    return status
+
+
+def overlap(one, other):
+    one, other = np.asarray(one, float), np.asarray(other, float)
+    sides = np.minimum(one[:2] + one[2:], other[:2] + other[2:]) - np.maximum(one[:2], other[:2])
+    shared = np.maximum(sides, 0.0).prod()
+    return shared / (one[2:].prod() + other[2:].prod() - shared)
+
+
+@pytest.mark.parametrize("delay", [0, 3])
+def test_what_a_detector_finds_is_followed_in_every_frame(client, detected, walkers, delay):
+    _, boxes = walkers
+    detector, heard = detected()
+    status = follow(client, detector, walkers, range(14), delay=delay)
+    assert (status.level, ids(status)) == ("OK", [1, 2])
+    assert [one.values["label"] for one in status.targets] == ["person", "person"]
+    assert status.values["detector_answers"] == str(4 if delay == 0 else 3)
+    message = client.answer(heard, client.at(13))
+    assert [one.id for one in message.detections] == ["1", "2"]
+    for one, target in zip(message.detections, status.targets, strict=True):
+        (result,) = one.results
+        assert result.hypothesis.class_id == "person"
+        assert result.hypothesis.score == float(target.values["confidence"])
+        width, height = one.bbox.size_x, one.bbox.size_y
+        x, y = one.bbox.center.position.x - width / 2, one.bbox.center.position.y - height / 2
+        assert max(overlap((x, y, width, height), box) for box in boxes[13]) > 0.6
+
+
+def test_in_lockstep_late_detections_give_the_bits_of_the_library(client, detected, walkers):
+    images, boxes = walkers
+    detector, heard = detected(seed=5)
+    follow(client, detector, walkers, range(12), delay=3)
+    parameters = {**multi_preset_parameters("default"), "targets.most": SEVERAL["max_targets"]}
+    session = MultiSession(parameters, 5)
+    for number in range(12):
+        if number >= 3 and (number - 3) % 4 == 0:
+            found = Detections(boxes[number - 3], [0.9, 0.9], ["person", "person"])
+            session.add_detections(found, client.at(number - 3))
+        told = session.process(images[number], client.at(number)).targets
+        message = client.answer(heard, client.at(number))
+        assert [one.id for one in message.detections] == [str(target.id) for target in told]
+        for one, target in zip(message.detections, told, strict=True):
+            x, y, width, height = target.estimate.box
+            center = one.bbox.center.position
+            assert (center.x, center.y) == (x + width / 2, y + height / 2)
+            assert (one.bbox.size_x, one.bbox.size_y) == (width, height)
+    assert len(told) == 2
+
+
+def test_only_labels_and_scores_that_are_asked_for_count(client, detected, walkers):
+    images, boxes = walkers
+    detector, _ = detected(detector__labels=["dog"], detector__score_above=0.5)
+    for number in range(8):
+        detector.say(boxes[number], client.at(number), ["dog", "cat"], [0.8, 0.8])
+        status = client.show(images[number], client.at(number))
+    assert [one.values["label"] for one in status.targets] == ["dog"]
+    assert client.set_parameters(detector__labels=["dog", "cat"]).successful
+    for number in range(8, 14):
+        detector.say(boxes[number], client.at(number), ["dog", "cat"], [0.8, 0.3])
+        status = client.show(images[number], client.at(number))
+    assert [one.values["label"] for one in status.targets] == ["dog"]
+
+
+def test_the_topic_can_be_remapped(graph, client, walkers):
+    node = graph.tracker(
+        client, cli_args=["--ros-args", "-r", "detections:=/yolo/detections"], **SEVERAL
+    )
+    detector = Detector(client, node, "yolo/detections")
+    assert ids(follow(client, detector, walkers, range(8))) == [1, 2]
+
+
+def nonsense(client, boxes):
+    """Messages of every kind, each with what is told of it."""
+    at = client.at
+    nan = float("nan")
+    yield array_of([(nan, 1, 2, 3), boxes[0]], at(8)), "1 of 2 detections left out: a box or score"
+    yield array_of([(5, 5, 0, 0)], at(8)), "smaller than 2 px"
+    yield array_of([(900, 900, 20, 20)], at(8)), "center is outside of the image"
+    yield array_of(boxes, at(8) + 3600 * 10**9), "detections refused: its stamp is 3600 s after"
+    yield array_of(boxes, 5 * 10**9), "from another clock"
+    yield array_of(boxes, at(8) - 10 * 10**9), "s old, and frames of the last"
+    yield array_of([boxes[0]] * 10_000, at(8)), "detections refused: the message has"
+    yield array_of([(10.0 * n, 20.0, 8, 8) for n in range(25)] * 40, at(8)), "best scores count"
+
+
+@pytest.mark.parametrize("kind", range(8))
+def test_nonsense_is_survived_with_one_sentence(client, detected, walkers, kind):
+    images, boxes = walkers
+    detector, _ = detected()
+    follow(client, detector, walkers, range(8))
+    message, told = list(nonsense(client, boxes[8]))[kind]
+    detector.send(message)
+    status = client.show(images[8], client.at(8))
+    assert (status.level, status.message.count(told)) == ("WARN", 1)
+    assert ";" not in status.message.replace(status.values["last_error"], "")
+    assert {1, 2} <= {*ids(client.show(images[9], client.at(9)))}
+
+
+def test_what_repeats_itself_is_told_once_in_a_while(client, detected, walkers):
+    images, boxes = walkers
+    detector, _ = detected()
+    levels = []
+    for number in range(6):
+        detector.say(
+            [*boxes[number], *[(900.0 + number, 900.0, 9.0, 9.0)] * number], client.at(number)
+        )
+        levels.append(client.show(images[number], client.at(number)).level)
+    assert levels.count("WARN") == 1
+
+
+def test_an_empty_answer_is_one(client, detected, walkers):
+    images, _ = walkers
+    detector, _ = detected()
+    follow(client, detector, walkers, range(5))
+    for number in range(5, 14):
+        detector.say([], client.at(number))
+        status = client.show(images[number], client.at(number))
+    assert (status.level, ids(status)) == ("OK", [])
+
+
+def test_detections_without_images_wait_for_them(client, detected, walkers):
+    images, boxes = walkers
+    detector, _ = detected()
+    for number in (0, 1, 2):
+        detector.say(boxes[number], client.at(number))
+    for number in (0, 1, 2, 3):
+        status = client.show(images[number], client.at(number))
+    assert (status.level, ids(status)) == ("OK", [1, 2])
+
+
+def test_detections_without_stamps_are_of_the_next_image(client, detected, walkers):
+    images, boxes = walkers
+    detector, _ = detected()
+    for number in range(8):
+        detector.say(boxes[number], 0)
+        status = client.show(images[number], client.at(number))
+    assert ids(status) == [1, 2]
+
+
+def test_a_detector_at_best_effort_is_reported(client, graph):
+    node = graph.tracker(client, **SEVERAL)
+    quality = rclpy.qos.QoSProfile(depth=1, reliability=rclpy.qos.ReliabilityPolicy.BEST_EFFORT)
+    client.create_publisher(vision.Detection2DArray, "detections", quality)
+    image = np.zeros((20, 20), np.uint8)
+    frame = 0
+
+    def told():
+        nonlocal frame
+        frame += 1
+        return client.show(image, client.at(frame), "mono8").values["last_error"]
+
+    assert "nothing arrives on /detections" in client.wait_for(told, "a report of the mismatch")
+    assert node.count_subscribers("/detections") == 1

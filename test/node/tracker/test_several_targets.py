@@ -1,0 +1,278 @@
+"""Several targets in a live node: given by hand, told one by one, stopped, changed."""
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PointStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.duration import Duration
+from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import UInt32
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker, MarkerArray
+
+from pf_tracker_ros import MultiTracker
+from pf_tracker_ros.decoding.image_decoding import decode
+from pf_tracker_ros.overlay import target_color
+
+SEVERAL = {"max_targets": 4, "image_reliability": "reliable"}
+
+
+@pytest.fixture
+def crowd(graph, client):
+    """A tracker of several targets, and what it publishes besides its status."""
+
+    def start(hears=(), **parameters):
+        kinds = {"boxes": MarkerArray, "particles": PointCloud2, "overlay": Image}
+        heard = {name: [] for name in hears}
+        for name in hears:
+            client.create_subscription(kinds[name], f"pf_tracker/{name}", heard[name].append, 100)
+        return graph.tracker(client, **{**SEVERAL, **parameters}), heard
+
+    return start
+
+
+def send(client, node, kind, topic, **fields):
+    """Publish a message that the tracker has before the next image."""
+    publisher = client.create_publisher(kind, topic, 1)
+    (heard,) = [s for s in node.subscriptions if s.topic_name == f"/{topic}"]
+    client.wait_for(
+        lambda: publisher.get_subscription_count() and heard.get_publisher_count(), topic
+    )
+    message = kind(**fields)
+    publisher.publish(message)
+    assert publisher.wait_for_all_acked(Duration(seconds=10))
+    client.destroy_publisher(publisher)
+
+
+def two_targets(client, walkers, stamp=0):
+    images, boxes = walkers
+    for box in boxes[0]:
+        client.point_at(box, stamp)
+    return client.show(images[0], client.at(0))
+
+
+def ids(status):
+    return [int(one.values["id"]) for one in status.targets]
+
+
+def test_each_target_that_is_given_is_one_more(client, crowd, walkers):
+    images, _ = walkers
+    crowd()
+    status = two_targets(client, walkers)
+    assert (status.level, status.values["frame"]) == ("OK", "started")
+    assert (status.values["state"], status.values["targets"]) == ("tracking", "2")
+    assert status.message == "tracking 2 targets"
+    assert [one.name for one in status.targets] == [
+        "/pf_tracker: target 1",
+        "/pf_tracker: target 2",
+    ]
+    for number in range(1, 6):
+        status = client.show(images[number], client.at(number))
+    assert ids(status) == [1, 2]
+    for one in status.targets:
+        assert (one.level, one.values["state"], one.values["label"]) == ("OK", "tracking", "")
+        assert float(one.values["age"]) == pytest.approx(0.2)
+        assert 0.0 < float(one.values["confidence"]) <= 1.0
+    # What one target alone is told of is nowhere.
+    assert client.boxes == []
+    assert "confidence" not in status.values
+
+
+def test_the_boxes_are_those_of_the_library(client, crowd, walkers):
+    images, boxes = walkers
+    _, heard = crowd(["boxes"], seed=3)
+    two_targets(client, walkers)
+    tracker = MultiTracker.from_preset("default", 3, {"targets.most": 4})
+    tracker.update(images[0])
+    for box in boxes[0]:
+        tracker.start_earlier(box)
+    for number in range(1, 5):
+        client.show(images[number], client.at(number))
+        told = tracker.update(images[number], 0.04)
+    markers = client.answer_of_array(heard["boxes"], client.at(4))
+    assert markers[0].action == Marker.DELETEALL
+    lines = [one for one in markers if one.ns == "boxes"]
+    texts = [one for one in markers if one.ns == "labels"]
+    assert [one.id for one in lines] == [one.id for one in texts] == [1, 2]
+    assert [one.text for one in texts] == ["1", "2"]
+    for line, target in zip(lines, told, strict=True):
+        x, y, width, height = target.estimate.box
+        assert (line.points[0].x, line.points[0].y) == (x, y)
+        assert (line.points[2].x, line.points[2].y) == (x + width, y + height)
+        assert line.points[4] == line.points[0]
+        blue, green, red = target_color(target.id)
+        assert (line.color.b, line.color.g, line.color.r) == pytest.approx(
+            (blue / 255, green / 255, red / 255)
+        )
+        assert line.header.frame_id == "camera"
+
+
+def test_particles_and_overlay_show_all(client, crowd, walkers):
+    images, _ = walkers
+    _, heard = crowd(["particles", "overlay"])
+    two_targets(client, walkers)
+    client.show(images[1], client.at(1))
+    cloud = client.answer(heard["particles"], client.at(1))
+    assert [one.name for one in cloud.fields][-1] == "id"
+    points = np.frombuffer(cloud.data, np.float32).reshape(cloud.width, -1)
+    assert set(points[:, -1]) == {1.0, 2.0}
+    for id in (1.0, 2.0):
+        assert points[points[:, -1] == id, 5].sum() == pytest.approx(1.0, abs=1e-3)
+    picture = decode(client.answer(heard["overlay"], client.at(1)))
+    for id in (1, 2):
+        assert (picture == target_color(id)).all(axis=2).sum() > 50
+
+
+def test_a_click_is_one_more_and_a_past_frame_is_caught_up(client, crowd, walkers):
+    images, boxes = walkers
+    node, _ = crowd(click_size=30.0)
+    client.show_all(images[:6])
+    client.point_at(boxes[3][0], client.at(3))
+    assert client.show(images[6], client.at(6)).values["frame"] == "started"
+    x, y = boxes[7][1][:2]
+    point = PointStamped()
+    point.point.x, point.point.y = x + 12.0, y + 20.0
+    send(client, node, PointStamped, "pf_tracker/click", point=point.point)
+    status = client.show(images[7], client.at(7))
+    assert ids(status) == [1, 2]
+    assert float(status.targets[0].values["age"]) == pytest.approx(0.16)
+
+
+def test_one_more_than_there_may_be_is_refused_with_the_reason(client, crowd, walkers):
+    images, _ = walkers
+    node, _ = crowd(max_targets=2)
+    two_targets(client, walkers)
+    client.point_at((150.0, 20.0, 30.0, 30.0))
+    status = client.show(images[1], client.at(1))
+    assert status.level == "WARN"
+    assert "target refused: there are 2 targets, as many as there may be" in status.message
+    assert ids(status) == [1, 2]
+    send(client, node, UInt32, "pf_tracker/stop_target", data=1)
+    client.point_at((150.0, 20.0, 30.0, 30.0))
+    assert ids(client.show(images[2], client.at(2))) == [2, 3]
+
+
+def test_one_target_is_stopped_by_its_id_or_all(client, crowd, walkers):
+    images, boxes = walkers
+    node, _ = crowd()
+    two_targets(client, walkers)
+    send(client, node, UInt32, "pf_tracker/stop_target", data=7)
+    status = client.show(images[1], client.at(1))
+    assert "not stopped: no target has the id 7; there are: 1, 2" in status.message
+    send(client, node, UInt32, "pf_tracker/stop_target", data=2)
+    assert ids(client.show(images[2], client.at(2))) == [1]
+    service = client.create_client(Trigger, "pf_tracker/stop")
+    client.wait_for(service.service_is_ready, "stop")
+    future = service.call_async(Trigger.Request())
+    client.wait_for(future.done, "response of stop")
+    assert future.result().message == "stopped 1 target; waiting for a target"
+    status = client.show(images[3], client.at(3))
+    assert (status.values["state"], status.values["frame"]) == ("idle", "waiting")
+    client.point_at(boxes[4][0])
+    assert ids(client.show(images[4], client.at(4))) == [3]
+
+
+def test_frames_that_are_dropped_say_nothing_of_the_targets(client, crowd, walkers):
+    images, _ = walkers
+    crowd()
+    two_targets(client, walkers)
+    client.show(images[1], client.at(1))
+    status = client.show(images[0], client.at(0))
+    assert (status.values["frame"], status.values["state"]) == ("late", "skipped")
+    assert status.values["last_state"] == "tracking"
+    assert status.targets == ()
+    assert client.show(images[2], client.at(2), "no_encoding").values["frame"] == "refused"
+    assert ids(client.show(images[2], client.at(2))) == [1, 2]
+
+
+def test_parameters_and_presets_change_and_the_ids_stay(client, crowd, walkers):
+    images, _ = walkers
+    crowd()
+    two_targets(client, walkers)
+    client.show(images[1], client.at(1))
+    assert client.get_parameters("detector.score_above", "particles") == [0.3, 100]
+    for number, values in enumerate(
+        ({"detector__labels": ["person"], "max_targets": 3}, {"preset": "li2007"}), start=2
+    ):
+        assert client.set_parameters(**values).successful
+        status = client.show(images[number], client.at(number))
+        assert ids(status) == [1, 2]
+    assert status.values["preset"] == "li2007"
+
+
+def test_parameters_that_cannot_be_are_refused_with_the_reason(client, crowd, walkers):
+    images, _ = walkers
+    crowd()
+    two_targets(client, walkers)
+    one = client.set_parameters(max_targets=1)
+    assert not one.successful
+    assert "'max_targets' decides at start-up" in one.reason
+    unknown = client.set_parameters(targets__most=3)
+    assert not unknown.successful
+    box = client.set_parameters(target_box=[0.0, 0.0, 30.0, 30.0], max_targets=2)
+    assert box.successful
+    status = client.show(images[1], client.at(1))
+    assert "target refused: there are 2 targets" in status.message
+
+
+def test_a_wrong_number_at_start_up_is_corrected_at_run_time(graph, client, images, box):
+    graph.tracker(client, max_targets=0, image_reliability="reliable")
+    status = client.show(images[0], client.at(0))
+    assert "parameter 'max_targets' is 0" in status.message
+    assert client.set_parameters(max_targets=1, target_box=box).successful
+    assert client.show(images[1], client.at(1)).values["frame"] == "started"
+
+
+def test_one_target_has_nothing_of_several(graph, client):
+    node = graph.tracker(client, **{**SEVERAL, "max_targets": 1})
+    topics = {endpoint.topic_name for endpoint in (*node.publishers, *node.subscriptions)}
+    assert not topics & {"/pf_tracker/boxes", "/pf_tracker/stop_target", "/detections"}
+    assert not node.has_parameter("detector.labels")
+
+
+def test_a_restarted_recording_goes_on_as_the_policy_says(client, crowd, walkers):
+    images, _ = walkers
+    crowd(time_jump="restart")
+    two_targets(client, walkers)
+    client.show(images[1], client.at(1))
+    status = client.show(images[0], client.at(0) - 10**12)
+    assert (status.values["frame"], ids(status)) == ("started", [3, 4])
+
+
+def test_a_target_box_is_the_first_of_several(client, crowd, walkers):
+    images, boxes = walkers
+    crowd(target_box=list(boxes[0][0]))
+    client.show(images[0], client.at(0))
+    client.point_at(boxes[1][1])
+    assert ids(client.show(images[1], client.at(1))) == [1, 2]
+
+
+def test_a_deactivated_node_keeps_its_targets_and_a_cleaned_up_one_does_not(client, crowd, walkers):
+    images, _ = walkers
+    crowd(built_in_detector="motion")
+    two_targets(client, walkers)
+    manager = client.create_client(ChangeState, "pf_tracker/change_state")
+    client.wait_for(manager.service_is_ready, "lifecycle service")
+    for names, there in (
+        (["DEACTIVATE", "ACTIVATE"], [1, 2]),
+        (["DEACTIVATE", "CLEANUP", "CONFIGURE", "ACTIVATE"], []),
+    ):
+        for name in names:
+            wanted = Transition(id=getattr(Transition, f"TRANSITION_{name}"))
+            future = manager.call_async(ChangeState.Request(transition=wanted))
+            client.wait_for(future.done, name)
+            assert future.result().success
+        client.wait_for(client.images.get_subscription_count, "subscription")
+        assert ids(_shown_again(client, images)) == there
+
+
+def _shown_again(client, images):
+    """The status of an image that is published until it is answered: nodes get to know anew."""
+    number = len(client.statuses) + 1
+
+    def answered():
+        client.images.publish(client.message(images[1], client.at(number)))
+        return [one for one in client.statuses if one.stamp == client.at(number)]
+
+    return client.wait_for(answered, "status")[0]

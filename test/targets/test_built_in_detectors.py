@@ -1,0 +1,178 @@
+"""Detectors that need no model file, and the thread that they work in."""
+
+import threading
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Detections
+from pf_tracker_ros.targets.built_in_detectors import MotionDetector, PeopleDetector
+from pf_tracker_ros.targets.detecting import DetectingThread
+
+SECOND = 1_000_000_000
+DEADLINE = 30.0
+
+
+def ground(kind=np.uint8):
+    noise = np.random.default_rng(0).integers(172, 188, (300, 400))
+    if kind == np.uint8:
+        return np.repeat(noise[..., None], 3, axis=2).astype(np.uint8)
+    return (noise * 20).astype(kind)
+
+
+def draw_person(image, x, y, height):
+    """A dark silhouette; its box is (x, y, 0.4 height, height)."""
+    width, color = 0.4 * height, (50, 50, 50)
+
+    def outline(*corners):
+        points = [(int(x + across * width), int(y + down * height)) for across, down in corners]
+        cv2.fillPoly(image, [np.array(points)], color)
+
+    head = (int(x + 0.5 * width), int(y + 0.08 * height))
+    cv2.ellipse(image, head, (int(0.16 * width), int(0.08 * height)), 0, 0, 360, color, -1)
+    outline((0.3, 0.17), (0.7, 0.17), (0.85, 0.25), (0.7, 0.55), (0.3, 0.55), (0.15, 0.25))
+    outline((0.28, 0.52), (0.52, 0.52), (0.45, 1.0), (0.25, 1.0))
+    outline((0.5, 0.52), (0.72, 0.52), (0.78, 1.0), (0.58, 1.0))
+    return image
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
+def test_people_are_found_in_images_of_every_kind(iou, kind):
+    image = draw_person(draw_person(ground(kind), 80, 60, 150), 250, 80, 180)
+    found = PeopleDetector().detect(image)
+    assert found.labels == ("person", "person")
+    assert (found.scores > 0.5).all()
+    for box in ((80, 60, 60, 150), (250, 80, 72, 180)):
+        assert max(iou(box, one) for one in found.boxes) > 0.6
+
+
+@pytest.mark.parametrize("shape", [(300, 400, 3), (20, 20, 3), (128, 63)])
+def test_where_nobody_is_nobody_is_found(shape):
+    found = PeopleDetector().detect(np.full(shape, 128, np.uint8))
+    assert len(found) == 0
+
+
+def moving(frames, kind=np.uint8):
+    """Images of a bright block that moves for some frames, and where it is."""
+    for number in range(frames):
+        image = ground(kind)
+        x = 20 + 4 * number
+        image[100:150, x : x + 30] = 20
+        yield image, (x, 100, 30, 50)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_what_moves_is_found_once_the_background_is_known(iou, kind):
+    detector = MotionDetector(seed=1)
+    answers = [(detector.detect(image, 0.2), box) for image, box in moving(40, kind)]
+    assert answers[0][0] is None
+    found, box = answers[-1]
+    assert found.labels == ("moving",)
+    assert iou(found.boxes[0], box) > 0.7
+    assert 0.5 < found.scores[0] <= 1.0
+
+
+def test_what_stands_still_is_no_motion():
+    detector = MotionDetector()
+    answers = [detector.detect(ground(), 0.2) for _ in range(40)]
+    assert len(answers[-1]) == 0
+
+
+def test_images_of_another_size_are_another_background():
+    detector = MotionDetector()
+    for image, _ in moving(30):
+        known = detector.detect(image, 0.2)
+    assert known is not None
+    assert detector.detect(np.ascontiguousarray(image[:200]), 0.2) is None
+
+
+@pytest.mark.parametrize("make", [PeopleDetector, MotionDetector])
+def test_what_is_no_image_is_refused(make):
+    with pytest.raises(ValueError, match="image is"):
+        make().detect(np.zeros((5, 5), bool))
+
+
+class Gate:
+    """A detector that answers when it is told to."""
+
+    def __init__(self, error=None):
+        self.opened = threading.Event()
+        self.seen = []
+        self._error = error
+
+    def detect(self, image, interval):
+        self.seen.append((image[0, 0], interval))
+        assert self.opened.wait(DEADLINE)
+        if self._error:
+            raise self._error
+        return Detections([[1, 2, 30, 40]]) if image[0, 0] else None
+
+
+@pytest.fixture
+def start():
+    threads = []
+
+    def make(detector, rate=10.0):
+        threads.append((detector, DetectingThread(detector, rate)))
+        return threads[-1][1]
+
+    yield make
+    for detector, thread in threads:
+        detector.opened.set()
+        thread.close()
+
+
+def picture(value):
+    return np.full((8, 8), value, np.uint8)
+
+
+def test_frames_go_on_while_the_detector_thinks(start):
+    gate = Gate()
+    thread = start(gate)
+    assert thread.offer(picture(1), SECOND)
+    for later in range(1, 5):
+        assert not thread.offer(picture(2), (1 + later) * SECOND)
+        assert thread.take() is None
+    gate.opened.set()
+    found = thread.take(wait=True)
+    assert (found.stamp, found.detections.boxes.tolist()) == (SECOND, [[1, 2, 30, 40]])
+    assert thread.take() is None
+    assert [value for value, _ in gate.seen] == [1]
+
+
+def test_no_more_frames_are_looked_at_than_the_rate_says(start):
+    gate = Gate()
+    gate.opened.set()
+    thread = start(gate, rate=10.0)
+    looked_at = []
+    for number in range(10):
+        stamp = SECOND + number * SECOND // 25
+        if thread.offer(picture(1), stamp):
+            looked_at.append(number)
+            assert thread.take(wait=True).stamp == stamp
+    assert looked_at == [0, 3, 6, 9]
+    assert [interval for _, interval in gate.seen[1:]] == pytest.approx([0.12] * 3)
+    # Where time begins anew, so does the rhythm.
+    assert thread.offer(picture(1), 5)
+
+
+def test_what_the_detector_cannot_say_is_no_answer(start):
+    gate = Gate()
+    gate.opened.set()
+    thread = start(gate)
+    assert thread.offer(picture(0), 0)
+    assert thread.take(wait=True) is None
+    assert thread.offer(picture(1), 0)
+    assert thread.take(wait=True).stamp == 0
+
+
+def test_what_the_detector_raises_is_raised_once_and_it_goes_on(start):
+    gate = Gate(RuntimeError("no eyes"))
+    gate.opened.set()
+    thread = start(gate)
+    thread.offer(picture(1), SECOND)
+    with pytest.raises(RuntimeError, match="no eyes"):
+        thread.take(wait=True)
+    assert thread.take() is None
+    assert thread.offer(picture(1), 2 * SECOND)

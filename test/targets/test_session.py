@@ -1,0 +1,284 @@
+"""Frames and what detectors say of them, by their stamps."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Detections
+from pf_tracker_ros.parameters import change
+from pf_tracker_ros.targets.parameters import MultiTrackerParameters, multi_preset_parameters
+from pf_tracker_ros.targets.session import MOST_ANSWERS, MultiSession
+from pf_tracker_ros.tracking.frame_order import TimePolicy
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+STEP = SECOND // 10
+
+
+def at(number):
+    return START + number * STEP
+
+
+@pytest.fixture
+def make_session():
+    def make(seed=0, **parameters):
+        named = {name.replace("__", "."): value for name, value in parameters.items()}
+        values = change(MultiTrackerParameters, multi_preset_parameters("default"), named)
+        return MultiSession(values, seed)
+
+    return make
+
+
+@pytest.fixture
+def session(make_session):
+    return make_session()
+
+
+def show(session, walkers, numbers, every=0):
+    """Show frames, each `every`th with what a detector says of it; the last outcome."""
+    for number in numbers:
+        if every and number % every == 0:
+            session.add_detections(walkers.detections(number), at(number))
+        outcome = session.process(walkers.images[number], at(number))
+    return outcome
+
+
+def ids(outcome):
+    return [target.id for target in outcome.targets]
+
+
+def test_detections_start_targets_that_are_followed_in_between(session, walkers, iou):
+    assert show(session, walkers, [0]).frame == "waiting"
+    outcome = show(session, walkers, range(1, 12), every=4)
+    assert (outcome.frame, ids(outcome)) == ("tracked", [1, 2, 3])
+    for target in outcome.targets:
+        assert max(iou(target.estimate.box, box) for box in walkers.boxes[11]) > 0.6
+
+
+def test_late_answers_count_in_the_frame_that_they_are_of(make_session, walkers, iou):
+    late = make_session()
+    for number in range(14):
+        outcome = late.process(walkers.images[number], at(number))
+        if number >= 4 and number % 4 == 0:
+            late.add_detections(walkers.detections(number - 3), at(number - 3))
+    assert ids(outcome) == [1, 2, 3]
+    for target in outcome.targets:
+        assert max(iou(target.estimate.box, box) for box in walkers.boxes[13]) > 0.6
+
+
+def test_an_answer_that_is_ahead_waits_for_its_frame(session, walkers):
+    show(session, walkers, [0])
+    for number in (3, 4):
+        session.add_detections(walkers.detections(number), at(number))
+    assert ids(show(session, walkers, [1, 2])) == []
+    assert ids(show(session, walkers, [3, 4])) == [1, 2, 3]
+
+
+def test_the_same_in_the_same_order_gives_the_same_bits(make_session, walkers, as_told):
+    answers = []
+    for _ in range(2):
+        session = make_session(seed=5)
+        told = []
+        for number in range(12):
+            if number in (5, 6, 9):
+                session.add_detections(walkers.detections(number - 3), at(number - 3))
+            if number == 4:
+                session.request(tuple(walkers.boxes[2][0]), at(2))
+            told.append(as_told(session.process(walkers.images[number], at(number)).targets))
+        answers.append(told)
+    assert answers[0] == answers[1]
+
+
+@pytest.mark.parametrize("ahead", [3600 * SECOND, -3600 * SECOND])
+def test_answers_by_another_clock_are_refused(session, walkers, ahead):
+    show(session, walkers, [0])
+    with pytest.raises(ValueError, match="from another clock"):
+        session.add_detections(walkers.detections(0), at(0) + ahead)
+
+
+def test_an_answer_older_than_what_is_kept_is_left_out_with_the_reason(session, walkers):
+    show(session, walkers, range(2))
+    session.add_detections(walkers.detections(0), at(0) - 5 * SECOND)
+    outcome = show(session, walkers, [2])
+    assert len(outcome.left_out) == 1
+    assert "5.2 s old" in outcome.left_out[0]
+    assert show(session, walkers, [3]).left_out == ()
+
+
+def test_answers_whose_frames_do_not_come_take_no_more_memory(session, walkers):
+    show(session, walkers, [0])
+    for number in range(MOST_ANSWERS + 5):
+        session.add_detections(walkers.detections(0), at(20 + number))
+    outcome = show(session, walkers, [1])
+    assert len(outcome.left_out) == 1
+    assert outcome.left_out[0].startswith("5 of the detector's answers left out")
+    assert show(session, walkers, [2]).left_out == ()
+
+
+def test_ten_thousand_boxes_and_broken_ones_are_survived_with_a_sentence_each(session, walkers):
+    show(session, walkers, range(6), every=2)
+    rng = np.random.default_rng(3)
+    many = Detections(rng.uniform(10, 60, (10_000, 4)), rng.uniform(0.3, 1.0, 10_000))
+    broken = Detections([[np.nan] * 4, [5, 5, -3, 8]], [0.9, np.inf])
+    session.add_detections(many, at(6))
+    session.add_detections(broken, at(6))
+    outcome = show(session, walkers, [6])
+    assert len(outcome.left_out) == 2
+    assert "best scores count" in outcome.left_out[0]
+    assert "not finite" in outcome.left_out[1]
+    assert {1, 2, 3} <= {*ids(show(session, walkers, [7]))}
+
+
+def test_a_target_drawn_on_a_frame_gone_by_is_one_more(session, walkers, iou):
+    show(session, walkers, range(9), every=4)
+    before = ids(show(session, walkers, [9]))
+    session.request(tuple(walkers.boxes[5][0]), at(5), "mine")
+    outcome = show(session, walkers, [10])
+    assert (outcome.frame, outcome.started) == ("started", (4,))
+    assert ids(outcome) == [*before, 4]
+    mine = outcome.targets[-1]
+    assert mine.label == "mine"
+    assert iou(mine.estimate.box, walkers.boxes[10][0]) > 0.5
+
+
+def test_a_target_that_waits_for_its_frame_is_named(session, walkers):
+    show(session, walkers, [0])
+    session.request((10.0, 10.0, 20.0, 20.0), at(3))
+    assert session.requested_stamp == at(3)
+    assert show(session, walkers, [1]).started == ()
+    assert show(session, walkers, [3]).started == (1,)
+    assert session.requested_stamp is None
+    session.request((10.0, 10.0, 20.0, 20.0), at(9))
+    session.withdraw()
+    assert session.requested_stamp is None
+
+
+def test_when_it_is_full_one_more_is_refused_at_once(make_session, walkers):
+    session = make_session(targets__most=2)
+    for place in (0, 1):
+        session.request(tuple(walkers.boxes[0][place]))
+    with pytest.raises(ValueError, match="there are 2 targets, as many as there may be"):
+        session.request(tuple(walkers.boxes[0][2]))
+    assert show(session, walkers, [0]).started == (1, 2)
+    with pytest.raises(ValueError, match="stop one first"):
+        session.request(tuple(walkers.boxes[0][2]))
+    session.stop_target(1)
+    session.request(tuple(walkers.boxes[0][2]))
+    assert ids(show(session, walkers, [1])) == [2, 3]
+
+
+def test_a_box_that_is_no_use_is_refused_and_the_others_go_on(session, walkers):
+    session.request((500.0, 500.0, 20.0, 20.0))
+    session.request(tuple(walkers.boxes[0][1]))
+    outcome = show(session, walkers, [0])
+    assert outcome.started == (1,)
+    (reason,) = outcome.refused
+    assert reason.startswith("target refused: the center of box (500, 500")
+
+
+def test_stop_forgets_all_and_stop_target_one(session, walkers):
+    show(session, walkers, range(6), every=2)
+    session.stop_target(2)
+    assert [target.id for target in session.targets] == [1, 3]
+    with pytest.raises(ValueError, match="there are: 1, 3"):
+        session.stop_target(2)
+    session.stop()
+    outcome = show(session, walkers, [6])
+    assert (outcome.frame, outcome.targets) == ("waiting", ())
+    assert ids(show(session, walkers, [7, 8, 9, 10], every=2)) == [4, 5, 6]
+
+
+def test_what_was_said_before_the_stop_starts_nothing_after_it(session, walkers):
+    show(session, walkers, range(3))
+    for number in (1, 2):
+        session.add_detections(walkers.detections(number), at(number))
+    session.stop()
+    assert ids(show(session, walkers, [3, 4])) == []
+
+
+def test_doubled_and_late_frames_are_dropped(session, walkers, as_told):
+    before = as_told(show(session, walkers, range(6), every=2).targets)
+    for number, frame in ((5, "duplicate"), (3, "late")):
+        outcome = session.process(walkers.images[number], at(number))
+        assert (outcome.frame, as_told(outcome.targets)) == (frame, before)
+    assert show(session, walkers, [6]).frame == "tracked"
+
+
+@pytest.mark.parametrize(
+    ("policy", "kept"), [("keep", [1, 2, 3, 4]), ("restart", [5]), ("wait", [])]
+)
+def test_a_jump_back_in_time(session, walkers, policy, kept):
+    session.time_policy = TimePolicy(policy)
+    show(session, walkers, range(6), every=2)
+    session.request(tuple(walkers.boxes[6][0]))
+    assert len(show(session, walkers, [6]).targets) == 4
+    # Of the time before: it starts nothing once time has begun anew.
+    session.add_detections(walkers.detections(6), at(6))
+    outcome = session.process(walkers.images[7], at(7) - 100 * SECOND)
+    assert outcome.jumped_back == pytest.approx(99.9)
+    assert ids(outcome) == kept
+    after = session.process(walkers.images[8], at(8) - 100 * SECOND)
+    assert (after.jumped_back, ids(after)) == (0.0, kept)
+
+
+def test_without_stamps_frames_and_answers_are_of_now(session, walkers):
+    for number in range(6):
+        session.add_detections(walkers.detections(number), 0)
+        outcome = session.process(walkers.images[number], 0)
+    assert ids(outcome) == [1, 2, 3]
+    assert outcome.left_out == ()
+
+
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_a_camera_that_comes_back_with_another_size(session, walkers, iou, scale):
+    show(session, walkers, range(8), every=4)
+    for number in range(8, 12):
+        image = cv2.resize(walkers.images[number], None, fx=scale, fy=scale)
+        outcome = session.process(image, at(number))
+    assert ids(outcome) == [1, 2, 3]
+    for target in outcome.targets:
+        assert max(iou(target.estimate.box, scale * box) for box in walkers.boxes[11]) > 0.5
+
+
+def test_images_of_another_kind_are_refused_until_it_is_clear_that_they_stay(session, walkers):
+    show(session, walkers, range(8), every=4)
+    gray = [image[..., 0].copy() for image in walkers.images]
+    for number in range(8, 17):
+        with pytest.raises(ValueError, match="image is"):
+            session.process(gray[number], at(number))
+    assert len(session.targets) == 3
+    assert session.process(gray[17], at(17)).targets == ()
+    session.add_detections(walkers.detections(18), at(18))
+    session.process(gray[18], at(18))
+
+
+def test_a_target_that_somebody_drew_is_not_given_up_for_other_images(session, walkers):
+    session.request(tuple(walkers.boxes[0][0]))
+    show(session, walkers, range(3))
+    for number in range(3, 20):
+        with pytest.raises(ValueError, match="image is"):
+            session.process(walkers.images[number][..., 0].copy(), at(number))
+    assert ids(show(session, walkers, [20])) == [1]
+
+
+def test_parameters_change_at_run_time_and_the_ids_stay(session, walkers):
+    show(session, walkers, range(8), every=4)
+    values = change(
+        MultiTrackerParameters,
+        multi_preset_parameters("li2007"),
+        {"detector.score_above": 0.2},
+    )
+    session.check(values, 3)
+    session.configure(values, 3)
+    assert ids(show(session, walkers, [8])) == [1, 2, 3]
+    with pytest.raises(ValueError, match="particles"):
+        session.check({**values, "particles": 0}, 3)
+    assert ids(show(session, walkers, [9])) == [1, 2, 3]
+
+
+def test_a_class_that_changes_is_called_what_it_was_called_most(session, walkers):
+    for number in range(12):
+        labels = ["person" if number % 3 else "dog"] * 3
+        session.add_detections(walkers.detections(number, labels=labels), at(number))
+        outcome = session.process(walkers.images[number], at(number))
+    assert {target.label for target in outcome.targets} == {"person"}
