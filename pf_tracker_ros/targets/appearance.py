@@ -6,6 +6,8 @@ what a detector has confirmed, and changes slowly.
 
 from __future__ import annotations
 
+import itertools
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +16,34 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.tiles import Part
 
 # From top to bottom: clothes differ along a body, whatever its pose.
-_STRIPES = 3
-# Steps of each of blue, green and red.
-_LEVELS = 6
+_STRIPES = 4
+# Steps of lightness, and of each of the two colors; these are seldom far from gray.
+_LEVELS = np.array([8, 10, 10])
+_SCALE = np.array([1 / 256, 1 / 96, 1 / 96])
+_MIDDLE = np.array([0.0, 128.0 - 48.0, 128.0 - 48.0])
 # Share of the box that is left out at each side: there is seldom the target.
 _INSET_ACROSS, _INSET_DOWN = 0.2, 0.05
 # Pixels that are looked at, however large the box.
 _ROWS, _COLUMNS = 36, 12
+# What is at the edge counts less: so much of the weight is gone at the sides, and at the ends.
+_FALLS_ACROSS, _FALLS_DOWN = 0.9, 0.7
 
-# (stripes * levels^3,) square roots of the shares of the colors.
+# (stripes * levels,) square roots of the shares of the colors.
 Look = NDArray[np.float32]
+
+
+def _weights() -> NDArray[np.float64]:
+    """(rows * columns,) of the pixels."""
+    down, across = (
+        np.square((np.arange(count) + 0.5) / count * 2.0 - 1.0) for count in (_ROWS, _COLUMNS)
+    )
+    weights = 1.0 - _FALLS_DOWN * down[:, None] - _FALLS_ACROSS * across
+    return np.maximum(weights, 0.02).ravel()
+
+
+_WEIGHTS = _weights()
+_BINS = int(_LEVELS.prod())
+_STRIPE = np.repeat(np.arange(_ROWS) * _STRIPES // _ROWS * _BINS, _COLUMNS)
 
 
 def look_at(frame: Frame, box: NDArray[np.float64]) -> Look:
@@ -38,11 +58,19 @@ def look_at(frame: Frame, box: NDArray[np.float64]) -> Look:
     crop = cv2.resize(crop, (_COLUMNS, _ROWS), interpolation=cv2.INTER_AREA)
     if crop.ndim == 2:
         crop = cv2.cvtColor(crop, cv2.COLOR_GRAY2BGR)
-    steps = crop.astype(np.intp) * _LEVELS // 256
-    colors = (steps[..., 0] * _LEVELS + steps[..., 1]) * _LEVELS + steps[..., 2]
-    colors += (np.arange(_ROWS) * _STRIPES // _ROWS * _LEVELS**3)[:, None]
-    counts = np.bincount(colors.ravel(), minlength=_STRIPES * _LEVELS**3)
-    return np.sqrt(counts / colors.size).astype(np.float32)
+    colors = cv2.cvtColor(crop, cv2.COLOR_BGR2LAB).reshape(-1, 3)
+    # Between two steps a pixel counts for both: light that changes a little changes little.
+    places = np.clip((colors - _MIDDLE) * _SCALE, 0.0, 1.0) * _LEVELS - 0.5
+    lower = np.floor(places)
+    upper_share = places - lower
+    lower = lower.astype(np.intp)
+    counts = np.zeros(_STRIPES * _BINS)
+    for corner in itertools.product((0, 1), repeat=3):
+        one, two, three = np.clip(lower + corner, 0, _LEVELS - 1).T
+        shares = np.where(corner, upper_share, 1.0 - upper_share).prod(axis=1)
+        bins = _STRIPE + (one * _LEVELS[1] + two) * _LEVELS[2] + three
+        counts += np.bincount(bins, shares * _WEIGHTS, minlength=len(counts))
+    return np.sqrt(counts / _WEIGHTS.sum()).astype(np.float32)
 
 
 def unlikeness(one: Look, other: Look) -> float:
