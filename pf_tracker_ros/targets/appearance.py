@@ -6,8 +6,6 @@ what a detector has confirmed, and changes slowly.
 
 from __future__ import annotations
 
-import itertools
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -62,14 +60,16 @@ def look_at(frame: Frame, box: NDArray[np.float64]) -> Look:
     # Between two steps a pixel counts for both: light that changes a little changes little.
     places = np.clip((colors - _MIDDLE) * _SCALE, 0.0, 1.0) * _LEVELS - 0.5
     lower = np.floor(places)
-    upper_share = places - lower
-    lower = lower.astype(np.intp)
-    counts = np.zeros(_STRIPES * _BINS)
-    for corner in itertools.product((0, 1), repeat=3):
-        one, two, three = np.clip(lower + corner, 0, _LEVELS - 1).T
-        shares = np.where(corner, upper_share, 1.0 - upper_share).prod(axis=1)
-        bins = _STRIPE + (one * _LEVELS[1] + two) * _LEVELS[2] + three
-        counts += np.bincount(bins, shares * _WEIGHTS, minlength=len(counts))
+    upper_share = (places - lower).T
+    lower = lower.T
+    # (3, 2, pixels): of each color the steps below and above, and their shares.
+    steps = np.clip([lower, lower + 1.0], 0, _LEVELS[:, None] - 1).astype(np.intp)
+    first, second, third = np.swapaxes(steps, 0, 1)
+    one, two, three = np.swapaxes([1.0 - upper_share, upper_share], 0, 1)
+    bins = first[:, None, None] * _LEVELS[1] + second[:, None]
+    bins = bins * _LEVELS[2] + third + _STRIPE
+    shares = one[:, None, None] * two[:, None] * three * _WEIGHTS
+    counts = np.bincount(bins.ravel(), shares.ravel(), minlength=_STRIPES * _BINS)
     return np.sqrt(counts / _WEIGHTS.sum()).astype(np.float32)
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from pf_tracker_ros.targets.appearance import unlikeness
 from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.life import Life
 
@@ -52,7 +51,8 @@ class Associator:
         if not lives or not seen:
             return {}
         boxes = np.array([one.box for one in seen])
-        costs = np.array([self._costs(life, seen, boxes) for life in lives])
+        looks = np.array([one.look for one in seen])
+        costs = np.array([self._costs(life, seen, boxes, looks) for life in lives])
         rows, columns = linear_sum_assignment(np.minimum(costs, _MOST_COST))
         return {
             int(row): int(column)
@@ -61,7 +61,11 @@ class Associator:
         }
 
     def _costs(
-        self, life: Life, seen: Sequence[Sighting], boxes: NDArray[np.float64]
+        self,
+        life: Life,
+        seen: Sequence[Sighting],
+        boxes: NDArray[np.float64],
+        looks: NDArray[np.float32],
     ) -> NDArray[np.float64]:
         """(M,) of one target."""
         size, course = np.exp(life.log_size), life.course
@@ -75,5 +79,5 @@ class Associator:
         costs += _SIZE_WEIGHT * np.minimum(sizes, _MOST_OF_SIZE)
         label = life.label
         costs += _LABEL_WEIGHT * np.array([one.label != label for one in seen])
-        differs = np.array([unlikeness(life.look, one.look) for one in seen])
+        differs = np.maximum(1.0 - looks @ life.look, 0.0)
         return costs + _LOOK_WEIGHT * (differs / life.varies - _USUALLY)

@@ -46,9 +46,7 @@ class Course:
             deviation: (2,) standard deviation of its center, pixels.
         """
         speed = np.full(2, np.square(_FIRST_SPEED * box[3]))
-        return cls(
-            box[:2] + box[2:] / 2, np.zeros(2), np.square(deviation), np.zeros(2), speed
-        )
+        return cls(box[:2] + box[2:] / 2, np.zeros(2), np.square(deviation), np.zeros(2), speed)
 
     def predict(self, interval: float, height: float) -> Course:
         """The course some seconds later, for a target of a height in pixels."""

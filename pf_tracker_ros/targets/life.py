@@ -13,7 +13,6 @@ from pf_tracker_ros.targets.appearance import Look, blend, unlikeness
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.tracking.target import Target
 
-
 # How unlike its own look a target usually is, before it is known, and how many detections that is
 # worth.
 USUALLY_VARIES, _PRIOR_LOOKS = 0.12, 10
@@ -55,6 +54,7 @@ class Life:
         learned_for: Seconds since it was learned anew.
         is_confirmed: Whether it was confirmed often enough to be told.
         is_hidden: Whether another target is in front of it.
+        is_doubled: Whether its box, then, is as good as that of the other one.
         gone_for: Seconds since it ended; None while it is followed.
     """
 
@@ -73,6 +73,7 @@ class Life:
     learned_for: float = 0.0
     is_confirmed: bool = False
     is_hidden: bool = False
+    is_doubled: bool = False
     gone_for: float | None = None
 
     @property
@@ -104,6 +105,7 @@ class Life:
     def is_told(self) -> bool:
         """Whether it is sure enough, and seen well enough, to be told."""
         is_seen = self.belief > 0.0 and self.target.estimate.state != "lost"
+        is_seen = is_seen and not self.is_doubled
         return self.by_hand or (self.is_confirmed and is_seen)
 
     def voted(self, label: str, score: float) -> Life:

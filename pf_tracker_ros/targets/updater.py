@@ -17,7 +17,6 @@ from pf_tracker_ros.targets.geometry import covered, overlaps
 from pf_tracker_ros.targets.life import Life
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.measurement import Evidence
-from pf_tracker_ros.tracking.target import Target
 
 # Probability that a detection is not of its target, so that it says nothing of the place.
 _WRONG = 0.02
@@ -39,6 +38,11 @@ _SURE_ABOVE = 0.6
 _IMAGE_SPREAD = np.array([0.3, 0.2])
 # Confirmations over which sizes are averaged.
 _SIZES = 3.3
+# Seconds without a detection after which a hidden target is not told where its box is as good as
+# that of the one in front.
+_DOUBLED_AFTER = 0.3
+# Degrees of freedom of how far the image may show a target from its course.
+_TAIL = 3.0
 # Seconds from one learning of a confirmed target to the next.
 _LEARN_EVERY = 0.4
 # What a detection adds to the belief in its target, and the most that this can be.
@@ -136,6 +140,8 @@ class Updater:
         is_hidden = False
         if own:
             evidence.append(_of_detection(own.box))
+        else:
+            evidence.append(_of_course(life))
         front = front[_are_near(front, predicted)] if len(front) else front
         if len(front):
             expected = covered(predicted[None], front)[0]
@@ -144,8 +150,7 @@ class Updater:
         if not is_hidden:
             followed = self._follower.follow(target, frame, interval, _all_of(evidence))
             if own is None and len(front):
-                place = np.array([followed.estimate.box])
-                is_hidden = bool(overlaps(place, front).max() > _SAME_ABOVE)
+                is_hidden = _is_on_one(np.array(followed.estimate.box), front)
         course = life.course
         if is_hidden:
             target = self._follower.coast(target, frame, interval)
@@ -155,6 +160,8 @@ class Updater:
             box = np.array(target.estimate.box)
             if own is None:
                 course = course.correct(box[:2] + box[2:] / 2, _IMAGE_SPREAD * box[2:])
+        is_doubled = is_hidden and life.unconfirmed_for > _DOUBLED_AFTER
+        is_doubled = is_doubled and _is_on_one(np.array(target.estimate.box), front)
         life = replace(
             life,
             target=target,
@@ -163,6 +170,7 @@ class Updater:
             unconfirmed_for=life.unconfirmed_for + interval,
             learned_for=life.learned_for + interval,
             is_hidden=is_hidden,
+            is_doubled=is_doubled,
         )
         return self._correct(life, frame, own) if own else life
 
@@ -202,6 +210,11 @@ def _are_near(boxes: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray
     return near
 
 
+def _is_on_one(box: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
+    """Whether a (4,) box is on the object of one of (K, 4) others."""
+    return bool(overlaps(box[None], others).max(initial=0.0) > _SAME_ABOVE)
+
+
 def _of_detection(box: NDArray[np.float64]) -> Evidence:
     """The factor of a detection: near it a box is likelier, up to that it may be wrong."""
     center, spread = box[:2] + box[2:] / 2, CENTER_SPREAD * box[2:]
@@ -209,6 +222,19 @@ def _of_detection(box: NDArray[np.float64]) -> Evidence:
     def log_likelihood(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         apart = (boxes[:, :2] + boxes[:, 2:] / 2 - center) / spread
         return np.log(_WRONG + (1.0 - _WRONG) * np.exp(-0.5 * np.square(apart).sum(axis=1)))
+
+    return log_likelihood
+
+
+def _of_course(life: Life) -> Evidence:
+    """The factor of how a target has moved: it seldom jumps aside."""
+    course, size = life.course, life.box[2:]
+    variance = course.spread + np.square(_IMAGE_SPREAD * size)
+
+    def log_likelihood(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+        apart = boxes[:, :2] + boxes[:, 2:] / 2 - course.center
+        squared = (np.square(apart) / variance).sum(axis=1)
+        return -(_TAIL + 2.0) / 2.0 * np.log1p(squared / _TAIL)
 
     return log_likelihood
 
