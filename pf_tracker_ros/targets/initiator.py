@@ -31,7 +31,7 @@ _CONFIRMED_WITHIN = 0.25
 _RANDOMNESS_KEY = 1
 # A target that has ended is recognized by a look that differs by less than so much of what it
 # usually varies by.
-_ALIKE_BELOW = 1.7
+_ALIKE_BELOW = 1.5
 # How far it may have come: box heights at once, and in each second.
 _REACH, _SPEED = 1.0, 1.0
 

@@ -40,7 +40,7 @@ _IMAGE_SPREAD = np.array([0.3, 0.2])
 _SIZES = 3.3
 # Seconds without a detection after which a hidden target is not told where its box is as good as
 # that of the one in front.
-_DOUBLED_AFTER = 0.3
+_DOUBLED_AFTER = 0.2
 # Degrees of freedom of how far the image may show a target from its course.
 _TAIL = 3.0
 # Seconds from one learning of a confirmed target to the next.
