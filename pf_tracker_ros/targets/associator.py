@@ -18,6 +18,9 @@ _SIZE_SPREAD = np.array([0.25, 0.15])
 # Degrees of freedom of a distance: the tails are heavy, since people crouch, and detectors cut them
 # in two or join them.
 _TAIL = 3.0
+# Squared distance, in units of its variance, beyond which a detection is of another target, however
+# alike they look.
+_GATE = 60.0
 # Weight of a size, and the most that it counts.
 _SIZE_WEIGHT, _MOST_OF_SIZE = 0.3, 9.0
 # Weight of a look, in units of how much that of the target usually varies, and up to how many of
@@ -67,7 +70,7 @@ class Associator:
         boxes: NDArray[np.float64],
         looks: NDArray[np.float32],
     ) -> NDArray[np.float64]:
-        """(M,) of one target."""
+        """(M,) of one target; infinite beyond the gate."""
         size, course = np.exp(life.log_size), life.course
         of_detector = np.square(CENTER_SPREAD * size)
         variance = course.spread + of_detector
@@ -80,4 +83,6 @@ class Associator:
         label = life.label
         costs += _LABEL_WEIGHT * np.array([one.label != label for one in seen])
         differs = np.maximum(1.0 - looks @ life.look, 0.0)
-        return costs + _LOOK_WEIGHT * (differs / life.varies - _USUALLY)
+        costs += _LOOK_WEIGHT * (differs / life.varies - _USUALLY)
+        costs[squared > _GATE] = np.inf
+        return costs

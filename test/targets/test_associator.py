@@ -36,6 +36,12 @@ def test_the_detection_of_a_neighbor_is_not_taken_where_its_own_is_missing(lives
     assert Associator().assign([red], [seen(red, 0.7, between(red.look, blue.look, 0.4))]) == {}
 
 
+def test_one_that_looks_the_same_is_another_where_it_is_too_far_away(lives):
+    red, _, _ = lives
+    assert Associator().assign([red], [seen(red, 1.5)]) == {0: 0}
+    assert Associator().assign([red], [seen(red, 2.0)]) == {}
+
+
 def test_a_look_counts_as_much_as_the_targets_own_are_alike(lives):
     red, blue, _ = lives
     other = seen(red, 0.3, between(red.look, blue.look, 0.25))
