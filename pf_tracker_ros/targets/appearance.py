@@ -14,16 +14,34 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.tiles import Part
 
 # From top to bottom: clothes differ along a body, whatever its pose.
-_STRIPES = 3
-# Steps of each of blue, green and red.
-_LEVELS = 6
+_STRIPES = 4
+# Steps of lightness, and of each of the two colors; these are seldom far from gray.
+_LEVELS = np.array([8, 10, 10])
+_SCALE = np.array([1 / 256, 1 / 96, 1 / 96])
+_MIDDLE = np.array([0.0, 128.0 - 48.0, 128.0 - 48.0])
 # Share of the box that is left out at each side: there is seldom the target.
 _INSET_ACROSS, _INSET_DOWN = 0.2, 0.05
 # Pixels that are looked at, however large the box.
 _ROWS, _COLUMNS = 36, 12
+# What is at the edge counts less: so much of the weight is gone at the sides, and at the ends.
+_FALLS_ACROSS, _FALLS_DOWN = 0.9, 0.7
 
-# (stripes * levels^3,) square roots of the shares of the colors.
+# (stripes * levels,) square roots of the shares of the colors.
 Look = NDArray[np.float32]
+
+
+def _weights() -> NDArray[np.float64]:
+    """(rows * columns,) of the pixels."""
+    down, across = (
+        np.square((np.arange(count) + 0.5) / count * 2.0 - 1.0) for count in (_ROWS, _COLUMNS)
+    )
+    weights = 1.0 - _FALLS_DOWN * down[:, None] - _FALLS_ACROSS * across
+    return np.maximum(weights, 0.02).ravel()
+
+
+_WEIGHTS = _weights()
+_BINS = int(_LEVELS.prod())
+_STRIPE = np.repeat(np.arange(_ROWS) * _STRIPES // _ROWS * _BINS, _COLUMNS)
 
 
 def look_at(frame: Frame, box: NDArray[np.float64]) -> Look:
@@ -38,11 +56,21 @@ def look_at(frame: Frame, box: NDArray[np.float64]) -> Look:
     crop = cv2.resize(crop, (_COLUMNS, _ROWS), interpolation=cv2.INTER_AREA)
     if crop.ndim == 2:
         crop = cv2.cvtColor(crop, cv2.COLOR_GRAY2BGR)
-    steps = crop.astype(np.intp) * _LEVELS // 256
-    colors = (steps[..., 0] * _LEVELS + steps[..., 1]) * _LEVELS + steps[..., 2]
-    colors += (np.arange(_ROWS) * _STRIPES // _ROWS * _LEVELS**3)[:, None]
-    counts = np.bincount(colors.ravel(), minlength=_STRIPES * _LEVELS**3)
-    return np.sqrt(counts / colors.size).astype(np.float32)
+    colors = cv2.cvtColor(crop, cv2.COLOR_BGR2LAB).reshape(-1, 3)
+    # Between two steps a pixel counts for both: light that changes a little changes little.
+    places = np.clip((colors - _MIDDLE) * _SCALE, 0.0, 1.0) * _LEVELS - 0.5
+    lower = np.floor(places)
+    upper_share = (places - lower).T
+    lower = lower.T
+    # (3, 2, pixels): of each color the steps below and above, and their shares.
+    steps = np.clip([lower, lower + 1.0], 0, _LEVELS[:, None] - 1).astype(np.intp)
+    first, second, third = np.swapaxes(steps, 0, 1)
+    one, two, three = np.swapaxes([1.0 - upper_share, upper_share], 0, 1)
+    bins = first[:, None, None] * _LEVELS[1] + second[:, None]
+    bins = bins * _LEVELS[2] + third + _STRIPE
+    shares = one[:, None, None] * two[:, None] * three * _WEIGHTS
+    counts = np.bincount(bins.ravel(), shares.ravel(), minlength=_STRIPES * _BINS)
+    return np.sqrt(counts / _WEIGHTS.sum()).astype(np.float32)
 
 
 def unlikeness(one: Look, other: Look) -> float:

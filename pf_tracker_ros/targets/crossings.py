@@ -50,7 +50,7 @@ def _with_filter(life: Life, other: Life) -> Life:
     return replace(
         life,
         target=other.target,
-        velocity=other.velocity,
+        course=other.course,
         log_size=other.log_size,
         learned_for=other.learned_for,
         is_hidden=other.is_hidden,

@@ -13,6 +13,8 @@ from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.appearance import Look, look_at, unlikeness
+from pf_tracker_ros.targets.associator import CENTER_SPREAD
+from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.geometry import overlaps
@@ -27,8 +29,9 @@ _FIRST_BELIEF = 1.0
 _CONFIRMED_WITHIN = 0.25
 # Which child of the seed the targets' randomness comes from; others are the camera's.
 _RANDOMNESS_KEY = 1
-# A target that has ended is recognized by a look that differs by less than this.
-_ALIKE_BELOW = 0.16
+# A target that has ended is recognized by a look that differs by less than so much of what it
+# usually varies by.
+_ALIKE_BELOW = 1.5
 # How far it may have come: box heights at once, and in each second.
 _REACH, _SPEED = 1.0, 1.0
 
@@ -78,6 +81,8 @@ class Initiator:
                     life,
                     key=before.key,
                     look=before.look,
+                    varies=before.varies,
+                    looks=before.looks,
                     belief=max(life.belief, 0.5),
                     age=before.age + (before.gone_for or 0.0),
                     confirmations=before.confirmations + 1,
@@ -104,7 +109,8 @@ class Initiator:
         child = np.random.SeedSequence(self._seed, spawn_key=(_RANDOMNESS_KEY, key.frame, place))
         randomness = Randomness.of(np.random.default_rng(child))
         target = self._follower.begin(frame, as_box(box), randomness)
-        return Life(key, target, look, np.log(box[2:]), _FIRST_BELIEF)
+        course = Course.begin(box, CENTER_SPREAD * box[2:])
+        return Life(key, target, look, course, np.log(box[2:]), _FIRST_BELIEF)
 
 
 def _recognize(one: Sighting, gone: Sequence[Life]) -> Life | None:
@@ -114,7 +120,7 @@ def _recognize(one: Sighting, gone: Sequence[Life]) -> Life | None:
         box, since = life.box, life.gone_for or 0.0
         apart = one.box[:2] + one.box[2:] / 2 - box[:2] - box[2:] / 2
         reach = (_REACH + _SPEED * since) * box[3]
-        differs = unlikeness(life.look, one.look)
+        differs = unlikeness(life.look, one.look) / life.varies
         if math.hypot(*apart) <= reach and differs < least and one.label == life.label:
             best, least = life, differs
     return best

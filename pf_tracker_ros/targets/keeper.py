@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.associator import Associator
 from pf_tracker_ros.targets.crossings import tell_apart
@@ -49,15 +47,14 @@ class CrowdKeeper:
         if seen is not None:
             idle_for, rhythm = 0.0, idle_for
         crowd = replace(crowd, frame=crowd.frame + 1, idle_for=idle_for, rhythm=rhythm)
-        lives = crowd.lives
-        predicted = np.array([life.expected(interval) for life in lives]).reshape(-1, 4)
-        given = self._associator.assign(lives, predicted, seen or ())
+        lives = tuple(life.predicted(interval) for life in crowd.lives)
+        given = self._associator.assign(lives, seen or ())
         own = [
             seen[given[place]] if seen is not None and place in given else None
             for place in range(len(lives))
         ]
         lives = tell_apart(lives, own)
-        lives = self._updater.update(lives, predicted, frame, interval, own)
+        lives = self._updater.update(lives, frame, interval, own)
         if seen is not None:
             lives = self._updater.count_misses(lives, own, rhythm)
         crowd = self._deleter.end(replace(crowd, lives=lives), frame.size, interval)

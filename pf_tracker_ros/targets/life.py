@@ -9,8 +9,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.targets.appearance import Look
+from pf_tracker_ros.targets.appearance import Look, blend, unlikeness
+from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.tracking.target import Target
+
+# How unlike its own look a target usually is, before it is known, and how many detections that is
+# worth.
+USUALLY_VARIES, _PRIOR_LOOKS = 0.12, 10
+# Detections that a look, and how much it varies, are averages of; and the least that it varies.
+_LOOKS, _LEAST_VARIES = 30, 0.02
+# Least share of a detection's look in that of its target.
+_LOOK_RATE = 0.05
 
 
 class Key(NamedTuple):
@@ -33,9 +42,11 @@ class Life:
         key: Its name for good.
         target: As the filter follows it.
         look: What it looks like, as far as confirmed.
+        varies: How unlike that its detections usually are, 0 to 1.
+        looks: Detections that both were made of.
+        course: Where it goes.
         log_size: (2,) logarithms of its width and height, smoothed over the detections.
         belief: Logarithm of the odds that there is such a target.
-        velocity: (2,) of its center as it was seen to move, smoothed, pixels per second.
         votes: Label to the sum of the scores with which it was given.
         age: Seconds since it began.
         confirmations: Detections that were taken for it, the first one too.
@@ -43,15 +54,18 @@ class Life:
         learned_for: Seconds since it was learned anew.
         is_confirmed: Whether it was confirmed often enough to be told.
         is_hidden: Whether another target is in front of it.
+        is_doubled: Whether its box, then, is as good as that of the other one.
         gone_for: Seconds since it ended; None while it is followed.
     """
 
     key: Key
     target: Target
     look: Look
+    course: Course
     log_size: NDArray[np.float64]
     belief: float
-    velocity: tuple[float, float] = (0.0, 0.0)
+    varies: float = USUALLY_VARIES
+    looks: int = 1
     votes: Mapping[str, float] = field(default_factory=dict)
     age: float = 0.0
     confirmations: int = 1
@@ -59,6 +73,7 @@ class Life:
     learned_for: float = 0.0
     is_confirmed: bool = False
     is_hidden: bool = False
+    is_doubled: bool = False
     gone_for: float | None = None
 
     @property
@@ -76,17 +91,35 @@ class Life:
         """(4,) as the last frame left it, pixels."""
         return np.array(self.target.estimate.box)
 
-    def expected(self, interval: float) -> NDArray[np.float64]:
-        """(4,) where its box will be in so many seconds, pixels."""
-        x, y = self.velocity
-        return self.box + interval * np.array([x, y, 0.0, 0.0])
+    @property
+    def expected(self) -> NDArray[np.float64]:
+        """(4,) box where its course is, pixels."""
+        size = self.box[2:]
+        return np.concatenate([self.course.center - size / 2, size])
+
+    def predicted(self, interval: float) -> Life:
+        """The same, with its course so many seconds later."""
+        return replace(self, course=self.course.predict(interval, self.box[3]))
 
     @property
     def is_told(self) -> bool:
         """Whether it is sure enough, and seen well enough, to be told."""
         is_seen = self.belief > 0.0 and self.target.estimate.state != "lost"
+        is_seen = is_seen and not self.is_doubled
         return self.by_hand or (self.is_confirmed and is_seen)
 
     def voted(self, label: str, score: float) -> Life:
         """The same, called by a label once more."""
         return replace(self, votes={**self.votes, label: self.votes.get(label, 0.0) + score})
+
+    def looked(self, look: Look) -> Life:
+        """The same, seen once more alone."""
+        looks = self.looks + 1
+        rate = 1.0 / min(looks + _PRIOR_LOOKS, _LOOKS)
+        differs = max(unlikeness(self.look, look), _LEAST_VARIES)
+        return replace(
+            self,
+            look=blend(self.look, look, max(1.0 / looks, _LOOK_RATE)),
+            varies=self.varies + rate * (differs - self.varies),
+            looks=looks,
+        )

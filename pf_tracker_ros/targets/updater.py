@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import as_box
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.appearance import blend
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
 from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.geometry import covered, overlaps
 from pf_tracker_ros.targets.life import Life
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.measurement import Evidence
-from pf_tracker_ros.tracking.target import Target
 
 # Probability that a detection is not of its target, so that it says nothing of the place.
 _WRONG = 0.02
@@ -36,14 +34,17 @@ _EXPLAINED_FREELY = 0.2
 _GAIN = 0.5
 _FAR_BELOW = 0.5
 _SURE_ABOVE = 0.6
-# Seconds over which velocities are averaged.
-_VELOCITY_TIME = 0.3
+# Standard deviation of a place that the image tells, in the sides of the box.
+_IMAGE_SPREAD = np.array([0.3, 0.2])
 # Confirmations over which sizes are averaged.
 _SIZES = 3.3
+# Seconds without a detection after which a hidden target is not told where its box is as good as
+# that of the one in front.
+_DOUBLED_AFTER = 0.2
+# Degrees of freedom of how far the image may show a target from its course.
+_TAIL = 3.0
 # Seconds from one learning of a confirmed target to the next.
 _LEARN_EVERY = 0.4
-# Share of a detection's look in that of its target.
-_LOOK_RATE = 0.1
 # What a detection adds to the belief in its target, and the most that this can be.
 _HIT, _LEAST_BELIEF, _MOST_BELIEF = 2.0, -1.0, 1.5
 # What the detector misses now it will miss again in a moment: seconds until it decides anew.
@@ -71,7 +72,6 @@ class Updater:
     def update(
         self,
         lives: Sequence[Life],
-        predicted: NDArray[np.float64],
         frame: Frame,
         interval: float,
         own: Sequence[Sighting | None],
@@ -79,13 +79,13 @@ class Updater:
         """The targets one frame later.
 
         Args:
-            lives: N targets after the last frame.
-            predicted: (N, 4) boxes that they are expected in, pixels.
+            lives: N targets after the last frame, their courses in the next one.
             frame: The next one.
             interval: Seconds since the last one.
             own: The detection of each, None where there is none.
         """
         updated = list(lives)
+        predicted = np.array([life.expected for life in lives]).reshape(-1, 4)
         front: list[NDArray[np.float64]] = []
         # What was just confirmed explains its pixels first; of the others, what stands lower in the
         # image, since it is nearer to the camera.
@@ -140,6 +140,8 @@ class Updater:
         is_hidden = False
         if own:
             evidence.append(_of_detection(own.box))
+        else:
+            evidence.append(_of_course(life))
         front = front[_are_near(front, predicted)] if len(front) else front
         if len(front):
             expected = covered(predicted[None], front)[0]
@@ -148,22 +150,27 @@ class Updater:
         if not is_hidden:
             followed = self._follower.follow(target, frame, interval, _all_of(evidence))
             if own is None and len(front):
-                place = np.array([followed.estimate.box])
-                is_hidden = bool(overlaps(place, front).max() > _SAME_ABOVE)
-        velocity = life.velocity
+                is_hidden = _is_on_one(np.array(followed.estimate.box), front)
+        course = life.course
         if is_hidden:
             target = self._follower.coast(target, frame, interval)
+            target = self._follower.move(target, as_box(predicted))
         else:
-            velocity = _moved(life, followed, interval)
             target = followed
+            box = np.array(target.estimate.box)
+            if own is None:
+                course = course.correct(box[:2] + box[2:] / 2, _IMAGE_SPREAD * box[2:])
+        is_doubled = is_hidden and life.unconfirmed_for > _DOUBLED_AFTER
+        is_doubled = is_doubled and _is_on_one(np.array(target.estimate.box), front)
         life = replace(
             life,
             target=target,
-            velocity=velocity,
+            course=course,
             age=life.age + interval,
             unconfirmed_for=life.unconfirmed_for + interval,
             learned_for=life.learned_for + interval,
             is_hidden=is_hidden,
+            is_doubled=is_doubled,
         )
         return self._correct(life, frame, own) if own else life
 
@@ -183,11 +190,12 @@ class Updater:
         learns = goes_over or (life.learned_for >= _LEARN_EVERY and not is_doubted)
         if learns:
             target = self._follower.relearn(target, frame)
+        life = life.looked(own.look) if own.is_clear else life
         return replace(
             life.voted(own.label, own.score),
             target=target,
+            course=life.course.correct(seen, CENTER_SPREAD * size),
             log_size=log_size,
-            look=blend(life.look, own.look, _LOOK_RATE) if own.is_clear else life.look,
             belief=min(max(life.belief, _LEAST_BELIEF) + _HIT, _MOST_BELIEF),
             confirmations=life.confirmations + 1,
             unconfirmed_for=0.0,
@@ -202,13 +210,9 @@ def _are_near(boxes: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray
     return near
 
 
-def _moved(life: Life, followed: Target, interval: float) -> tuple[float, float]:
-    """The velocity of a target after it was seen in one more frame."""
-    before, box = life.box, np.array(followed.estimate.box)
-    way = box[:2] + box[2:] / 2 - before[:2] - before[2:] / 2
-    rate = 1.0 - math.exp(-interval / _VELOCITY_TIME)
-    x, y = (1.0 - rate) * np.array(life.velocity) + rate * way / max(interval, 1e-3)
-    return float(x), float(y)
+def _is_on_one(box: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
+    """Whether a (4,) box is on the object of one of (K, 4) others."""
+    return bool(overlaps(box[None], others).max(initial=0.0) > _SAME_ABOVE)
 
 
 def _of_detection(box: NDArray[np.float64]) -> Evidence:
@@ -218,6 +222,19 @@ def _of_detection(box: NDArray[np.float64]) -> Evidence:
     def log_likelihood(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         apart = (boxes[:, :2] + boxes[:, 2:] / 2 - center) / spread
         return np.log(_WRONG + (1.0 - _WRONG) * np.exp(-0.5 * np.square(apart).sum(axis=1)))
+
+    return log_likelihood
+
+
+def _of_course(life: Life) -> Evidence:
+    """The factor of how a target has moved: it seldom jumps aside."""
+    course, size = life.course, life.box[2:]
+    variance = course.spread + np.square(_IMAGE_SPREAD * size)
+
+    def log_likelihood(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+        apart = boxes[:, :2] + boxes[:, 2:] / 2 - course.center
+        squared = (np.square(apart) / variance).sum(axis=1)
+        return -(_TAIL + 2.0) / 2.0 * np.log1p(squared / _TAIL)
 
     return log_likelihood
 

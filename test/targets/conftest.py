@@ -95,6 +95,31 @@ def crossing():
 
 
 @pytest.fixture(scope="session")
+def passage():
+    """One that passes behind another, who stands."""
+    steps = np.arange(36)
+    return draw(
+        [
+            np.stack([60 + 4 * steps, 90 + 0 * steps], 1),
+            np.stack([140 + 0 * steps, 96 + 0 * steps], 1),
+        ]
+    )
+
+
+@pytest.fixture(scope="session")
+def pair():
+    """One that comes to stand behind another and stays there."""
+    steps = np.arange(24)
+    gap = np.maximum(40 - 5 * steps, 6)
+    return draw(
+        [
+            np.stack([160 - gap, 90 + 0 * steps], 1),
+            np.stack([160 + 0 * steps, 94 + 0 * steps], 1),
+        ]
+    )
+
+
+@pytest.fixture(scope="session")
 def leaver():
     """A target that leaves at the right and comes back there, beside one that stays."""
     steps = np.arange(50)

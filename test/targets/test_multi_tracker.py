@@ -365,3 +365,33 @@ def test_gray_images_of_every_kind(walkers, make_tracker, dtype):
         gray = walkers.images[number].mean(axis=2).astype(dtype)
         answer = tracker.update(gray, INTERVAL, walkers.detections(number) if number == 0 else None)
     assert len(answer) == 3
+
+
+def test_a_hidden_target_goes_on_as_it_went(passage, make_tracker, iou):
+    tracker = make_tracker()
+    for number, image in enumerate(passage.images):
+        hidden = iou(*passage.boxes[number][:2]) > 0.2
+        told = tracker.update(
+            image, INTERVAL, passage.detections(number, targets=[1] if hidden else None)
+        )
+        if number == 5:
+            walker = min(told, key=lambda one: one.estimate.box[0]).id
+        if number > 5:
+            life = next(
+                one for one in tracker._crowd.lives if tracker._names.get(one.key) == walker
+            )
+            assert iou(life.box, passage.boxes[number][0]) > 0.5, number
+
+
+def test_a_target_behind_another_is_not_told_on_the_same_spot_for_long(pair, make_tracker, iou):
+    tracker = make_tracker()
+    doubled = 0
+    for number, image in enumerate(pair.images):
+        both = number < 8
+        told = tracker.update(
+            image, INTERVAL, pair.detections(number, targets=[0, 1] if both else [1])
+        )
+        boxes = [target.estimate.box for target in told]
+        assert len(told) >= (1 if number > 3 else 0)
+        doubled += len(boxes) == 2 and iou(*boxes) > 0.5
+    assert doubled <= 3

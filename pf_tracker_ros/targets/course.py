@@ -1,0 +1,86 @@
+"""Where a target goes: the place and velocity of its center, and how sure they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+# How much a velocity changes in a second, box heights a second: people walk on.
+_ACCELERATION = 0.2
+# Standard deviation of a new target's velocity, heights a second.
+_FIRST_SPEED = 0.3
+# What is measured farther from the prediction than so many standard deviations moves it no more
+# than that.
+_MOST_DEVIATIONS = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A Kalman filter of nearly constant velocity, both axes on their own; a value.
+
+    Particles tell where a target is in the image at hand. This remembers how it has moved, over
+    detections that jitter and while others hide it.
+
+    Attributes:
+        center: (2,) of the box, pixels.
+        velocity: (2,) pixels per second.
+        spread: (2,) variance of the center, px^2.
+        shared: (2,) covariance of center and velocity, px^2/s.
+        speed_spread: (2,) variance of the velocity, px^2/s^2.
+    """
+
+    center: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    spread: NDArray[np.float64]
+    shared: NDArray[np.float64]
+    speed_spread: NDArray[np.float64]
+
+    @classmethod
+    def begin(cls, box: NDArray[np.float64], deviation: NDArray[np.float64]) -> Course:
+        """That of a target at rest, in all likelihood.
+
+        Args:
+            box: (4,) of the target, pixels.
+            deviation: (2,) standard deviation of its center, pixels.
+        """
+        speed = np.full(2, np.square(_FIRST_SPEED * box[3]))
+        return cls(box[:2] + box[2:] / 2, np.zeros(2), np.square(deviation), np.zeros(2), speed)
+
+    def predict(self, interval: float, height: float) -> Course:
+        """The course some seconds later, for a target of a height in pixels."""
+        noise = np.square(_ACCELERATION * height) * interval
+        return replace(
+            self,
+            center=self.center + interval * self.velocity,
+            spread=self.spread
+            + 2.0 * interval * self.shared
+            + interval**2 * self.speed_spread
+            + noise * interval**2 / 3.0,
+            shared=self.shared + interval * self.speed_spread + noise * interval / 2.0,
+            speed_spread=self.speed_spread + noise,
+        )
+
+    def correct(self, center: NDArray[np.float64], deviation: NDArray[np.float64]) -> Course:
+        """The course after the center was measured.
+
+        Args:
+            center: (2,) pixels.
+            deviation: (2,) standard deviation of it, pixels.
+        """
+        total = self.spread + np.square(deviation)
+        farthest = _MOST_DEVIATIONS * np.sqrt(total)
+        surprise = np.clip(center - self.center, -farthest, farthest)
+        gain, speed_gain = self.spread / total, self.shared / total
+        return Course(
+            self.center + gain * surprise,
+            self.velocity + speed_gain * surprise,
+            (1.0 - gain) * self.spread,
+            (1.0 - gain) * self.shared,
+            self.speed_spread - speed_gain * self.shared,
+        )
+
+    def move(self, shift: NDArray[np.float64]) -> Course:
+        """The same course from another place, by a (2,) shift in pixels."""
+        return replace(self, center=self.center + shift)

@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+
+from pf_tracker_ros.targets.course import Course
+
+INTERVAL = 0.1
+HEIGHT = 100.0
+DEVIATION = np.array([6.0, 10.0])
+
+
+def walked(places):
+    """The course over measured places, the first one too."""
+    first = np.asarray(places[0], float)
+    course = Course.begin(np.array([*(first - (20.0, 50.0)), 40.0, HEIGHT]), DEVIATION)
+    for place in places[1:]:
+        course = course.predict(INTERVAL, HEIGHT).correct(np.asarray(place, float), DEVIATION)
+    return course
+
+
+def test_who_walked_on_is_expected_farther_on():
+    draw = np.random.default_rng(3)
+    steps = np.arange(60)
+    true = np.stack([100 + 5.0 * steps, 200 - 2.0 * steps], axis=1)
+    course = walked(true + draw.normal(size=true.shape) * (3.0, 4.0))
+    for _ in range(10):
+        course = course.predict(INTERVAL, HEIGHT)
+    assert course.center == pytest.approx(true[-1] + 10 * np.array([5.0, -2.0]), abs=12.0)
+
+
+def test_it_is_less_sure_the_longer_nothing_is_measured():
+    course = walked([(100, 200)] * 20)
+    spreads = [course.spread]
+    for _ in range(10):
+        course = course.predict(INTERVAL, HEIGHT)
+        spreads.append(course.spread)
+    assert (np.diff(spreads, axis=0) > 0).all()
+    assert (np.diff(spreads, 2, axis=0) > 0).all()
+
+
+def test_what_is_measured_narrows_it_and_one_far_off_does_not_carry_it_away():
+    course = walked([(100, 200)] * 20).predict(INTERVAL, HEIGHT)
+    corrected = course.correct(np.array([1000.0, 200.0]), DEVIATION)
+    assert (corrected.spread < course.spread).all()
+    assert abs(corrected.center[0] - 100.0) < 15.0
+    assert corrected.center[1] == pytest.approx(200.0, abs=1.0)
+
+
+@pytest.mark.parametrize("seconds", [0.0, 1e-3, 3600.0])
+def test_any_time_may_have_passed(seconds):
+    course = walked([(100, 200)] * 3).predict(seconds, HEIGHT)
+    course = course.correct(np.array([120.0, 200.0]), DEVIATION)
+    for value in (course.center, course.velocity, course.spread, course.speed_spread):
+        assert np.isfinite(value).all()
+    assert (course.spread > 0).all()
+    assert (course.speed_spread > 0).all()
+    assert (course.shared**2 <= course.spread * course.speed_spread).all()
