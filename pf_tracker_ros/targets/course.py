@@ -84,3 +84,14 @@ class Course:
     def move(self, shift: NDArray[np.float64]) -> Course:
         """The same course from another place, by a (2,) shift in pixels."""
         return replace(self, center=self.center + shift)
+
+    def scale(self, factors: NDArray[np.float64]) -> Course:
+        """The same course in an image of another size, by (2,) factors of its width and height."""
+        squares = np.square(factors)
+        return Course(
+            self.center * factors,
+            self.velocity * factors,
+            self.spread * squares,
+            self.shared * squares,
+            self.speed_spread * squares,
+        )

@@ -141,11 +141,8 @@ def resized(memory: Memory, follower: Follower, like: NDArray[np.generic]) -> Cr
 
 def _scaled(life: Life, factors: NDArray[np.float64]) -> Life:
     """What is known of a target beside the filter, by how many pixels one becomes on each axis."""
-    across, down = (float(factor) for factor in factors)
     return replace(
-        life,
-        log_size=life.log_size + np.log(factors),
-        velocity=(life.velocity[0] * across, life.velocity[1] * down),
+        life, log_size=life.log_size + np.log(factors), course=life.course.scale(factors)
     )
 
 

@@ -54,3 +54,13 @@ def test_any_time_may_have_passed(seconds):
     assert (course.spread > 0).all()
     assert (course.speed_spread > 0).all()
     assert (course.shared**2 <= course.spread * course.speed_spread).all()
+
+
+def test_an_image_of_another_size_changes_the_unit_alone():
+    factors = np.array([2.0, 2.0])
+    measured = np.array([130.0, 190.0])
+    small = walked([(100, 200), (104, 199), (109, 197)])
+    large = small.scale(factors).predict(INTERVAL, 2 * HEIGHT).correct(2 * measured, 2 * DEVIATION)
+    small = small.predict(INTERVAL, HEIGHT).correct(measured, DEVIATION)
+    for name, power in (("center", 1), ("velocity", 1), ("spread", 2), ("speed_spread", 2)):
+        np.testing.assert_allclose(getattr(large, name), getattr(small, name) * 2**power)
