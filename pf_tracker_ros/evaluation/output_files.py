@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -67,8 +68,16 @@ class OutputFile:
 def _workplace(path: Path) -> Iterator[Path]:
     """A path in a folder of its own beside a file, on the same file system."""
     target = path.resolve()
-    with tempfile.TemporaryDirectory(prefix=".results_", dir=target.parent) as folder:
+    folder = tempfile.mkdtemp(prefix=".results_", dir=target.parent)
+    try:
         yield Path(folder) / target.name
+    finally:
+        try:
+            shutil.rmtree(folder)
+        except BaseException:
+            # A signal that ends the process may come in the middle of it.
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
 
 
 def _flush_to_disk(path: Path) -> None:

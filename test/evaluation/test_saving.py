@@ -154,3 +154,20 @@ def test_a_file_to_write_is_not_touched_before_there_is_something_to_write(tmp_p
     os.mkfifo(path)
     with pytest.raises(EvaluationError, match="no regular file"):
         OutputFile(path)
+
+
+def test_an_interruption_while_the_draft_is_taken_away_leaves_none(tmp_path, monkeypatch):
+    file = OutputFile(tmp_path / "r.json")
+    remove, moments = os.rmdir, []
+
+    def interrupted(*args, **options):
+        if not moments:
+            moments.append(args)
+            raise KeyboardInterrupt
+        remove(*args, **options)
+
+    monkeypatch.setattr(os, "rmdir", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        file.write(lambda draft: draft.write_text("new"))
+    assert [path.name for path in tmp_path.iterdir()] == ["r.json"]
+    assert (tmp_path / "r.json").read_text() == "new"
