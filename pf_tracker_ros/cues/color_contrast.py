@@ -150,7 +150,7 @@ class ColorContrast(SearchableCue):
         contrast = np.float64((seen.inside - seen.ring) @ template.probabilities)
         share = contrast / template.contrast if template.contrast > 0.0 else 1.0
         return Match(
-            float(self._log_likelihood(contrast, template)), float(np.clip(share, 0.0, 1.0))
+            float(self._log_likelihood(contrast, template)), min(max(float(share), 0.0), 1.0)
         )
 
     def log_odds(

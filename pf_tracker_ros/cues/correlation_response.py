@@ -271,18 +271,28 @@ class CorrelationResponse(SearchableCue):
         # A view may answer more than the one that was learned; still no place beats the best.
         full = max(template.reference, answers.largest)
         centers = boxes[:, :2] + boxes[:, 2:] / 2
-        sizes = boxes[:, 2] * boxes[:, 3] / (region.place[2] * region.place[3])
-        steps = np.log(sizes) / (2 * self._log_step) + self._middle
-        steps = np.clip(steps, 0, len(self._steps) - 1)
+        steps = self._steps_of(boxes, region.place)
         # No more of the maps are read than any box asks for.
         lowest, highest = math.floor(steps.min()), math.ceil(steps.max())
         read = np.stack([answers.read(size, centers) for size in range(lowest, highest + 1)])
         if lowest == highest:
-            return np.clip(read[0] / full, 0.0, 1.0)
-        below = np.minimum(steps.astype(np.intp), highest - 1)
-        share, each, below = steps - below, np.arange(len(boxes)), below - lowest
-        between = (1.0 - share) * read[below, each] + share * read[below + 1, each]
-        return np.clip(between / full, 0.0, 1.0)
+            at_boxes = read[0]
+        else:
+            below = np.minimum(steps.astype(np.intp), highest - 1)
+            share, each, below = steps - below, np.arange(len(boxes)), below - lowest
+            at_boxes = (1.0 - share) * read[below, each] + share * read[below + 1, each]
+        return np.minimum(np.maximum(at_boxes / full, 0.0), 1.0)
+
+    def _steps_of(
+        self, boxes: NDArray[np.float64], place: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(N,) places of (N, 4) boxes' sizes in the row of those that are looked at, from 0 on."""
+        last = len(self._steps) - 1
+        if last == 0:
+            return np.zeros(len(boxes))
+        sizes = boxes[:, 2] * boxes[:, 3] / (place[2] * place[3])
+        steps = np.log(sizes) / (2 * self._log_step) + self._middle
+        return np.minimum(np.maximum(steps, 0.0), last)
 
     def _answers(self, region: Region, template: CorrelationTemplate) -> _Answers:
         windows = region.share(
