@@ -15,6 +15,8 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.appearance import Look, look_at
 from pf_tracker_ros.targets.geometry import overlaps
 
+# Characters of a label.
+_LONGEST_LABEL = 100
 # No camera shows more that could be told apart; the best scores are kept.
 _MOST = 200
 # Two boxes that overlap by more than this (intersection over union) are one object, seen twice.
@@ -178,7 +180,7 @@ def sightings(
         Sighting(
             box,
             float(np.clip(detections.scores[number], 0.0, 1.0)),
-            detections.labels[number],
+            detections.labels[number][:_LONGEST_LABEL],
             look_at(frame, box),
             bool(is_clear),
         )

@@ -15,8 +15,8 @@ from pf_tracker_ros.targets.history import History, Moment
 from pf_tracker_ros.targets.keeper import CrowdKeeper
 from pf_tracker_ros.targets.life import Life
 
-# What counts of detections in a frame, and why others do not.
-Looker = Callable[[Detections, Frame], tuple[tuple[Sighting, ...], list[str]]]
+# What counts of detections in a frame, None where they say nothing of it; why others do not.
+Looker = Callable[[Detections, Frame], tuple[tuple[Sighting, ...] | None, list[str]]]
 
 
 def fill_in(
@@ -98,10 +98,15 @@ def follow_alone(
     return alone.lives, revised
 
 
-def merged(known: tuple[Sighting, ...] | None, seen: tuple[Sighting, ...]) -> tuple[Sighting, ...]:
-    """What was said of a frame, and what is said of it in addition, each object once."""
-    if not known:
-        return seen
+def merged(
+    known: tuple[Sighting, ...] | None, seen: tuple[Sighting, ...] | None
+) -> tuple[Sighting, ...] | None:
+    """What was said of a frame, and what is said of it in addition, each object once.
+
+    What was known keeps its places, which targets are named by.
+    """
+    if not known or seen is None:
+        return known if seen is None else seen
     boxes = np.array([one.box for one in known])
     new = [one for one in seen if overlaps(one.box[None], boxes).max() <= DOUBLED_ABOVE]
-    return (*new, *known)
+    return (*known, *new)

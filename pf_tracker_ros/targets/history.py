@@ -64,6 +64,12 @@ class History:
         self._most_frames, self._most_bytes = frames, megabytes * 1e6
         self._trim()
 
+    def emptied(self) -> History:
+        """Another one with the same bounds, and without moments."""
+        other = History()
+        other.limit(self._most_frames, self._most_bytes / 1e6)
+        return other
+
     def clear(self) -> None:
         """Forget all moments."""
         self.put(())

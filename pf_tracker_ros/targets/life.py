@@ -18,6 +18,8 @@ from pf_tracker_ros.tracking.target import Target
 USUALLY_VARIES, _PRIOR_LOOKS = 0.12, 10
 # Detections that a look, and how much it varies, are averages of; and the least that it varies.
 _LOOKS, _LEAST_VARIES = 30, 0.02
+# Labels of a target that are counted.
+_MOST_LABELS = 10
 # Least share of a detection's look in that of its target.
 _LOOK_RATE = 0.05
 
@@ -110,7 +112,12 @@ class Life:
 
     def voted(self, label: str, score: float) -> Life:
         """The same, called by a label once more."""
-        return replace(self, votes={**self.votes, label: self.votes.get(label, 0.0) + score})
+        votes = {**self.votes, label: self.votes.get(label, 0.0) + score}
+        if len(votes) > _MOST_LABELS:
+            # The newest one stays, or no other could ever win.
+            least = min((one for one in votes if one != label), key=lambda one: votes[one])
+            del votes[least]
+        return replace(self, votes=votes)
 
     def looked(self, look: Look) -> Life:
         """The same, seen once more alone."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -14,7 +15,7 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import ParameterError, build, change, flatten
 from pf_tracker_ros.targets.crowd import Crowd
-from pf_tracker_ros.targets.detections import Detections, Sighting, sightings
+from pf_tracker_ros.targets.detections import Detections, Sighting, sightings, usable
 from pf_tracker_ros.targets.hindsight import fill_in, follow_alone, merged, work_out
 from pf_tracker_ros.targets.history import History, Moment
 from pf_tracker_ros.targets.keeper import CrowdKeeper
@@ -75,7 +76,7 @@ class MultiTracker:
         return copy.deepcopy(self)
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_history": History()}
+        return self.__dict__ | {"_history": self._history.emptied()}
 
     @classmethod
     def from_preset(
@@ -331,7 +332,8 @@ class MultiTracker:
         lives = {
             self._names.get(life.key): life for life in (*self._crowd.lives, *self._crowd.gone)
         }
-        life = lives.get(id) if isinstance(id, int | np.integer) else None
+        is_number = isinstance(id, int | np.integer) and not isinstance(id, bool)
+        life = lives.get(id) if is_number else None
         if life is None:
             known = ", ".join(str(target.id) for target in self.targets) or "none"
             raise ValueError(f"no target has the id {id!r}; there are: {known}")
@@ -397,11 +399,14 @@ class MultiTracker:
 
     def _sightings(
         self, detections: Detections, frame: Frame
-    ) -> tuple[tuple[Sighting, ...], list[str]]:
+    ) -> tuple[tuple[Sighting, ...] | None, list[str]]:
         detector = self._parameters.detector
         wanted = detections.with_labels(detector.labels)
         seen, reasons = sightings(wanted, frame, detector.score_above)
-        return tuple(seen), reasons
+        if seen or not len(wanted) or len(usable(wanted, frame.size, -math.inf)[0]):
+            return tuple(seen), reasons
+        # None of the boxes makes sense: that does not say that nothing is there.
+        return None, reasons
 
     def _open(self, image: NDArray[np.generic], interval: float, boxes: Sequence[Box]) -> Frame:
         follows_light = self._follower.parameters.follow_light

@@ -395,3 +395,60 @@ def test_a_target_behind_another_is_not_told_on_the_same_spot_for_long(pair, mak
         assert len(told) >= (1 if number > 3 else 0)
         doubled += len(boxes) == 2 and iou(*boxes) > 0.5
     assert doubled <= 3
+
+
+# Detectors that do not work as they should
+
+
+def test_another_detector_s_later_answer_of_the_same_frame_keeps_the_ids(walkers, make_tracker):
+    tracker = make_tracker()
+    told = []
+    for number in range(8):
+        seen = {0: walkers.detections(0, [1]), 3: walkers.detections(0, [0, 2], age=3 * INTERVAL)}
+        told.append(tracker.update(walkers.images[number], INTERVAL, seen.get(number)))
+    assert [target.id for target in told[0]] == [1]
+    assert [target.id for target in told[-1]] == [1, 2, 3]
+    (before,), (after, *_) = told[2], told[-1]
+    assert abs(before.estimate.box[0] - 5 * 3 - after.estimate.box[0]) < 5.0
+
+
+@pytest.mark.parametrize("box", [(np.nan, 1, 20, 20), (0.4, 0.5, 0.1, 0.2), (5000, 10, 20, 20)])
+def test_answers_of_which_nothing_makes_sense_do_not_say_that_nothing_is_there(
+    walkers, make_tracker, box
+):
+    tracker = make_tracker()
+    tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
+    for image in walkers.images[1:]:
+        targets = tracker.update(image, INTERVAL, Detections([box]))
+        assert [target.id for target in targets] == [1, 2, 3]
+        assert "1 of 1 detections left out" in tracker.left_out[0]
+
+
+def test_a_detector_that_writes_more_into_its_labels_each_time_needs_no_more_memory(
+    walkers, make_tracker
+):
+    tracker = make_tracker()
+    sizes = []
+    for number in range(25):
+        labels = [f"person {number:04d} " + "x" * 100_000] * 3
+        seen = walkers.detections(number, labels=labels)
+        targets = tracker.update(walkers.images[number], INTERVAL, seen)
+        sizes.append(len(pickle.dumps(tracker)))
+    assert all(len(target.label) <= 100 for target in targets)
+    assert sizes[-1] < sizes[12] + 50_000
+
+
+def test_a_truth_value_is_no_id(walkers, make_tracker):
+    tracker = make_tracker()
+    tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
+    with pytest.raises(ValueError, match="no target has the id True"):
+        tracker.stop(True)
+
+
+def test_a_copy_keeps_no_more_frames_than_it_was_allowed(walkers, make_tracker):
+    tracker = make_tracker()
+    tracker.history.limit(3, 10.0)
+    other = copy.deepcopy(tracker)
+    for image in walkers.images[:8]:
+        other.update(image, INTERVAL)
+    assert len(other.history) == 3

@@ -59,8 +59,9 @@ def detections_of(message: Any) -> list[Json]:
     detections = []
     for detection in message.detections[:_MOST]:
         center, width, height = detection.bbox.center, detection.bbox.size_x, detection.bbox.size_y
-        across, down = abs(math.cos(center.theta)), abs(math.sin(center.theta))
-        width, height = width * across + height * down, width * down + height * across
+        if math.isfinite(center.theta):
+            across, down = abs(math.cos(center.theta)), abs(math.sin(center.theta))
+            width, height = width * across + height * down, width * down + height * across
         box = [center.position.x - width / 2, center.position.y - height / 2, width, height]
         if not all(math.isfinite(value) for value in box):
             continue

@@ -79,12 +79,17 @@ def test_detections_are_upright_boxes_with_the_best_label():
         detections=[
             detection(50.0, 60.0, 20.0, 10.0, car=0.2, van=0.7),
             detection(50.0, 60.0, 20.0, 10.0, theta=np.pi / 2),
+            # As the tracker takes them.
+            detection(50.0, 60.0, 20.0, 10.0, theta=np.inf),
+            detection(50.0, 60.0, 20.0, 10.0, theta=np.nan),
             detection(float("nan"), 0.0, 1.0, 1.0),
         ]
     )
     assert detections_of(message) == [
         {"box": [40.0, 55.0, 20.0, 10.0], "label": "van"},
         {"box": [45.0, 50.0, 10.0, 20.0], "label": ""},
+        {"box": [40.0, 55.0, 20.0, 10.0], "label": ""},
+        {"box": [40.0, 55.0, 20.0, 10.0], "label": ""},
     ]
 
 
