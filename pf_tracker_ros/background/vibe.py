@@ -27,6 +27,8 @@ BackgroundStatus = Literal["still", "warped", "restarted"]
 
 # No scene has more foreground than this share: then the camera has moved, or the light changed.
 _LARGEST_FOREGROUND = 0.5
+# Pixels of the model up to which images are halved; a model of more takes seconds to begin.
+_USUAL_REDUCTION, _MOST_PIXELS = 2, 960 * 540
 _UNKNOWN_MOTION = "the camera's motion could not be estimated"
 _ALL_CHANGED = "most of the image has changed, as when the camera moves"
 
@@ -87,7 +89,7 @@ class BackgroundModel:
         update_every: A background pixel updates its samples, and a neighbor's, once in so many
             frames on average.
         reduction: Whole number of image pixels that one pixel of the model averages along each
-            axis.
+            axis; None for 2, and more where the model would have more pixels than for 1920 x 1080.
         color: Whether the model keeps colors; without, it keeps brightness at a third of the cost.
 
     Attributes:
@@ -109,10 +111,10 @@ class BackgroundModel:
         radius: int = 20,
         matches: int = 2,
         update_every: int = 16,
-        reduction: int = 2,
+        reduction: int | None = None,
         color: bool = True,
     ) -> None:
-        self.reduction = reduction
+        self.reduction = _usual_reduction(image) if reduction is None else reduction
         self._samples = samples
         self._radius = radius
         self._matches = matches
@@ -316,3 +318,8 @@ class BackgroundModel:
 def _gray(planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The brightest part of the eye's answer, green, is brightness enough to follow points."""
     return planes[len(planes) // 2]
+
+
+def _usual_reduction(image: NDArray[np.uint8]) -> int:
+    pixels = image.shape[0] * image.shape[1]
+    return max(math.ceil(math.sqrt(pixels / _MOST_PIXELS)), _USUAL_REDUCTION)
