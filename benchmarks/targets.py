@@ -9,25 +9,26 @@ frames, and averaged.
 
     python benchmarks/targets.py --sequence MOT_DIR FRAMES --output benchmarks/results
 
-It writes targets.csv, targets.md and targets.png. Peers that are not installed are left out. Of
-`trackeval`, `trackers` and `norfair` some ask for another OpenCV, or another Rich, than the other
-benchmarks: give them an environment of their own.
+It writes targets.json, targets.md and targets.png; what an earlier run has left in targets.json is
+kept beside the new outcomes, so that trackers can be run one after another. Peers that are not
+installed are left out. `trackers` from 2.6 on and `norfair` ask for different versions of Rich:
+give each an environment of its own, with `trackeval` in it.
 """
 
 from __future__ import annotations
 
 import argparse
 import configparser
-import csv
 import functools
 import importlib
 import importlib.util
 import itertools
+import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -200,21 +201,21 @@ class Outcome:
 
 
 def compare(
-    sequences: Iterable[Annotated], trackers: dict[str, Callable[[float], TargetTracker]]
-) -> list[Outcome]:
+    sequences: Iterable[Annotated], trackers: dict[str, Callable[..., TargetTracker]]
+) -> Iterator[Outcome]:
     """Run all trackers on all sequences at all intervals."""
-    outcomes = []
     for sequence in sequences:
         for every, firsts in PHASES.items():
             for name, make in trackers.items():
                 scores = [
-                    score(sequence.truth, run(make(sequence.interval), sequence, every, first))
+                    score(
+                        sequence.truth,
+                        run(make(sequence.interval, every=every), sequence, every, first),
+                    )
                     for first in firsts
                 ]
                 figures = {key: float(np.mean([one[key] for one in scores])) for key in scores[0]}
-                outcomes.append(Outcome(name, sequence.name, every, figures))
-                print(_line(outcomes[-1]), flush=True)
-    return outcomes
+                yield Outcome(name, sequence.name, every, figures)
 
 
 def _line(outcome: Outcome) -> str:
@@ -236,37 +237,75 @@ def table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def plot(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """HOTA over the detector's interval, the mean over the sequences, a line a tracker."""
-    import matplotlib as mpl
+    """HOTA over the detector's interval, a panel a sequence, a labeled line a tracker."""
+    # A Figure of its own, not pyplot's: no window system, no figures left open.
+    from matplotlib.figure import Figure
 
-    mpl.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(figsize=(6.0, 4.0), layout="constrained")
-    for name in dict.fromkeys(one.tracker for one in outcomes):
-        means = [
-            np.mean(
-                [one.figures["HOTA"] for one in outcomes if (one.tracker, one.every) == (name, k)]
+    sequences = list(dict.fromkeys(one.sequence for one in outcomes))
+    figure = Figure(figsize=(5.2 * len(sequences), 4.2), layout="constrained")
+    panels = figure.subplots(1, len(sequences), sharey=True, squeeze=False)[0]
+    top = 5.0 * np.ceil(max(one.figures["HOTA"] for one in outcomes) / 5.0) + 2.0
+    for axes, sequence in zip(panels, sequences, strict=True):
+        ends: list[tuple[float, str, str]] = []
+        for number, name in enumerate(TRACKERS):
+            points = sorted(
+                (one.every, one.figures["HOTA"])
+                for one in outcomes
+                if (one.sequence, one.tracker) == (sequence, name)
             )
-            for k in PHASES
-        ]
-        style = "o-" if name == OURS else "o--"
-        axes.plot(list(PHASES), means, style, label=name, linewidth=2.5 if name == OURS else 1.2)
-    axes.set(xlabel="a detector sees every k-th frame", ylabel="HOTA, %", xticks=list(PHASES))
-    axes.grid(alpha=0.3)
-    axes.legend()
+            if not points:
+                continue
+            is_ours = name == OURS
+            color, marker = _COLORS[number % len(_COLORS)], _MARKERS[number % len(_MARKERS)]
+            line = "-" if is_ours else "--"
+            width = 2.8 if is_ours else 1.4
+            axes.plot(*zip(*points, strict=True), line, marker=marker, color=color, linewidth=width)
+            ends.append((points[-1][1], name, color))
+        height = -np.inf
+        for end, name, color in sorted(ends):
+            height = max(end, height + 0.045 * top)
+            weight = "bold" if name == OURS else "normal"
+            axes.annotate(
+                name,
+                (max(PHASES), end),
+                (max(PHASES) + 0.6, height),
+                color=color,
+                va="center",
+                weight=weight,
+                arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.6},
+            )
+        axes.set(title=sequence, xlabel="a detector sees every k-th frame", ylim=(0.0, top))
+        axes.set(xticks=list(PHASES), xlim=(0.5, 1.6 * max(PHASES)))
+        axes.grid(alpha=0.3)
+    panels[0].set_ylabel("HOTA, %")
     figure.savefig(path, dpi=120)
-    pyplot.close(figure)
 
 
-def write_csv(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """One line an outcome."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["tracker", "sequence", "every", *FIGURES])
-        for one in outcomes:
-            figures = [f"{one.figures[name]:.3f}" for name in FIGURES]
-            writer.writerow([one.tracker, one.sequence, one.every, *figures])
+_COLORS = ("#0072b2", "#000000", "#d55e00", "#009e73", "#b8860b", "#aa4499")
+_MARKERS = "os^vDX"
+
+
+def read_outcomes(path: Path) -> list[Outcome]:
+    """What earlier runs have written; nothing if there is no file.
+
+    Raises:
+        ValueError: The file holds something else.
+    """
+    if not path.exists():
+        return []
+    try:
+        return [Outcome(**one) for one in json.loads(path.read_text(encoding="utf-8"))]
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path} holds no outcomes of this benchmark; remove it") from error
+
+
+def add(outcomes: Iterable[Outcome], new: Outcome) -> list[Outcome]:
+    """All outcomes in the order of the table, the new one in place of an older one of its kind."""
+    kinds = {(one.sequence, one.every, one.tracker): one for one in (*outcomes, new)}
+    order = list(TRACKERS)
+    return sorted(
+        kinds.values(), key=lambda one: (one.sequence, one.every, order.index(one.tracker))
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -312,12 +351,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         sequences = [read_sequence(*paths) for paths in options.sequence]
         options.output.mkdir(parents=True, exist_ok=True)
-        outcomes = compare(sequences, trackers)
+        outcomes = read_outcomes(options.output / "targets.json")
+        for outcome in compare(sequences, trackers):
+            print(_line(outcome), flush=True)
+            outcomes = add(outcomes, outcome)
+            (options.output / "targets.json").write_text(
+                json.dumps([asdict(one) for one in outcomes], indent=1) + "\n", encoding="utf-8"
+            )
         figures = table(outcomes)
         figures.show()
         lines = figures.markdown()
         (options.output / "targets.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-        write_csv(options.output / "targets.csv", outcomes)
         plot(options.output / "targets.png", outcomes)
     except (FootageError, OSError, ValueError, configparser.Error) as error:
         parser.error(" ".join(str(error).split()))

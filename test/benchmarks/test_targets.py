@@ -61,3 +61,15 @@ def test_perfect_boxes_score_all(benchmark, folders):
     assert figures["HOTA"] == pytest.approx(100.0)
     assert figures["switches"] == figures["overlap %"] == 0.0
     assert json.dumps(figures)
+
+
+def test_a_later_run_adds_to_the_outcomes_of_an_earlier_one(benchmark, tmp_path):
+    targets = benchmark("targets")
+    first, again = (targets.Outcome("SORT", "drawn", 5, {"HOTA": hota}) for hota in (20.0, 30.0))
+    ours = targets.Outcome(targets.OURS, "drawn", 5, {"HOTA": 40.0})
+    assert targets.add(targets.add([first], ours), again) == [ours, again]
+    path = tmp_path / "targets.json"
+    assert targets.read_outcomes(path) == []
+    path.write_text("[{}]")
+    with pytest.raises(ValueError, match="holds no outcomes"):
+        targets.read_outcomes(path)
