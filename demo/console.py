@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -32,6 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code: 1 if a step failed.
     """
+    signal.signal(signal.SIGTERM, _end)
     parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
     parser.add_argument("--clip", choices=_NAMES, default=_NAMES[0], help="what to look at")
     parser.add_argument("--port", type=int, default=8642, help="to serve the page on")
@@ -54,6 +56,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
 
 
+def _end(*_: object) -> None:
+    """End as by Ctrl-C, which ends tracker and console as well."""
+    raise KeyboardInterrupt
+
+
 def _serve(recording: Path, port: int) -> int:
     """Run the console on the terminal; its exit code."""
     executable = Path(sys.executable).parent / "console"
@@ -63,8 +70,8 @@ def _serve(recording: Path, port: int) -> int:
             try:
                 return process.wait()
             except KeyboardInterrupt:
-                # The terminal has told the console as well.
-                continue
+                # A terminal has told the console as well, others have not.
+                process.send_signal(signal.SIGINT)
 
 
 if __name__ == "__main__":

@@ -17,13 +17,15 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from pf_tracker_ros.launching import PACKAGE, Given, argument
+from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
+from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.presets import PRESETS
 
-TEXTS = ("image_reliability", "image_transport", "built_in_detector")
+TEXTS = ("image_reliability", "image_transport")
 
 
 def start_tracker(context: LaunchContext) -> list[Node]:
-    """The tracker node with what was given; the rest is for its own defaults."""
+    """The tracker node with what was given, and a console; the rest is for their own defaults."""
     given = Given(context)
     parameters = {"use_sim_time": given.flag("use_sim_time")}
     parameters["max_targets"] = given.number("max_targets", int)
@@ -32,6 +34,9 @@ def start_tracker(context: LaunchContext) -> list[Node]:
             parameters[name] = ParameterValue(given.text(name), value_type=str)
     if preset := given.choice("preset", PRESETS):
         parameters["preset"] = preset
+    detectors = declarations(NodeParameters)["built_in_detector"].choices
+    if detector := given.choice("built_in_detector", detectors):
+        parameters["built_in_detector"] = detector
     if labels := given.words("labels"):
         parameters["detector.labels"] = labels
     if given.text("score_above"):
@@ -40,24 +45,24 @@ def start_tracker(context: LaunchContext) -> list[Node]:
         parameters["built_in_detector_rate"] = given.number("built_in_detector_rate", float)
     if given.text("seed"):
         parameters["seed"] = given.number("seed", int)
-    return [
-        Node(
-            package=PACKAGE,
-            executable="tracker",
-            name="pf_tracker",
-            namespace=given.text("namespace") or None,
-            # What comes later wins, so an argument wins over the file.
-            parameters=[*given.file("params_file"), parameters],
-            remappings=[
-                ("image", given.text("image")),
-                ("detections", given.text("detections")),
-            ],
-            arguments=given.log_arguments(),
-            additional_env=given.environment(),
-            output="screen",
-            emulate_tty=True,
-        )
-    ]
+    of_both = {
+        "package": PACKAGE,
+        "namespace": given.text("namespace") or None,
+        "remappings": [
+            ("image", given.text("image")),
+            ("detections", given.text("detections")),
+        ],
+        "arguments": given.log_arguments(),
+        "additional_env": given.environment(),
+        "output": "screen",
+        "emulate_tty": True,
+    }
+    # What comes later wins, so an argument wins over the file.
+    all_parameters = [*given.file("params_file"), parameters]
+    nodes = [Node(executable="tracker", name="pf_tracker", parameters=all_parameters, **of_both)]
+    if given.flag("console"):
+        nodes.append(Node(executable="console", name="console", **of_both))
+    return nodes
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -88,6 +93,11 @@ def generate_launch_description() -> LaunchDescription:
                 "image_transport", "raw, or compressed for JPEG and PNG on <image>/compressed."
             ),
             argument("seed", "Seeds all randomness."),
+            argument(
+                "console",
+                "Serve the page that shows and drives the tracker on the loopback, port 8642.",
+                default="false",
+            ),
             argument("use_sim_time", "Take the time from /clock.", default="false"),
             argument(
                 "large_images",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 import numpy as np
@@ -67,20 +67,20 @@ class Estimate:
     state: TrackState
     confidence: float
     covariance: NDArray[np.float64]
-    particles: NDArray[np.float64]
-    particle_boxes: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    particles: NDArray[np.float64] = field(repr=False)
+    particle_boxes: NDArray[np.float64] = field(repr=False)
+    weights: NDArray[np.float64] = field(repr=False)
     effective_sample_size: float
     powers: Mapping[str, float]
     background: BackgroundState | None = None
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for one in fields(self):
+            value = getattr(self, one.name)
             if isinstance(value, np.ndarray) and value.flags.writeable:
                 value = value.copy()
                 value.setflags(write=False)
-                object.__setattr__(self, field.name, value)
+                object.__setattr__(self, one.name, value)
         if not isinstance(self.powers, FrozenPowers):
             object.__setattr__(self, "powers", FrozenPowers(self.powers))
 

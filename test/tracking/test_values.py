@@ -167,3 +167,10 @@ def test_numpys_error_handling_of_the_program_around_changes_nothing(preset, mov
     with np.errstate(all="raise"):
         assert run() == expected
         assert set(np.geterr().values()) == {"raise"}
+
+
+def test_an_estimate_is_printed_in_a_few_lines(moving_square):
+    tracker = Tracker.from_preset("default")
+    text = repr(tracker.start(moving_square.images[0], moving_square.boxes[0]))
+    assert "state='tracking'" in text
+    assert len(text) < 1000

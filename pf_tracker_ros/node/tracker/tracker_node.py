@@ -272,7 +272,8 @@ class TrackerNode(ManagedNode):
         if followed.jumped_back:
             self._diagnostics.jumps += 1
             self._log.warning(
-                f"time went back by {followed.jumped_back:.3f} s: {self._values['time_jump']}",
+                f"time went back by {followed.jumped_back:.3f} s; 'time_jump' is "
+                f"'{self._values['time_jump']}'",
                 throttle_duration_sec=LOG_INTERVAL,
             )
         return followed.frame

@@ -64,10 +64,10 @@ class GoesOn:
 
 INSTALLED = "test_installations.py installs in this way without the network"
 POLYGON = (
-    'geometry_msgs/msg/PolygonStamped "{polygon: {points: [{x: 293, y: 97}, {x: 408, y: 179}]}}"'
+    'geometry_msgs/msg/PolygonStamped "{polygon: {points: [{x: 62, y: 31}, {x: 115, y: 101}]}}"'
 )
 RUN, LAUNCH = "ros2 run pf_tracker_ros", "ros2 launch pf_tracker_ros"
-TARGET_TAKEN = "tracking a target from the box (293, 97, 115, 82) on"
+TARGET_TAKEN = "tracking a target from the box (62, 31, 53, 70) on"
 SHARE = "$(ros2 pkg prefix --share pf_tracker_ros)"
 
 SEVERAL = f"{LAUNCH} detector.launch.py image:=/camera/image_raw detections:=/yolo/detections"
@@ -87,14 +87,14 @@ README = [
     GoesOn(f"{RUN} tracker --ros-args -r image:=/camera/image_raw", node="/pf_tracker"),
     GoesOn(
         f"{RUN} replay drive.mcap --ros-args -r image:=/camera/image_raw -p loop:=true "
-        '-p target_box:="[293.0, 97.0, 115.0, 82.0]"',
+        '-p target_box:="[62.0, 31.0, 53.0, 70.0]"',
         box="/pf_tracker/box",
     ),
     Ends("ros2 topic echo --once /pf_tracker/box", "points:"),
     Ends(f"ros2 topic pub --once /pf_tracker/target {POLYGON}", "publishing #1"),
     Ends("ros2 param set /pf_tracker preset li2007", "Set parameter successful"),
     GoesOn(
-        f'{LAUNCH} replay.launch.py source:=drive.mcap target_box:="[293, 97, 115, 82]"',
+        f'{LAUNCH} replay.launch.py source:=drive.mcap target_box:="[62, 31, 53, 70]"',
         prints=TARGET_TAKEN,
         ends=(f"{RUN} tracker", f"{RUN} replay"),
     ),
@@ -104,7 +104,7 @@ README = [
         ends=(f"{LAUNCH} replay",),
     ),
     Ends(
-        f"{RUN} track drive.mcap --box 293,97,115,82 --output tracked --video --report",
+        f"{RUN} track drive.mcap --box 62,31,53,70 --output tracked --video --report",
         "tracked",
     ),
     GoesOn(SEVERAL, prints="targets on /pf_tracker", ends=(f"{LAUNCH} tracker",)),
@@ -162,7 +162,7 @@ NODE = [
     ),
     GoesOn(
         f"{LAUNCH} replay.launch.py source:=rosbag2_2026_01_01 bag_topic:=/camera/image_raw "
-        'lockstep:=true target_box:="[293, 97, 115, 82]"',
+        'lockstep:=true target_box:="[62, 31, 53, 70]"',
         prints=TARGET_TAKEN,
         ends=(f"{LAUNCH} tracker", "ros2 bag"),
     ),

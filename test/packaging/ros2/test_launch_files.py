@@ -14,7 +14,7 @@ TRACKER = "ros2 launch pf_tracker_ros tracker.launch.py"
 REPLAY = "ros2 launch pf_tracker_ros replay.launch.py"
 DETECTOR = "ros2 launch pf_tracker_ros detector.launch.py"
 RUN_REPLAY = "ros2 run pf_tracker_ros replay"
-TARGET = 'target_box:="[293, 97, 115, 82]"'
+TARGET = 'target_box:="[62, 31, 53, 70]"'
 
 each_launch_file = pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: path.name)
 
@@ -130,7 +130,7 @@ def test_a_replay_is_tracked_and_ends_with_its_recording(shell, drive):
         assert launch.wait(60.0) == 0
     for told in (
         "preset default; images on /image",
-        "tracking a target from the box (293, 97, 115, 82) on",
+        "tracking a target from the box (62, 31, 53, 70) on",
         "published 100 frames of drive (/camera/image_raw)",
         "was required: shutting down",
     ):
@@ -229,6 +229,7 @@ def test_the_built_in_detector_of_people_needs_nothing_else(shell, heard, drive)
         ("max_targets:=many", "argument max_targets:=many; allowed: a number, int"),
         ("score_above:=high", "argument score_above:=high; allowed: a number, float"),
         ("preset:=lee2007", "argument preset:=lee2007; allowed: default, li2007, zhang2015"),
+        ("built_in_detector:=cars", "built_in_detector:=cars; allowed: none, people, motion"),
     ],
 )
 def test_a_wrong_argument_of_the_detector_ends_the_launch_too(shell, given, told):
@@ -237,8 +238,9 @@ def test_a_wrong_argument_of_the_detector_ends_the_launch_too(shell, given, told
     assert told in outcome.stdout + outcome.stderr
 
 
-def test_the_console_comes_with_the_tracker(shell):
-    with shell.started(f"{TRACKER} console:=true namespace:=left") as launch:
+@pytest.mark.parametrize("file", [TRACKER, DETECTOR])
+def test_the_console_comes_with_the_tracker(shell, file):
+    with shell.started(f"{file} console:=true namespace:=left") as launch:
         launch.wait_for("the console of /left/pf_tracker is at http://127.0.0.1:8642/")
         launch.wait_for("targets on /left/pf_tracker/target")
         assert launch.end() == 0
