@@ -91,7 +91,7 @@ class OutputFolder:
             place = self._folder / name
             try:
                 writer.close()
-                _flush_to_disk(self._workplace / name)
+                flush_to_disk(self._workplace / name)
                 _put_in_place(self._workplace / name, place)
             except FileExistsError:
                 failures[name] = _exists(place)
@@ -161,6 +161,11 @@ def _put_in_place(path: Path, place: Path) -> None:
         path.rename(place)
 
 
-def _flush_to_disk(path: Path) -> None:
+def flush_to_disk(path: Path) -> None:
+    """Let a file that is closed outlast a loss of power.
+
+    Raises:
+        OSError: It cannot be written.
+    """
     with path.open("rb") as file:
         os.fsync(file.fileno())

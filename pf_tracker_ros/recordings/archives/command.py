@@ -17,6 +17,7 @@ from pf_tracker_ros.evaluation.reports.page import REPORT_FILE, fill
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings.archives.executors import Executor, choose_executor
 from pf_tracker_ros.recordings.archives.memory import needed_memory
+from pf_tracker_ros.recordings.archives.overlaps import check_apart
 from pf_tracker_ros.recordings.archives.results import Results, results_at
 from pf_tracker_ros.recordings.archives.sources import Place, find_recordings, local_copy
 from pf_tracker_ros.recordings.archives.stores import is_url
@@ -57,6 +58,7 @@ def run_archive(options: argparse.Namespace) -> int:
         raise RecordingError("--report has no folder here; allowed: beside each boxes.csv")
     results = results_at(options.output)
     recordings = find_recordings(options.archive)
+    check_apart(recordings, options.archive, options.output)
     with choose_executor(options.ray, options.jobs, needed_memory) as executor:
         if options.dry_run:
             _print_plan(make_tasks(recordings, results, _arguments(options)), executor, options)

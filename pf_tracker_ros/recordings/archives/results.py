@@ -2,12 +2,13 @@
 
 In a folder each recording's files come into place together, by the renaming of a folder. In an
 object store each is put there, which is atomic by itself, and `done.json` last: what lacks it is
-not done.
+not done. Only results are replaced, and nothing else that stands in their place.
 """
 
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import platform
 import secrets
@@ -34,6 +35,8 @@ DONE_FILE = "done.json"
 LOCK = ".lock"
 # Hidden, so that nobody takes what is in it for results.
 _WORKPLACE = ".track_"
+# In a store it stands beside what may be replaced although `done.json` is missing.
+_UNFINISHED = f"{_WORKPLACE}unfinished"
 # An object comes there whole or not at all; of other stores that fsspec knows not all promise it.
 _OBJECT_STORES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss")
 
@@ -66,7 +69,7 @@ class Results(Protocol):
         """A folder to make the files of a recording in; what is left in it is removed.
 
         Raises:
-            RecordingError: It cannot be made.
+            RecordingError: It cannot be made, or in the recording's place is what are no results.
         """
         ...
 
@@ -74,7 +77,7 @@ class Results(Protocol):
         """Put the files of a folder in a workplace in the place of the recording's.
 
         Raises:
-            RecordingError: They cannot be written.
+            RecordingError: They cannot be written, or in their place is what are no results.
         """
         ...
 
@@ -164,6 +167,7 @@ class ResultsFolder:
     def workplace(self, recording: str) -> Iterator[Path]:
         """A folder beside that of the recording; see `Results.workplace`."""
         self._check_run()
+        self._check_place(recording)
         folder = self.path / recording
         try:
             folder.parent.mkdir(parents=True, exist_ok=True)
@@ -180,6 +184,7 @@ class ResultsFolder:
         folder = self.path / recording
         # Workers may outlive their driver for a moment, until after the next one has begun.
         self._check_run()
+        self._check_place(recording)
         try:
             if os.path.lexists(folder):
                 folder.replace(made.with_name(f"{made.name}_before"))
@@ -208,6 +213,18 @@ class ResultsFolder:
             )
         if found != self.run:
             raise RecordingError(f"another run has taken over {self.path}", FAILED)
+
+    def _check_place(self, recording: str) -> None:
+        """Refuse to replace anything but results and empty folders."""
+        folder, done = self.path / recording, f"{recording}/{DONE_FILE}"
+        if not os.path.lexists(folder) or _is_of_results(self.read([done]).get(done, "")):
+            return
+        try:
+            is_free = folder.is_dir() and not folder.is_symlink() and not any(folder.iterdir())
+        except OSError as error:
+            raise unwritable(folder, error) from error
+        if not is_free:
+            raise _taken(str(folder))
 
     def _clean_up(self) -> None:
         for path in self.path.rglob(f"{_WORKPLACE}*"):
@@ -252,11 +269,13 @@ class ResultsStore:
     @contextmanager
     def workplace(self, recording: str) -> Iterator[Path]:
         """A folder on this machine; see `Results.workplace`."""
+        self._replaceable(recording)
         with scratch_folder() as folder:
             yield folder
 
     def put(self, made: Path, recording: str) -> None:
         """Put the objects there one by one, `done.json` last; see `Results.put`."""
+        before = self._replaceable(recording)
         files = sorted(
             (path for path in made.rglob("*") if path.is_file()),
             key=lambda path: path.name == DONE_FILE,
@@ -264,14 +283,53 @@ class ResultsStore:
         with telling_unwritable(f"{self.url}/{recording}"):
             store, root = open_store(self.url)
             folder = f"{root}/{recording}"
+            unfinished = f"{folder}/{_UNFINISHED}"
+            store.pipe_file(unfinished, b"")
             # First that of an earlier run goes which says that all is there.
-            for name in sorted(store.find(folder), key=lambda name: not name.endswith(DONE_FILE)):
-                store.rm_file(name)
+            for name in sorted(before, key=lambda name: not name.endswith(f"/{DONE_FILE}")):
+                if not name.endswith(f"/{_UNFINISHED}"):
+                    store.rm_file(name)
             for file in files:
                 store.put_file(str(file), f"{folder}/{file.relative_to(made).as_posix()}")
+            store.rm_file(unfinished)
 
     def put_text(self, text: str, name: str) -> None:
         """Put an object there; see `Results.put_text`."""
         with telling_unwritable(f"{self.url}/{name}"):
             store, root = open_store(self.url)
             store.pipe_file(f"{root}/{name}", text.encode("utf-8", "replace"))
+
+    def _replaceable(self, recording: str) -> list[str]:
+        """The objects in the place of a recording's results; refuses them if they are no results.
+
+        Raises:
+            RecordingError: They are no results, or cannot be looked at.
+        """
+        place = f"{self.url}/{recording}"
+        with telling_unwritable(place):
+            store, root = open_store(self.url)
+            folder = f"{root}/{recording}"
+            names: list[str] = store.find(folder)
+            if not names or f"{folder}/{_UNFINISHED}" in names:
+                return names
+            done = f"{folder}/{DONE_FILE}"
+            if done in names and _is_of_results(store.cat_file(done).decode("utf-8", "replace")):
+                return names
+        raise _taken(place)
+
+
+def _is_of_results(text: str) -> bool:
+    """Whether this is in the `done.json` of results, of whichever run and version."""
+    try:
+        document = json.loads(text)
+    except ValueError:
+        return False
+    return isinstance(document, dict) and {"name", "source", "key"} <= document.keys()
+
+
+def _taken(place: str) -> RecordingError:
+    return RecordingError(
+        f"{place} exists already, is not of a recording's results, and is left as it is; move it, "
+        "or give another output",
+        OUTPUT_EXISTS,
+    )

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import posixpath
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -12,12 +15,20 @@ from pf_tracker_ros.footage import FootageError, is_bag
 from pf_tracker_ros.footage.access import entries, exists
 from pf_tracker_ros.footage.ground_truth import ground_truth_file
 from pf_tracker_ros.recordings.archives.scratch import scratch_folder
-from pf_tracker_ros.recordings.archives.stores import is_url, open_store, telling_unreadable
+from pf_tracker_ros.recordings.archives.stores import (
+    as_place,
+    is_url,
+    open_store,
+    telling_unreadable,
+)
 from pf_tracker_ros.recordings.errors import DISK_IS_FULL, RecordingError, unwritable
 from pf_tracker_ros.recordings.target import TARGET_ENDING, target_file
 
 Place = Path | str
 """A path, or a URL."""
+
+# A path may have the sign in it.
+_REMARK = re.compile(r"(^|\s)#.*")
 
 
 def find_recordings(archive: Place) -> dict[str, Place]:
@@ -25,21 +36,25 @@ def find_recordings(archive: Place) -> dict[str, Place]:
 
     Args:
         archive: A folder, or the URL of one, that is searched with all below it; or a text file
-            that lists one recording a line, a URL or relative to the file, empty lines and those
-            after `#` left out.
+            that lists one recording a line, a URL or relative to the file, empty lines and
+            what follows a `#` that begins a line or comes after white space left out.
 
     Returns:
-        Name, unique among them, to absolute path or URL; sorted by name for a folder, else as
-        listed.
+        Name, unique among them and without `..`, to absolute path or URL; sorted by name for a
+        folder, else as listed.
 
     Raises:
-        RecordingError: Two recordings share a name, or there is none.
+        RecordingError: Two recordings share a name, one has no name, or there is none.
         FootageError: There is no such archive, or it cannot be read.
     """
     base, places = _in_store(str(archive)) if is_url(archive) else _in_folder(Path(archive))
     found: dict[str, Place] = {}
     for place in places:
         name = _name(place, base)
+        if name in ("", ".."):
+            raise RecordingError(
+                f"{place} has no name that its results could go by; list what is below it"
+            )
         if name in found:
             raise RecordingError(
                 f"{found[name]} and {place} would both be written as {name}; name one otherwise"
@@ -100,14 +115,12 @@ def _in_folder(archive: Path) -> tuple[Place, list[Place]]:
     if archive.is_dir():
         return archive.resolve(), sorted(set(_below(archive)))
     try:
-        lines = archive.read_text(encoding="utf-8").splitlines()
+        text = archive.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         raise FootageError(f"the list {archive} cannot be read ({error})") from error
     # One that is not there is told of with the others that fail.
-    return archive.parent.resolve(), [
-        text if is_url(text) else (archive.parent / Path(text).expanduser()).absolute()
-        for text in _listed(lines)
-    ]
+    base = archive.parent.resolve()
+    return base, list(_listed(text, base))
 
 
 def _in_store(archive: str) -> tuple[Place, list[Place]]:
@@ -115,11 +128,8 @@ def _in_store(archive: str) -> tuple[Place, list[Place]]:
     with telling_unreadable(archive):
         store, root = open_store(archive)
         if store.isfile(root):
-            lines = store.cat_file(root).decode("utf-8").splitlines()
             base = archive.rpartition("/")[0]
-            return base, [
-                text if is_url(text) else f"{base}/{text}".rstrip("/") for text in _listed(lines)
-            ]
+            return base, list(_listed(store.cat_file(root).decode("utf-8-sig"), base))
         names = store.find(root)
         if not names:
             raise FootageError(f"there is no archive {archive}, or it is empty")
@@ -174,18 +184,35 @@ def _is_only(path: Path) -> bool:
     return [each for each in beside if not each.name.endswith(TARGET_ENDING)] == [path]
 
 
-def _listed(lines: list[str]) -> Iterator[str]:
-    for line in lines:
-        text = line.partition("#")[0].strip()
-        if text:
-            yield text
+def _listed(text: str, base: Place) -> Iterator[Place]:
+    """The recordings of a list, whose entries are relative to a folder or the URL of one."""
+    for line in text.splitlines():
+        entry = _REMARK.sub("", line).strip()
+        if not entry:
+            continue
+        place = as_place(entry)
+        if is_url(base) and not is_url(entry):
+            url = f"{base}/{entry}".rstrip("/")
+            yield _normal(url) if ".." in url.split("/") else url
+        elif isinstance(place, Path):
+            path = (base / place.expanduser()).absolute()
+            # What is above a link is not what its path looks like.
+            yield Path(os.path.realpath(path)) if ".." in path.parts else path
+        else:
+            yield place
 
 
 def _name(place: Place, base: Place) -> str:
-    """The folder of a recording's results: its place below the archive."""
-    whole, above = str(place), f"{base}/"
+    """The folder of a recording's results: its place below the archive, else its last part."""
+    whole, above = _normal(place), f"{_normal(base)}/"
     inside = whole.removeprefix(above) if whole.startswith(above) else ""
     return inside or PurePosixPath(whole).name
+
+
+def _normal(place: Place) -> str:
+    """A path or URL without `..` and empty parts inside."""
+    scheme, separator, path = str(place).rpartition("://")
+    return f"{scheme}{separator}{posixpath.normpath(path)}"
 
 
 def _check_names(found: dict[str, Place]) -> None:

@@ -33,6 +33,7 @@ from pf_tracker_ros.recordings.errors import (
     RecordingError,
     unwritable,
 )
+from pf_tracker_ros.recordings.outputs import flush_to_disk
 
 MANIFEST = "archive.json"
 # If all workers end and nothing gets done, it is for their recordings' sake, such as for memory.
@@ -190,6 +191,8 @@ def _tracked(task: ArchiveTask, source: Path, made: Path) -> ArchiveEntry | Work
     try:
         entry = _entry(task, made)
         (made / DONE_FILE).write_text(json.dumps(asdict(entry), indent=1) + "\n")
+        # Only whole ones let their folder be replaced.
+        flush_to_disk(made / DONE_FILE)
     except OSError as error:
         raise unwritable(made, error) from error
     task.results.put(made, task.name)

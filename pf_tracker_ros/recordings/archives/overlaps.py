@@ -1,0 +1,85 @@
+"""Whether the results of an archive would come where its recordings are."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import posixpath
+from collections.abc import Iterator, Mapping
+from pathlib import Path, PurePath, PurePosixPath
+from typing import Any
+
+from pf_tracker_ros.recordings.archives.sources import Place
+from pf_tracker_ros.recordings.archives.stores import as_place, is_url, open_store
+from pf_tracker_ros.recordings.errors import RecordingError
+from pf_tracker_ros.recordings.target import TARGET_ENDING, target_file
+
+
+def check_apart(recordings: Mapping[str, Place], archive: Place, output: Place) -> None:
+    """Refuse results in the place of a recording or its target file, inside of one or around one.
+
+    Args:
+        recordings: As `find_recordings` returns them.
+        archive: Where they were found; results may lie inside of it, but not around it.
+        output: The folder of all results, or its URL.
+
+    Raises:
+        RecordingError: There would be such results.
+    """
+    store = open_store(str(output))[0] if is_url(output) else None
+    kept: dict[PurePath, Place] = {}
+    around: dict[PurePath, Place] = {}
+    for source in recordings.values():
+        for path in _paths(source, store):
+            for form in (path, *_targets(path)):
+                kept[form] = source
+                around.update(dict.fromkeys(form.parents, source))
+    for path in _paths(archive, store):
+        around.update(dict.fromkeys((path, *path.parents), archive))
+    for name, source in recordings.items():
+        place = output / name if isinstance(output, Path) else f"{output}/{name}"
+        for path in _paths(place, store):
+            hit = next((kept[each] for each in (path, *path.parents) if each in kept), None)
+            hit = hit or around.get(path)
+            if hit is not None:
+                raise RecordingError(
+                    f"the results of {source} would go to {place}, which is, contains or lies in "
+                    f"what belongs to {hit}; give an output apart from the recordings"
+                )
+
+
+def _paths(place: Place, store: Any) -> Iterator[PurePath]:
+    """A place in a store, or in the file system for None; nothing if it is elsewhere."""
+    # URLs may be chained, as of a file in a ZIP archive in a store.
+    links = [as_place(link) for link in str(place).split("::")] if is_url(place) else [Path(place)]
+    for link in links:
+        if isinstance(link, Path):
+            if store is None:
+                yield from _forms(link)
+        elif store is not None:
+            # One that cannot be opened is told of when it is tracked.
+            with contextlib.suppress(RecordingError):
+                other, path = open_store(link)
+                if _may_be_same(store, other):
+                    yield PurePosixPath(posixpath.normpath(f"/{path.lstrip('/')}"))
+
+
+def _forms(path: Path) -> set[Path]:
+    """A path without links on the way to it, and what it is if it is a link itself."""
+    return {Path(os.path.realpath(path)), Path(os.path.realpath(path.parent), path.name)}
+
+
+def _targets(path: PurePath) -> set[Path] | set[PurePath]:
+    """Where the target of a recording stands."""
+    if isinstance(path, Path):
+        return _forms(target_file(path))
+    # To know which one it is, the store would have to be asked about each.
+    return {path.with_name(f"{name}{TARGET_ENDING}") for name in (path.name, path.stem) if name}
+
+
+def _may_be_same(store: Any, other: Any) -> bool:
+    """Whether two of fsspec's file systems may be of one store: not, say, of two accounts."""
+    options, others = store.storage_options, other.storage_options
+    return type(store) is type(other) and all(
+        options[key] == others[key] for key in options.keys() & others.keys()
+    )
