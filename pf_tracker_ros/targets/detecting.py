@@ -49,6 +49,7 @@ class DetectingThread:
         self._spacing = NANOSECONDS / rate
         self._last = 0
         self._working: Future[Finding | None] | None = None
+        self._is_disregarded = False
         self._executor = ThreadPoolExecutor(
             1, thread_name_prefix="detector", initializer=_stand_back
         )
@@ -68,7 +69,7 @@ class DetectingThread:
         if self._working or (known and 0 <= elapsed < self._spacing):
             return False
         interval = elapsed / NANOSECONDS if known and elapsed > 0 else NOMINAL_INTERVAL
-        self._last = stamp
+        self._last, self._is_disregarded = stamp, False
         self._working = self._executor.submit(self._look, image, stamp, interval)
         return True
 
@@ -85,7 +86,12 @@ class DetectingThread:
         if working is None or not (wait or working.done()):
             return None
         self._working = None
-        return working.result()
+        found = working.result()
+        return None if self._is_disregarded else found
+
+    def disregard(self) -> None:
+        """Let nothing be found in the frame that is looked at, as where time begins anew."""
+        self._is_disregarded = True
 
     def close(self) -> None:
         """End the thread, once it has looked at its last frame."""

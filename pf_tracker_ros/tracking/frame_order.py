@@ -39,10 +39,11 @@ class FrameOrder:
 
     Attributes:
         last: Stamp of the last frame that was taken, 0 before the first.
+        seen: The same, or that of the last one since that was passed over.
     """
 
     def __init__(self) -> None:
-        self.last = 0
+        self.last = self.seen = 0
         self._late_in_a_row = 0
 
     def place(self, stamp: int, late_within: int) -> Place:
@@ -63,8 +64,12 @@ class FrameOrder:
 
     def take(self, stamp: int) -> None:
         """Go on from a frame."""
-        self.last = stamp
+        self.last = self.seen = stamp
         self._late_in_a_row = 0
+
+    def pass_over(self, stamp: int) -> None:
+        """Let the clock go on with a frame that nobody looks at."""
+        self.seen = stamp
 
     def check_ahead(self, stamp: int) -> None:
         """Refuse what is said of a frame that cannot come.
@@ -72,8 +77,8 @@ class FrameOrder:
         Raises:
             ValueError: The stamp is by another clock than those of the frames.
         """
-        ahead = stamp - self.last
-        if stamp and self.last and ahead > LONGEST_WAIT:
+        ahead = stamp - self.seen
+        if stamp and self.seen and ahead > LONGEST_WAIT:
             raise ValueError(
                 f"its stamp is {ahead / NANOSECONDS:.0f} s after that of the last frame, from "
                 "another clock; allowed: the stamp of a frame, or 0 for the next one"

@@ -209,6 +209,10 @@ class Session:
         self._tracker.stop()
         self._estimate = self._sighting = self._checked = None
 
+    def pass_over(self, stamp: int) -> None:
+        """Let the clock go on with a frame that is not looked at, as while there is a pause."""
+        self._order.pass_over(stamp)
+
     def map_likelihood(self) -> LikelihoodMap | None:
         """How likely the target is around its box, in the frame that was looked at last."""
         return self._tracker.map_likelihood()

@@ -157,6 +157,17 @@ def test_no_more_frames_are_looked_at_than_the_rate_says(start):
     assert thread.offer(picture(1), 5)
 
 
+def test_what_is_found_in_a_frame_of_a_time_gone_by_is_no_answer(start):
+    gate = Gate()
+    thread = start(gate)
+    assert thread.offer(picture(1), 5 * SECOND)
+    thread.disregard()
+    gate.opened.set()
+    assert thread.take(wait=True) is None
+    assert thread.offer(picture(1), SECOND)
+    assert thread.take(wait=True).stamp == SECOND
+
+
 def test_what_the_detector_cannot_say_is_no_answer(start):
     gate = Gate()
     gate.opened.set()

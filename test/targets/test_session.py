@@ -221,6 +221,77 @@ def test_a_jump_back_in_time(session, walkers, policy, kept):
     assert (after.jumped_back, ids(after)) == (0.0, kept)
 
 
+@pytest.mark.parametrize("policy", ["keep", "restart", "wait"])
+def test_answers_of_the_time_before_a_jump_make_no_ghosts(session, walkers, policy):
+    session.time_policy = TimePolicy(policy)
+    ghost = Detections([[200.0, 10.0, 40.0, 60.0]], [0.95], ["ghost"])
+    show(session, walkers, range(20), every=4)
+    session.add_detections(ghost, at(20))
+    assert session.process(walkers.images[19], at(1)).jumped_back == pytest.approx(1.8)
+    for number in range(2, 24):
+        if number in (2, 6, 8):
+            with pytest.raises(ValueError, match="from before time went back"):
+                session.add_detections(ghost, at(18))
+        outcome = session.process(walkers.images[19], at(number))
+        assert "ghost" not in {target.label for target in outcome.targets}
+        assert outcome.left_out == ()
+
+
+@pytest.mark.parametrize("pace", [1, 10])
+def test_after_a_jump_a_detector_may_be_ahead_of_the_images(session, walkers, pace):
+    session.time_policy = TimePolicy("wait")
+    for number in [*range(20), *range(24)]:
+        # Those of the frame at the jump are dropped, for all that is known they are of before.
+        session.add_detections(walkers.detections(number), at(pace * number))
+        outcome = session.process(walkers.images[number], at(pace * number))
+        assert outcome.left_out == ()
+    assert {target.unconfirmed_for for target in outcome.targets} == {0.0}
+    session.add_detections(walkers.detections(24), at(pace * 23) + 30 * SECOND)
+
+
+@pytest.mark.parametrize("policy", ["keep", "restart", "wait"])
+def test_a_target_drawn_before_a_jump_is_refused_and_one_for_the_next_image_begins(
+    session, walkers, policy
+):
+    session.time_policy = TimePolicy(policy)
+    show(session, walkers, range(20))
+    session.request(tuple(walkers.boxes[0][0]), at(20))
+    session.request(tuple(walkers.boxes[0][1]))
+    outcome = session.process(walkers.images[0], at(0))
+    assert outcome.started == (1,)
+    (reason,) = outcome.refused
+    assert reason.startswith("target refused: it was drawn on a frame from before time went back")
+    assert session.requested_stamp is None
+    with pytest.raises(ValueError, match="from before time went back"):
+        session.request(tuple(walkers.boxes[0][0]), at(19))
+    assert show(session, walkers, [1]).refused == ()
+
+
+def test_frames_that_are_passed_over_move_the_clock_on(session, walkers):
+    show(session, walkers, range(8), every=4)
+    for second in range(1, 100, 5):
+        session.add_detections(walkers.detections(7), at(7) + second * SECOND)
+        session.pass_over(at(7) + second * SECOND)
+    now = at(7) + 97 * SECOND
+    # Of a frame that nobody looked at: it is no use, and no fault.
+    session.add_detections(walkers.detections(7), now - SECOND)
+    session.add_detections(walkers.detections(8), now)
+    session.request(tuple(walkers.boxes[8][0]), now)
+    outcome = session.process(walkers.images[8], now)
+    assert (len(outcome.started), outcome.left_out, outcome.refused) == (1, (), ())
+    assert 0.0 in [target.unconfirmed_for for target in outcome.targets]
+
+
+def test_what_was_said_of_a_frame_that_was_passed_over_starts_nothing(session, walkers):
+    show(session, walkers, range(3))
+    for number in (3, 4):
+        session.add_detections(walkers.detections(number), at(number))
+        session.pass_over(at(number))
+    session.add_detections(walkers.detections(4), at(4))
+    outcome = show(session, walkers, [5, 6])
+    assert (ids(outcome), outcome.left_out) == ([], ())
+
+
 def test_without_stamps_frames_and_answers_are_of_now(session, walkers):
     for number in range(6):
         session.add_detections(walkers.detections(number), 0)
@@ -259,6 +330,79 @@ def test_a_target_that_somebody_drew_is_not_given_up_for_other_images(session, w
         with pytest.raises(ValueError, match="image is"):
             session.process(walkers.images[number][..., 0].copy(), at(number))
     assert ids(show(session, walkers, [20])) == [1]
+
+
+def gray(walkers, number):
+    return walkers.images[number][..., 0].copy()
+
+
+@pytest.mark.parametrize("behind", [None, 0, 5])
+def test_a_target_drawn_on_images_of_another_kind_begins_anew_with_them(
+    make_session, walkers, iou, behind
+):
+    session = make_session(targets__most=2)
+    for place in (0, 1):
+        session.request(tuple(walkers.boxes[0][place]))
+    show(session, walkers, range(4))
+    for number in range(4, 10):
+        with pytest.raises(ValueError, match="but those that the targets were followed in were"):
+            session.process(gray(walkers, number), at(number))
+    drawn_on = 10 if behind is None else 10 - behind
+    session.request(tuple(walkers.boxes[drawn_on][2]), 0 if behind is None else at(drawn_on), "new")
+    outcome = session.process(gray(walkers, 10), at(10))
+    assert (outcome.frame, outcome.started, ids(outcome)) == ("started", (3,), [3])
+    (told,) = outcome.ended
+    assert told.startswith("ended: 1, 2; a target was drawn on images of another size or kind")
+    for number in range(11, 16):
+        outcome = session.process(gray(walkers, number), at(number))
+    assert (ids(outcome), outcome.ended, outcome.targets[0].label) == ([3], (), "new")
+    session.request(tuple(walkers.boxes[14][0]), at(14))
+    assert session.process(gray(walkers, 16), at(16)).started == (4,)
+
+
+@pytest.mark.parametrize("number", [2, 3, 9])
+def test_a_target_drawn_on_an_image_that_fits_gives_none_up(session, walkers, number):
+    session.request(tuple(walkers.boxes[0][0]))
+    show(session, walkers, range(3))
+    session.request(tuple(walkers.boxes[2][1]), 0 if number == 3 else at(number))
+    for other in range(3, 6):
+        with pytest.raises(ValueError, match="image is"):
+            session.process(gray(walkers, other), at(other))
+    assert ids(show(session, walkers, range(6, 10))) == [1, 2]
+
+
+def hide_first(walkers, number, scale=1.0):
+    image = walkers.images[number].copy()
+    image[20:80] = 128
+    return cv2.resize(image, None, fx=scale, fy=scale)
+
+
+@pytest.mark.parametrize(("hidden_for", "scales"), [(24, [2.0]), (5, [2.0, 1.0])])
+def test_a_drawn_target_that_no_frame_shows_in_another_size_is_told_of(
+    session, walkers, hidden_for, scales
+):
+    session.request(tuple(walkers.boxes[0][0]))
+    session.request(tuple(walkers.boxes[0][1]))
+    show(session, walkers, range(3))
+    for number in range(3, 3 + hidden_for):
+        outcome = session.process(hide_first(walkers, number), at(number))
+    assert ids(outcome) == [1, 2]
+    assert outcome.targets[0].estimate.state != "tracking"
+    told = []
+    for later, scale in enumerate(scales, start=3 + hidden_for):
+        outcome = session.process(hide_first(walkers, later, scale), at(later))
+        told += outcome.ended
+    assert ids(outcome) == [2]
+    (sentence,) = told
+    assert sentence.startswith("ended: 1; the images changed their size while it was not seen")
+
+
+def test_fewer_targets_allowed_than_there_are_says_how_many_there_are(session, walkers):
+    show(session, walkers, range(6), every=2)
+    values = change(MultiTrackerParameters, multi_preset_parameters("default"), {"targets.most": 2})
+    session.configure(values, 0)
+    with pytest.raises(ValueError, match="there are 3 targets, and there may be 2; stop 2 first"):
+        session.request(tuple(walkers.boxes[6][0]))
 
 
 def test_parameters_change_at_run_time_and_the_ids_stay(session, walkers):

@@ -121,6 +121,9 @@ class Following(Protocol):
     def process(self, image: NDArray[Any], header: Header) -> Followed:
         """Follow into a frame, and publish what is known; raises ValueError."""
 
+    def pass_over(self, stamp: int) -> None:
+        """Let the clock go on with a frame that is not looked at; its stamp, nanoseconds."""
+
     @property
     def is_ready(self) -> bool:
         """Whether there is a session."""

@@ -117,6 +117,10 @@ class OneTarget:
         errors = (outcome.refused_target,) if outcome.refused_target else ()
         return Followed(outcome.frame, errors, outcome.jumped_back)
 
+    def pass_over(self, stamp: int) -> None:  # noqa: D102
+        if self._session:
+            self._session.pass_over(stamp)
+
     def _log_progress(self, outcome: Outcome) -> None:
         if outcome.estimate is None:
             return

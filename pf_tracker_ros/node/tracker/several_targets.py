@@ -142,13 +142,25 @@ class SeveralTargets:
         failures = self._ask_detector()
         if self._session:
             outcome = self._session.process(image, stamp)
+        if self._detecting and outcome.jumped_back:
+            self._detecting.disregard()
         if self._detecting and outcome.frame not in SKIPPED:
             self._detecting.offer(image, stamp)
         if self._outputs and outcome.frame not in SKIPPED:
             self._outputs.publish(image, header, outcome.targets)
             self._log.tell(outcome.targets)
-        errors = (*outcome.refused, *self._left_out.pick((*failures, *outcome.left_out)))
+        errors = (
+            *outcome.refused,
+            *outcome.ended,
+            *self._left_out.pick((*failures, *outcome.left_out)),
+        )
         return Followed(outcome.frame, errors, outcome.jumped_back)
+
+    def pass_over(self, stamp: int) -> None:  # noqa: D102
+        if self._session:
+            self._session.pass_over(stamp)
+        if self._detecting:
+            self._detecting.disregard()
 
     def _ask_detector(self) -> tuple[str, ...]:
         """Take what the built-in detector has found since the last frame; what went wrong."""

@@ -265,6 +265,7 @@ class TrackerNode(ManagedNode):
 
     def _process(self, message: Image | CompressedImage) -> str:
         if not self._enabled:
+            self._following.pass_over(stamp_of(message.header))
             return "paused"
         followed = self._following.process(self._decoder.decode(message), message.header)
         for error in followed.errors:

@@ -1,9 +1,12 @@
 """Targets that start without a hand and without another node."""
 
+import threading
+
 import cv2
 import numpy as np
 import pytest
 
+from pf_tracker_ros import Detections
 from pf_tracker_ros.node.tracker import several_targets
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 
@@ -78,6 +81,30 @@ def test_a_detector_that_fails_costs_no_frame(graph, client, monkeypatch):
     status, _ = show_until(client, lambda status: status.level == "WARN")
     assert status.message == "the detector 'motion' failed: no eyes"
     assert status.values["frame"] == "waiting"
+
+
+def test_what_a_detector_looks_at_while_time_goes_back_is_no_answer(graph, client, monkeypatch):
+    looks, gates = [], [threading.Event(), threading.Event()]
+
+    class Slow:
+        def detect(self, image, interval):
+            looks.append(image)
+            assert gates[len(looks) - 1].wait(60.0)
+            return Detections([[100.0, 10.0, 30.0, 30.0]])
+
+    monkeypatch.setattr(several_targets, "DETECTORS", {"motion": Slow})
+    graph.tracker(client, built_in_detector="motion", **SEVERAL)
+    try:
+        client.show(scene(0)[0], client.at(50))
+        client.show(scene(0)[0], client.at(0))
+        gates[0].set()
+        _, number = show_until(client, lambda status: len(looks) == 2, first=1)
+        status = client.show(scene(0)[0], client.at(number))
+        # The second look began once the first had been taken.
+        assert (status.level, status.values["detector_answers"]) == ("OK", "0")
+    finally:
+        for gate in gates:
+            gate.set()
 
 
 @pytest.mark.skipif(DETECTIONS_TYPE is not None, reason="vision_msgs is installed")

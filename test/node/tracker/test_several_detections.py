@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import rclpy
+from std_srvs.srv import SetBool
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.targets.parameters import multi_preset_parameters
@@ -184,6 +185,52 @@ def test_what_repeats_itself_is_told_once_in_a_while(client, detected, walkers):
         )
         levels.append(client.show(images[number], client.at(number)).level)
     assert levels.count("WARN") == 1
+
+
+def pause(client, *, paused):
+    service = client.create_client(SetBool, "pf_tracker/enable")
+    client.wait_for(service.service_is_ready, "enable")
+    future = service.call_async(SetBool.Request(data=not paused))
+    client.wait_for(future.done, "response of enable")
+
+
+def test_a_long_pause_costs_no_answer_and_is_no_fault(client, detected, walkers):
+    images, boxes = walkers
+    detector, _ = detected()
+    follow(client, detector, walkers, range(5))
+    pause(client, paused=True)
+    now = client.at(5)
+    for second in range(0, 100, 20):
+        now = client.at(5) + second * 10**9
+        detector.say(boxes[5], now)
+        status = client.show(images[5], now)
+        assert (status.level, status.values["last_error"]) == ("OK", "")
+    pause(client, paused=False)
+    for number in range(6, 9):
+        now += client.at(1) - client.at(0)
+        detector.say(boxes[number], now)
+        status = client.show(images[number], now)
+        assert (status.level, status.values["last_error"]) == ("OK", "")
+        assert "0.0" in [one.values["unconfirmed_for"] for one in status.targets]
+    assert len(status.targets) == 2
+
+
+@pytest.mark.parametrize("policy", ["keep", "restart", "wait"])
+def test_an_answer_that_was_on_its_way_as_time_went_back_is_refused(
+    client, detected, walkers, policy
+):
+    images, _ = walkers
+    detector, _ = detected(time_jump=policy)
+    for number in (49, 50):
+        client.show(images[0], client.at(number))
+    client.show(images[0], client.at(0))
+    detector.say([(200.0, 10.0, 40.0, 60.0)], client.at(50))
+    status = client.show(images[0], client.at(1))
+    assert status.level == "WARN"
+    assert "detections refused: its stamp is 2.000 s after" in status.message
+    assert "from before time went back" in status.message
+    for number in range(40, 55):
+        assert client.show(images[0], client.at(number)).targets == ()
 
 
 def test_an_empty_answer_is_one(client, detected, walkers):

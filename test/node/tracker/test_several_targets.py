@@ -1,5 +1,6 @@
 """Several targets in a live node: given by hand, told one by one, stopped, changed."""
 
+import cv2
 import numpy as np
 import pytest
 from geometry_msgs.msg import PointStamped
@@ -171,6 +172,41 @@ def test_one_target_is_stopped_by_its_id_or_all(client, crowd, walkers):
     assert (status.values["state"], status.values["frame"]) == ("idle", "waiting")
     client.point_at(boxes[4][0])
     assert ids(client.show(images[4], client.at(4))) == [3]
+
+
+def test_images_of_another_kind_are_refused_until_a_target_is_given_on_them(client, crowd, walkers):
+    images, boxes = walkers
+    crowd(max_targets=2)
+    two_targets(client, walkers)
+    for number in range(1, 4):
+        status = client.show(images[number][..., 1].copy(), client.at(number), "mono8")
+        assert (status.level, status.values["frame"]) == ("ERROR", "refused")
+        assert "give a target on these images (~/target, ~/click)" in status.message
+        assert "another tracker" not in status.message
+    client.point_at(boxes[3][1], client.at(3))
+    status = client.show(images[4][..., 1].copy(), client.at(4), "mono8")
+    assert (status.level, status.values["frame"], ids(status)) == ("WARN", "started", [3])
+    assert "ended: 1, 2; a target was drawn on images of another size or kind" in status.message
+    status = client.show(images[5][..., 1].copy(), client.at(5), "mono8")
+    assert (status.level, ids(status)) == ("OK", [3])
+
+
+def test_a_hidden_target_that_another_size_ends_is_told_of(client, crowd, walkers):
+    images, _ = walkers
+    crowd()
+    two_targets(client, walkers)
+    covered = [image.copy() for image in images]
+    for image in covered[3:]:
+        image[30:90] = 128
+    for number in range(1, 12):
+        status = client.show(covered[number], client.at(number))
+    assert status.targets[0].values["state"] != "tracking"
+    told = ""
+    for number, size in ((12, (640, 400)), (13, (320, 200))):
+        status = client.show(cv2.resize(covered[number], size), client.at(number))
+        told += status.message
+    assert ids(status) == [2]
+    assert told.count("ended: 1; the images changed their size while it was not seen") == 1
 
 
 def test_frames_that_are_dropped_say_nothing_of_the_targets(client, crowd, walkers):

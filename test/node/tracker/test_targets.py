@@ -147,6 +147,18 @@ def test_paused_frames_are_answered_unseen_and_the_target_is_kept(graph, client,
     )
 
 
+def test_a_target_drawn_on_a_paused_image_is_not_of_another_clock(graph, client, images, boxes):
+    graph.tracker(client, target_box=list(boxes[0]), **QUICK)
+    client.show(images[0], client.at(0))
+    assert call(client, SetBool, "enable", data=False).success
+    late = client.at(0) + 100 * 10**9
+    client.show(images[1], late)
+    client.point_at(boxes[1], late)
+    assert call(client, SetBool, "enable", data=True).success
+    status = client.show(images[1], late + 10**7)
+    assert (status.level, status.values["frame"]) == ("OK", "started")
+
+
 def test_services_before_the_first_image_are_answered(graph, client, images, boxes):
     graph.tracker(client, **QUICK)
     assert call(client, SetBool, "enable", data=True).success
