@@ -27,8 +27,8 @@ BackgroundStatus = Literal["still", "warped", "restarted"]
 
 # No scene has more foreground than this share: then the camera has moved, or the light changed.
 _LARGEST_FOREGROUND = 0.5
-# Pixels of the model up to which images are halved; a model of more takes seconds to begin.
-_USUAL_REDUCTION, _MOST_PIXELS = 2, 960 * 540
+# Pixels of the model; one of more takes seconds to begin.
+_MOST_PIXELS = 960 * 540
 _UNKNOWN_MOTION = "the camera's motion could not be estimated"
 _ALL_CHANGED = "most of the image has changed, as when the camera moves"
 
@@ -89,7 +89,7 @@ class BackgroundModel:
         update_every: A background pixel updates its samples, and a neighbor's, once in so many
             frames on average.
         reduction: Whole number of image pixels that one pixel of the model averages along each
-            axis; None for 2, and more where the model would have more pixels than for 1920 x 1080.
+            axis; more where the model would have more pixels than for half of 1920 x 1080.
         color: Whether the model keeps colors; without, it keeps brightness at a third of the cost.
 
     Attributes:
@@ -111,10 +111,10 @@ class BackgroundModel:
         radius: int = 20,
         matches: int = 2,
         update_every: int = 16,
-        reduction: int | None = None,
+        reduction: int = 2,
         color: bool = True,
     ) -> None:
-        self.reduction = _usual_reduction(image) if reduction is None else reduction
+        self.reduction = max(reduction, _least_reduction(image))
         self._samples = samples
         self._radius = radius
         self._matches = matches
@@ -320,6 +320,5 @@ def _gray(planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return planes[len(planes) // 2]
 
 
-def _usual_reduction(image: NDArray[np.uint8]) -> int:
-    pixels = image.shape[0] * image.shape[1]
-    return max(math.ceil(math.sqrt(pixels / _MOST_PIXELS)), _USUAL_REDUCTION)
+def _least_reduction(image: NDArray[np.uint8]) -> int:
+    return math.ceil(math.sqrt(image.shape[0] * image.shape[1] / _MOST_PIXELS))

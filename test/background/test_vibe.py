@@ -292,6 +292,6 @@ def test_half_of_the_image_may_be_foreground():
     ("size", "reduction"), [((480, 640), 2), ((1080, 1920), 2), ((2160, 3840), 4), ((40, 60), 2)]
 )
 def test_the_model_of_a_large_image_is_no_larger_than_that_of_a_usual_one(size, reduction):
-    model = model_of(np.zeros(size, np.uint8), reduction=None)
+    model = model_of(np.zeros(size, np.uint8), reduction=2)
     assert model.reduction == reduction
     assert model.samples.shape[2:] == tuple(-(-side // reduction) for side in size)

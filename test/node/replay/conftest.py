@@ -23,7 +23,8 @@ from std_srvs.srv import SetBool
 
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
 
-DEADLINE = 30.0
+DEADLINE = 60.0
+UNANSWERED_AFTER = 5.0
 EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -101,9 +102,18 @@ class StandIn(Node):
     def call(self, service_type, name, request):
         client = self.create_client(service_type, name)
         self.spin_until(client.service_is_ready)
-        future = client.call_async(request)
-        self.spin_until(future.done)
-        return future.result()
+        # Discovery goes both ways: the answer may come before there is anybody for it to go to.
+        while client.service_is_ready():
+            future = client.call_async(request)
+            if self.is_done_in_time(future):
+                return future.result()
+        # It has done what it was asked to, and ended.
+        return None
+
+    def is_done_in_time(self, future):
+        again = time.monotonic() + UNANSWERED_AFTER
+        self.spin_until(lambda: future.done() or time.monotonic() > again)
+        return future.done()
 
     def pause(self, data):
         return self.call(SetBool, "/replay/pause", SetBool.Request(data=data))
