@@ -12,6 +12,7 @@ run's.
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import random
 import shutil
@@ -24,11 +25,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
+import numpy as np
 from arguments import at_least
+from numpy.typing import NDArray
 from scenes import ClutteredStreet
 from scenes.clutter import FRAME_INTERVAL, HEIGHT, WIDTH
 
 BROKEN_EVERY = 14
+SCENE_FRAMES = 150
 WORKER_KILLED_EVERY = 5.0
 TRACK = (sys.executable, "-m", "pf_tracker_ros.recordings")
 
@@ -80,7 +84,7 @@ def arguments() -> argparse.Namespace:
     )
     parser.add_argument("--recordings", type=at_least(2), default=40, metavar="N", help="[40]")
     parser.add_argument(
-        "--frames", type=at_least(10), default=150, metavar="N", help="of each recording [150]"
+        "--frames", type=at_least(10), default=500, metavar="N", help="of each recording [500]"
     )
     parser.add_argument(
         "--kills", type=at_least(0), default=20, metavar="N", help="of the driver [20]"
@@ -95,11 +99,11 @@ def write_recordings(archive: Path, count: int, frames: int) -> int:
     archive.mkdir()
     broken = 0
     for number in range(count):
-        scene = ClutteredStreet(number, {"clutter": 0.3, "frames": frames})
+        scene = ClutteredStreet(number, {"clutter": 0.3, "frames": min(frames, SCENE_FRAMES)})
         path = archive / f"street_{number:02d}.mp4"
         codec = cv2.VideoWriter.fourcc(*"mp4v")
         video = cv2.VideoWriter(str(path), codec, 1.0 / FRAME_INTERVAL, (WIDTH, HEIGHT))
-        for image in scene.frames():
+        for image in itertools.islice(there_and_back(scene), frames):
             video.write(image)
         video.release()
         path.with_suffix(".target.yaml").write_text(
@@ -109,6 +113,12 @@ def write_recordings(archive: Path, count: int, frames: int) -> int:
             path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
             broken += 1
     return broken
+
+
+def there_and_back(scene: ClutteredStreet) -> Iterator[NDArray[np.uint8]]:
+    """A scene's frames, then the same backwards, and so on."""
+    frames = list(scene.frames())
+    return itertools.cycle(frames + frames[-2:0:-1])
 
 
 def start(archive: Path, output: Path, *further: str) -> subprocess.Popen[bytes]:

@@ -20,7 +20,7 @@ from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.parameters import build
 
-_NICENESS = 5
+_NICENESS = 10
 
 
 class ConsoleNode(Node):
