@@ -29,9 +29,9 @@ _INSIDE, _OUTSIDE = 1e-3, 1e5
 # The penalty of the alternating direction method: at first, and its growth with every step.
 _FIRST_PENALTY, _PENALTY_GROWTH = 1.0, 10.0
 _STEPS = 2
-# Root mean square that the features are brought to, which sets the strength of the penalties: weak
-# features make a filter that answers to what the samples have in common.
-_FEATURE_STRENGTH = 0.06
+# Root mean square length that the cells' features are brought to, which sets the strength of the
+# penalties: weak features make a filter that answers to what the samples have in common.
+_FEATURE_STRENGTH = 0.294
 # Targets whose peak and weight are remembered; each new box has its own.
 _TARGETS = 8
 
@@ -49,7 +49,7 @@ def spectrum(features: NDArray[np.float32]) -> Spectrum:
     seen -= (seen[:, :1, :1] / flat[0, 0]) * flat
     # Half of the spectrum stands for both, but for its first and its last column.
     energy = 2.0 * _energy(seen) - _energy(seen[..., 0]) - _energy(seen[..., -1])
-    seen *= np.float32(_FEATURE_STRENGTH * cells * math.sqrt(features.size / max(energy, 1e-9)))
+    seen *= np.float32(_FEATURE_STRENGTH * cells * cells / math.sqrt(max(energy, 1e-9)))
     return seen
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -30,6 +30,8 @@ from pf_tracker_ros.cues.square_transform import Spectrum
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.frames.windows import read_window
 from pf_tracker_ros.parameters import declared
+
+Value = TypeVar("Value", bound=np.inexact)
 
 # Places along each side of a cell at which the response is computed.
 _REFINEMENT = 2
@@ -115,18 +117,20 @@ class View(NamedTuple):
     box: NDArray[np.float64]
 
 
-class _Window(NamedTuple):
-    """A square part of the frame.
+class _Windows(NamedTuple):
+    """Square parts of the frame around the prediction.
 
     Attributes:
-        spectrum: Of its features.
+        spectra: (windows, channels, cells, cells // 2 + 1) of their features.
+        expected: (channels, cells, cells // 2 + 1), of a window of the expected size, about.
         center: (2,) in image pixels.
-        side: Image pixels.
+        sides: Of each, image pixels, from small to large.
     """
 
-    spectrum: Spectrum
+    spectra: Spectrum
+    expected: Spectrum
     center: NDArray[np.float64]
-    side: float
+    sides: Sequence[float]
 
 
 class _Answers(NamedTuple):
@@ -134,21 +138,41 @@ class _Answers(NamedTuple):
 
     Attributes:
         maps: (windows, S, S) responses.
-        windows: In the sizes that are looked at, from small to large.
+        windows: That they are to.
+        expected: (S, S) responses in the expected size.
+        deviation: Their standard deviation, above 0.
         largest: Of all responses.
     """
 
     maps: NDArray[np.float32]
-    windows: Sequence[_Window]
+    windows: _Windows
+    expected: NDArray[np.float32]
+    deviation: float
     largest: float
 
-    def read(self, number: int, centers: NDArray[np.float64]) -> NDArray[np.float32]:
+    def read(
+        self, centers: NDArray[np.float64], shares: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(N,) responses, 0 outside of the windows.
+
+        Args:
+            centers: (N, 2) in image pixels.
+            shares: (N,) of the largest window in the response, 0 to 1; the rest is the smallest's.
+        """
+        smallest = self._read(0, centers).astype(np.float64)
+        if len(self.maps) == 1:
+            return smallest
+        return smallest + shares * (self._read(-1, centers) - smallest)
+
+    def _read(self, number: int, centers: NDArray[np.float64]) -> NDArray[np.float32]:
         """(N,) responses of a window at (N, 2) centers in image pixels, 0 outside of it."""
-        values, window = self.maps[number], self.windows[number]
+        values = self.maps[number]
         samples = len(values)
-        places = (centers - window.center) * (samples / window.side) + samples // 2
-        cuts = range(_READ_AT_ONCE, len(places), _READ_AT_ONCE)
-        parts = np.split(places.astype(np.float32), cuts)
+        scale = samples / self.windows.sides[number]
+        places = ((centers - self.windows.center) * scale + samples // 2).astype(np.float32)
+        if len(places) <= _READ_AT_ONCE:
+            return cv2.remap(values, places[None], None, cv2.INTER_CUBIC)[0]
+        parts = np.split(places, range(_READ_AT_ONCE, len(places), _READ_AT_ONCE))
         return np.concatenate(
             [cv2.remap(values, part[None], None, cv2.INTER_CUBIC)[0] for part in parts]
         )
@@ -162,9 +186,9 @@ class CorrelationResponse(SearchableCue):
         parameters: Features, window and sharpness.
         cells: Along each side of the window, even; each has as many pixels as the features ask for,
             once the window is brought to that resolution.
-        sizes: Of the window that are compared each frame, around that of the prediction, odd; 1
-            says nothing about the target's size.
-        size_step: Factor from one of these sizes to the next.
+        size_span: Factor from the smaller to the larger of the two windows that are compared each
+            frame, as much smaller and larger than the prediction's; with 1 there is one window,
+            which says nothing about the target's size.
         memory: Weight of the filter's change from one frame to the next (mu); more adapts slower.
         training_interval: Frames from one training of the filter to the next, each counting for all
             of them.
@@ -177,8 +201,7 @@ class CorrelationResponse(SearchableCue):
         parameters: CorrelationResponseParameters,
         *,
         cells: int = 40,
-        sizes: int = 3,
-        size_step: float = 1.02,
+        size_span: float = 1.04,
         memory: float = 300.0,
         training_interval: int = 3,
         settling_frames: int = 25,
@@ -186,9 +209,9 @@ class CorrelationResponse(SearchableCue):
         self._features: Features = FEATURES[parameters.features]()
         self._window = parameters.window
         self._cells = cells
-        self._middle = sizes // 2
-        self._steps = np.arange(sizes) - self._middle
-        self._log_step = math.log(size_step)
+        self._log_span = math.log(size_span)
+        reach = self._log_span / 2
+        self._factors = (math.exp(-reach), math.exp(reach)) if reach else (1.0,)
         self._sharpness = parameters.sharpness
         self._interval = training_interval
         self._settling = settling_frames
@@ -198,12 +221,10 @@ class CorrelationResponse(SearchableCue):
         """See `Cue.learn`."""
         pixels = self._pixels(region, box, gray=False)
         colored = pixels.ndim == 3 and float(np.ptp(pixels, axis=2).mean()) >= _LEAST_COLOR
-        window = self._around(region, box, colored)
-        width, height = (float(side) * self._cells / window.side for side in box[2:])
-        trained = train(window.spectrum, (width, height), None, 0.0)
-        return CorrelationTemplate(
-            trained, _reference(trained, window.spectrum), (width, height), colored
-        )
+        seen, side = self._spectrum(region, box, colored), self._side(box)
+        width, height = (float(length) * self._cells / side for length in box[2:])
+        trained = train(seen, (width, height), None, 0.0)
+        return CorrelationTemplate(trained, _reference(trained, seen), (width, height), colored)
 
     def observe(self, region: Region, box: NDArray[np.float64]) -> View:
         """See `Cue.observe`."""
@@ -231,9 +252,8 @@ class CorrelationResponse(SearchableCue):
         """
         value = float(self.strength(seen.region, seen.box[None], template)[0])
         answers = self._answers(seen.region, template)
-        values = answers.maps[self._middle]
-        peak = max(float(values.max()), _SMALLEST)
-        stands_out = _odds(_EVEN_CLUTTER * peak / max(float(values.std()), _SMALLEST))
+        peak = max(float(answers.expected.max()), _SMALLEST)
+        stands_out = _odds(_EVEN_CLUTTER * peak / answers.deviation)
         is_there = _odds(peak / template.reference / _EVEN_LEVEL)
         return Match(-self._sharpness * (1.0 - value), stands_out * is_there)
 
@@ -247,15 +267,18 @@ class CorrelationResponse(SearchableCue):
         """
         region, box = seen
         answers = self._answers(region, template)
-        values, window = answers.maps[self._middle], answers.windows[self._middle]
-        at_box = float(answers.read(self._middle, (box[:2] + box[2:] / 2)[None])[0])
+        at_box = float(answers.read((box[:2] + box[2:] / 2)[None], np.array([0.5]))[0])
         early = region.share(
             ("first correlation response", first),
-            lambda: response(first.filter, window.spectrum, self._cells),
+            lambda: response(first.filter, answers.windows.expected, self._cells),
         )
-        near = _peak_near(early, window, box)
-        odds = _ODDS_GROWTH * math.log(_standing_out(at_box, values) / _EVEN_STANDING_OUT)
-        odds += _FIRST_ODDS_GROWTH * math.log(_standing_out(near, early) / _EVEN_FIRST_STANDING_OUT)
+        near = _peak_near(early, region.place, self._side(region.place), box)
+        odds = _ODDS_GROWTH * math.log(
+            _standing_out(at_box, answers.deviation) / _EVEN_STANDING_OUT
+        )
+        odds += _FIRST_ODDS_GROWTH * math.log(
+            _standing_out(near, _deviation(early)) / _EVEN_FIRST_STANDING_OUT
+        )
         level = max(at_box, _SMALLEST) / template.reference
         return odds + _LEVEL_ODDS * min(math.log(level / _LEAST_LEVEL), 0.0)
 
@@ -271,46 +294,37 @@ class CorrelationResponse(SearchableCue):
         # A view may answer more than the one that was learned; still no place beats the best.
         full = max(template.reference, answers.largest)
         centers = boxes[:, :2] + boxes[:, 2:] / 2
-        steps = self._steps_of(boxes, region.place)
-        # No more of the maps are read than any box asks for.
-        lowest, highest = math.floor(steps.min()), math.ceil(steps.max())
-        read = np.stack([answers.read(size, centers) for size in range(lowest, highest + 1)])
-        if lowest == highest:
-            at_boxes = read[0]
-        else:
-            below = np.minimum(steps.astype(np.intp), highest - 1)
-            share, each, below = steps - below, np.arange(len(boxes)), below - lowest
-            at_boxes = (1.0 - share) * read[below, each] + share * read[below + 1, each]
+        at_boxes = answers.read(centers, self._shares(boxes, region.place))
         return np.minimum(np.maximum(at_boxes / full, 0.0), 1.0)
 
-    def _steps_of(
+    def _shares(
         self, boxes: NDArray[np.float64], place: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """(N,) places of (N, 4) boxes' sizes in the row of those that are looked at, from 0 on."""
-        last = len(self._steps) - 1
-        if last == 0:
+        """(N,) places of (N, 4) boxes' sizes between the smaller (0) and the larger window (1)."""
+        if not self._log_span:
             return np.zeros(len(boxes))
         sizes = boxes[:, 2] * boxes[:, 3] / (place[2] * place[3])
-        steps = np.log(sizes) / (2 * self._log_step) + self._middle
-        return np.minimum(np.maximum(steps, 0.0), last)
+        return np.minimum(np.maximum(np.log(sizes) / (2 * self._log_span) + 0.5, 0.0), 1.0)
 
     def _answers(self, region: Region, template: CorrelationTemplate) -> _Answers:
-        windows = region.share(
-            (self, template.colored),
-            lambda: [
-                self._around(
-                    region, region.place, template.colored, math.exp(step * self._log_step)
-                )
-                for step in self._steps
-            ],
-        )
-
         def answer() -> _Answers:
-            seen = np.stack([window.spectrum for window in windows])
-            maps = response(template.filter, seen, _REFINEMENT * self._cells)
-            return _Answers(maps, windows, float(maps.max()))
+            windows = self._windows(region, template.colored)
+            maps = response(template.filter, windows.spectra, _REFINEMENT * self._cells)
+            expected = _mean(maps)
+            return _Answers(maps, windows, expected, _deviation(expected), float(maps.max()))
 
         return region.share(("correlation responses", template), answer)
+
+    def _windows(self, region: Region, colored: bool) -> _Windows:
+        def read() -> _Windows:
+            place = region.place
+            spectra = np.stack(
+                [self._spectrum(region, place, colored, factor) for factor in self._factors]
+            )
+            sides = [self._side(place, factor) for factor in self._factors]
+            return _Windows(spectra, _mean(spectra), place[:2] + place[2:] / 2, sides)
+
+        return region.share((self, colored), read)
 
     def blend(self, template: CorrelationTemplate, seen: View) -> CorrelationTemplate:
         """See `Cue.blend`; the filter's memory holds it near what it was."""
@@ -319,18 +333,18 @@ class CorrelationResponse(SearchableCue):
         interval = self._interval if settled == 1.0 else 1
         if learned.waiting < interval:
             return learned
-        window = self._around(seen.region, seen.box, template.colored)
+        view = self._spectrum(seen.region, seen.box, template.colored)
         memory = settled * self._memory / interval
-        trained = train(window.spectrum, template.target_cells, template.filter, memory)
-        reference = _reference(trained, window.spectrum)
+        trained = train(view, template.target_cells, template.filter, memory)
+        reference = _reference(trained, view)
         return replace(learned, filter=trained, reference=reference, waiting=0)
 
-    def _around(
+    def _spectrum(
         self, region: Region, box: NDArray[np.float64], colored: bool, factor: float = 1.0
-    ) -> _Window:
+    ) -> Spectrum:
+        """Of the window around a (4,) box."""
         pixels = self._pixels(region, box, gray=not colored, factor=factor)
-        center, side = box[:2] + box[2:] / 2, self._side(box, factor)
-        return _Window(spectrum(self._features.extract(pixels)), center, side)
+        return spectrum(self._features.extract(pixels))
 
     def _pixels(
         self, region: Region, box: NDArray[np.float64], *, gray: bool, factor: float = 1.0
@@ -339,7 +353,7 @@ class CorrelationResponse(SearchableCue):
         center, side = box[:2] + box[2:] / 2, self._side(box, factor)
         return read_window(region.frame, center, side, self._features.stride * self._cells, gray)
 
-    def _side(self, box: NDArray[np.float64], factor: float) -> float:
+    def _side(self, box: NDArray[np.float64], factor: float = 1.0) -> float:
         return self._window * factor * math.sqrt(box[2] * box[3])
 
 
@@ -347,11 +361,29 @@ def _reference(trained: Spectrum, seen: Spectrum) -> float:
     return max(response_at_center(trained, seen), _SMALLEST)
 
 
-def _peak_near(values: NDArray[np.float32], window: _Window, box: NDArray[np.float64]) -> float:
-    """The largest value of a response map within a quarter of a (4,) box around its center."""
+def _mean(windows: NDArray[Value]) -> NDArray[Value]:
+    """The mean over one or two windows."""
+    return windows[0] if len(windows) == 1 else (windows[0] + windows[1]) * np.float32(0.5)
+
+
+def _deviation(values: NDArray[np.float32]) -> float:
+    return max(float(values.std()), _SMALLEST)
+
+
+def _peak_near(
+    values: NDArray[np.float32], place: NDArray[np.float64], side: float, box: NDArray[np.float64]
+) -> float:
+    """The largest value of a response map within a quarter of a box around its center.
+
+    Args:
+        values: (S, S), of a window around a place.
+        place: (4,) box, image pixels.
+        side: Of the window, image pixels.
+        box: (4,), image pixels.
+    """
     samples = len(values)
-    scale = samples / window.side
-    center = (box[:2] + box[2:] / 2 - window.center) * scale + samples // 2
+    scale = samples / side
+    center = (box[:2] + box[2:] / 2 - place[:2] - place[2:] / 2) * scale + samples // 2
     reach = np.maximum(box[2:] * scale / 4, 1.0)
     (left, top), (right, bottom) = (
         np.clip(np.rint(edge).astype(int), 0, samples - 1)
@@ -360,9 +392,9 @@ def _peak_near(values: NDArray[np.float32], window: _Window, box: NDArray[np.flo
     return float(values[top : bottom + 1, left : right + 1].max())
 
 
-def _standing_out(value: float, values: NDArray[np.float32]) -> float:
+def _standing_out(value: float, deviation: float) -> float:
     """A value of a response map in units of the map's standard deviation, kept from 0."""
-    return max(value / max(float(values.std()), _SMALLEST), _LEAST_STANDING_OUT)
+    return max(value / deviation, _LEAST_STANDING_OUT)
 
 
 def _odds(ratio: float) -> float:

@@ -47,4 +47,4 @@ class CoarseCorrelationResponse(CorrelationResponse):
         cells: int = 24,
         settling_frames: int = 1,
     ) -> None:
-        super().__init__(parameters, cells=cells, sizes=1, settling_frames=settling_frames)
+        super().__init__(parameters, cells=cells, size_span=1.0, settling_frames=settling_frames)

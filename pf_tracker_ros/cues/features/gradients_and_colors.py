@@ -2,8 +2,9 @@
 
 Sources: Felzenszwalb et al. 2010, "Object detection with discriminatively trained part-based
 models", section 6 (without the channels that tell a gradient's sign, which changes with the
-background); Berlin, Kay 1969, "Basic color terms", and van de Weijer et al. 2009, "Learning color
-names for real-world applications" (the 11 colors that languages have a name for, as channels).
+background; reduced along fixed axes, as in 6.2); Berlin, Kay 1969, "Basic color terms", and van de
+Weijer et al. 2009, "Learning color names for real-world applications" (the 11 colors that languages
+have a name for).
 """
 
 from __future__ import annotations
@@ -16,14 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.cues.features.features import FEATURES
+from pf_tracker_ros.cues.matrix_product import product
 
 _CELL_PIXELS = 4
 # Differences of the two neighbors in both directions, as one number.
 _PAIR = np.array([[0, -511, 0], [-1, 0, 1], [0, 511, 0]], dtype=np.float32)
-# Over 180 degrees.
-_DIRECTIONS = 9
-_BLOCKS = 4
-_GRADIENT_CHANNELS = _DIRECTIONS + _BLOCKS
+# Over 180 degrees; and the blocks of four cells that each cell is in.
+_DIRECTIONS, _BLOCKS = 9, 4
+# Channels that tell the directions, as waves over them, and how the textures differ.
+_WAVES, _DIFFERENCES = 4, 2
+_GRADIENT_CHANNELS = 1 + 2 * _WAVES + _DIFFERENCES
 # Steps that a gray level's gradient is counted in; and by how much more than all of a cell's may
 # come to, the sums of two directions are told apart in one number.
 _MAGNITUDE_STEPS, _UPPER = 2.0**15, 2.0**28
@@ -42,6 +45,9 @@ _SMALLEST_GRAY_RANGE = 16.0
 _COLOR_LEVELS = 32
 # How far, in units of CIE Lab, a color's name reaches.
 _NAME_REACH = 22.0
+# Channels that tell the colors' names apart, and how far from gray common colors are, in units of
+# CIE Lab.
+_COLORS, _COMMON_CHROMA = 5, 20.0
 # A typical color of each name: red, green, blue.
 _NAMED_COLORS = (
     (0, 0, 0),
@@ -60,7 +66,7 @@ _NAMED_COLORS = (
 
 @FEATURES.register("gradients_and_colors")
 class GradientsAndColors:
-    """9 directions of gradients, 4 of texture, then 11 named colors, or 6 gray levels."""
+    """9 directions of gradients and 4 textures in 11 channels, 11 colors or 6 gray levels in 5."""
 
     stride = _CELL_PIXELS
 
@@ -69,34 +75,51 @@ class GradientsAndColors:
         cells = window.shape[0] // _CELL_PIXELS
         colored = window.ndim == 3
         gray = cv2.cvtColor(window, cv2.COLOR_BGR2GRAY) if colored else window
-        channels = _GRADIENT_CHANNELS + (len(_NAMED_COLORS) if colored else _GRAY_LEVELS)
-        features = np.empty((channels, cells, cells), dtype=np.float32)
-        _fill_gradient_channels(gray, features[:_GRADIENT_CHANNELS])
         half = cv2.resize(window, (2 * cells, 2 * cells), interpolation=cv2.INTER_AREA)
         shares = _name_shares(half) if colored else _level_shares(half)
+        features = np.empty((_GRADIENT_CHANNELS + shares.shape[2], cells, cells), dtype=np.float32)
+        _fill_gradient_channels(gray, features[:_GRADIENT_CHANNELS])
         rows = shares[0::2] + shares[1::2]
         features[_GRADIENT_CHANNELS:] = (rows[:, 0::2] + rows[:, 1::2]).transpose(2, 0, 1)
         return features
 
 
 def _fill_gradient_channels(gray: NDArray[np.uint8], channels: NDArray[np.float32]) -> None:
-    """Fill (13, rows, columns) channels."""
+    """Fill (11, rows, columns) channels."""
     _, rows, columns = channels.shape
     histogram = _direction_histogram(gray, rows, columns)
     energy = np.einsum("dyx,dyx->yx", histogram, histogram)
     padded = cv2.copyMakeBorder(energy, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     blocks = padded[:-1, :-1] + padded[1:, :-1] + padded[:-1, 1:] + padded[1:, 1:]
     inverse = 1.0 / np.sqrt(blocks + np.float32(_NOISE))
-    directions, textures = channels[:_DIRECTIONS], channels[_DIRECTIONS:]
-    directions[...] = 0.0
+    sums = np.zeros((_DIRECTIONS + _BLOCKS, rows, columns), dtype=np.float32)
+    directions, textures = sums[:_DIRECTIONS], sums[_DIRECTIONS:]
     cut = np.empty_like(histogram)
     for number, (down, across) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
         np.multiply(histogram, inverse[down : down + rows, across : across + columns], out=cut)
         np.minimum(cut, np.float32(_CUT), out=cut)
         directions += cut
         cut.sum(axis=0, out=textures[number])
-    directions *= 0.5
-    textures /= math.sqrt(2 * _DIRECTIONS)
+    channels[...] = product(_gradient_axes(), sums.reshape(len(sums), -1)).reshape(channels.shape)
+
+
+@cache
+def _gradient_axes() -> NDArray[np.float32]:
+    """(11, 13) what each channel takes of the sums of 9 directions and 4 textures.
+
+    The axes are orthogonal, so that a filter of these channels answers as one of all 13 would, but
+    for the least of them, which is left out. The mean of the directions is that of the textures,
+    and stands for both.
+    """
+    turn = 2.0 * np.pi / _DIRECTIONS * np.arange(_DIRECTIONS)
+    waves = [wave(cycles * turn) for cycles in range(1, _WAVES + 1) for wave in (np.cos, np.sin)]
+    axes = np.zeros((_GRADIENT_CHANNELS, _DIRECTIONS + _BLOCKS))
+    axes[0, :_DIRECTIONS] = math.sqrt(0.75)
+    axes[1 : 1 + 2 * _WAVES, :_DIRECTIONS] = waves
+    # The textures of the blocks above and below, and of those to the left and to the right.
+    axes[-2, _DIRECTIONS:] = 0.5, 0.5, -0.5, -0.5
+    axes[-1, _DIRECTIONS:] = 0.5, -0.5, 0.5, -0.5
+    return (axes / math.sqrt(2 * _DIRECTIONS)).astype(np.float32)
 
 
 def _direction_histogram(gray: NDArray[np.uint8], rows: int, columns: int) -> NDArray[np.float32]:
@@ -144,14 +167,14 @@ def _direction_tables() -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
 
 
 def _name_shares(half: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """(h, w, 11) how well each name fits each of (h, w, 3) pixels."""
+    """(h, w, 5) which names fit each of (h, w, 3) pixels."""
     blue, green, red = cv2.split(half // (256 // _COLOR_LEVELS))
     number = (blue.astype(np.intp) * _COLOR_LEVELS + green) * _COLOR_LEVELS + red
     return _name_table().take(number, axis=0)
 
 
 def _level_shares(half: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """(h, h, 6) how near each of (h, h) pixels is to each level of the middle's range."""
+    """(h, h, 5) which levels of the middle's range are near each of (h, h) pixels."""
     border = len(half) // 4
     middle = half[border : len(half) - border, border : len(half) - border]
     low, high = np.percentile(middle, _GRAY_PERCENTILES)
@@ -162,7 +185,10 @@ def _level_shares(half: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 @cache
 def _name_table() -> NDArray[np.float32]:
-    """(colors, 11) how well each name fits each color; a quarter of `_COLOR_WEIGHT` in all."""
+    """(colors, 5) the principal components of how well each name fits each color.
+
+    All names come to a quarter of `_COLOR_WEIGHT`.
+    """
     step = 256 // _COLOR_LEVELS
     level = (np.arange(_COLOR_LEVELS) * step + step / 2) / 255
     blue, green, red = np.meshgrid(level, level, level, indexing="ij")
@@ -171,15 +197,30 @@ def _name_table() -> NDArray[np.float32]:
     distance = np.linalg.norm(_lab(colors)[:, None] - _lab(named)[None], axis=2)
     fit = np.exp(-0.5 * np.square(distance / _NAME_REACH))
     fit /= fit.sum(axis=1, keepdims=True) + 1e-9
-    return (0.25 * _COLOR_WEIGHT * fit).astype(np.float32)
+    chroma = np.linalg.norm(_lab(colors)[:, 1:], axis=1)
+    commonness = np.exp(-0.5 * np.square(chroma / _COMMON_CHROMA))
+    return (0.25 * _COLOR_WEIGHT * _principal(fit, commonness, _COLORS)).astype(np.float32)
 
 
 @cache
 def _level_table() -> NDArray[np.float32]:
-    """(256, 6) how near each place in the range is to each level; as `_name_table` in all."""
+    """(256, 5) the same of how near each place in the range is to each level."""
     place = np.linspace(0.0, _GRAY_LEVELS - 1, 256)[:, None]
     near = np.clip(1.0 - np.abs(place - np.arange(_GRAY_LEVELS)), 0.0, 1.0)
-    return (0.25 * _COLOR_WEIGHT * near).astype(np.float32)
+    # The shares come to 1 everywhere, so that one of them follows from the others.
+    principal = _principal(near, np.ones(len(near)), _GRAY_LEVELS - 1)
+    return (0.25 * _COLOR_WEIGHT * principal).astype(np.float32)
+
+
+def _principal(
+    entries: NDArray[np.float64], commonness: NDArray[np.float64], count: int
+) -> NDArray[np.float64]:
+    """(N, count) principal components of (N, D) entries, each of which is (N,) common."""
+    centered = entries - np.average(entries, axis=0, weights=commonness)
+    _, axes = np.linalg.eigh((centered * commonness[:, None]).T @ centered)
+    # The largest come last.
+    components: NDArray[np.float64] = centered @ axes[:, : -count - 1 : -1]
+    return components
 
 
 def _lab(colors: NDArray[np.float64]) -> NDArray[np.float64]:
