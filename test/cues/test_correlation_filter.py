@@ -193,12 +193,20 @@ def test_spectrum_fades_to_the_borders_and_is_of_one_strength_without_a_mean():
     one, other = spectrum(features), spectrum(70 * features + 9)
     np.testing.assert_allclose(other, one, rtol=1e-3, atol=1e-4)
     values = in_space(one)
-    assert np.sqrt(np.square(values).mean()) == pytest.approx(0.06, rel=1e-4)
+    assert np.sqrt(np.square(values).mean()) == pytest.approx(0.294, rel=1e-4)
     hann = [np.sin(np.pi * (place + 1) / (CELLS + 1)) ** 2 for place in range(CELLS)]
     window = np.outer(hann, hann)
     expected = (features[0] - np.average(features[0], weights=window)) * window
-    expected *= 0.06 / np.sqrt(np.square(expected).mean())
+    expected *= 0.294 / np.sqrt(np.square(expected).mean())
     np.testing.assert_allclose(values[0], expected, atol=1e-5)
+
+
+def test_the_strength_is_that_of_all_channels_together():
+    """Channels that say nothing, or the same in other words, change nothing."""
+    features = cv2.GaussianBlur(noise(0, 1)[0], (3, 3), 0)
+    turned = np.stack([0.6 * features, -0.8 * features, 0 * features])
+    power = np.square(np.abs(spectrum(turned))).sum(axis=0)
+    np.testing.assert_allclose(power, np.square(np.abs(spectrum(features[None])[0])), rtol=1e-3)
 
 
 def test_features_of_nothing_have_a_spectrum_of_nothing():

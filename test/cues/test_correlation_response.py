@@ -15,6 +15,7 @@ from pf_tracker_ros.frames import Frame, Region
 
 BOX = np.array([140.0, 100.0, 40.0, 32.0])
 CUE = CorrelationResponse(CorrelationResponseParameters())
+ONE_SIZE = CorrelationResponse(CorrelationResponseParameters(), size_span=1.0)
 
 
 def texture(seed, height, width, grain=2.5):
@@ -46,9 +47,11 @@ def template():
 
 
 def test_the_learned_box_answers_with_one(template):
+    """Where it is looked at in its own size; between two others with hardly less."""
     region = region_of(frame())
-    assert CUE.strength(region, BOX[None], template)[0] == pytest.approx(1.0, abs=1e-4)
-    assert CUE.log_likelihood(region, BOX[None], template)[0] == pytest.approx(0.0, abs=0.01)
+    assert ONE_SIZE.strength(region, BOX[None], template)[0] == pytest.approx(1.0, abs=1e-4)
+    assert ONE_SIZE.log_likelihood(region, BOX[None], template)[0] == pytest.approx(0.0, abs=0.01)
+    assert 0.97 < CUE.strength(region, BOX[None], template)[0] <= 1.0
 
 
 @pytest.mark.parametrize(("right", "down"), [(0, 0), (12, -8), (-7, 5), (20, 15), (-16, -19)])
@@ -104,13 +107,12 @@ def test_a_camera_may_switch_between_colors_and_gray(turns):
 
 
 def test_with_one_size_a_box_reads_the_response_at_its_center_whatever_its_own():
-    cue = CorrelationResponse(CorrelationResponseParameters(), sizes=1)
-    template = cue.learn(region_of(frame()), BOX)
+    template = ONE_SIZE.learn(region_of(frame()), BOX)
     boxes, _ = boxes_around(BOX, 3)
     region = region_of(frame(), boxes)
-    responses = cue.strength(region, boxes, template)
+    responses = ONE_SIZE.strength(region, boxes, template)
     larger = boxes + [-10, -5, 20, 10]
-    np.testing.assert_array_equal(cue.strength(region, larger, template), responses)
+    np.testing.assert_array_equal(ONE_SIZE.strength(region, larger, template), responses)
 
 
 def sized(factor):
@@ -119,28 +121,44 @@ def sized(factor):
     return np.concatenate([center - sides / 2, sides])
 
 
-@pytest.mark.parametrize(("growth", "best"), [(1.04, 1.04), (1.0, 1.0), (1 / 1.04, 1 / 1.04)])
-def test_a_target_that_grew_or_shrank_answers_most_in_its_new_size(growth, best):
-    cue = CorrelationResponse(CorrelationResponseParameters(), size_step=1.04)
+def zoomed(growth):
+    """The frame, grown by a factor around the center of BOX."""
+    zoom = cv2.getRotationMatrix2D(tuple(BOX[:2] + BOX[2:] / 2), 0.0, growth)
+    return cv2.warpAffine(frame(), zoom, (320, 240), flags=cv2.INTER_LINEAR)
+
+
+@pytest.mark.parametrize("growth", [1.02, 1 / 1.02])
+def test_a_target_that_grew_or_shrank_answers_most_in_its_new_size(growth):
+    cue = CorrelationResponse(CorrelationResponseParameters(), size_span=1.04)
     template = cue.learn(region_of(frame()), BOX)
-    center = tuple(BOX[:2] + BOX[2:] / 2)
-    zoom = cv2.getRotationMatrix2D(center, 0.0, growth)
-    image = cv2.warpAffine(frame(), zoom, (320, 240), flags=cv2.INTER_LINEAR)
-    boxes = np.array([sized(factor) for factor in (1 / 1.04, 1.0, 1.04)])
-    responses = cue.strength(region_of(image, BOX), boxes, template)
-    assert responses.argmax() == [1 / 1.04, 1.0, 1.04].index(best)
+    boxes = np.array([sized(factor) for factor in (1 / growth, 1.0, growth)])
+    responses = cue.strength(region_of(zoomed(growth), BOX), boxes, template)
+    assert np.array_equal(np.argsort(responses), [0, 1, 2])
+
+
+def test_a_target_of_the_same_size_answers_the_same_in_a_smaller_and_a_larger_one(template):
+    """By far more than one that grew or shrank: nothing draws its size away."""
+    boxes = np.array([sized(1 / 1.02), sized(1.02)])
+    apart = {
+        growth: np.diff(CUE.strength(region_of(zoomed(growth)), boxes, template))[0]
+        for growth in (1 / 1.02, 1.0, 1.02)
+    }
+    assert apart[1 / 1.02] < 0.0 < apart[1.02]
+    assert abs(apart[1.0]) < 0.2 * min(apart[1.02], -apart[1 / 1.02])
 
 
 def test_between_the_sizes_a_response_is_interpolated_and_beyond_them_it_stays(template):
-    region = region_of(frame())
+    region = region_of(zoomed(1.01))
     at = {
         power: CUE.strength(region, sized(1.02**power)[None], template)[0]
-        for power in (-5, -1, -0.5, 0, 0.25, 1, 5)
+        for power in (-5, -1, -0.5, 0, 0.5, 1, 5)
     }
-    assert at[-0.5] == pytest.approx((at[-1] + at[0]) / 2, abs=1e-6)
-    assert at[0.25] == pytest.approx(0.75 * at[0] + 0.25 * at[1], abs=1e-6)
-    assert (at[-5], at[5]) == pytest.approx((at[-1], at[1]))
-    assert min(at[0] - at[-1], at[0] - at[1]) > 0.0
+    assert at[1] - at[-1] > 0.001
+    # The two windows are the span of 1.04 apart, which is a little less than 1.02 squared.
+    assert at[0] == pytest.approx((at[-1] + at[1]) / 2, abs=1e-4)
+    assert at[-0.5] == pytest.approx(0.75 * at[-1] + 0.25 * at[1], abs=1e-4)
+    assert at[0.5] == pytest.approx(0.25 * at[-1] + 0.75 * at[1], abs=1e-4)
+    assert (at[-5], at[5]) == pytest.approx((at[-1], at[1]), abs=1e-4)
 
 
 def test_as_many_boxes_as_there_may_be_particles_are_read(template):
@@ -224,7 +242,7 @@ def test_then_only_every_third_blend_trains(template):
     np.testing.assert_array_equal(others[0].filter, others[1].filter)
     # The response that counts as 1 is the one to the window trained on last.
     region = region_of(frame(seed=1))
-    assert CUE.strength(region, BOX[None], others[0])[0] == pytest.approx(1.0, abs=1e-4)
+    assert ONE_SIZE.strength(region, BOX[None], others[0])[0] == pytest.approx(1.0, abs=1e-4)
 
 
 def test_more_memory_adapts_slower(template):
@@ -256,7 +274,7 @@ def test_an_image_buffer_that_is_overwritten_later_does_no_harm(template):
     buffer[:] = 0
     for kept in (learned, waiting, trained):
         boxes, offsets = boxes_around(BOX, 6)
-        responses = CUE.strength(region_of(frame(), boxes), boxes, kept)
+        responses = ONE_SIZE.strength(region_of(frame(), boxes), boxes, kept)
         assert np.abs(offsets[responses.argmax()]).max() <= 1
         assert responses.max() == pytest.approx(1.0, abs=1e-2)
     np.testing.assert_array_equal(learned.filter, CUE.learn(region_of(frame()), BOX).filter)
@@ -266,7 +284,7 @@ def test_an_image_buffer_that_is_overwritten_later_does_no_harm(template):
 def test_the_window_has_as_many_cells_as_asked_for(cells):
     cue = CorrelationResponse(CorrelationResponseParameters(), cells=cells)
     learned = cue.learn(region_of(frame()), BOX)
-    assert learned.filter.shape == (24, cells, cells // 2 + 1)
+    assert learned.filter.shape == (16, cells, cells // 2 + 1)
     boxes, offsets = boxes_around(BOX, 8)
     responses = cue.strength(region_of(frame(), boxes), boxes, learned)
     assert np.abs(offsets[responses.argmax()]).max() <= 1

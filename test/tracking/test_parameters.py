@@ -142,8 +142,8 @@ def test_what_a_former_number_is_fixed_at_is_what_is_used():
     }
     model = BackgroundModel.__init__.__kwdefaults__
     defaults |= {f"background.{argument}": value for argument, value in model.items()}
-    # 13 of cues and 5 of the background model.
-    assert len(fixed.keys() & defaults.keys()) == 13 + 5
+    # 11 of cues and 5 of the background model.
+    assert len(fixed.keys() & defaults.keys()) == 11 + 5
     for name in fixed.keys() & defaults.keys():
         assert defaults[name] == fixed[name]
 

@@ -6,7 +6,6 @@ import pytest
 
 from pf_tracker_ros.cues.features.gradients_and_colors import GradientsAndColors
 
-# Alphabetical: the order of the channels.
 NAMED_COLORS = {
     "black": (0, 0, 0),
     "blue": (0, 0, 255),
@@ -35,7 +34,17 @@ def texture(seed, size=64):
 
 def gradients(gray):
     """The gradient channels alone."""
-    return extract(gray)[:13]
+    return extract(gray)[:11]
+
+
+def of_cells(channels):
+    """(channels, cells) of (channels, rows, columns)."""
+    return channels.reshape(len(channels), -1).astype(float)
+
+
+def distances(points):
+    """(N, N) between (D, N) points."""
+    return np.linalg.norm(points[:, :, None] - points[:, None], axis=0)
 
 
 def looped_gradients(gray):
@@ -65,21 +74,25 @@ def looped_gradients(gray):
     return channels
 
 
-@pytest.mark.parametrize(("shape", "channels"), [((32, 32, 3), 24), ((32, 32), 19)])
-def test_gradients_and_eleven_colors_or_six_gray_levels(shape, channels):
+@pytest.mark.parametrize("shape", [(32, 32, 3), (32, 32)])
+def test_eleven_channels_of_gradients_and_five_of_colors_or_gray_levels(shape):
     window = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
     features = extract(window)
-    assert features.shape == (channels, 32 // STRIDE, 32 // STRIDE)
+    assert features.shape == (16, 32 // STRIDE, 32 // STRIDE)
     assert features.dtype == np.float32
     gray = window if window.ndim == 2 else cv2.cvtColor(window, cv2.COLOR_BGR2GRAY)
-    np.testing.assert_array_equal(features[:13], gradients(gray))
+    np.testing.assert_array_equal(features[:11], gradients(gray))
 
 
 @pytest.mark.parametrize("contrast", [2, 30, 255])
-def test_gradient_channels_equal_a_loop_over_pixels(contrast):
+def test_gradient_channels_are_those_of_a_loop_over_pixels_in_other_axes(contrast):
+    """All inner products are those of the 13, but for what textures differ along both diagonals."""
     generator = np.random.default_rng(contrast)
     gray = generator.integers(0, contrast + 1, (24, 24), dtype=np.uint8)
-    np.testing.assert_allclose(gradients(gray), looped_gradients(gray), atol=1e-5)
+    reduced, looped = of_cells(gradients(gray)), of_cells(looped_gradients(gray))
+    dropped = np.array([0.5, -0.5, -0.5, 0.5]) @ looped[9:]
+    expected = looped.T @ looped - np.outer(dropped, dropped)
+    np.testing.assert_allclose(reduced.T @ reduced, expected, atol=1e-5)
 
 
 def test_an_even_window_has_no_gradients():
@@ -98,21 +111,59 @@ def test_brightness_and_contrast_hardly_change_the_gradient_channels():
 
 
 def test_an_edge_counts_for_its_direction_whatever_its_sign():
+    """Across, all of the cosines of a direction of 0 are the same, and the sines are 0."""
     rising = np.tile((4 * np.arange(32)).astype(np.uint8), (32, 1))
-    for image, directions in ((rising, [0]), (rising[:, ::-1], [0])):
-        features = gradients(np.ascontiguousarray(image))[:9, 2:-2, 2:-2]
-        held = features.max(axis=(1, 2))
-        assert np.flatnonzero(held > 1e-6).tolist() == directions
+    of_one = [
+        gradients(np.ascontiguousarray(image))[:9, 2:-2, 2:-2]
+        for image in (rising, rising[:, ::-1])
+    ]
+    np.testing.assert_allclose(of_one[0], of_one[1], atol=1e-6)
+    mean, waves = of_one[0][0], of_one[0][1:]
+    assert mean.min() > 0.01
+    np.testing.assert_allclose(waves[0::2], np.broadcast_to(mean / 0.75**0.5, (4, 4, 4)), rtol=1e-5)
+    np.testing.assert_allclose(waves[1::2], 0.0, atol=1e-6)
+    # Down, by 90 of 180 degrees, the wave of one cycle is turned by a half.
+    down = gradients(np.ascontiguousarray(rising.T))[:9, 2:-2, 2:-2]
+    assert down[1].max() < -0.9 * mean.min()
+
+
+def color_channels(color):
+    """Of an even patch of red, green and blue."""
+    window = np.empty((4, 4, 3), np.uint8)
+    window[:] = color[::-1]
+    return extract(window)[11:, 0, 0].astype(float)
 
 
 @pytest.mark.parametrize("name", NAMED_COLORS)
-def test_a_patch_of_a_named_color_has_that_name(name):
-    window = np.empty((16, 16, 3), np.uint8)
-    window[:] = NAMED_COLORS[name][::-1]
-    channels = extract(window)[13:]
-    number = list(NAMED_COLORS).index(name)
-    assert (channels.argmax(axis=0) == number).all()
-    np.testing.assert_allclose(channels.sum(axis=0), 0.6, atol=1e-4)
+def test_a_shade_of_a_named_color_is_nearest_to_it(name):
+    toward = np.array([128, 128, 128]) - NAMED_COLORS[name]
+    shade = (NAMED_COLORS[name] + np.clip(toward, -12, 12)).astype(np.uint8)
+    apart = {
+        other: np.linalg.norm(color_channels(shade) - color_channels(color))
+        for other, color in NAMED_COLORS.items()
+    }
+    assert min(apart, key=apart.get) == name
+
+
+def test_colors_differ_by_how_well_the_names_fit_them():
+    """Nearly as with a channel a name, for colors that are common; never more."""
+    colors = np.random.default_rng(0).integers(40, 216, (300, 3))
+    # In the middle of the steps that colors are counted in.
+    colors = (colors // 8 * 8 + 4).astype(np.uint8)
+
+    def lab(values):
+        pixels = np.asarray(values, np.float32)[None] / 255
+        return cv2.cvtColor(pixels, cv2.COLOR_RGB2Lab)[0].astype(float)
+
+    common = np.linalg.norm(lab(colors)[:, 1:], axis=1) < 25
+    colors = colors[common]
+    assert len(colors) > 50
+    apart = np.linalg.norm(lab(colors)[:, None] - lab([*NAMED_COLORS.values()]), axis=2)
+    fit = np.exp(-0.5 * (apart / 22) ** 2)
+    full = distances(0.6 * (fit / fit.sum(axis=1, keepdims=True)).T)
+    reduced = distances(np.stack([color_channels(color) for color in colors], axis=1))
+    assert (reduced < full + 1e-3).all()
+    assert np.square(reduced).sum() > 0.97 * np.square(full).sum()
 
 
 def test_the_names_of_a_cell_are_the_means_of_its_parts():
@@ -120,11 +171,11 @@ def test_the_names_of_a_cell_are_the_means_of_its_parts():
     generator = np.random.default_rng(0)
     quarters = generator.integers(0, 256, (4, 4, 3), dtype=np.uint8)
     window = np.kron(quarters, np.ones((2, 2, 1), np.uint8))
-    channels = extract(window)[13:]
+    channels = extract(window)[11:]
     for i, j in np.ndindex(2, 2):
         parts = []
         for color in quarters[2 * i : 2 * i + 2, 2 * j : 2 * j + 2].reshape(-1, 3):
-            parts.append(extract(np.full((4, 4, 3), color, np.uint8))[13:, 0, 0])
+            parts.append(extract(np.full((4, 4, 3), color, np.uint8))[11:, 0, 0])
         np.testing.assert_allclose(channels[:, i, j], np.mean(parts, axis=0), atol=1e-6)
 
 
@@ -135,34 +186,39 @@ def strips(values):
 
 def test_gray_levels_span_what_is_in_the_middle_of_the_window():
     """The middle four columns are 40 to 240, so a level is 40 wide; beyond them it is the end."""
-    levels = extract(strips([0, 40, 40, 90, 140, 240, 200, 255]))[13:]
+    levels = extract(strips([0, 40, 40, 90, 140, 240, 200, 255]))[11:]
     expected = np.zeros((6, 8))
     for column, shares in enumerate(
         ({0: 1}, {0: 1}, {0: 1}, {1: 0.75, 2: 0.25}, {2: 0.5, 3: 0.5}, {5: 1}, {4: 1}, {5: 1})
     ):
         for level, share in shares.items():
             expected[level, column] = 0.6 * share
-    np.testing.assert_allclose(levels, expected[:, None].repeat(8, axis=1), atol=0.006)
+    np.testing.assert_allclose(distances(levels[:, 3]), distances(expected), atol=0.01)
+    np.testing.assert_array_equal(levels, levels[:, :1].repeat(8, axis=1))
 
 
 def test_a_few_pixels_do_not_stretch_the_gray_levels():
     window = np.random.default_rng(0).integers(100, 140, (64, 64), dtype=np.uint8)
-    levels = extract(window)[13:]
+    levels = extract(window)[11:]
     hot = window.copy()
     hot[20:22, 20:22] = 255
-    same = np.abs(extract(hot)[13:] - levels).max(axis=0) < 0.1
+    same = np.abs(extract(hot)[11:] - levels).max(axis=0) < 0.1
     assert (~same).sum() == 1
 
 
 def test_brightness_and_contrast_do_not_change_the_gray_levels():
     cells = 2 * np.random.default_rng(0).integers(5, 45, (16, 16), dtype=np.uint8)
     window = np.kron(cells, np.ones((STRIDE, STRIDE), np.uint8))
-    levels = extract(window)[13:]
+    levels = extract(window)[11:]
     for other in (window + 100, window // 2 + 7, 2 * window):
-        np.testing.assert_allclose(extract(other)[13:], levels, atol=0.01)
+        np.testing.assert_allclose(extract(other)[11:], levels, atol=0.01)
 
 
 def test_noise_of_the_sensor_alone_hardly_has_gray_levels():
-    """Its range counts as 16 gray levels at least, so that 2 of them are less than one level."""
-    window = np.random.default_rng(0).integers(100, 103, (64, 64), dtype=np.uint8)
-    assert not extract(window)[15:].any()
+    """Its range counts as 16 gray levels at least, so that 2 of them are 5 / 8 of one level."""
+    window = np.full((64, 64), 100, np.uint8)
+    window[:, 32:] = 102
+    levels = extract(window)[11:]
+    assert np.ptp(levels, axis=(1, 2)).max() > 0.0
+    apart = np.linalg.norm(levels[:, 0, 0] - levels[:, 0, -1])
+    assert apart == pytest.approx(0.6 * 5 / 8 * np.sqrt(2), abs=0.01)
