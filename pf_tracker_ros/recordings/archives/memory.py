@@ -7,7 +7,7 @@ from pathlib import Path
 from pf_tracker_ros.recordings.archives.stores import is_url
 from pf_tracker_ros.recordings.archives.tasks import ArchiveTask
 from pf_tracker_ros.recordings.errors import RecordingError
-from pf_tracker_ros.recordings.target import read_target_file, target_file
+from pf_tracker_ros.recordings.target import read_targets, target_file
 
 # Bytes, as measured with images of 0.3 to 8 megapixels: of a worker, and of a pixel of its images.
 _WORKER, _PIXEL = 250 * 10**6, 30
@@ -35,6 +35,6 @@ def _image_size(task: ArchiveTask) -> tuple[int, int]:
         return _IMAGE_SIZE
     source = Path(task.source)
     try:
-        return read_target_file(target_file(source), source).image_size or _IMAGE_SIZE
+        return read_targets(target_file(source), source)[0].image_size or _IMAGE_SIZE
     except (RecordingError, OSError):
         return _IMAGE_SIZE
