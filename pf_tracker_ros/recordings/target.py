@@ -25,7 +25,7 @@ from typing import Any
 
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.footage.access import check_file, exists
+from pf_tracker_ros.footage.access import check_file, exists, resolved
 from pf_tracker_ros.footage.messages import box_as_sent
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_TARGET, RecordingError
 from pf_tracker_ros.recordings.placing import put_in_place
@@ -143,9 +143,9 @@ def choose_targets(
 
 def target_file(source: Path) -> Path:
     """Where the target of a recording stands: `drive.target.yaml` beside `drive.mcap`."""
-    resolved = source.resolve()
-    name = resolved.name if resolved.is_dir() else resolved.stem
-    return resolved.with_name(f"{name}{TARGET_ENDING}")
+    place = resolved(source)
+    name = place.name if place.is_dir() else place.stem
+    return place.with_name(f"{name}{TARGET_ENDING}")
 
 
 def read_target_file(path: Path, source: Path) -> Target:
@@ -232,9 +232,9 @@ def _target(path: Path, of: str, document: dict[str, Any], source: Path) -> Targ
     """
     _check_keys(path, of, document, _KEYS)
     name = document.get("recording")
-    if name is not None and name != source.resolve().name:
+    if name is not None and name != resolved(source).name:
         raise RecordingError(
-            f"{path} is the target of {name!r}, not of {source.resolve().name!r}: draw one for "
+            f"{path} is the target of {name!r}, not of {resolved(source).name!r}: draw one for "
             "this recording, or correct 'recording' in it",
             WRONG_TARGET,
         )
