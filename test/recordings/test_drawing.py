@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
 import yaml
 
@@ -280,6 +281,17 @@ def test_what_is_refused_anyway_is_refused_before_the_page(track, images, monkey
     assert code == 2
     assert "aiohttp is not installed: pip install aiohttp, or '.[console]'" in errors
     assert len(errors.splitlines()) == 1
+
+
+def test_a_bag_without_any_image_that_can_be_decoded_has_no_page(
+    track, make_stamped, write_bag, tmp_path
+):
+    kind = "sensor_msgs/msg/CompressedImage"
+    message = make_stamped(kind, 1, format="jpeg", data=np.zeros(9, np.uint8))
+    bag = write_bag(tmp_path / "bag", [("/eye", kind, 1, message)])
+    code, _, errors = track(bag, "--output", tmp_path / "out", "--draw")
+    assert code == 2
+    assert "bag cannot be drawn on: there is no picture in frame 0 or after it" in errors
 
 
 def test_without_any_target_it_says_that_one_can_be_drawn(track, images, tmp_path):

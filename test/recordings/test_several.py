@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections
+from pf_tracker_ros.recordings.archives.memory import needed_memory
+from pf_tracker_ros.recordings.archives.results import results_at
+from pf_tracker_ros.recordings.archives.tasks import make_tasks
 from pf_tracker_ros.recordings.detections import built_in
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS, WRONG_TARGET
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
@@ -537,6 +540,20 @@ def test_an_archive_takes_targets_of_several_and_counts_frames(
     code, _, errors = track(*given, "--detections", "d.csv")
     assert code == 2
     assert "detections is for one recording" in errors
+
+
+def test_several_targets_are_given_more_memory(write_sequence, walkers, tmp_path):
+    images, boxes = walkers
+    source = write_sequence("pair", images, np.array(boxes)[:, 0])
+    results = results_at(tmp_path / "out")
+
+    def needed(text, *arguments):
+        source.with_name("pair.target.yaml").write_text(text)
+        return needed_memory(make_tasks({"pair": source}, results, arguments)[0])
+
+    one = "{target_box: [1, 2, 30, 40], image_size: [240, 160]}"
+    alone = needed(one)
+    assert needed(f"targets: [{one}, {one}]") == needed(one, "--detector=motion") > 1.2 * alone
 
 
 def test_an_archive_may_have_a_detector(track, walkers, write_sequence, tmp_path):

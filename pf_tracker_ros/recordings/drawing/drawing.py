@@ -44,8 +44,10 @@ def draw_target(recording: Recording, announce: Callable[[str], None]) -> Target
     desk = _Desk(recording, pictures)
     try:
         # What cannot be read at all is told here, and not on a page.
-        with contextlib.suppress(LookupError):
+        try:
             pictures.find(0)
+        except LookupError as error:
+            raise RecordingError(f"{recording.path} cannot be drawn on: {error}") from error
         desk.start()
         announce(desk.address)
         return desk.wait()
