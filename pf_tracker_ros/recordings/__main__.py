@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import signal
 import sys
 import threading
@@ -133,11 +134,9 @@ def _check_kind(options: argparse.Namespace) -> None:
 
 def _run_one(options: argparse.Namespace, path: Path, name: str, stop: _Stop) -> int:
     recording = open_recording(path, bag_topic=options.bag_topic, frame_rate=options.frame_rate)
-    drawn = None
-    if options.draw:
-        check_outputs(options)
-        drawn = _draw(recording, options, stop)
-    with closing(plan_for(recording, options, drawn)) as plan:
+    check_outputs(options)
+    draw = functools.partial(_draw, recording, options, stop) if options.draw else None
+    with closing(plan_for(recording, options, draw)) as plan:
         return _run_plan(options, plan, name, stop)
 
 
@@ -180,7 +179,7 @@ def _draw(recording: Recording, options: argparse.Namespace, stop: _Stop) -> Tar
         kept = f"not saved, as {options.source} is not a place on this machine"
     else:
         kept = _kept(target, target_file(recording.path))
-    box = ",".join(f"{value:g}" for value in target.box or ())
+    box = ",".join(f"{value:.10g}" for value in target.box or ())
     print(f"target {box} in frame {target.frame}, {kept}", flush=True)
     return target
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import importlib
-from collections.abc import Generator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from pf_tracker_ros.evaluation.command_line import parse_parameters
@@ -77,14 +77,16 @@ class Plan:
 
 
 def plan_for(
-    recording: Recording, options: argparse.Namespace, drawn: Target | None = None
+    recording: Recording,
+    options: argparse.Namespace,
+    draw: Callable[[], Target] | None = None,
 ) -> Plan:
     """What the options of `track` ask for.
 
     Args:
         recording: In which.
         options: Of the command line.
-        drawn: A target that is given otherwise, in the place of all others.
+        draw: Asks for a target in the place of all others, once nothing else is in the way.
 
     Raises:
         RecordingError: There is no target, or one or the detections cannot be used.
@@ -92,11 +94,19 @@ def plan_for(
         FootageError: The detections of a bag cannot be read.
     """
     detected = is_detected(options)
-    targets = (drawn,) if drawn else choose_targets(recording, options.box or (), detected=detected)
-    several = detected or len(targets) > 1
-    parameters = _parameters(options, several=several)
+    targets: tuple[Target, ...] = ()
+    if draw is None:
+        targets = choose_targets(recording, options.box or (), detected=detected)
+    parameters = _parameters(options, several=detected or len(targets) > 1)
     hearing = _hearing(recording, options) if detected else None
-    return Plan(recording, targets, hearing, options.preset, parameters, options.seed)
+    plan = Plan(recording, targets, hearing, options.preset, parameters, options.seed)
+    if draw is None:
+        return plan
+    try:
+        return replace(plan, targets=(draw(),))
+    except BaseException:
+        plan.close()
+        raise
 
 
 def is_detected(options: argparse.Namespace) -> bool:

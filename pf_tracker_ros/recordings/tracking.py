@@ -90,6 +90,7 @@ class TrackedFrame:
             looked at.
         problem: Why the frame was refused, or empty.
         seconds: What the tracker took for it.
+        target_id: Number of the target.
         remarks: Of a single target there are none.
     """
 
@@ -98,6 +99,7 @@ class TrackedFrame:
     estimate: Estimate | None
     problem: str
     seconds: float
+    target_id: int = 1
     remarks: tuple[str, ...] = ()
 
     @property
@@ -116,9 +118,9 @@ class TrackedFrame:
 
     @property
     def rows(self) -> tuple[TargetRow, ...]:
-        """What is known of the target, which has the number 1."""
+        """What is known of the target."""
         confidence = self.estimate.confidence if self.estimate else None
-        return (TargetRow(1, self.state, self.box, confidence),)
+        return (TargetRow(self.target_id, self.state, self.box, confidence),)
 
     def draw(self) -> NDArray[Any]:
         """See `Tracked.draw`."""

@@ -273,6 +273,10 @@ def test_what_is_refused_anyway_is_refused_before_the_page(track, images, monkey
     assert (code, said) == (4, "")
     assert "boxes.csv exists already" in errors
     assert track(*draw, "--box", "1,2,3,4")[0] == 2
+    none = (images, "--output", tmp_path / "a", "--draw", "--detections", tmp_path / "none.csv")
+    code, said, errors = track(*none)
+    assert (code, said) == (8, "")
+    assert "none.csv" in errors
     code, _, errors = track("--archive", images.parent, "--output", tmp_path / "b", "--draw")
     assert code == 2
     assert "draw is for one recording; allowed: without --archive" in errors

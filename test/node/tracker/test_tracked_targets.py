@@ -38,6 +38,13 @@ def lockstep(graph, client):
     return run
 
 
+@pytest.fixture
+def told_client(graph, client):
+    """A client of a tracker of several targets."""
+    graph.tracker(client, **SEVERAL)
+    return client
+
+
 def rows(folder):
     with (folder / "boxes.csv").open(newline="") as file:
         return list(csv.DictReader(file))
@@ -105,6 +112,43 @@ def test_drawn_targets_and_the_bag_are_those_of_the_node(lockstep, source, walke
             values = {pair.key: pair.value for pair in one.values}
             assert (one.name, values.keys()) == (told.name, told.values.keys())
             assert {key for key in values if values[key] != told.values[key]} <= TIMES
+
+
+def test_frames_that_are_not_looked_at_are_the_same(
+    told_client, walkers, make_stamped, write_bag, tmp_path
+):
+    client = told_client
+    images, boxes = walkers
+    shown = [(image, client.at(number)) for number, image in enumerate(images)]
+    # One twice, one late, one of another size.
+    shown[8:8] = [(images[7], client.at(7)), (images[6], client.at(6) + 5)]
+    shown.insert(12, (images[0][:50], client.at(9) + 5))
+    messages = []
+    for order, (image, stamp) in enumerate(shown):
+        height, width = image.shape[:2]
+        message = make_stamped(
+            "sensor_msgs/msg/Image", stamp, height=height, width=width, encoding="bgr8",
+            is_bigendian=0, step=3 * width, data=image.reshape(-1),
+        )  # fmt: skip
+        messages.append(("/eye", "sensor_msgs/msg/Image", order + 1, message))
+    bag = write_bag(tmp_path / "bag", messages)
+    output = tmp_path / "out"
+    given = [text for box in boxes[0] for text in ("--box", ",".join(map(str, box)))]
+    assert main([str(bag), "--output", str(output), "--seed", "3", *given]) == 0
+    for box in boxes[0]:
+        client.point_at(box, client.at(0))
+    statuses = [client.show(image, stamp) for image, stamp in shown]
+    found = rows(output)
+    for number, status in enumerate(statuses):
+        own = [row for row in found if row["frame"] == str(number)]
+        if status.values["state"] == "skipped":
+            assert [(row["id"], row["state"]) for row in own] == [("", "skipped")]
+        else:
+            told = [one.values for one in status.targets]
+            assert [(row["id"], row["confidence"]) for row in own] == [
+                (values["id"], values["confidence"]) for values in told
+            ]
+    assert [status.values["state"] for status in statuses].count("skipped") == 3
 
 
 def assert_equal_fields(recorded, published):
