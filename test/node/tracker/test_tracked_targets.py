@@ -7,6 +7,7 @@ import pytest
 from sensor_msgs.msg import Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
+from pf_tracker_ros.recordings import open_recording
 from pf_tracker_ros.recordings.__main__ import main
 from pf_tracker_ros.targets.detecting import DetectingThread
 
@@ -112,6 +113,19 @@ def test_drawn_targets_and_the_bag_are_those_of_the_node(lockstep, source, walke
             values = {pair.key: pair.value for pair in one.values}
             assert (one.name, values.keys()) == (told.name, told.values.keys())
             assert {key for key in values if values[key] != told.values[key]} <= TIMES
+
+
+def test_people_in_a_street_are_the_same(lockstep, sequences_directory, tmp_path):
+    source = sequences_directory / "video" / "TUD-Stadtmitte.mp4"
+    boxes = [(340.5, 79.5, 87.5, 244.0), (570.25, 80.75, 68.0, 203.5), (181.0, 89.0, 76.0, 246.0)]
+    given = [text for box in boxes for text in ("--box", ",".join(map(str, box)))]
+    output = tmp_path / "out"
+    assert main([str(source), "--output", str(output), "--seed", "3", *given]) == 0
+    images = [frame.image for frame in open_recording(source).frames()]
+    client, heard = lockstep(output, images, [(box, 0) for box in boxes])
+    found = rows(output)
+    assert_same(found, client, heard["boxes"])
+    assert len(found) > 2 * len(images)
 
 
 def test_frames_that_are_not_looked_at_are_the_same(
