@@ -93,7 +93,13 @@ setup(
     python_requires=">=3.10",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={
-        PACKAGE: ["py.typed", "evaluation/reports/*.jinja", "node/console/page/*"],
+        PACKAGE: [
+            "py.typed",
+            "evaluation/reports/*.jinja",
+            "node/console/page/*",
+            "pages/shared/*",
+            "recordings/drawing/page/*",
+        ],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),

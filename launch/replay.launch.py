@@ -4,7 +4,7 @@ For example, a video whose target is drawn as a box in its first frame::
 
     ros2 launch pf_tracker_ros replay.launch.py source:=clip.mp4 target_box:="[62, 31, 53, 70]"
 
-The launch ends with the recording.
+The launch ends with the recording, and fails if that cannot be played.
 """
 
 from pathlib import Path
@@ -60,7 +60,10 @@ def start_replay(context: LaunchContext) -> list[Node | GroupAction]:
         additional_env=given.environment(),
         output="screen",
         emulate_tty=True,
-        on_exit=Shutdown(reason="the replay has ended"),
+        on_exit=[
+            Shutdown(reason="the replay has ended"),
+            OpaqueFunction(function=fail_with_replay),
+        ],
     )
     if not given.flag("tracker"):
         return [replay]
@@ -79,6 +82,13 @@ def start_replay(context: LaunchContext) -> list[Node | GroupAction]:
     )
     # A group, because the tracker's arguments would otherwise replace those of the same name here.
     return [replay, GroupAction([tracker])]
+
+
+def fail_with_replay(context: LaunchContext) -> None:
+    """Let the launch fail where the replay publisher has ended by itself with an error."""
+    code = context.locals.event.returncode
+    if code and not context.is_shutdown:
+        raise RuntimeError(f"the replay publisher has ended with the exit code {code}")
 
 
 def generate_launch_description() -> LaunchDescription:

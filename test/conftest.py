@@ -26,6 +26,19 @@ if CASES:
     settings.load_profile("long")
 
 
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+BROWSER_FLAGS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+PAGE_DEADLINE = 60_000.0
+
+
 @pytest.fixture(scope="session")
 def sequences_directory():
     """The folder of real sequences, which is not part of the repository; skips where absent."""
@@ -223,6 +236,20 @@ def noise():
         )
 
     return make
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """Headless Chromium from the machine's packages; skips where there is none."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs the extra 'test'")
+    found = [path for name in BROWSERS if (path := shutil.which(name))]
+    if not found:
+        pytest.skip("no Chromium to show the page in; install one: apt install chromium")
+    playwright.expect.set_options(timeout=PAGE_DEADLINE)
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=found[0], args=BROWSER_FLAGS)
+        yield browser
+        browser.close()
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ from one that it cannot decode.
 
 from __future__ import annotations
 
+import os
 import stat
 from collections.abc import Callable
 from pathlib import Path
@@ -63,6 +64,11 @@ def exists(path: Path) -> bool:
         return path.exists()
     except OSError as error:
         raise unreadable(path, "path", error) from error
+
+
+def resolved(path: Path) -> Path:
+    """The absolute path without links in it, but for such as lead in a circle, to nowhere."""
+    return Path(os.path.realpath(path))
 
 
 def unreadable(path: Path, what: str, error: OSError) -> FootageError:

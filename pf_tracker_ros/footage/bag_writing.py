@@ -7,13 +7,14 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.footage.bags import GROUND_TRUTH_TYPE, IMAGE_TYPE
 from pf_tracker_ros.footage.base import Footage, FootageError
+from pf_tracker_ros.footage.markers import Outline, outline_markers
 from pf_tracker_ros.footage.messages import (
     PARTICLE_FIELDS,
     box_corners,
@@ -33,8 +34,25 @@ _FLOAT32 = 7
 
 PARTICLES_TYPE = "sensor_msgs/msg/PointCloud2"
 STATUS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
+MARKERS_TYPE = "visualization_msgs/msg/MarkerArray"
 
 Reliability = Literal["reliable", "best_effort"]
+
+
+class Status(NamedTuple):
+    """One of several statuses.
+
+    Attributes:
+        name: Of the node that tells it, or of its part.
+        level: 0 OK, 1 WARN, 2 ERROR.
+        text: One sentence for people.
+        values: What there is to know, key to value.
+    """
+
+    name: str
+    level: int
+    text: str
+    values: Mapping[str, str | float | int]
 
 
 class BagWriter:
@@ -189,6 +207,7 @@ class BagWriter:
         boxes: NDArray[np.float64],
         weights: NDArray[np.float64],
         *,
+        ids: NDArray[np.integer[Any]] | None = None,
         frame_id: str = "camera",
         log_time: int | None = None,
     ) -> None:
@@ -199,20 +218,25 @@ class BagWriter:
             stamp: Nanoseconds.
             boxes: (N, 4) x, y, width, height in pixels.
             weights: (N,) their weights.
+            ids: (N,) of the targets that they are of, which make one more field; None for none.
             frame_id: Frame of the header.
             log_time: Nanoseconds; None takes the stamp.
         """
         types = self._typestore.types
         columns = particle_columns(boxes, weights)
+        names: tuple[str, ...] = PARTICLE_FIELDS
+        if ids is not None:
+            columns = np.column_stack([columns, ids.astype(np.float32)])
+            names = (*PARTICLE_FIELDS, "id")
         field = types["sensor_msgs/msg/PointField"]
-        step = columns.itemsize * len(PARTICLE_FIELDS)
+        step = columns.itemsize * len(names)
         message = types[PARTICLES_TYPE](
             header=self._header(stamp, frame_id),
             height=1,
             width=len(columns),
             fields=[
                 field(name=name, offset=index * columns.itemsize, datatype=_FLOAT32, count=1)
-                for index, name in enumerate(PARTICLE_FIELDS)
+                for index, name in enumerate(names)
             ],
             is_bigendian=sys.byteorder == "big",
             point_step=step,
@@ -222,41 +246,65 @@ class BagWriter:
         )
         self._write_message(topic, _or(log_time, stamp), message, PARTICLES_TYPE)
 
-    def write_status(
+    def write_statuses(
         self,
         topic: str,
         stamp: int,
+        statuses: Sequence[Status],
         *,
-        name: str,
-        level: int,
-        text: str,
-        values: Mapping[str, str | float | int],
         frame_id: str = "camera",
         log_time: int | None = None,
     ) -> None:
-        """Write one status as diagnostic_msgs/msg/DiagnosticArray.
+        """Write statuses as one diagnostic_msgs/msg/DiagnosticArray.
 
         Args:
             topic: One of the added topics.
             stamp: Nanoseconds.
-            name: Of the node that tells it.
-            level: 0 OK, 1 WARN, 2 ERROR.
-            text: One sentence for people.
-            values: What there is to know, key to value.
+            statuses: One after another.
             frame_id: Frame of the header.
             log_time: Nanoseconds; None takes the stamp.
         """
         types = self._typestore.types
         pair = types["diagnostic_msgs/msg/KeyValue"]
-        status = types["diagnostic_msgs/msg/DiagnosticStatus"](
-            level=level,
-            name=name,
-            message=text,
-            hardware_id="",
-            values=[pair(key=key, value=str(value)) for key, value in values.items()],
+        message = types[STATUS_TYPE](
+            header=self._header(stamp, frame_id),
+            status=[
+                types["diagnostic_msgs/msg/DiagnosticStatus"](
+                    level=status.level,
+                    name=status.name,
+                    message=status.text,
+                    hardware_id="",
+                    values=[
+                        pair(key=key, value=str(value)) for key, value in status.values.items()
+                    ],
+                )
+                for status in statuses
+            ],
         )
-        message = types[STATUS_TYPE](header=self._header(stamp, frame_id), status=[status])
         self._write_message(topic, _or(log_time, stamp), message, STATUS_TYPE)
+
+    def write_outlines(
+        self,
+        topic: str,
+        stamp: int,
+        outlines: Sequence[Outline],
+        *,
+        frame_id: str = "camera",
+        log_time: int | None = None,
+    ) -> None:
+        """Write boxes with texts as visualization_msgs/msg/MarkerArray, which replaces the last.
+
+        Args:
+            topic: One of the added topics.
+            stamp: Nanoseconds.
+            outlines: One after another.
+            frame_id: Frame of the header.
+            log_time: Nanoseconds; None takes the stamp.
+        """
+        types = self._typestore.types
+        markers = outline_markers(types, self._header(stamp, frame_id), outlines)
+        message = types[MARKERS_TYPE](markers=markers)
+        self._write_message(topic, _or(log_time, stamp), message, MARKERS_TYPE)
 
     def _header(self, stamp: int, frame_id: str) -> Any:
         types = self._typestore.types

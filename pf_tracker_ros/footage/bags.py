@@ -7,7 +7,7 @@ bytes that came in.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +26,7 @@ IMAGE_TYPE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
 GROUND_TRUTH_TYPE = "geometry_msgs/msg/PolygonStamped"
 GROUND_TRUTH_ENDING = "ground_truth"
+DETECTIONS_TYPE = "vision_msgs/msg/Detection2DArray"
 
 
 @dataclass(frozen=True)
@@ -148,6 +149,29 @@ def open_bag(path: str | Path, topic: str = "", ground_truth_topic: str = "") ->
         image_count=chosen.message_count,
         ground_truth_topic=_choose_ground_truth(bag, topics, ground_truth_topic),
     )
+
+
+def read_topic(path: Path, topic: str) -> Generator[tuple[int, bytes], None, None]:
+    """Read the messages of a topic in the order of recording.
+
+    Yields:
+        Log time in nanoseconds, and the message in CDR.
+
+    Raises:
+        FootageError: The bag is corrupt.
+    """
+    with reading(path) as reader:
+        yield from reader.messages(topic)
+
+
+def topics_of_type(path: Path, message_type: str) -> list[str]:
+    """The names of the topics of a type in a bag, sorted.
+
+    Raises:
+        FootageError: The bag cannot be read.
+    """
+    with reading(path) as reader:
+        return sorted(_by_name(reader.topics(), (message_type,)))
 
 
 def _choose_ground_truth(bag: Path, topics: list[BagTopic], topic: str) -> str | None:

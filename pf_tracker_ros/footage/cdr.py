@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 from pf_tracker_ros.footage.base import FootageError
@@ -21,6 +22,8 @@ _STAMP_LAYOUTS = {
     b"\x00\x06": ">iI",
     b"\x00\x07": "<iI",
 }
+# In those of version 2, larger numbers begin at multiples of four as well.
+_VERSION_2 = (b"\x00\x06", b"\x00\x07")
 _ZSTANDARD_MAGIC = b"\x28\xb5\x2f\xfd"
 _ENCAPSULATION_SIZE = 4
 
@@ -132,6 +135,42 @@ def read_polygon(message: bytes) -> list[tuple[float, float]]:
     return points
 
 
+def read_detections(message: bytes) -> SimpleNamespace:
+    """A serialized vision_msgs/Detection2DArray, as far as it tells of boxes.
+
+    Returns:
+        `stamp` in nanoseconds, and `detections` with `bbox` and `results` as the message has them.
+
+    Raises:
+        FootageError: This is not such a message, or it is cut off.
+    """
+    fields = _Fields(message)
+    fields.text()
+    detections = [_detection(fields) for _ in range(fields.number("I"))]
+    fields.check_end()
+    return SimpleNamespace(stamp=fields.stamp, detections=detections)
+
+
+def _detection(fields: _Fields) -> SimpleNamespace:
+    # Its header.
+    fields.numbers("iI")
+    fields.text()
+    results = [_hypothesis(fields) for _ in range(fields.number("I"))]
+    x, y, theta, size_x, size_y = fields.numbers("ddddd")
+    center = SimpleNamespace(position=SimpleNamespace(x=x, y=y), theta=theta)
+    # Its id.
+    fields.text()
+    bbox = SimpleNamespace(center=center, size_x=size_x, size_y=size_y)
+    return SimpleNamespace(results=results, bbox=bbox)
+
+
+def _hypothesis(fields: _Fields) -> SimpleNamespace:
+    hypothesis = SimpleNamespace(class_id=fields.text(), score=fields.number("d"))
+    # A pose of seven numbers, and its covariance.
+    fields.numbers("d" * (7 + 36))
+    return SimpleNamespace(hypothesis=hypothesis)
+
+
 class _Fields:
     """The fields of a message that begins with a header, one after the other.
 
@@ -143,6 +182,7 @@ class _Fields:
         self.stamp = header_stamp(message)
         layout = _STAMP_LAYOUTS[bytes(message[:2])]
         self._order = layout[0]
+        self._most_aligned = 4 if bytes(message[:2]) in _VERSION_2 else 8
         self._message = message
         self._at = _ENCAPSULATION_SIZE + struct.calcsize(layout)
 
@@ -150,11 +190,28 @@ class _Fields:
         """The next field, of a type of `struct`; each begins at a multiple of its size."""
         layout = self._order + kind
         size = struct.calcsize(layout)
-        begin = self._at + (_ENCAPSULATION_SIZE - self._at) % size
+        begin = self._at + (_ENCAPSULATION_SIZE - self._at) % min(size, self._most_aligned)
         if begin + size > len(self._message):
             raise self._cut_off()
         self._at = begin + size
         return struct.unpack_from(layout, self._message, begin)[0]
+
+    def numbers(self, kinds: str) -> list[Any]:
+        """The next fields, each of a type of `struct`."""
+        return [self.number(kind) for kind in kinds]
+
+    def check_end(self) -> None:
+        """Refuse a message with more in it than was read, but for padding.
+
+        Raises:
+            FootageError: It is of another type.
+        """
+        left = len(self._message) - self._at
+        if left >= _ENCAPSULATION_SIZE:
+            raise FootageError(
+                f"a message of {len(self._message)} bytes has {left} more than its topic's type "
+                "takes; it is of another type or version"
+            )
 
     def octets(self) -> memoryview:
         """The next field, a sequence of octets."""

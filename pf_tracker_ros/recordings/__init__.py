@@ -7,7 +7,7 @@ for tracked in track_recording(recording, choose_target(recording, (293, 97, 115
 
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording, open_recording
-from pf_tracker_ros.recordings.target import Target, choose_target
+from pf_tracker_ros.recordings.target import Target, choose_target, choose_targets
 from pf_tracker_ros.recordings.tracking import TrackedFrame, track_recording
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "Target",
     "TrackedFrame",
     "choose_target",
+    "choose_targets",
     "open_recording",
     "track_recording",
 ]

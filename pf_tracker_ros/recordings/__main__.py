@@ -1,10 +1,9 @@
-"""The command `track`: a target through a recording, into files."""
+"""The command `track`: targets through a recording, into files."""
 
 from __future__ import annotations
 
 import argparse
 import functools
-import importlib
 import signal
 import sys
 import threading
@@ -17,8 +16,6 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from pf_tracker_ros.evaluation.command_line import parse_parameters
-from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
 from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.opencv import quiet_opencv
@@ -27,21 +24,16 @@ from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.command import run_archive
 from pf_tracker_ros.recordings.archives.sources import local_copy
 from pf_tracker_ros.recordings.archives.stores import as_place, is_url
-from pf_tracker_ros.recordings.command_line import BESIDE, parser
-from pf_tracker_ros.recordings.errors import RecordingError
-from pf_tracker_ros.recordings.outputs import MakeWriter, OutputFolder
+from pf_tracker_ros.recordings.command_line import parser
+from pf_tracker_ros.recordings.errors import RecordingError, unwritable
+from pf_tracker_ros.recordings.files import check_outputs, open_outputs
+from pf_tracker_ros.recordings.outputs import OutputFolder
+from pf_tracker_ros.recordings.plan import Plan, check_request, plan_for, require
 from pf_tracker_ros.recordings.progress import progress_bar
 from pf_tracker_ros.recordings.recording import Recording, open_recording
-from pf_tracker_ros.recordings.report import RecordingReport
-from pf_tracker_ros.recordings.tables import BoxesCsv, BoxesParquet
-from pf_tracker_ros.recordings.target import choose_target
-from pf_tracker_ros.recordings.topics import TopicBag
-from pf_tracker_ros.recordings.tracking import TrackedFrame, track_recording
-from pf_tracker_ros.recordings.video import AnnotatedVideo
-from pf_tracker_ros.tracking.presets import PresetInForce
-from pf_tracker_ros.tracking.tracker import Tracker
+from pf_tracker_ros.recordings.target import Target, save_target, target_file
+from pf_tracker_ros.recordings.tracking import Tracked
 
-BOXES, PARQUET, VIDEO, BAG = "boxes.csv", "boxes.parquet", "overlay.mp4", "topics.mcap"
 _SIGNALS = {signal.SIGINT: errors.INTERRUPTED, signal.SIGTERM: errors.TERMINATED}
 
 
@@ -51,11 +43,16 @@ class _Summary:
 
     states: Counter[str] = field(default_factory=Counter)
     refused: str = ""
+    remark: str = ""
+    remarks: int = 0
     seconds: float = 0.0
 
-    def add(self, tracked: TrackedFrame) -> None:
+    def add(self, tracked: Tracked) -> None:
         self.states[tracked.state] += 1
         self.refused = self.refused or tracked.problem
+        if tracked.remarks and not self.remark:
+            self.remark = f"frame {tracked.frame.index}: {tracked.remarks[0]}"
+        self.remarks += len(tracked.remarks)
 
     @property
     def frames(self) -> int:
@@ -106,18 +103,17 @@ def _run(options: argparse.Namespace, stop: _Stop, source_name: str | None) -> i
         ("pyarrow", "parquet", options.parquet),
         ("matplotlib", "recordings", options.report is not None),
         ("jinja2", "recordings", options.report is not None),
+        ("aiohttp", "console", options.draw),
     ):
         if wanted:
-            _require(package, extra)
-    parameters = parse_parameters(options.parameter)
+            require(package, extra)
     _check_kind(options)
-    in_force = Tracker.from_preset(options.preset, options.seed, parameters).parameters
+    check_request(options)
     if options.archive is not None:
         stop.at_once = True
         return run_archive(options)
-    preset = PresetInForce.of({"preset": options.preset, **in_force}).summary
     with local_copy(as_place(options.source)) as path:
-        return _run_one(options, path, source_name or options.source, preset, stop)
+        return _run_one(options, path, source_name or options.source, stop)
 
 
 def _check_kind(options: argparse.Namespace) -> None:
@@ -130,24 +126,31 @@ def _check_kind(options: argparse.Namespace) -> None:
             raise RecordingError(f"{what}; give one with --archive FOLDER_OR_LIST")
     if not options.source:
         raise RecordingError("there is no SOURCE; give one, or --archive FOLDER_OR_LIST")
+    if options.draw and options.box:
+        raise RecordingError("--draw and --box both give the target; allowed: one of them")
     if is_url(options.output):
         raise RecordingError(f"--output {options.output} is for an archive; allowed: a folder")
 
 
-def _run_one(options: argparse.Namespace, path: Path, name: str, preset: str, stop: _Stop) -> int:
+def _run_one(options: argparse.Namespace, path: Path, name: str, stop: _Stop) -> int:
     recording = open_recording(path, bag_topic=options.bag_topic, frame_rate=options.frame_rate)
-    parameters = parse_parameters(options.parameter)
-    target = choose_target(recording, options.box)
-    outputs = _open_outputs(options, recording, preset, name)
-    tracking = track_recording(recording, target, options.preset, parameters, options.seed)
+    check_outputs(options)
+    draw = functools.partial(_draw, recording, options, stop) if options.draw else None
+    with closing(plan_for(recording, options, draw)) as plan:
+        return _run_plan(options, plan, name, stop)
+
+
+def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -> int:
+    outputs = open_outputs(options, plan, name)
     summary = _Summary()
     failures: list[Exception] = []
     try:
         try:
-            _track(tracking, recording, outputs, summary, stop)
+            _track(plan.track(), plan.recording, outputs, summary, stop)
         except (FootageError, RecordingError) as error:
-            # Without a target there is nothing to keep.
-            if summary.states.keys() <= {"idle", "skipped"}:
+            # Without a target, and a detector that might find one, there is nothing to keep.
+            is_idle = summary.states.keys() <= {"idle", "skipped"}
+            if not summary.frames or (is_idle and not plan.hearing):
                 raise
             failures.append(error)
         for folder in outputs:
@@ -159,8 +162,45 @@ def _run_one(options: argparse.Namespace, path: Path, name: str, preset: str, st
     return _report(options, summary, stop, failures)
 
 
+def _draw(recording: Recording, options: argparse.Namespace, stop: _Stop) -> Target:
+    """Have the target drawn on a page, and save it beside the recording where that can be."""
+    from pf_tracker_ros.recordings.drawing.drawing import draw_target
+
+    stop.at_once = True
+    try:
+        target = draw_target(recording, _announce)
+    except KeyboardInterrupt:
+        raise RecordingError(
+            f"{stop.word} before a target was drawn; nothing was tracked", stop.exit_code
+        ) from None
+    finally:
+        stop.at_once = False
+    if is_url(options.source):
+        kept = f"not saved, as {options.source} is not a place on this machine"
+    else:
+        kept = _kept(target, target_file(recording.path))
+    box = ",".join(f"{value:.10g}" for value in target.box or ())
+    print(f"target {box} in frame {target.frame}, {kept}", flush=True)
+    return target
+
+
+def _announce(address: str) -> None:
+    print(f"draw the target at {address} (Ctrl-C gives it up)", flush=True)
+
+
+def _kept(target: Target, path: Path) -> str:
+    """What became of the file of a target."""
+    try:
+        save_target(target, path)
+    except FileExistsError:
+        return f"not saved, as {path} is there already"
+    except OSError as error:
+        return f"not saved, as {unwritable(path, error)}"
+    return f"saved as {path}"
+
+
 def _track(
-    tracking: Generator[TrackedFrame, None, None],
+    tracking: Generator[Tracked, None, None],
     recording: Recording,
     outputs: Sequence[OutputFolder],
     summary: _Summary,
@@ -183,34 +223,6 @@ def _track(
         summary.seconds = time.monotonic() - began
 
 
-def _open_outputs(
-    options: argparse.Namespace, recording: Recording, preset: str, name: str
-) -> list[OutputFolder]:
-    makers: dict[str, MakeWriter] = {BOXES: BoxesCsv}
-    if options.parquet:
-        makers[PARQUET] = BoxesParquet
-    if options.video:
-        makers[VIDEO] = functools.partial(AnnotatedVideo, frame_rate=1.0 / recording.interval)
-    if options.bag:
-        makers[BAG] = functools.partial(TopicBag, preset=preset)
-    if options.report is None:
-        return [OutputFolder(options.output, makers)]
-    facts = {"recording": name, "preset": preset, "seed": str(options.seed)}
-    report = {
-        REPORT_FILE: functools.partial(
-            RecordingReport, recording=recording, preset=preset, facts=facts
-        )
-    }
-    if options.report in (BESIDE, options.output):
-        return [OutputFolder(options.output, {**makers, **report})]
-    outputs = OutputFolder(options.output, makers)
-    try:
-        return [outputs, OutputFolder(options.report, {**report})]
-    except BaseException:
-        outputs.discard()
-        raise
-
-
 def _report(
     options: argparse.Namespace, summary: _Summary, stop: _Stop, failures: list[Exception]
 ) -> int:
@@ -231,6 +243,12 @@ def _report(
             print(
                 f"track: frames were skipped, the first because {summary.refused}", file=sys.stderr
             )
+        if summary.remark:
+            print(
+                f"track: of {summary.remarks} remarks on detections and targets the first is: "
+                f"{summary.remark}",
+                file=sys.stderr,
+            )
         print(f"{options.source}: {summary.text}; results in {options.output}")
     return code
 
@@ -238,16 +256,6 @@ def _report(
 def _complain(what: Any, exit_code: int) -> int:
     print(f"track: error: {' '.join(str(what).split())}", file=sys.stderr)
     return exit_code
-
-
-def _require(package: str, extra: str) -> None:
-    try:
-        importlib.import_module(package)
-    except ImportError as error:
-        name = "pyyaml" if package == "yaml" else package
-        raise RecordingError(
-            f"{name} is not installed: pip install {name}, or '.[{extra}]' in the sources"
-        ) from error
 
 
 @dataclass

@@ -10,20 +10,24 @@ from typing import NoReturn
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.stores import as_place
+from pf_tracker_ros.recordings.plan import DETECTORS
 from pf_tracker_ros.tracking.presets import PRESETS
 
 _DESCRIPTION = """\
-Track a target through a recording, without a ROS graph: a bag, a video, a folder of images or a
-sequence folder in, boxes.csv and what else is asked for out. The boxes are those that the node
-publishes for a replay of the recording in lockstep, to the bit.
+Track a target, or several, through a recording, without a ROS graph: a bag, a video, a folder of
+images or a sequence folder in, boxes.csv and what else is asked for out. The boxes are those that
+the node publishes for a replay of the recording in lockstep, to the bit.
 
-The target is that of --box, else of the file SOURCE.target.yaml beside the recording (for
-drive.mcap that is drive.target.yaml), else the first box of the recording's ground truth.
+The target is that of --box, or is drawn with --draw, else that of the file SOURCE.target.yaml
+beside the recording (for drive.mcap that is drive.target.yaml), else the first box of the
+recording's ground truth. Several boxes, and what a detector finds, are tracked as by the node with
+max_targets above 1, which here is the parameter targets.most.
 """
 
 _EXIT_CODES = f"""\
 boxes.csv has a row a frame: frame (from 0), stamp (ns), id, x, y, width, height (px; empty while
-there is no box), state and confidence (0 to 1), in full precision.
+there is no box), state and confidence (0 to 1), in full precision. Of several targets each has a
+row in a frame, and a frame without any one row without an id.
 
 exit codes:
   {errors.DONE}    all went well
@@ -34,6 +38,7 @@ exit codes:
   {errors.NO_PERMISSION}    this user may not write there
   {errors.DISK_FULL}    the disk is full
   {errors.WRONG_TARGET}    the target is refused, or its file is wrong or of another recording
+  {errors.WRONG_DETECTIONS}    the detections cannot be read, are wrong or of another recording
   {errors.INTERRUPTED}  interrupted (Ctrl-C); the second time at once, without finishing the files
   {errors.TERMINATED}  terminated
 
@@ -77,9 +82,16 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--box",
         type=_box,
+        action="append",
         metavar="X,Y,W,H",
-        help="the target in the first frame, in pixels",
+        help="the target in the first frame, in pixels; may be repeated for several targets",
     )
+    parser.add_argument(
+        "--draw",
+        action="store_true",
+        help="draw the target on a page that is served on this machine's loopback (needs aiohttp)",
+    )
+    _add_detections(parser)
     parser.add_argument(
         "--preset", default="default", help=f"{', '.join(PRESETS)} (default: %(default)s)"
     )
@@ -102,8 +114,8 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--bag",
         action="store_true",
-        help="write topics.mcap: ~/box, ~/status, ~/particles and ~/overlay, to play beside the "
-        "recording (needs rosbags)",
+        help="write topics.mcap: ~/box (of several targets ~/boxes), ~/status, ~/particles and "
+        "~/overlay, to play beside the recording (needs rosbags)",
     )
     parser.add_argument(
         "--report",
@@ -153,6 +165,35 @@ def parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _add_detections(parser: argparse.ArgumentParser) -> None:
+    """Where detections of several targets come from; any of it needs SciPy."""
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
+        "--detections",
+        type=Path,
+        metavar="FILE",
+        help="a detector's boxes, which start, confirm and correct targets: lines frame,id,x,y,"
+        "width,height,score[,label] with frame, x and y counted from 1, as of the MOT challenge",
+    )
+    group.add_argument(
+        "--detections-topic",
+        metavar="TOPIC",
+        help="the same from a topic of the bag, of vision_msgs/Detection2DArray, as recorded",
+    )
+    group.add_argument(
+        "--detector",
+        choices=DETECTORS,
+        help="the same by the node's built-in detector, which here has all the time that it takes",
+    )
+    parser.add_argument(
+        "--detector-rate",
+        type=_detector_rate,
+        default=1.0,
+        metavar="HZ",
+        help="most frames in a second of the recording that it looks at (default: %(default)g)",
+    )
+
+
 def _jobs(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r}; allowed: whole numbers from 1")
@@ -177,11 +218,15 @@ def _seed(text: str) -> int:
     return int(text)
 
 
-def _rate(text: str) -> float:
+def _rate(text: str, most: float = 10_000.0) -> float:
     try:
         rate = float(text)
     except ValueError:
         rate = math.nan
-    if not 0.01 <= rate <= 10_000:
-        raise argparse.ArgumentTypeError(f"{text!r}; allowed: 0.01 to 10000")
+    if not 0.01 <= rate <= most:
+        raise argparse.ArgumentTypeError(f"{text!r}; allowed: 0.01 to {most:g}")
     return rate
+
+
+def _detector_rate(text: str) -> float:
+    return _rate(text, 100.0)

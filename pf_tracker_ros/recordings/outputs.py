@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Protocol
 
 from pf_tracker_ros.recordings.errors import OUTPUT_EXISTS, RecordingError, unwritable
-from pf_tracker_ros.recordings.tracking import TrackedFrame
-
-# What file systems without hard links answer.
-_NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EMLINK, errno.ENOSYS)
+from pf_tracker_ros.recordings.placing import put_in_place
+from pf_tracker_ros.recordings.tracking import Tracked
 
 
 class FrameWriter(Protocol):
     """Writes what is known after each frame."""
 
-    def write(self, tracked: TrackedFrame) -> None:
+    def write(self, tracked: Tracked) -> None:
         """Write one frame."""
         ...
 
@@ -51,7 +48,7 @@ class OutputFolder:
 
     def __init__(self, folder: Path, makers: dict[str, MakeWriter]) -> None:
         self._folder = folder
-        self._check(makers)
+        check_free(folder, makers)
         self._made = _missing(folder)
         self._workplace: Path | None = None
         self._writers: dict[str, FrameWriter] = {}
@@ -67,7 +64,7 @@ class OutputFolder:
             self.discard()
             raise
 
-    def write(self, tracked: TrackedFrame) -> None:
+    def write(self, tracked: Tracked) -> None:
         """Write a frame into every file.
 
         Raises:
@@ -92,7 +89,7 @@ class OutputFolder:
             try:
                 writer.close()
                 flush_to_disk(self._workplace / name)
-                _put_in_place(self._workplace / name, place)
+                put_in_place(self._workplace / name, place)
             except FileExistsError:
                 failures[name] = _exists(place)
             except OSError as error:
@@ -118,17 +115,23 @@ class OutputFolder:
             except OSError:
                 break
 
-    def _check(self, makers: dict[str, MakeWriter]) -> None:
-        try:
-            if os.path.lexists(self._folder) and not self._folder.is_dir():
-                raise RecordingError(
-                    f"{self._folder} is no folder; give another one to write into", OUTPUT_EXISTS
-                )
-            for name in makers:
-                if os.path.lexists(self._folder / name):
-                    raise _exists(self._folder / name)
-        except OSError as error:
-            raise unwritable(self._folder, error) from error
+
+def check_free(folder: Path, names: Iterable[str]) -> None:
+    """Refuse a folder where files are already, or where there can be none.
+
+    Raises:
+        RecordingError: One is there, or it is no folder.
+    """
+    try:
+        if os.path.lexists(folder) and not folder.is_dir():
+            raise RecordingError(
+                f"{folder} is no folder; give another one to write into", OUTPUT_EXISTS
+            )
+        for name in names:
+            if os.path.lexists(folder / name):
+                raise _exists(folder / name)
+    except OSError as error:
+        raise unwritable(folder, error) from error
 
 
 def _exists(path: Path) -> RecordingError:
@@ -146,19 +149,6 @@ def _missing(folder: Path) -> list[Path]:
             break
         missing.append(each)
     return missing
-
-
-def _put_in_place(path: Path, place: Path) -> None:
-    """Move a file to where nothing is yet; what has come there meanwhile stays."""
-    try:
-        # Unlike a renaming, a link replaces nothing.
-        os.link(path, place)
-    except OSError as error:
-        if error.errno not in _NO_LINKS:
-            raise
-        if os.path.lexists(place):
-            raise FileExistsError(place) from error
-        path.rename(place)
 
 
 def flush_to_disk(path: Path) -> None:

@@ -19,11 +19,13 @@ from pf_tracker_ros.evaluation.results import Scores
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.summaries import ABSENT, FrameSummary, content_of_frames, summary_of
-from pf_tracker_ros.recordings.tracking import TrackedFrame
+from pf_tracker_ros.recordings.tracking import Tracked, TrackedFrame
 
 
 class RecordingReport:
     """Writes the page of one recording once all of its frames are known.
+
+    Of one with several targets, `pf_tracker_ros.recordings.several_report` does.
 
     Args:
         path: The file, made anew.
@@ -41,8 +43,9 @@ class RecordingReport:
         self._facts = facts
         self._frames: list[FrameSummary] = []
 
-    def write(self, tracked: TrackedFrame) -> None:
+    def write(self, tracked: Tracked) -> None:
         """Remember what is known of a frame."""
+        assert isinstance(tracked, TrackedFrame)
         self._frames.append(summary_of(tracked))
 
     def close(self) -> None:
@@ -89,13 +92,17 @@ def recording_page(
             title=f"{recording.path.name}, tracked",
             preset=preset,
             facts=facts,
-            sections=[Section(content, _pictures(content, recording))],
+            sections=[Section(content, pictures_of([content], recording)[0])],
             mean=content.scores,
         )
     )
 
 
-def _pictures(content: SequenceContent, recording: Recording) -> dict[int, Picture]:
+def pictures_of(
+    contents: Sequence[SequenceContent], recording: Recording
+) -> list[dict[int, Picture]]:
+    """The pictures of each target of a recording, whose frames are read again."""
+
     def images() -> Iterator[tuple[int, NDArray[Any] | None]]:
         with closing(recording.frames()) as frames:
             for frame in frames:
@@ -103,9 +110,9 @@ def _pictures(content: SequenceContent, recording: Recording) -> dict[int, Pictu
 
     # What could be read once is there again, or the page has no pictures.
     try:
-        return take_pictures(content, images())
+        return take_pictures(contents, images())
     except FootageError:
-        return {}
+        return [{} for _ in contents]
 
 
 def _scored(content: SequenceContent, seconds: NDArray[np.float64]) -> SequenceContent:

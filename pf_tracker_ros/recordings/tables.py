@@ -8,28 +8,31 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from pf_tracker_ros.recordings.tracking import TrackedFrame
+from pf_tracker_ros.recordings.tracking import Tracked
 
 COLUMNS = ("frame", "stamp", "id", "x", "y", "width", "height", "state", "confidence")
 _ROWS_AT_ONCE = 4096
 
 
-def row(tracked: TrackedFrame) -> tuple[Any, ...]:
-    """A value for each of `COLUMNS`, None for what is unknown.
+def rows(tracked: Tracked) -> list[tuple[Any, ...]]:
+    """A row for each target in a frame, at least one, with a value for each of `COLUMNS`.
 
-    Frames count from 0, stamps are in nanoseconds, boxes in pixels. There is no box
-    while the target is lost, and nothing of it in a frame that was not looked at.
+    None stands for what is unknown. Frames count from 0, stamps are in nanoseconds, boxes in
+    pixels. There is no box while a target is lost, and nothing of it in a frame that was not
+    looked at.
     """
-    box = tracked.box or (None, None, None, None)
-    confidence = tracked.estimate.confidence if tracked.estimate else None
-    return (
-        tracked.frame.index,
-        tracked.frame.stamp,
-        tracked.target_id,
-        *(None if value is None else float(value) for value in box),
-        tracked.state,
-        None if confidence is None else float(confidence),
-    )
+    frame = tracked.frame
+    return [
+        (
+            frame.index,
+            frame.stamp,
+            each.id,
+            *(None if value is None else float(value) for value in each.box or (None,) * 4),
+            each.state,
+            None if each.confidence is None else float(each.confidence),
+        )
+        for each in tracked.rows
+    ]
 
 
 class BoxesCsv:
@@ -48,9 +51,9 @@ class BoxesCsv:
         self._whole = 0
         self._write([COLUMNS])
 
-    def write(self, tracked: TrackedFrame) -> None:
+    def write(self, tracked: Tracked) -> None:
         """Write a frame's rows."""
-        self._write([row(tracked)])
+        self._write(rows(tracked))
 
     def close(self) -> None:
         """Finish the file."""
@@ -97,9 +100,9 @@ class BoxesParquet:
         self._writer = parquet.ParquetWriter(self._file, self._schema)
         self._rows: list[tuple[Any, ...]] = []
 
-    def write(self, tracked: TrackedFrame) -> None:
+    def write(self, tracked: Tracked) -> None:
         """Write a frame's rows."""
-        self._rows.append(row(tracked))
+        self._rows += rows(tracked)
         if len(self._rows) >= _ROWS_AT_ONCE:
             self._write_rows()
 

@@ -1,4 +1,4 @@
-"""Which target is tracked in a recording: from the command line, a file beside it, or its truth.
+"""Which targets are tracked in a recording: from the command line, a file beside it, or its truth.
 
 A target file `drive.target.yaml` stands beside `drive.mcap`:
 
@@ -10,11 +10,14 @@ A target file `drive.target.yaml` stands beside `drive.mcap`:
     image_size: [768, 576]                   # width and height of its images, pixels
 
 All but `target_box` may be left out; without `frame` and `stamp` it is drawn on the first frame.
+Of several targets, each has these in a list `targets`; `recording` and `image_size` may stand
+beside that, for all of them.
 """
 
 from __future__ import annotations
 
 import math
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,13 +25,15 @@ from typing import Any
 
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.footage.access import check_file, exists
+from pf_tracker_ros.footage.access import check_file, exists, resolved
 from pf_tracker_ros.footage.messages import box_as_sent
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_TARGET, RecordingError
+from pf_tracker_ros.recordings.placing import put_in_place
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
 
 TARGET_ENDING = ".target.yaml"
 _KEYS = {"target_box", "frame", "stamp", "label", "recording", "image_size"}
+_SHARED_KEYS = {"recording", "image_size"}
 
 
 @dataclass(frozen=True)
@@ -94,55 +99,146 @@ class Target:
 
 
 def choose_target(recording: Recording, box: Sequence[float] | None) -> Target:
-    """The target of a recording: the box that is given, else its target file, else its truth.
+    """The one target of a recording: the box that is given, else its target file, else its truth.
 
     Args:
         recording: What is to be tracked.
         box: (x, y, width, height) in the first frame, in pixels.
 
     Raises:
+        RecordingError: There is none, there are several, or the target file is wrong or of another
+            recording.
+    """
+    return _only(choose_targets(recording, () if box is None else (box,)))
+
+
+def choose_targets(
+    recording: Recording, boxes: Sequence[Sequence[float]] = (), *, detected: bool = False
+) -> tuple[Target, ...]:
+    """The targets of a recording: the boxes that are given, else its target file, else its truth.
+
+    Args:
+        recording: What is to be tracked.
+        boxes: (x, y, width, height) in the first frame, in pixels.
+        detected: Whether a detector starts targets: then there need be no other, and the truth,
+            which is of one target, is none.
+
+    Raises:
         RecordingError: There is none, or the target file is wrong or of another recording.
     """
-    if box is not None:
-        return Target(as_box(box), source="--box")
+    if boxes:
+        return tuple(Target(as_box(box), source="--box") for box in boxes)
     path = target_file(recording.path)
     if exists(path):
-        return read_target_file(path, recording.path)
+        return read_targets(path, recording.path)
+    if detected:
+        return ()
     if recording.has_ground_truth:
-        return Target(None, source="the ground truth")
+        return (Target(None, source="the ground truth"),)
     raise RecordingError(
         f"no target for {recording.path}: give --box x,y,w,h for the first frame, or write "
-        f"{path.name} beside it"
+        f"{path.name} beside it, or draw the target with --draw"
     )
 
 
 def target_file(source: Path) -> Path:
     """Where the target of a recording stands: `drive.target.yaml` beside `drive.mcap`."""
-    resolved = source.resolve()
-    name = resolved.name if resolved.is_dir() else resolved.stem
-    return resolved.with_name(f"{name}{TARGET_ENDING}")
+    place = resolved(source)
+    name = place.name if place.is_dir() else place.stem
+    return place.with_name(f"{name}{TARGET_ENDING}")
 
 
 def read_target_file(path: Path, source: Path) -> Target:
+    """Read a target file of one target; see `read_targets`."""
+    return _only(read_targets(path, source))
+
+
+def read_targets(path: Path, source: Path) -> tuple[Target, ...]:
     """Read a target file.
 
     Args:
         path: The file.
         source: The recording that it stands beside.
 
+    Returns:
+        The targets, at least one.
+
     Raises:
         RecordingError: It cannot be read, is wrong, or names another recording.
     """
     document = _read_yaml(path)
-    _check_keys(path, document, _KEYS)
-    name = document.get("recording")
-    if name is not None and name != source.resolve().name:
+    if "targets" not in document:
+        return (_target(path, "", document, source),)
+    _check_keys(path, "", document, {"targets", *_SHARED_KEYS})
+    entries = document.pop("targets")
+    if not isinstance(entries, list) or not entries:
+        raise _wrong(path, "'targets'", entries, "a list with a mapping for each target")
+    targets = []
+    for number, entry in enumerate(entries, start=1):
+        of = f" of target {number}"
+        if not isinstance(entry, dict):
+            raise _wrong(path, f"the entry{of}", entry, "a mapping with target_box, frame, stamp")
+        targets.append(_target(path, of, {**document, **entry}, source))
+    return tuple(targets)
+
+
+def target_text(target: Target) -> str:
+    """A target as its file has it."""
+    assert target.box is not None
+    box = ", ".join(str(float(value)) for value in target.box)
+    return (
+        "# A target in the recording beside this file, drawn on a page.\n"
+        f"target_box: [{box}]  # x, y, width, height, pixels\n"
+        f"frame: {target.frame}  # on which it was drawn, counted from 0\n"
+        f"stamp: {target.stamp}  # of that frame, nanoseconds\n"
+    )
+
+
+def save_target(target: Target, path: Path) -> None:
+    """Write a target file where none is yet, whole or not at all.
+
+    Raises:
+        OSError: It cannot be written, or there is one.
+    """
+    with tempfile.TemporaryDirectory(prefix=".track_", dir=path.parent) as folder:
+        draft = Path(folder) / path.name
+        draft.write_text(target_text(target), encoding="utf-8")
+        put_in_place(draft, path)
+
+
+def _only(targets: Sequence[Target]) -> Target:
+    """The target, where there is only one.
+
+    Raises:
+        RecordingError: There are several.
+    """
+    if len(targets) > 1:
         raise RecordingError(
-            f"{path} is the target of {name!r}, not of {source.resolve().name!r}: draw one for "
+            f"{targets[0].source} lists {len(targets)} targets; allowed here: one, as several are "
+            "for the command track alone",
+            WRONG_TARGET,
+        )
+    return targets[0]
+
+
+def _target(path: Path, of: str, document: dict[str, Any], source: Path) -> Target:
+    """One target of a file.
+
+    Args:
+        path: The file.
+        of: Which one, for messages; empty for the only one.
+        document: Its keys and values.
+        source: As for `read_targets`.
+    """
+    _check_keys(path, of, document, _KEYS)
+    name = document.get("recording")
+    if name is not None and name != resolved(source).name:
+        raise RecordingError(
+            f"{path} is the target of {name!r}, not of {resolved(source).name!r}: draw one for "
             "this recording, or correct 'recording' in it",
             WRONG_TARGET,
         )
-    what = "'target_box'"
+    what = f"'target_box'{of}"
     box = _numbers(
         path, what, document.get("target_box"), 4, "four numbers, x, y, width and height in pixels"
     )
@@ -150,14 +246,15 @@ def read_target_file(path: Path, source: Path) -> Target:
         raise _wrong(path, what, document["target_box"], "a width and height above 0")
     image_size = None
     if (size := document.get("image_size")) is not None:
-        width, height = _numbers(path, "'image_size'", size, 2, "two numbers, width and height")
+        what = f"'image_size'{of}"
+        width, height = _numbers(path, what, size, 2, "two numbers, width and height")
         image_size = (int(width), int(height))
     return Target(
         as_box(box),
-        stamp=_whole(path, document, "stamp") or 0,
-        frame=_whole(path, document, "frame"),
+        stamp=_whole(path, of, document, "stamp") or 0,
+        frame=_whole(path, of, document, "frame"),
         image_size=image_size,
-        source=str(path),
+        source=f"{path}{of and ','}{of}",
         label=str(document.get("label", "")),
     )
 
@@ -178,20 +275,21 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     return document
 
 
-def _check_keys(path: Path, mapping: dict[str, Any], allowed: set[str]) -> None:
+def _check_keys(path: Path, of: str, mapping: dict[str, Any], allowed: set[str]) -> None:
     unknown = sorted(str(key) for key in mapping.keys() - allowed)
     if unknown:
         raise RecordingError(
-            f"{path} has {', '.join(unknown)}; allowed: {', '.join(sorted(allowed))}", WRONG_TARGET
+            f"{path} has {', '.join(unknown)}{of}; allowed: {', '.join(sorted(allowed))}",
+            WRONG_TARGET,
         )
 
 
-def _whole(path: Path, document: dict[str, Any], name: str) -> int | None:
+def _whole(path: Path, of: str, document: dict[str, Any], name: str) -> int | None:
     value = document.get(name)
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise _wrong(path, f"'{name}'", value, "a whole number from 0")
+        raise _wrong(path, f"'{name}'{of}", value, "a whole number from 0")
     return int(value)
 
 

@@ -6,13 +6,15 @@ import time
 from collections.abc import Generator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import cv2
+from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage.prefetch import Prefetch
 from pf_tracker_ros.opencv import one_opencv_thread
+from pf_tracker_ros.overlay import draw_overlay
 from pf_tracker_ros.recordings.errors import WRONG_TARGET, RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
 from pf_tracker_ros.recordings.target import Target
@@ -20,8 +22,61 @@ from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.session import Session
 from pf_tracker_ros.tracking.tracker import Tracker
 
-# What becomes of a frame that is not looked at, as the node's status says it.
-_SKIPPED = ("refused", "duplicate", "late")
+SKIPPED = ("refused", "duplicate", "late")
+"""What becomes of a frame that is not looked at, as the node's status says it."""
+
+
+class TargetRow(NamedTuple):
+    """What is known of one target after a frame.
+
+    Attributes:
+        id: Its number, None where there is no target.
+        state: As the status has it, of a frame without a target that of the frame.
+        box: (x, y, width, height) in pixels; None where the node publishes none.
+        confidence: 0 to 1, None where it is unknown.
+    """
+
+    id: int | None
+    state: str
+    box: Box | None
+    confidence: float | None
+
+
+class Tracked(Protocol):
+    """One frame of a recording, and what was made of it.
+
+    Attributes:
+        frame: The frame.
+        outcome: "started", "tracked", "waiting", "duplicate", "late" or "refused".
+        problem: Why the frame was refused, or empty.
+        seconds: What the tracker took for it.
+        state: `skipped`, `idle`, or the state of the target that is seen best.
+        remarks: What else was refused or came to an end with the frame, a sentence each.
+        rows: What is known of each target, at least one.
+    """
+
+    @property
+    def frame(self) -> RecordedFrame: ...  # noqa: D102
+    @property
+    def outcome(self) -> str: ...  # noqa: D102
+    @property
+    def problem(self) -> str: ...  # noqa: D102
+    @property
+    def seconds(self) -> float: ...  # noqa: D102
+    @property
+    def state(self) -> str: ...  # noqa: D102
+    @property
+    def remarks(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def rows(self) -> tuple[TargetRow, ...]: ...  # noqa: D102
+
+    def draw(self) -> NDArray[Any]:
+        """The picture that the node would publish on `~/overlay`.
+
+        Raises:
+            ValueError: The frame has no image.
+        """
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +91,7 @@ class TrackedFrame:
         problem: Why the frame was refused, or empty.
         seconds: What the tracker took for it.
         target_id: Number of the target.
+        remarks: Of a single target there are none.
     """
 
     frame: RecordedFrame
@@ -44,11 +100,12 @@ class TrackedFrame:
     problem: str
     seconds: float
     target_id: int = 1
+    remarks: tuple[str, ...] = ()
 
     @property
     def state(self) -> str:
         """`skipped`, `idle`, or the state of the track, as the node's status has it."""
-        if self.outcome in _SKIPPED:
+        if self.outcome in SKIPPED:
             return "skipped"
         return self.estimate.state if self.estimate else "idle"
 
@@ -58,6 +115,28 @@ class TrackedFrame:
         if self.estimate is None or self.estimate.state == "lost":
             return None
         return self.estimate.box
+
+    @property
+    def rows(self) -> tuple[TargetRow, ...]:
+        """What is known of the target."""
+        confidence = self.estimate.confidence if self.estimate else None
+        return (TargetRow(self.target_id, self.state, self.box, confidence),)
+
+    def draw(self) -> NDArray[Any]:
+        """See `Tracked.draw`."""
+        text = f"{self.estimate.state} {self.estimate.confidence:.2f}" if self.estimate else ""
+        return draw_overlay(image_of(self.frame), self.estimate, text or "no target")
+
+
+def image_of(frame: RecordedFrame) -> NDArray[Any]:
+    """The image of a frame.
+
+    Raises:
+        ValueError: It has none.
+    """
+    if frame.image is None:
+        raise ValueError(f"frame {frame.index} has no image")
+    return frame.image
 
 
 def track_recording(
@@ -124,5 +203,5 @@ def _tracked(session: Session, frame: RecordedFrame, target: Target) -> TrackedF
         raise RecordingError(
             f"frame {frame.index}, box from {target.source}: {outcome.refused_target}", WRONG_TARGET
         )
-    estimate = None if outcome.frame in _SKIPPED else outcome.estimate
+    estimate = None if outcome.frame in SKIPPED else outcome.estimate
     return TrackedFrame(frame, outcome.frame, estimate, "", seconds)

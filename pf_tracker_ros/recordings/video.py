@@ -13,28 +13,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.overlay import draw_overlay
 from pf_tracker_ros.recordings.errors import FAILED, RecordingError
-from pf_tracker_ros.recordings.tracking import TrackedFrame
+from pf_tracker_ros.recordings.tracking import Tracked
 
 _CODEC = "mp4v"
 # Frames that wait to be encoded; more would only hold memory.
 _DEPTH = 8
 # MP4 has no frame rates beyond these.
 _RATES = (0.1, 1000.0)
-
-
-def overlay(tracked: TrackedFrame) -> NDArray[Any]:
-    """The picture of a frame that the node would publish on `~/overlay`.
-
-    Raises:
-        ValueError: The frame has no image.
-    """
-    if tracked.frame.image is None:
-        raise ValueError(f"frame {tracked.frame.index} has no image")
-    estimate = tracked.estimate
-    text = f"{estimate.state} {estimate.confidence:.2f}" if estimate else "no target"
-    return draw_overlay(tracked.frame.image, estimate, text)
 
 
 class AnnotatedVideo:
@@ -52,14 +38,14 @@ class AnnotatedVideo:
         self._path = path
         self._rate = float(np.clip(frame_rate, *_RATES))
         self._count = 0
-        self._frames: queue.Queue[TrackedFrame | None] = queue.Queue(_DEPTH)
+        self._frames: queue.Queue[Tracked | None] = queue.Queue(_DEPTH)
         self._error: BaseException | None = None
         self._writer: cv2.VideoWriter | None = None
         self._size = (0, 0)
         self._thread = threading.Thread(target=self._encode, name="video", daemon=True)
         self._thread.start()
 
-    def write(self, tracked: TrackedFrame) -> None:
+    def write(self, tracked: Tracked) -> None:
         """Have a frame encoded.
 
         Raises:
@@ -96,7 +82,7 @@ class AnnotatedVideo:
                 continue
             try:
                 if tracked.frame.image is not None:
-                    picture = self._fitted(overlay(tracked))
+                    picture = self._fitted(tracked.draw())
                 if picture is not None:
                     self._open(picture).write(picture)
                     self._count += 1

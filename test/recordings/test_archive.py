@@ -225,3 +225,31 @@ def test_what_is_for_one_recording_is_refused(archive, track, tmp_path, argument
     code, _, errors = track("--output", tmp_path / "out")
     assert code == 2
     assert "there is no SOURCE; give one, or --archive" in errors
+
+
+def test_links_that_lead_in_a_circle_are_told_and_stop_nothing(
+    track, write_sequence, moving_square, tmp_path
+):
+    folder = tmp_path / "archive"
+    write_sequence("drive", moving_square.images, moving_square.boxes, folder)
+    for name in ("loop.mp4", "round"):
+        (folder / name).symlink_to(name)
+    output = tmp_path / "out"
+    # Without a target file beside it, it is none.
+    code, _, errors = track("--archive", folder, "--output", output, *QUICK)
+    assert (code, errors) == (0, "")
+    (folder / "loop.target.yaml").write_text("target_box: [20, 30, 24, 24]")
+    (tmp_path / "list.txt").write_text("archive/loop.mp4\narchive/round/../drive\n")
+    for place, name in ((folder, "again"), (tmp_path / "list.txt", "listed")):
+        code, said, errors = track("--archive", place, "--output", tmp_path / name, *QUICK)
+        assert code == 1
+        (line,) = errors.splitlines()
+        assert line.startswith(f"track: error: there is no {folder / 'loop.mp4'}; accepted are")
+        assert "1 tracked, 0 done before, 1 failed" in said
+    code, _, errors = track("--archive", folder / "round", "--output", tmp_path / "b", *QUICK)
+    assert code == 3
+    assert errors.startswith(f"track: error: there is no archive {folder / 'round'}")
+    code, _, errors = track("--archive", folder, "--output", folder / "round", *QUICK)
+    assert code != 0
+    (line,) = errors.splitlines()
+    assert line.startswith("track: error: ")

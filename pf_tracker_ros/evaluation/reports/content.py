@@ -36,13 +36,15 @@ class SequenceContent:
         boxes: (frames, 4) x, y, width, height in pixels; a row of NaN where there is none. While
             the target is lost, the last one before.
         true_boxes: (frames, 4), a row of NaN where the target is absent; None without any truth.
-        states: (frames,) "tracking", "occluded", "lost", "idle" or "skipped".
+        states: (frames,) "tracking", "occluded", "lost", "idle", "skipped", or "absent" for one of
+            several targets that had ended.
         confidence: (frames,) 0 to 1, NaN where it is unknown.
         effective_sample_size: (frames,), NaN where it is unknown.
         powers: Name of a cue to its (frames,) power.
         scores: The figures, None where they are not known.
         success_curve: (21,) mean over the seeds, None without any truth.
         precision_curve: (51,) likewise.
+        first: Number of the first of the frames, where these are not all.
     """
 
     name: str
@@ -55,6 +57,7 @@ class SequenceContent:
     scores: Scores | None
     success_curve: NDArray[np.float64] | None
     precision_curve: NDArray[np.float64] | None
+    first: int = 0
 
     @property
     def frames(self) -> int:
@@ -77,9 +80,9 @@ class SequenceContent:
         return self.stretches("lost")
 
     def stretches(self, state: str) -> list[Stretch]:
-        """The frames of a state."""
+        """The frames of a state, by their numbers."""
         found: list[Stretch] = []
-        for index, each in enumerate(self.states):
+        for index, each in enumerate(self.states, start=self.first):
             if each != state:
                 continue
             if found and found[-1].last == index - 1:

@@ -86,8 +86,8 @@ def _series(
         for first, last in content.stretches(state):
             axes.axvspan(first - 0.5, last + 0.5, color=color, alpha=0.25, linewidth=0)
     for label, values in lines.items():
-        _line(axes, np.arange(content.frames), values, label)
-    axes.set_xlim(0, max(1, content.frames - 1))
+        _line(axes, content.first + np.arange(content.frames), values, label)
+    axes.set_xlim(content.first, content.first + max(1, content.frames - 1))
     axes.set_ylim(*(limits or (0, None)))
     if len(lines) > 1:
         _legend(axes)

@@ -46,6 +46,7 @@ class Report:
         sections: A section a sequence.
         mean: Means over the sequences, None where there is no truth.
         compared: Label to the results of other runs.
+        kind: What a section is about.
     """
 
     title: str
@@ -54,6 +55,7 @@ class Report:
     sections: Sequence[Section]
     mean: Scores | None = None
     compared: Mapping[str, Results] = field(default_factory=dict)
+    kind: str = "sequence"
 
 
 class Results(NamedTuple):

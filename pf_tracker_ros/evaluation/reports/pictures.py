@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,23 +43,29 @@ class Picture:
 
 
 def take_pictures(
-    content: SequenceContent, images: Iterable[tuple[int, NDArray[Any] | None]]
-) -> dict[int, Picture]:
-    """Make the pictures that a report shows of a sequence.
+    contents: Sequence[SequenceContent], images: Iterable[tuple[int, NDArray[Any] | None]]
+) -> list[dict[int, Picture]]:
+    """Make the pictures that a report shows of the targets of one recording.
 
     Args:
-        content: What there is to draw.
+        contents: What there is to draw of each.
         images: Number of a frame, from 0, and its image, in order; read as far as needed.
 
     Returns:
-        Number of a frame to its picture; frames without an image are missing.
+        For each of the contents, position of a frame in it to its picture; frames without an image
+        are missing.
     """
-    wanted = {*content.strip, *content.worst}
-    pictures: dict[int, Picture] = {}
-    for index, image in images:
-        if index in wanted and image is not None:
-            pictures[index] = _picture(content, index, image)
-        if index >= max(wanted):
+    wanted = [{*content.strip, *content.worst} for content in contents]
+    last = max(
+        (content.first + max(own) for content, own in zip(contents, wanted, strict=True)),
+        default=-1,
+    )
+    pictures: list[dict[int, Picture]] = [{} for _ in contents]
+    for number, image in images:
+        for content, own, found in zip(contents, wanted, pictures, strict=True):
+            if number - content.first in own and image is not None:
+                found[number - content.first] = _picture(content, number - content.first, image)
+        if number >= last:
             break
     return pictures
 
@@ -81,7 +87,7 @@ def _picture(content: SequenceContent, index: int, image: NDArray[Any]) -> Pictu
         _draw(canvas, shifted * scale, color)
     encoded = cv2.imencode(".jpg", canvas, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
     address = "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode()
-    return Picture(index, _caption(content, index), *size, address)
+    return Picture(content.first + index, _caption(content, index), *size, address)
 
 
 def _window(width: int, height: int, boxes: list[NDArray[np.float64]]) -> tuple[int, int, int, int]:
@@ -110,7 +116,7 @@ def _draw(canvas: NDArray[Any], box: NDArray[np.float64], color: tuple[int, int,
 
 
 def _caption(content: SequenceContent, index: int) -> str:
-    parts = [f"frame {index}", content.states[index]]
+    parts = [f"frame {content.first + index}", content.states[index]]
     if content.overlaps is not None and not np.isnan(content.overlaps[index]):
         parts.append(f"overlap {content.overlaps[index]:.2f}")
     if not np.isnan(content.confidence[index]):

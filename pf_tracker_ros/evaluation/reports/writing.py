@@ -64,7 +64,7 @@ class EvaluationReport:
         for footage, result in results:
             content = content_of(result)
             images = ((index, frame.image) for index, frame in enumerate(footage.frames()))
-            sections.append(Section(content, take_pictures(content, images)))
+            sections.append(Section(content, take_pictures([content], images)[0]))
         seeds = len(results[0][1].seeds)
         facts = {
             "preset": preset,

@@ -10,7 +10,6 @@ import cv2
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from pf_tracker_ros.node.console.access import is_loopback
 from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
 from pf_tracker_ros.node.console.hub import Hub
 from pf_tracker_ros.node.console.recording import Recording
@@ -18,6 +17,7 @@ from pf_tracker_ros.node.console.tracker_link import TrackerLink
 from pf_tracker_ros.node.console.web_server import WebServer
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.running import run
+from pf_tracker_ros.pages.access import is_loopback
 from pf_tracker_ros.parameters import build
 
 _NICENESS = 10

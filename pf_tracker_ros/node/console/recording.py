@@ -19,7 +19,12 @@ from pf_tracker_ros.footage.access import exists
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
 from pf_tracker_ros.recordings import open_recording
-from pf_tracker_ros.recordings.target import read_target_file, target_file
+from pf_tracker_ros.recordings.target import (
+    Target,
+    read_target_file,
+    target_file,
+    target_text,
+)
 
 _SETTLING = 30.0
 # A frame that is played twice is a duplicate to the tracker, and its box is gone from the page. No
@@ -161,13 +166,7 @@ class Recording:
         Raises:
             OSError: It cannot be written.
         """
-        box = ", ".join(str(float(value)) for value in target.box)
-        text = (
-            "# A target in the recording beside this file, picked on the console's page.\n"
-            f"target_box: [{box}]  # x, y, width, height, pixels\n"
-            f"frame: {target.frame}  # on which it was drawn, counted from 0\n"
-            f"stamp: {target.stamp}  # of that frame, nanoseconds\n"
-        )
+        text = target_text(Target(target.box, target.stamp, target.frame))
         path = self._target_file
         unfinished = path.with_name(f".{path.name}.{os.getpid()}")
         unfinished.write_text(text, encoding="utf-8")

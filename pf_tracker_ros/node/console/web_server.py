@@ -12,24 +12,18 @@ import json
 import socket
 import threading
 from collections import deque
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from aiohttp import WSMsgType, web
 
-from pf_tracker_ros.node.console.access import HEADERS, Access
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node.console.hub import Hub
+from pf_tracker_ros.pages.access import Access
+from pf_tracker_ros.pages.serving import Site
 
 _PAGE = Path(__file__).with_name("page")
-_KINDS = {
-    ".html": "text/html",
-    ".js": "text/javascript",
-    ".css": "text/css",
-    ".svg": "image/svg+xml",
-}
-_INDEX = "index.html"
 _PARAMETER_FILE = "tracker.yaml"
 # A request is a box or a parameter, never more than this.
 _LARGEST_REQUEST = 65_536
@@ -73,6 +67,7 @@ class WebServer:
 
     def __init__(self, host: str, port: int, create_hub: Callable[[], Hub]) -> None:
         self.access = Access(host)
+        self._site = Site(self.access, _PAGE)
         self._host = host
         self._port = port
         self._create_hub = create_hub
@@ -134,26 +129,16 @@ class WebServer:
             self._loop.run_until_complete(self._run())
 
     async def _run(self) -> None:
-        application = web.Application(middlewares=[self._guard])
-        application.on_response_prepare.append(_add_headers)
-        application.router.add_get("/socket", self._on_socket)
-        application.router.add_get(f"/{_PARAMETER_FILE}", self._on_parameter_file)
-        for path in sorted(_PAGE.iterdir()):
-            name = "" if path.name == _INDEX else path.name
-            application.router.add_get(f"/{name}", _file(path))
-        runner = web.AppRunner(application, access_log=None, shutdown_timeout=1.0)
-        await runner.setup()
+        router = self._site.application.router
+        router.add_get("/socket", self._on_socket)
+        router.add_get(f"/{_PARAMETER_FILE}", self._on_parameter_file)
         try:
-            site = web.TCPSite(runner, self._host, self._port)
-            await site.start()
+            runner = await self._site.serve(self._host, self._port)
         except OSError as error:
             self._error = error
-            await runner.cleanup()
+            self._started.set()
             return
-        finally:
-            if self._error:
-                self._started.set()
-        self._port = runner.addresses[0][1]
+        self._port = self._site.port
         self._hub = self._create_hub()
         running = asyncio.ensure_future(self._hub.run())
         self._started.set()
@@ -163,29 +148,6 @@ class WebServer:
             await response.close(code=1001)
         await runner.cleanup()
         self._hub.close()
-
-    @web.middleware
-    async def _guard(
-        self,
-        request: web.Request,
-        handler: Callable[[web.Request], Awaitable[web.StreamResponse]],
-    ) -> web.StreamResponse:
-        """Let nobody in who may not be."""
-        host = request.headers.get("Host", "")
-        if refusal := self.access.refuse_host(host):
-            raise web.HTTPForbidden(text=refusal)
-        cookie = f"console_{self._port}"
-        given = request.query.get("token")
-        if given is not None and self.access.token and self.access.admits(given):
-            answer = web.HTTPSeeOther("/")
-            answer.set_cookie(cookie, self.access.token, httponly=True, samesite="Lax")
-            raise answer
-        if not self.access.admits(request.cookies.get(cookie)):
-            raise web.HTTPUnauthorized(
-                text="This page asks for an access token: open the link that the console wrote on "
-                "its terminal."
-            )
-        return await handler(request)
 
     async def _on_parameter_file(self, request: web.Request) -> web.Response:
         assert self._hub is not None
@@ -197,9 +159,7 @@ class WebServer:
         )
 
     async def _on_socket(self, request: web.Request) -> web.WebSocketResponse:
-        host = request.headers.get("Host", "")
-        if refusal := self.access.refuse_origin(request.headers.get("Origin"), host):
-            raise web.HTTPForbidden(text=refusal)
+        self._site.check_origin(request)
         response = web.WebSocketResponse(
             heartbeat=_HEARTBEAT, max_msg_size=_LARGEST_REQUEST, compress=False
         )
@@ -229,16 +189,3 @@ def _read(text: str) -> Any:
         return json.loads(text)
     except ValueError:
         return None
-
-
-def _file(path: Path) -> Callable[[web.Request], Awaitable[web.Response]]:
-    content, kind = path.read_bytes(), _KINDS[path.suffix]
-
-    async def answer(request: web.Request) -> web.Response:
-        return web.Response(body=content, content_type=kind, charset="utf-8")
-
-    return answer
-
-
-async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
-    response.headers.update(HEADERS)

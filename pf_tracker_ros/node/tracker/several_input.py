@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +13,7 @@ from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, subscribe, take_waiting
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 from pf_tracker_ros.node.tracker.reporter import Throttle
 from pf_tracker_ros.stamps import stamp_of
+from pf_tracker_ros.targets.detection_messages import check_length, detections_of
 from pf_tracker_ros.targets.detections import Detections
 
 DETECTIONS_TOPIC = "detections"
@@ -21,9 +21,6 @@ NOT_INSTALLED = (
     "vision_msgs is not installed, so no detector is heard on the topic 'detections': install "
     "ros-jazzy-vision-msgs, give targets on ~/target, or set 'built_in_detector'"
 )
-
-# Bytes of a message: a thousand detections, each of which becomes objects of Python.
-_LARGEST = 500_000
 
 
 class SeveralInput:
@@ -97,39 +94,8 @@ class SeveralInput:
                 self._report(sentence)
 
 
-def detections_of(message: Any) -> Detections:
-    """The detections of a vision_msgs Detection2DArray.
-
-    The label and the score are those of the hypothesis with the best score; without one there is no
-    label, and the score is 1. A box that is turned counts as its upright outline.
-    """
-    boxes, scores, labels = [], [], []
-    for detection in message.detections:
-        boxes.append(_upright(detection.bbox))
-        best = max(
-            (one.hypothesis for one in detection.results), key=lambda one: one.score, default=None
-        )
-        scores.append(1.0 if best is None else best.score)
-        labels.append("" if best is None else best.class_id)
-    return Detections(boxes, scores, labels)
-
-
-def _upright(box: Any) -> tuple[float, float, float, float]:
-    """(x, y, width, height) of the outline of a BoundingBox2D, pixels."""
-    width, height, angle = box.size_x, box.size_y, box.center.theta
-    if angle and math.isfinite(angle):
-        across, down = abs(math.cos(angle)), abs(math.sin(angle))
-        width, height = width * across + height * down, width * down + height * across
-    center = box.center.position
-    return center.x - width / 2, center.y - height / 2, width, height
-
-
 def _deserialized(octets: bytes) -> Any:
-    if len(octets) > _LARGEST:
-        raise ValueError(
-            f"the message has {len(octets)} bytes; allowed: up to {_LARGEST}, about a "
-            "thousand detections; let the detector leave out those with low scores"
-        )
+    check_length(octets)
     try:
         return deserialize_message(octets, DETECTIONS_TYPE)
     except Exception as error:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
 from rclpy.node import Node
 from std_msgs.msg import Header
@@ -28,10 +26,15 @@ from pf_tracker_ros.targets.detecting import DetectingThread
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.parameters import SeveralTargetsParameters, multi_preset_parameters
 from pf_tracker_ros.targets.session import MultiOutcome, MultiSession
+from pf_tracker_ros.targets.statuses import (
+    best_state,
+    description,
+    severity,
+    target_values,
+)
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
-from pf_tracker_ros.tracking.estimate import estimate_values
 from pf_tracker_ros.tracking.presets import PresetInForce
-from pf_tracker_ros.tracking.state_descriptions import DESCRIPTIONS, SEVERITIES
+from pf_tracker_ros.tracking.state_descriptions import DESCRIPTIONS
 
 
 class SeveralTargets:
@@ -188,10 +191,9 @@ class SeveralTargets:
     def known(self) -> Known:  # noqa: D102
         session = self._session
         targets = session.targets if session else ()
-        state = _best_state(targets)
         return Known(
-            state,
-            _description(state, targets),
+            best_state(targets),
+            description(targets),
             {"targets": len(targets), "detector_answers": self._heard},
             {},
             session.requested_stamp if session else None,
@@ -204,33 +206,10 @@ def _of_tracker(values: Values) -> dict[str, Any]:
     return {name: values[name] for name in tunables} | {"targets.most": values["max_targets"]}
 
 
-def _best_state(targets: Sequence[TrackedTarget]) -> str:
-    """The state of the target that is seen best, `idle` without one."""
-    states = {target.estimate.state for target in targets}
-    return next((one for one in ("tracking", "occluded", "lost") if one in states), "idle")
-
-
-def _description(state: str, targets: Sequence[TrackedTarget]) -> str:
-    count = len(targets)
-    if count < 2:
-        return DESCRIPTIONS[state]
-    unseen = sum(target.estimate.state != "tracking" for target in targets)
-    return f"tracking {count} targets" + (f", {unseen} of them out of sight" if unseen else "")
-
-
 def _status_of(target: TrackedTarget) -> TargetStatus:
-    estimate = target.estimate
-    values: dict[str, str | float | int] = {
-        "id": target.id,
-        "label": target.label,
-        "state": estimate.state,
-        "age": round(target.age, 3),
-        "unconfirmed_for": round(target.unconfirmed_for, 3),
-    }
-    level = bytes([SEVERITIES[estimate.state]])
-    # One of several that is behind another is no fault.
-    if estimate.state == "occluded":
-        level = DiagnosticStatus.OK
     return TargetStatus(
-        target.id, level, DESCRIPTIONS[estimate.state], values | estimate_values(estimate)
+        target.id,
+        bytes([severity(target)]),
+        DESCRIPTIONS[target.estimate.state],
+        target_values(target),
     )

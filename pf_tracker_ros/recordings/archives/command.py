@@ -12,7 +12,6 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from urllib.parse import quote
 
-from pf_tracker_ros.evaluation.command_line import parse_parameters
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE, fill
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings.archives.executors import Executor, choose_executor
@@ -31,10 +30,9 @@ from pf_tracker_ros.recordings.archives.tasks import (
 )
 from pf_tracker_ros.recordings.command_line import BESIDE
 from pf_tracker_ros.recordings.errors import DONE, FAILED, RecordingError
+from pf_tracker_ros.recordings.plan import plan_for
 from pf_tracker_ros.recordings.progress import progress_bar
 from pf_tracker_ros.recordings.recording import open_recording
-from pf_tracker_ros.recordings.target import choose_target
-from pf_tracker_ros.recordings.tracking import track_recording
 
 # What a dry run tracks to tell how long the rest would take.
 _SAMPLED_RECORDINGS = 3
@@ -51,8 +49,8 @@ def run_archive(options: argparse.Namespace) -> int:
         RecordingError: The request cannot be carried out.
         FootageError: The archive cannot be read.
     """
-    for option in ("source", "box"):
-        if getattr(options, option) is not None:
+    for option in ("source", "box", "draw", "detections"):
+        if getattr(options, option) not in (None, False):
             raise RecordingError(f"{option} is for one recording; allowed: without --archive")
     if options.report not in (None, BESIDE):
         raise RecordingError("--report has no folder here; allowed: beside each boxes.csv")
@@ -112,6 +110,13 @@ def _arguments(options: argparse.Namespace) -> list[str]:
     arguments += [f"--frame-rate={options.frame_rate}"]
     if options.bag_topic:
         arguments.append(f"--bag-topic={options.bag_topic}")
+    if options.detections_topic:
+        arguments.append(f"--detections-topic={options.detections_topic}")
+    if options.detector:
+        arguments += [
+            f"--detector={options.detector}",
+            f"--detector-rate={options.detector_rate}",
+        ]
     arguments += [f"--{flag}" for flag in ("video", "parquet", "bag") if getattr(options, flag)]
     return arguments + (["--report"] if options.report is not None else [])
 
@@ -245,12 +250,10 @@ class _Plan:
     def _look_into_copy(self, path: Path, sample: int) -> int | None:
         options = self._options
         recording = open_recording(path, bag_topic=options.bag_topic, frame_rate=options.frame_rate)
-        target = choose_target(recording, None)
-        if sample:
-            parameters = parse_parameters(options.parameter)
-            began = time.monotonic()
-            frames = track_recording(recording, target, options.preset, parameters, options.seed)
-            with closing(frames) as tracked:
-                self._sampled += sum(1 for _ in islice(tracked, sample))
-            self._tracking += time.monotonic() - began
+        with closing(plan_for(recording, options)) as plan:
+            if sample:
+                began = time.monotonic()
+                with closing(plan.track()) as tracked:
+                    self._sampled += sum(1 for _ in islice(tracked, sample))
+                self._tracking += time.monotonic() - began
         return recording.frame_count

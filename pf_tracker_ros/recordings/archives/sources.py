@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import posixpath
 import re
 from collections.abc import Iterator
@@ -12,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pf_tracker_ros.footage import FootageError, is_bag
-from pf_tracker_ros.footage.access import entries, exists
+from pf_tracker_ros.footage.access import entries, exists, resolved
 from pf_tracker_ros.footage.ground_truth import ground_truth_file
 from pf_tracker_ros.recordings.archives.scratch import scratch_folder
 from pf_tracker_ros.recordings.archives.stores import (
@@ -113,13 +112,13 @@ def _in_folder(archive: Path) -> tuple[Place, list[Place]]:
     if not exists(archive):
         raise FootageError(f"there is no archive {archive}; give a folder, or a file with a list")
     if archive.is_dir():
-        return archive.resolve(), sorted(set(_below(archive)))
+        return resolved(archive), sorted(set(_below(archive)))
     try:
         text = archive.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         raise FootageError(f"the list {archive} cannot be read ({error})") from error
     # One that is not there is told of with the others that fail.
-    base = archive.parent.resolve()
+    base = resolved(archive.parent)
     return base, list(_listed(text, base))
 
 
@@ -148,14 +147,14 @@ def _in_store(archive: str) -> tuple[Place, list[Place]]:
 
 def _below(folder: Path) -> Iterator[Path]:
     if ground_truth_file(folder) is not None:
-        yield folder.resolve()
+        yield resolved(folder)
         return
     for path in entries(folder):
         if path.name.startswith("."):
             continue
         has_target = not path.name.endswith(TARGET_ENDING) and exists(target_file(path))
         if has_target and _is_recording(path):
-            yield path.resolve()
+            yield resolved(path)
         elif path.is_dir() and not path.is_symlink():
             yield from _below(path)
 
@@ -164,7 +163,7 @@ def _is_recording(path: Path) -> bool:
     """Whether this is what the target file beside it is for, and not another file of that name."""
     named = _named_in(target_file(path))
     return (
-        path.resolve().name == named if named else path.is_dir() or is_bag(path) or _is_only(path)
+        resolved(path).name == named if named else path.is_dir() or is_bag(path) or _is_only(path)
     )
 
 
@@ -197,7 +196,7 @@ def _listed(text: str, base: Place) -> Iterator[Place]:
         elif isinstance(place, Path):
             path = (base / place.expanduser()).absolute()
             # What is above a link is not what its path looks like.
-            yield Path(os.path.realpath(path)) if ".." in path.parts else path
+            yield resolved(path) if ".." in path.parts else path
         else:
             yield place
 

@@ -13,7 +13,7 @@ import hashlib
 import io
 import json
 import platform
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -35,6 +35,7 @@ from pf_tracker_ros.recordings.errors import (
 )
 from pf_tracker_ros.recordings.outputs import flush_to_disk
 
+_STATES = ("tracking", "occluded", "lost", "idle", "skipped")
 MANIFEST = "archive.json"
 # If all workers end and nothing gets done, it is for their recordings' sake, such as for memory.
 _FRUITLESS_ROUNDS = 4
@@ -206,8 +207,12 @@ def _key(source: Place, arguments: Sequence[str]) -> str:
 
 
 def _entry(task: ArchiveTask, made: Path) -> ArchiveEntry:
+    by_frame: dict[str, set[str]] = defaultdict(set)
     with (made / "boxes.csv").open(newline="", encoding="utf-8") as file:
-        states = Counter(row["state"] for row in csv.DictReader(file))
+        for row in csv.DictReader(file):
+            by_frame[row["frame"]].add(row["state"])
+    # A frame is as the target in it that is seen best.
+    states = Counter(min(found, key=_STATES.index) for found in by_frame.values())
     return ArchiveEntry(
         task.name, str(task.source), task.key, DONE, "", states.total(), dict(states)
     )

@@ -1,7 +1,6 @@
 """The console in a thread, and pages of it in a real headless Chromium."""
 
 import json
-import shutil
 import time
 from urllib.parse import urlsplit
 
@@ -12,16 +11,6 @@ pytest.importorskip("aiohttp", reason="the console needs the extra 'console'")
 
 from pf_tracker_ros.node.console.console_node import ConsoleNode
 
-NAMES = ("chromium", "chromium-browser", "google-chrome")
-FLAGS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
 PAGE_DEADLINE = 60_000.0
 POLL = 20.0
 FIRST_PATIENCE = 1.0
@@ -57,20 +46,6 @@ def tracker(graph, client):
 def console(start_console):
     """A console of the tracker `pf_tracker`."""
     return start_console()
-
-
-@pytest.fixture(scope="session")
-def browser():
-    """Headless Chromium from the machine's packages; skips where there is none."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="needs the extra 'test'")
-    found = [path for name in NAMES if (path := shutil.which(name))]
-    if not found:
-        pytest.skip("no Chromium to show the page in; install one: apt install chromium")
-    playwright.expect.set_options(timeout=PAGE_DEADLINE)
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=found[0], args=FLAGS)
-        yield browser
-        browser.close()
 
 
 class Page:

@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from pf_tracker_ros.node.console.access import HEADERS
+from pf_tracker_ros.pages.access import HEADERS
 
 UPGRADE = {
     "Connection": "Upgrade",

@@ -15,7 +15,7 @@ from pf_tracker_ros.node.tracker.detections import (
     detections_message,
     several_detections_message,
 )
-from pf_tracker_ros.node.tracker.several_input import detections_of
+from pf_tracker_ros.targets.detection_messages import detections_of
 
 
 # The definitions of vision_msgs 4, for machines without it: what is not in them cannot be set.

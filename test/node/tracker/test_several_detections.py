@@ -1,11 +1,15 @@
 """A detector that starts and corrects several targets of a live node, through vision_msgs."""
 
+import csv
+
 import numpy as np
 import pytest
 import rclpy
+from rclpy.serialization import serialize_message
 from std_srvs.srv import SetBool
 
 from pf_tracker_ros import Detections
+from pf_tracker_ros.recordings.__main__ import main
 from pf_tracker_ros.targets.parameters import multi_preset_parameters
 from pf_tracker_ros.targets.session import MultiSession
 
@@ -124,6 +128,52 @@ def test_in_lockstep_late_detections_give_the_bits_of_the_library(client, detect
             assert (center.x, center.y) == (x + width / 2, y + height / 2)
             assert (one.bbox.size_x, one.bbox.size_y) == (width, height)
     assert len(told) == 2
+
+
+def test_track_finds_in_a_bag_what_the_node_told_of_late_detections(
+    client, detected, walkers, tmp_path
+):
+    images, boxes = walkers
+    detector, heard = detected(seed=5, max_targets=32)
+    recorded = []
+    for number, image in enumerate(images):
+        stamp = client.at(number)
+        if number >= 3 and (number - 3) % 4 == 0:
+            seen = array_of(boxes[number - 3], client.at(number - 3), ["dog", "cat"], [0.9, 0.4])
+            detector.send(seen)
+            recorded.append(("/found", "vision_msgs/msg/Detection2DArray", stamp - 5, seen))
+        message = client.message(image, stamp)
+        client.send(message)
+        recorded.append(("/eye", "sensor_msgs/msg/Image", stamp, message))
+    bag = write_messages(tmp_path / "drive", recorded)
+    output = tmp_path / "out"
+    given = ["--detections-topic", "/found", "--seed", "5"]
+    assert main([str(bag), "--output", str(output), *given]) == 0
+    with (output / "boxes.csv").open(newline="") as file:
+        found = list(csv.DictReader(file))
+    for number in range(len(images)):
+        told = client.answer(heard, client.at(number)).detections
+        own = [row for row in found if row["frame"] == str(number) and row["x"]]
+        assert [row["id"] for row in own] == [one.id for one in told]
+        for row, one in zip(own, told, strict=True):
+            x, y, width, height = (float(row[name]) for name in ("x", "y", "width", "height"))
+            center = one.bbox.center.position
+            assert (center.x, center.y) == (x + width / 2, y + height / 2)
+            assert (one.bbox.size_x, one.bbox.size_y) == (width, height)
+            assert float(row["confidence"]) == one.results[0].hypothesis.score
+    assert {row["id"] for row in found} == {"", "1", "2"}
+
+
+def write_messages(path, messages):
+    """A bag of messages of rclpy, each with topic, type and log time."""
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    with rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+        topics = {}
+        for topic, kind, log_time, message in messages:
+            if topic not in topics:
+                topics[topic] = writer.add_connection(topic, kind, msgdef=" ", rihs01="none")
+            writer.write(topics[topic], log_time, serialize_message(message))
+    return path
 
 
 def test_only_labels_and_scores_that_are_asked_for_count(client, detected, walkers):

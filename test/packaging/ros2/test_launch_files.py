@@ -162,9 +162,10 @@ def test_a_replay_alone_starts_no_tracker(shell, drive):
 )
 def test_a_recording_that_cannot_be_played_ends_the_launch(shell, drive, arguments, told):
     with shell.started(f"{REPLAY} {arguments}") as launch:
-        launch.wait(40.0)
+        assert launch.wait(40.0) == 1
     assert told in launch.output
     assert "was required: shutting down" in launch.output
+    assert "the replay publisher has ended with the exit code" in launch.output
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pf_tracker_ros.node.console.access import CONTENT_SECURITY_POLICY, Access, host_name
+from pf_tracker_ros.pages.access import CONTENT_SECURITY_POLICY, Access, host_name
 
 OWN = "127.0.0.1:8642"
 

@@ -53,7 +53,7 @@ class Access:
         if name and (is_loopback(name) or (not self._is_local and self._is_own(name))):
             return ""
         allowed = "localhost" if self._is_local else "this machine's name or address"
-        return f"the console is not served under the name {host!r}; open it by {allowed}"
+        return f"this page is not served under the name {host!r}; open it by {allowed}"
 
     def refuse_origin(self, origin: str | None, host: str) -> str:
         """Why a request that could drive the tracker is refused for where it comes from, or empty.
@@ -69,7 +69,7 @@ class Access:
                 parts = urlsplit("")
             if parts.scheme in ("http", "https") and parts.netloc.lower() == host.lower():
                 return ""
-        return f"a page of {origin or 'unknown origin'} may not drive the tracker"
+        return f"a page of {origin or 'unknown origin'} may not drive this one"
 
     def admits(self, token: str | None) -> bool:
         """Whether a token, None without one, is the one that is asked for, if any is."""

@@ -1,0 +1,110 @@
+"""Serves the files of a page, and what else a page asks for, to whoever may have it."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+from aiohttp import web
+
+from pf_tracker_ros.pages.access import HEADERS, Access
+
+_SHARED = Path(__file__).with_name("shared")
+_KINDS = {
+    ".html": "text/html",
+    ".js": "text/javascript",
+    ".css": "text/css",
+    ".svg": "image/svg+xml",
+}
+_INDEX = "index.html"
+
+
+class Site:
+    """A page with all that is asked of its server; everything is guarded alike.
+
+    Attributes:
+        application: Further routes go in here.
+        port: That it is served on, 0 before.
+
+    Args:
+        access: Who may use it.
+        page: Folder with the files of the page, to which those come that all pages share.
+    """
+
+    def __init__(self, access: Access, page: Path) -> None:
+        self.port = 0
+        self.application = web.Application(middlewares=[self._guard])
+        self.application.on_response_prepare.append(_add_headers)
+        self._access = access
+        for path in sorted([*page.iterdir(), *_SHARED.iterdir()]):
+            name = "" if path.name == _INDEX else path.name
+            self.application.router.add_get(f"/{name}", _file(path))
+
+    async def serve(self, host: str, port: int) -> web.AppRunner:
+        """Begin to serve.
+
+        Args:
+            host: Address or name to serve on.
+            port: To serve on; 0 takes a free one.
+
+        Returns:
+            What ends it when it is cleaned up.
+
+        Raises:
+            OSError: The address cannot be served on.
+        """
+        runner = web.AppRunner(self.application, access_log=None, shutdown_timeout=1.0)
+        await runner.setup()
+        try:
+            await web.TCPSite(runner, host, port).start()
+        except OSError:
+            await runner.cleanup()
+            raise
+        self.port = runner.addresses[0][1]
+        return runner
+
+    def check_origin(self, request: web.Request) -> None:
+        """Refuse what only a page that was served here may ask for.
+
+        Raises:
+            HTTPForbidden: Another page asks for it.
+        """
+        host = request.headers.get("Host", "")
+        if refusal := self._access.refuse_origin(request.headers.get("Origin"), host):
+            raise web.HTTPForbidden(text=refusal)
+
+    @web.middleware
+    async def _guard(
+        self,
+        request: web.Request,
+        handler: Callable[[web.Request], Awaitable[web.StreamResponse]],
+    ) -> web.StreamResponse:
+        """Let nobody in who may not be."""
+        host = request.headers.get("Host", "")
+        if refusal := self._access.refuse_host(host):
+            raise web.HTTPForbidden(text=refusal)
+        cookie = f"console_{self.port}"
+        given = request.query.get("token")
+        if given is not None and self._access.token and self._access.admits(given):
+            answer = web.HTTPSeeOther("/")
+            answer.set_cookie(cookie, self._access.token, httponly=True, samesite="Lax")
+            raise answer
+        if not self._access.admits(request.cookies.get(cookie)):
+            raise web.HTTPUnauthorized(
+                text="This page asks for an access token: open the link that the console wrote on "
+                "its terminal."
+            )
+        return await handler(request)
+
+
+def _file(path: Path) -> Callable[[web.Request], Awaitable[web.Response]]:
+    content, kind = path.read_bytes(), _KINDS[path.suffix]
+
+    async def answer(request: web.Request) -> web.Response:
+        return web.Response(body=content, content_type=kind, charset="utf-8")
+
+    return answer
+
+
+async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
+    response.headers.update(HEADERS)

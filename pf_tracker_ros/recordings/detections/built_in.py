@@ -1,0 +1,54 @@
+"""Detections of a built-in detector, which here has all the time that it takes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pf_tracker_ros.recordings.detections.hearing import Answer
+from pf_tracker_ros.recordings.errors import RecordingError
+from pf_tracker_ros.recordings.recording import RecordedFrame
+from pf_tracker_ros.recordings.tracking import SKIPPED
+from pf_tracker_ros.targets.built_in_detectors import DETECTORS
+from pf_tracker_ros.targets.detecting import DetectingThread
+from pf_tracker_ros.targets.session import MultiOutcome
+
+
+class BuiltInDetector:
+    """Shows a detector frames as the node does, and waits for each answer; see `Hearing`.
+
+    What it finds in a frame is heard before the next one, so that it depends on no clock.
+
+    Args:
+        name: A key of `DETECTORS`.
+        rate: Most frames that it looks at in a second of the recording.
+
+    Raises:
+        RecordingError: There is no such detector here.
+    """
+
+    def __init__(self, name: str, rate: float) -> None:
+        self._name = name
+        try:
+            self._thread = DetectingThread(DETECTORS[name](), rate)
+        except ValueError as error:
+            raise RecordingError(str(error)) from error
+
+    def before(self, frame: RecordedFrame) -> Iterator[Answer]:  # noqa: D102
+        try:
+            found = self._thread.take(wait=True)
+        except Exception as error:
+            # Whatever the detector raised: the frame at hand has no part in it.
+            yield Answer(None, refused=f"the detector '{self._name}' failed: {error}")
+        else:
+            if found is not None:
+                yield Answer(found.detections, found.stamp)
+
+    def after(self, frame: RecordedFrame, outcome: MultiOutcome) -> None:  # noqa: D102
+        if frame.image is not None and outcome.frame not in SKIPPED:
+            self._thread.offer(frame.image, frame.stamp)
+
+    def finish(self, frame_count: int) -> None:
+        """What it found in the last frame counts nowhere."""
+
+    def close(self) -> None:  # noqa: D102
+        self._thread.close()

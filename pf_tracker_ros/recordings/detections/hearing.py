@@ -1,0 +1,52 @@
+"""How the tracker of a recording hears of detections."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple, Protocol
+
+from pf_tracker_ros.recordings.recording import RecordedFrame
+from pf_tracker_ros.targets.detections import Detections
+from pf_tracker_ros.targets.session import MultiOutcome
+
+
+class Answer(NamedTuple):
+    """What a detector said, heard as the node does.
+
+    Attributes:
+        detections: Of a frame; None where what it said cannot be taken.
+        stamp: Of that frame, nanoseconds; 0 for the next one.
+        refused: Why it cannot be taken, or empty.
+    """
+
+    detections: Detections | None
+    stamp: int = 0
+    refused: str = ""
+
+
+class Hearing(Protocol):
+    """Hears what a detector says, once through a recording."""
+
+    def before(self, frame: RecordedFrame) -> Iterator[Answer]:
+        """What was said since the frame before this one.
+
+        Raises:
+            FootageError: The recording cannot be read any further.
+        """
+        ...
+
+    def after(self, frame: RecordedFrame, outcome: MultiOutcome) -> None:
+        """Take what became of a frame."""
+        ...
+
+    def finish(self, frame_count: int) -> None:
+        """Take that a recording has ended, with so many frames.
+
+        Raises:
+            RecordingError: What was said is of another recording.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let go of what it takes."""
+        ...

@@ -1,0 +1,73 @@
+"""Detections from a topic of the bag that is tracked in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from pf_tracker_ros.footage import FootageError, is_bag
+from pf_tracker_ros.footage.bags import DETECTIONS_TYPE, read_topic, topics_of_type
+from pf_tracker_ros.footage.cdr import read_detections
+from pf_tracker_ros.recordings.detections.hearing import Answer
+from pf_tracker_ros.recordings.errors import REFUSED, WRONG_DETECTIONS, RecordingError
+from pf_tracker_ros.recordings.recording import RecordedFrame
+from pf_tracker_ros.targets.detection_messages import check_length, detections_of
+from pf_tracker_ros.targets.session import MultiOutcome
+
+
+class DetectionTopic:
+    """Hears the messages of a topic as they were recorded, between the images; see `Hearing`.
+
+    Args:
+        path: The bag.
+        topic: Of the type vision_msgs/Detection2DArray.
+
+    Raises:
+        RecordingError: There is no such topic, or it is no bag.
+        FootageError: The bag cannot be read.
+    """
+
+    def __init__(self, path: Path, topic: str) -> None:
+        if not is_bag(path):
+            raise RecordingError(
+                f"--detections-topic is for a bag, and {path} is none; allowed here: --detections "
+                "FILE or --detector NAME",
+                REFUSED,
+            )
+        there = topics_of_type(path, DETECTIONS_TYPE)
+        if topic not in there:
+            raise RecordingError(
+                f"bag {path} has no topic {topic} of type {DETECTIONS_TYPE}; there are: "
+                f"{', '.join(there) or 'none'}",
+                WRONG_DETECTIONS,
+            )
+        self._name = f"bag {path}, topic {topic}"
+        self._messages = read_topic(path, topic)
+        self._next = next(self._messages, None)
+        self._count = 0
+
+    def before(self, frame: RecordedFrame) -> Iterator[Answer]:  # noqa: D102
+        while self._next is not None and self._next[0] <= frame.time:
+            yield self._answer(self._next[1])
+            self._count += 1
+            self._next = next(self._messages, None)
+
+    def after(self, frame: RecordedFrame, outcome: MultiOutcome) -> None:
+        """All is said before the frame."""
+
+    def finish(self, frame_count: int) -> None:
+        """What was recorded after the last image counts nowhere."""
+
+    def close(self) -> None:  # noqa: D102
+        self._messages.close()
+
+    def _answer(self, octets: bytes) -> Answer:
+        try:
+            check_length(octets)
+        except ValueError as error:
+            return Answer(None, refused=f"detections refused: {error}")
+        try:
+            message = read_detections(octets)
+        except FootageError as error:
+            raise FootageError(f"{self._name}, message {self._count}: {error}") from error
+        return Answer(detections_of(message), message.stamp)

@@ -1,0 +1,138 @@
+// Choosing a frame of a recording, and drawing the target on it.
+import * as drawing from "./drawing.js";
+
+const at = (id) => document.getElementById(id);
+const overlay = at("overlay"), picture = at("picture"), seek = at("seek");
+const HOW = "drag a box around the target; then its corners, or the arrow keys (with shift its size, with alt by a pixel), put it right; Enter tracks it, Escape drops it";
+
+let frame = null;        // { number, width, height } as shown
+let mode = "looking";    // looking, drawing (the pointer is down), editing, sent, or done
+let loading = false;
+let wanted = null;       // number of the frame to show next
+
+function note(text, ok = true) {
+  at("note").textContent = text;
+  at("note").dataset.level = ok ? "ok" : "error";
+}
+
+function setMode(next, box = drawing.box()) {
+  mode = next;
+  const editing = mode === "editing", over = mode === "sent" || mode === "done";
+  at("numbers").disabled = !editing;
+  at("draw").setAttribute("aria-pressed", editing);
+  for (const id of ["draw", "cancel", "back", "forward"]) at(id).disabled = over;
+  seek.disabled = over || !Number(seek.max);
+  at("stage").dataset.mode = mode;
+  drawing.show(box, editing);
+}
+
+async function ask(path, options) {
+  const answer = await fetch(path, options).catch(() => null);
+  if (!answer) return [false, "track does not answer; it may have ended"];
+  return [answer.ok, answer.ok && options === undefined ? answer : await answer.text()];
+}
+
+// One after another, and of those that were wished for meanwhile only the last.
+async function show(number) {
+  wanted = Math.max(0, Math.min(number, Number(seek.max) || number));
+  if (loading) return;
+  loading = true;
+  while (wanted !== null) {
+    const now = wanted;
+    wanted = null;
+    const [ok, answer] = await ask(`/frame?number=${now}`);
+    if (ok) await put(answer);
+    else note(answer, false);
+  }
+  loading = false;
+}
+
+async function put(answer) {
+  const [width, height] = answer.headers.get("X-Size").split(" ").map(Number);
+  const bitmap = await createImageBitmap(await answer.blob());
+  frame = { number: Number(answer.headers.get("X-Frame")), width, height };
+  [picture.width, picture.height] = [bitmap.width, bitmap.height];
+  picture.getContext("2d").drawImage(bitmap, 0, 0);
+  bitmap.close();
+  overlay.setAttribute("viewBox", `0 0 ${width} ${height}`);
+  overlay.dataset.frame = frame.number;
+  at("stage").style.setProperty("--ratio", width / height);
+  at("missing").hidden = true;
+  seek.value = frame.number;
+  at("frame").textContent = frame.number;
+  drawing.show(drawing.box(), mode === "editing");
+}
+
+function edit(box) {
+  setMode("editing", box);
+  note(HOW);
+}
+
+function drop() {
+  setMode("looking", null);
+  note(HOW);
+}
+
+async function decide(path, body) {
+  const before = mode;
+  setMode("sent");
+  const [ok, text] = await ask(path, { method: "POST", body });
+  note(text, ok);
+  setMode(ok ? "done" : before);
+}
+
+const send = () => mode === "editing" && decide("/target", JSON.stringify({ frame: frame.number, box: drawing.box() }));
+const canChoose = () => mode === "looking" || mode === "editing";
+const step = (by) => { if (frame && canChoose()) show((wanted ?? frame.number) + by); };
+
+function startDrawing() {
+  if (!frame || !canChoose()) return;
+  if (mode === "editing") drop();
+  else edit(drawing.middle([frame.width, frame.height]));
+}
+
+overlay.addEventListener("pointerdown", (event) => {
+  if (!frame || event.button || !event.isPrimary || !canChoose()) return;
+  event.preventDefault();
+  document.activeElement?.blur();
+  drawing.grab(event);
+  setMode("drawing");
+});
+overlay.addEventListener("pointermove", (event) => { if (mode === "drawing") drawing.drag(event); });
+overlay.addEventListener("pointerup", (event) => {
+  if (mode !== "drawing") return;
+  const box = drawing.drop(event);
+  if (box) edit(box);
+  else drop();
+});
+overlay.addEventListener("pointercancel", () => { if (mode === "drawing") drop(); });
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey) return;
+  const key = event.key.toLowerCase(), typing = event.target.matches("input");
+  if (key === "escape" && (mode === "editing" || mode === "drawing")) drop();
+  else if (key === "enter" && mode === "editing" && !event.target.matches("button")) send();
+  else if (typing) return;
+  else if (key.startsWith("arrow") && mode === "editing") drawing.move(event);
+  else if (key === "n" || (key === "arrowright" && mode === "looking")) step(1);
+  else if (key === "p" || (key === "arrowleft" && mode === "looking")) step(-1);
+  else if (key === "r") startDrawing();
+  else return;
+  event.preventDefault();
+});
+at("back").addEventListener("click", () => step(-1));
+at("forward").addEventListener("click", () => step(1));
+at("draw").addEventListener("click", startDrawing);
+at("send").addEventListener("click", send);
+at("cancel").addEventListener("click", () => decide("/cancel", ""));
+seek.addEventListener("input", () => { if (canChoose()) show(seek.valueAsNumber); });
+
+drawing.begin(() => frame && [frame.width, frame.height]);
+const [ok, answer] = await ask("/recording");
+if (ok) {
+  const { name, frames } = await answer.json();
+  at("name").textContent = name;
+  document.title = `track: draw the target in ${name}`;
+  seek.max = Math.max(0, (frames ?? 0) - 1);
+}
+drop();
+show(0);

@@ -1,0 +1,87 @@
+"""Which files the options of `track` ask for, and where."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+from pathlib import Path
+
+from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
+from pf_tracker_ros.recordings.command_line import BESIDE
+from pf_tracker_ros.recordings.outputs import MakeWriter, OutputFolder, check_free
+from pf_tracker_ros.recordings.plan import Plan
+from pf_tracker_ros.recordings.report import RecordingReport
+from pf_tracker_ros.recordings.tables import BoxesCsv, BoxesParquet
+from pf_tracker_ros.recordings.topics import TopicBag
+from pf_tracker_ros.recordings.video import AnnotatedVideo
+
+BOXES, PARQUET, VIDEO, BAG = "boxes.csv", "boxes.parquet", "overlay.mp4", "topics.mcap"
+
+
+def check_outputs(options: argparse.Namespace) -> None:
+    """Refuse what `open_outputs` would refuse because it is there already.
+
+    Raises:
+        RecordingError: A file is.
+    """
+    for folder, names in _places(options).items():
+        check_free(folder, names)
+
+
+def open_outputs(options: argparse.Namespace, plan: Plan, name: str) -> list[OutputFolder]:
+    """Begin the files.
+
+    Args:
+        options: Of the command line.
+        plan: What is tracked.
+        name: What the report calls the recording.
+
+    Raises:
+        RecordingError: One is there already, or cannot be written.
+    """
+    makers = _makers(plan, name, str(options.seed))
+    opened: list[OutputFolder] = []
+    try:
+        for folder, names in _places(options).items():
+            opened.append(OutputFolder(folder, {each: makers[each] for each in names}))
+    except BaseException:
+        for outputs in opened:
+            outputs.discard()
+        raise
+    return opened
+
+
+def _places(options: argparse.Namespace) -> dict[Path, list[str]]:
+    """Folder to the names of the files that go there."""
+    names = [BOXES]
+    names += [PARQUET] if options.parquet else []
+    names += [VIDEO] if options.video else []
+    names += [BAG] if options.bag else []
+    if options.report is None:
+        return {options.output: names}
+    if options.report in (BESIDE, options.output):
+        return {options.output: [*names, REPORT_FILE]}
+    return {options.output: names, options.report: [REPORT_FILE]}
+
+
+def _makers(plan: Plan, name: str, seed: str) -> dict[str, MakeWriter]:
+    """Name of each file to what begins it."""
+    recording, preset = plan.recording, plan.summary
+    bag: MakeWriter = functools.partial(TopicBag, preset=preset)
+    facts = {"recording": name, "preset": preset, "seed": seed}
+    report: MakeWriter = functools.partial(
+        RecordingReport, recording=recording, preset=preset, facts=facts
+    )
+    if plan.is_several:
+        from pf_tracker_ros.recordings.several_report import SeveralReport
+        from pf_tracker_ros.recordings.several_topics import SeveralTopicBag
+
+        bag = functools.partial(SeveralTopicBag, preset=preset)
+        report = functools.partial(SeveralReport, recording=recording, preset=preset, facts=facts)
+    return {
+        BOXES: BoxesCsv,
+        PARQUET: BoxesParquet,
+        VIDEO: functools.partial(AnnotatedVideo, frame_rate=1.0 / recording.interval),
+        BAG: bag,
+        REPORT_FILE: report,
+    }

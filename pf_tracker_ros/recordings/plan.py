@@ -1,0 +1,192 @@
+"""What is to be tracked in a recording, and how: one target, or several and a detector's."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from pf_tracker_ros.evaluation.command_line import parse_parameters
+from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.recordings.errors import RecordingError
+from pf_tracker_ros.recordings.recording import Recording
+from pf_tracker_ros.recordings.target import Target, choose_targets
+from pf_tracker_ros.recordings.tracking import Tracked, track_recording
+from pf_tracker_ros.tracking.presets import PresetInForce
+from pf_tracker_ros.tracking.tracker import Tracker
+
+if TYPE_CHECKING:
+    from pf_tracker_ros.recordings.detections.hearing import Hearing
+
+DETECTORS = ("people", "motion")
+"""Keys of `pf_tracker_ros.targets.built_in_detectors.DETECTORS`, known without SciPy."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What is to be tracked in a recording, and how.
+
+    Attributes:
+        recording: In which.
+        targets: Which, besides what a detector finds.
+        hearing: Hears what a detector says, None without one.
+        preset: Name of the preset.
+        parameters: Full name to value, where they differ from the preset's.
+        seed: As for `Tracker`.
+    """
+
+    recording: Recording
+    targets: tuple[Target, ...]
+    hearing: Hearing | None
+    preset: str
+    parameters: Mapping[str, Any]
+    seed: int
+
+    @property
+    def is_several(self) -> bool:
+        """Whether it is for a tracker of several targets."""
+        return self.hearing is not None or len(self.targets) > 1
+
+    @property
+    def summary(self) -> str:
+        """The preset, and how many values differ from it."""
+        return _summary(self.preset, self.parameters, self.seed, several=self.is_several)
+
+    def track(self) -> Generator[Tracked, None, None]:
+        """Track; see `track_recording` and `track_targets`."""
+        recording, preset, seed = self.recording, self.preset, self.seed
+        if not self.is_several:
+            return track_recording(recording, self.targets[0], preset, self.parameters, seed)
+        from pf_tracker_ros.recordings.several import track_targets
+
+        return track_targets(
+            recording,
+            self.targets,
+            self.hearing,
+            preset=preset,
+            parameters=self.parameters,
+            seed=seed,
+        )
+
+    def close(self) -> None:
+        """Let go of what hears the detector."""
+        if self.hearing is not None:
+            self.hearing.close()
+
+
+def plan_for(
+    recording: Recording,
+    options: argparse.Namespace,
+    draw: Callable[[], Target] | None = None,
+) -> Plan:
+    """What the options of `track` ask for.
+
+    Args:
+        recording: In which.
+        options: Of the command line.
+        draw: Asks for a target in the place of all others, once nothing else is in the way.
+
+    Raises:
+        RecordingError: There is no target, or one or the detections cannot be used.
+        ParameterError: A parameter is not allowed.
+        FootageError: The detections of a bag cannot be read.
+    """
+    detected = is_detected(options)
+    targets: tuple[Target, ...] = ()
+    if draw is None:
+        targets = choose_targets(recording, options.box or (), detected=detected)
+    parameters = _parameters(options, several=detected or len(targets) > 1)
+    hearing = _hearing(recording, options) if detected else None
+    plan = Plan(recording, targets, hearing, options.preset, parameters, options.seed)
+    if draw is None:
+        return plan
+    try:
+        return replace(plan, targets=(draw(),))
+    except BaseException:
+        plan.close()
+        raise
+
+
+def is_detected(options: argparse.Namespace) -> bool:
+    """Whether a detector is to start targets."""
+    return any((options.detections, options.detections_topic, options.detector))
+
+
+def check_request(options: argparse.Namespace) -> None:
+    """Refuse what no recording could be tracked with, before one is opened.
+
+    Raises:
+        ParameterError: A parameter is not allowed.
+        RecordingError: Several targets cannot be tracked here.
+    """
+    if is_detected(options) or len(options.box or ()) > 1:
+        _parameters(options, several=True)
+        return
+    try:
+        _parameters(options, several=False)
+    except ParameterError as error:
+        # A target file may list several, which have some more of them.
+        try:
+            _parameters(options, several=True)
+        except (ParameterError, RecordingError):
+            raise error from None
+
+
+def _parameters(options: argparse.Namespace, *, several: bool) -> dict[str, Any]:
+    """Full name to value of what differs from the preset's, for one target or several."""
+    tunables = _several_tunables() if several else None
+    given = options.parameter
+    parameters = parse_parameters(given, tunables=tunables) if tunables else parse_parameters(given)
+    _summary(options.preset, parameters, options.seed, several=several)
+    return parameters
+
+
+def require(package: str, extra: str) -> None:
+    """Make sure that a package is installed.
+
+    Raises:
+        RecordingError: It is not; the message says how to get it.
+    """
+    try:
+        importlib.import_module(package)
+    except ImportError as error:
+        name = "pyyaml" if package == "yaml" else package
+        raise RecordingError(
+            f"{name} is not installed: pip install {name}, or '.[{extra}]' in the sources"
+        ) from error
+
+
+def _several_tunables() -> type:
+    require("scipy", "targets")
+    from pf_tracker_ros.targets.parameters import MultiTrackerParameters
+
+    return MultiTrackerParameters
+
+
+def _summary(preset: str, parameters: Mapping[str, Any], seed: int, *, several: bool) -> str:
+    """What the node calls the preset in force."""
+    if not several:
+        values = Tracker.from_preset(preset, seed, parameters).parameters
+        return PresetInForce.of({"preset": preset, **values}).summary
+    from pf_tracker_ros.targets.multi_tracker import MultiTracker
+    from pf_tracker_ros.targets.parameters import SeveralTargetsParameters, multi_preset_parameters
+
+    values = MultiTracker.from_preset(preset, seed, parameters).parameters
+    values = {"preset": preset, **values}
+    return PresetInForce.of(values, SeveralTargetsParameters, multi_preset_parameters).summary
+
+
+def _hearing(recording: Recording, options: argparse.Namespace) -> Hearing:
+    if options.detections:
+        from pf_tracker_ros.recordings.detections.file import DetectionFile
+
+        return DetectionFile(options.detections)
+    if options.detections_topic:
+        from pf_tracker_ros.recordings.detections.topic import DetectionTopic
+
+        return DetectionTopic(recording.path, options.detections_topic)
+    from pf_tracker_ros.recordings.detections.built_in import BuiltInDetector
+
+    return BuiltInDetector(options.detector, options.detector_rate)

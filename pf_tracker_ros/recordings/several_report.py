@@ -1,0 +1,142 @@
+"""The report of a recording with several targets. Needs Jinja2 and Matplotlib."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from pf_tracker_ros.evaluation.reports.content import SequenceContent
+from pf_tracker_ros.evaluation.reports.page import Report, Section, render
+from pf_tracker_ros.recordings.recording import Recording
+from pf_tracker_ros.recordings.report import pictures_of
+from pf_tracker_ros.recordings.several import TrackedTargets, row_of
+from pf_tracker_ros.recordings.summaries import FrameSummary, content_of_frames
+from pf_tracker_ros.recordings.tracking import Tracked
+from pf_tracker_ros.targets.tracked_target import TrackedTarget
+
+# A section is half a megabyte, most of it pictures.
+_MOST_SECTIONS = 20
+
+
+class SeveralReport:
+    """Writes the page of one recording once all of its frames are known, a section a target.
+
+    Of many targets those are shown that were followed through the most frames.
+
+    Args:
+        path: The file, made anew.
+        recording: What is tracked in; its frames are read again for the pictures.
+        preset: That tracks.
+        facts: Further facts of the run, name to value.
+    """
+
+    def __init__(
+        self, path: Path, *, recording: Recording, preset: str, facts: Mapping[str, str]
+    ) -> None:
+        self._file = path.open("wb")
+        self._recording = recording
+        self._preset = preset
+        self._facts = facts
+        self._lives: dict[int, _Life] = {}
+        self._states: list[str] = []
+
+    def write(self, tracked: Tracked) -> None:
+        """Remember what is known of a frame."""
+        assert isinstance(tracked, TrackedTargets)
+        self._states.append(tracked.state)
+        for target in tracked.targets:
+            life = self._lives.setdefault(target.id, _Life(target.id))
+            life.add(tracked, target)
+
+    def close(self) -> None:
+        """Write the page.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        longest = sorted(self._lives.values(), key=lambda life: -life.seen)[:_MOST_SECTIONS]
+        contents = [
+            life.content_among(self._states) for life in sorted(longest, key=lambda life: life.id)
+        ]
+        count = str(len(self._lives))
+        if len(self._lives) > len(contents):
+            count += f", of which the {len(contents)} that were followed longest are shown"
+        states = ", ".join(
+            f"{number} {state}" for state, number in Counter(self._states).most_common()
+        )
+        facts = {**self._facts, "targets": count, "frames": states}
+        pictures = pictures_of(contents, self._recording)
+        page = render(
+            Report(
+                title=f"{self._recording.path.name}, tracked",
+                preset=self._preset,
+                facts=facts,
+                sections=list(map(Section, contents, pictures)),
+                kind="target",
+            )
+        )
+        with self._file:
+            self._file.write(page.encode("utf-8", "replace"))
+
+    def discard(self) -> None:
+        """Give the file up."""
+        self._file.close()
+
+
+class _Life:
+    """What is known of a target from its first frame to its last one.
+
+    Attributes:
+        id: Its own.
+        seen: Number of frames in which it was told.
+
+    Args:
+        id: As the attribute.
+    """
+
+    def __init__(self, id: int) -> None:
+        self.id = id
+        self.seen = 0
+        self._first = 0
+        self._label = ""
+        self._frames: list[FrameSummary | None] = []
+
+    def add(self, tracked: TrackedTargets, target: TrackedTarget) -> None:
+        """Take it in a frame."""
+        number = tracked.frame.index
+        if not self._frames:
+            self._first = number
+        missed = number - self._first - len(self._frames)
+        self._frames += [None] * missed
+        row, estimate = row_of(target), target.estimate
+        self._frames.append(
+            FrameSummary(
+                stamp=tracked.frame.stamp,
+                state=row.state,
+                box=row.box,
+                true_box=None,
+                confidence=float(estimate.confidence),
+                seconds=np.nan,
+                effective_sample_size=float(estimate.effective_sample_size),
+                powers=dict(estimate.powers),
+            )
+        )
+        self.seen += 1
+        self._label = target.label or self._label
+
+    def content_among(self, states: Sequence[str]) -> SequenceContent:
+        """What there is to tell of it.
+
+        Args:
+            states: Of all frames.
+        """
+        frames = [
+            frame or FrameSummary(0, "skipped" if state == "skipped" else "absent", None, None)
+            for frame, state in zip(self._frames, states[self._first :], strict=False)
+        ]
+        name = f"target {self.id} {self._label}".rstrip()
+        return replace(content_of_frames(name, frames, None), first=self._first)

@@ -1,0 +1,210 @@
+"""`track` finds of several targets what the node tells, shown the recording in lockstep."""
+
+import csv
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import Image, PointCloud2
+from visualization_msgs.msg import MarkerArray
+
+from pf_tracker_ros.recordings import open_recording
+from pf_tracker_ros.recordings.__main__ import main
+from pf_tracker_ros.targets.detecting import DetectingThread
+
+# As many as `targets.most` has by default.
+SEVERAL = {"max_targets": 32, "image_reliability": "reliable", "seed": 3}
+# What depends on the moment, not on the recording.
+TIMES = {"processing_time_ms"}
+
+
+@pytest.fixture
+def lockstep(graph, client):
+    """Shows a recording's images to a tracker of several targets, by the stamps of boxes.csv."""
+    kinds = {"boxes": MarkerArray, "particles": PointCloud2, "overlay": Image}
+    heard = {name: [] for name in kinds}
+    for name, kind in kinds.items():
+        client.create_subscription(kind, f"pf_tracker/{name}", heard[name].append, 100)
+
+    def run(folder, images, given=(), **parameters):
+        graph.tracker(client, **SEVERAL, **parameters)
+        stamps = sorted({int(row["stamp"]) for row in rows(folder)})
+        assert len(stamps) == len(images)
+        for number, (image, stamp) in enumerate(zip(images, stamps, strict=True)):
+            for box, frame in given:
+                if frame == number:
+                    client.point_at(box, stamp)
+            client.show(image, stamp)
+        return client, heard
+
+    return run
+
+
+@pytest.fixture
+def told_client(graph, client):
+    """A client of a tracker of several targets."""
+    graph.tracker(client, **SEVERAL)
+    return client
+
+
+def rows(folder):
+    with (folder / "boxes.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture
+def source(walkers, write_sequence):
+    """The walkers as a folder of images."""
+    images, boxes = walkers
+    return write_sequence("walkers", images, np.array(boxes)[:, 0]) / "img"
+
+
+def outline(row):
+    x, y, width, height = (float(row[name]) for name in ("x", "y", "width", "height"))
+    return [(x, y), (x + width, y), (x + width, y + height), (x, y + height), (x, y)]
+
+
+def assert_same(found, client, arrays):
+    """The rows of boxes.csv are what the node told, to the bit."""
+    statuses = {status.stamp: status for status in client.statuses}
+    for stamp in {int(row["stamp"]) for row in found}:
+        own = [row for row in found if int(row["stamp"]) == stamp and row["id"]]
+        told = [one.values for one in statuses[stamp].targets]
+        # The node writes the shortest text that reads back to the same bits, as the file does.
+        assert [(row["id"], row["state"], row["confidence"]) for row in own] == [
+            (values["id"], values["state"], values["confidence"]) for values in told
+        ]
+        lines = [
+            (one.id, [(point.x, point.y) for point in one.points])
+            for one in client.answer_of_array(arrays, stamp)
+            if one.ns == "boxes"
+        ]
+        assert [(int(row["id"]), outline(row)) for row in own if row["x"]] == lines
+
+
+def test_drawn_targets_and_the_bag_are_those_of_the_node(lockstep, source, walkers, typestore):
+    from rosbags.rosbag2 import Reader
+
+    images, boxes = walkers
+    entries = [(boxes[2][0], 2), (boxes[5][1], 5)]
+    text = "".join(f"\n  - {{target_box: {list(box)}, frame: {n}}}" for box, n in entries)
+    source.with_name("img.target.yaml").write_text(f"targets:{text}\n")
+    output = source.parent / "out"
+    assert main([str(source), "--output", str(output), "--seed", "3", "--bag"]) == 0
+    client, heard = lockstep(output, images, entries)
+    found = rows(output)
+    assert_same(found, client, heard["boxes"])
+    assert [row["id"] for row in found] == [""] * 2 + ["1"] * 3 + ["1", "2"] * 11
+    recorded = {}
+    with Reader(output / "topics.mcap") as reader:
+        for connection, _, data in reader.messages():
+            message = typestore.deserialize_cdr(data, connection.msgtype)
+            name = connection.topic.removeprefix("/pf_tracker/")
+            recorded.setdefault(name, []).append(message)
+    for name in ("particles", "overlay", "boxes"):
+        count = len(recorded[name])
+        client.wait_for(lambda name=name, n=count: len(heard[name]) >= n, f"all of {name}")
+        assert len(heard[name]) == count
+        for one, other in zip(recorded[name], heard[name], strict=True):
+            assert_equal_fields(one, other)
+    for message, status in zip(recorded["status"], client.statuses, strict=True):
+        own, *targets = message.status
+        assert (own.name, own.message) == (status.name, status.message)
+        for one, told in zip((own, *targets), (status, *status.targets), strict=True):
+            values = {pair.key: pair.value for pair in one.values}
+            assert (one.name, values.keys()) == (told.name, told.values.keys())
+            assert {key for key in values if values[key] != told.values[key]} <= TIMES
+
+
+def test_people_in_a_street_are_the_same(lockstep, sequences_directory, tmp_path):
+    source = sequences_directory / "video" / "TUD-Stadtmitte.mp4"
+    boxes = [(340.5, 79.5, 87.5, 244.0), (570.25, 80.75, 68.0, 203.5), (181.0, 89.0, 76.0, 246.0)]
+    given = [text for box in boxes for text in ("--box", ",".join(map(str, box)))]
+    output = tmp_path / "out"
+    assert main([str(source), "--output", str(output), "--seed", "3", *given]) == 0
+    images = [frame.image for frame in open_recording(source).frames()]
+    client, heard = lockstep(output, images, [(box, 0) for box in boxes])
+    found = rows(output)
+    assert_same(found, client, heard["boxes"])
+    assert len(found) > 2 * len(images)
+
+
+def test_frames_that_are_not_looked_at_are_the_same(
+    told_client, walkers, make_stamped, write_bag, tmp_path
+):
+    client = told_client
+    images, boxes = walkers
+    shown = [(image, client.at(number)) for number, image in enumerate(images)]
+    # One twice, one late, one of another size.
+    shown[8:8] = [(images[7], client.at(7)), (images[6], client.at(6) + 5)]
+    shown.insert(12, (images[0][:50], client.at(9) + 5))
+    messages = []
+    for order, (image, stamp) in enumerate(shown):
+        height, width = image.shape[:2]
+        message = make_stamped(
+            "sensor_msgs/msg/Image", stamp, height=height, width=width, encoding="bgr8",
+            is_bigendian=0, step=3 * width, data=image.reshape(-1),
+        )  # fmt: skip
+        messages.append(("/eye", "sensor_msgs/msg/Image", order + 1, message))
+    bag = write_bag(tmp_path / "bag", messages)
+    output = tmp_path / "out"
+    given = [text for box in boxes[0] for text in ("--box", ",".join(map(str, box)))]
+    assert main([str(bag), "--output", str(output), "--seed", "3", *given]) == 0
+    for box in boxes[0]:
+        client.point_at(box, client.at(0))
+    statuses = [client.show(image, stamp) for image, stamp in shown]
+    found = rows(output)
+    for number, status in enumerate(statuses):
+        own = [row for row in found if row["frame"] == str(number)]
+        if status.values["state"] == "skipped":
+            assert [(row["id"], row["state"]) for row in own] == [("", "skipped")]
+        else:
+            told = [one.values for one in status.targets]
+            assert [(row["id"], row["confidence"]) for row in own] == [
+                (values["id"], values["confidence"]) for values in told
+            ]
+    assert [status.values["state"] for status in statuses].count("skipped") == 3
+
+
+def assert_equal_fields(recorded, published):
+    """Two messages of one type, whichever library made them."""
+    for name in published.get_fields_and_field_types():
+        one, other = getattr(recorded, name), getattr(published, name)
+        if hasattr(other, "get_fields_and_field_types"):
+            assert_equal_fields(one, other)
+        elif isinstance(one, np.ndarray):
+            assert one.tobytes() == bytes(other)
+        elif isinstance(other, (list, tuple)):
+            assert len(one) == len(other)
+            for each, same in zip(one, other, strict=True):
+                assert_equal_fields(each, same)
+        elif isinstance(other, float) and name in "rgba":
+            # A field of single precision, which rosbags gives back as it was read.
+            assert np.float32(one) == np.float32(other)
+        else:
+            assert one == other
+
+
+def test_a_built_in_detector_that_keeps_up_finds_the_same(
+    lockstep, write_sequence, monkeypatch, tmp_path
+):
+    images = [moving_block(number) for number in range(50)]
+    source = write_sequence("block", images, np.zeros((50, 4))) / "img"
+    output = tmp_path / "out"
+    given = ("--detector", "motion", "--detector-rate", "25", "--seed", "3")
+    assert main([str(source), "--output", str(output), *given]) == 0
+    take = DetectingThread.take
+    # As on a machine that has nothing else to do.
+    monkeypatch.setattr(DetectingThread, "take", lambda self, **_: take(self, wait=True))
+    client, heard = lockstep(
+        output, images, built_in_detector="motion", built_in_detector_rate=25.0
+    )
+    assert_same(rows(output), client, heard["boxes"])
+    assert any(row["id"] for row in rows(output))
+
+
+def moving_block(number):
+    """A block that moves over a still ground."""
+    noise = np.random.default_rng(0).integers(172, 188, (150, 200, 1))
+    image = np.repeat(noise, 3, axis=2).astype(np.uint8)
+    image[60:100, 10 + 2 * number : 35 + 2 * number] = (20, 20, 60)
+    return image

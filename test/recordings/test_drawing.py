@@ -1,0 +1,304 @@
+"""The target drawn on a page: `track --draw`, by HTTP and in a real headless Chromium."""
+
+import http.client
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+import yaml
+
+import pf_tracker_ros
+from pf_tracker_ros.pages.access import HEADERS
+
+pytest.importorskip("aiohttp", reason="the page needs the extra 'console'")
+
+QUICK = ("--preset", "li2007", "--parameter", "particles=20")
+BOX = [20.0, 30.0, 24.0, 24.0]
+DEADLINE = 60
+WITHOUT_ROS = """
+import sys
+class NoRos:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {"rclpy", "sensor_msgs", "std_msgs", "geometry_msgs"}:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, NoRos())
+from pf_tracker_ros.recordings.__main__ import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+class Desk:
+    """A `track --draw` that waits for a target; without any ROS.
+
+    Attributes:
+        process: Of the command.
+        address: Of its page.
+    """
+
+    def __init__(self, *arguments):
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", WITHOUT_ROS, *map(str, arguments), "--draw", *QUICK],
+            env={**os.environ, "PYTHONPATH": str(Path(pf_tracker_ros.__file__).parents[1])},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        line = self.process.stdout.readline()
+        found = re.search(r"http://127\.0\.0\.1:\d+/", line)
+        assert found, line + self.process.stderr.read()
+        self.address = found[0]
+
+    def ask(self, path, method="GET", body=None, **headers):
+        """Status, headers and body of the answer to a request."""
+        parts = urlsplit(self.address)
+        connection = http.client.HTTPConnection("127.0.0.1", parts.port, timeout=DEADLINE)
+        try:
+            connection.request(method, path, body, headers)
+            answer = connection.getresponse()
+            return answer.status, dict(answer.getheaders()), answer.read()
+        finally:
+            connection.close()
+
+    def send(self, path, body="", origin=None):
+        """Status and text of the answer to what a page sends."""
+        origin = origin or self.address.strip("/")
+        status, _, text = self.ask(path, "POST", body, Origin=origin)
+        return status, text.decode()
+
+    def draw(self, box, frame=0):
+        return self.send("/target", json.dumps({"frame": frame, "box": box}))
+
+    def end(self):
+        """Exit code, output and errors, once it has ended."""
+        said, errors = self.process.communicate(timeout=DEADLINE)
+        return self.process.returncode, said, errors
+
+
+@pytest.fixture
+def ask_for_target():
+    """Starts the command; what still runs after the test is killed."""
+    desks = []
+
+    def start(*arguments):
+        desks.append(Desk(*arguments))
+        return desks[-1]
+
+    yield start
+    for desk in desks:
+        desk.process.kill()
+        desk.process.communicate()
+
+
+@pytest.fixture
+def images(moving_square_sequence):
+    """A recording without any target."""
+    return moving_square_sequence / "img"
+
+
+@pytest.fixture
+def open_desk(browser):
+    """Opens the page of a desk; at the end, none may have complained."""
+    contexts, complaints = [], []
+
+    def open_one(desk):
+        context = browser.new_context()
+        contexts.append(context)
+        page = context.new_page()
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.goto(desk.address)
+        page.locator("#overlay[data-frame='0']").wait_for(state="attached")
+        return page
+
+    yield open_one
+    for context in contexts:
+        context.close()
+    assert complaints == []
+
+
+def on_screen(page, x, y):
+    """Where a pixel of the picture of 160 x 120 px is on the page."""
+    area = page.locator("#overlay").bounding_box()
+    return area["x"] + x * area["width"] / 160, area["y"] + y * area["height"] / 120
+
+
+def drag(page, start, end):
+    page.mouse.move(*on_screen(page, *start))
+    page.mouse.down()
+    page.mouse.move(*on_screen(page, (start[0] + end[0]) / 2, (start[1] + end[1]) / 2))
+    page.mouse.move(*on_screen(page, *end))
+    page.mouse.up()
+
+
+def first_box(rows, folder):
+    row = next(row for row in rows(folder) if row["x"])
+    return int(row["frame"]), [float(row[name]) for name in ("x", "y", "width", "height")]
+
+
+def test_a_box_is_drawn_put_right_by_a_corner_and_tracked(
+    ask_for_target, open_desk, rows, track, images
+):
+    tmp_path = images.parents[1]
+    desk = ask_for_target(images, "--output", tmp_path / "out")
+    page = open_desk(desk)
+    assert page.locator("#name").inner_text() == "img"
+    drag(page, (20, 30), (60, 70))
+    assert page.locator("#handles circle:visible").count() == 4
+    drag(page, (60, 70), (44, 54))
+    page.keyboard.press("Enter")
+    page.get_by_text("tracking begins; this page can be closed").wait_for()
+    assert page.locator("#send").is_disabled()
+    code, said, errors = desk.end()
+    assert (code, errors) == (0, "")
+    file = images.parent / "img.target.yaml"
+    assert f"saved as {file}" in said
+    frame, found = first_box(rows, tmp_path / "out")
+    assert (frame, found) == (0, pytest.approx(BOX, abs=0.5))
+    saved = yaml.safe_load(file.read_text())
+    assert (saved["frame"], saved["stamp"]) == (0, 10**9)
+    # What was saved is the same target.
+    assert track(images, "--output", tmp_path / "again", *QUICK)[0] == 0
+    assert (tmp_path / "again/boxes.csv").read_bytes() == (tmp_path / "out/boxes.csv").read_bytes()
+
+
+def test_another_frame_is_chosen_and_a_box_is_dropped_and_placed_by_keys(
+    ask_for_target, open_desk, rows, images, tmp_path
+):
+    desk = ask_for_target(images, "--output", tmp_path / "out")
+    page = open_desk(desk)
+    for number in range(1, 4):
+        page.keyboard.press("n")
+        page.locator(f"#overlay[data-frame='{number}']").wait_for(state="attached")
+    drag(page, (5, 5), (50, 50))
+    page.keyboard.press("Escape")
+    assert page.locator("#drawn:not([hidden])").count() == 0
+    page.locator("#draw").click()
+    for name, value in zip(("x", "y", "width", "height"), (32, 36, 24, 24), strict=True):
+        page.locator(f"#box-{name}").fill(str(value))
+    page.locator("#send").click()
+    page.get_by_text("tracking begins").wait_for()
+    assert desk.end()[0] == 0
+    assert first_box(rows, tmp_path / "out") == (3, [32.0, 36.0, 24.0, 24.0])
+    assert [row["state"] for row in rows(tmp_path / "out")[:4]] == ["idle"] * 3 + ["tracking"]
+
+
+def test_given_up_on_the_page_nothing_is_tracked(ask_for_target, open_desk, images, tmp_path):
+    desk = ask_for_target(images, "--output", tmp_path / "out")
+    page = open_desk(desk)
+    page.locator("#cancel").click()
+    page.get_by_text("nothing is tracked; this page can be closed").wait_for()
+    code, _, errors = desk.end()
+    assert code == 2
+    assert errors.startswith("track: error: no target was drawn")
+    assert not (tmp_path / "out").exists()
+    assert not (images.parent / "img.target.yaml").exists()
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_while_drawing_ends_it(ask_for_target, images, tmp_path, number, code):
+    desk = ask_for_target(images, "--output", tmp_path / "out")
+    assert desk.ask("/")[0] == 200
+    desk.process.send_signal(number)
+    found, _, errors = desk.end()
+    assert found == code
+    assert errors.count("\n") == 1
+    assert errors.endswith("ed before a target was drawn; nothing was tracked\n")
+    assert not (tmp_path / "out").exists()
+
+
+def test_only_a_page_that_was_served_here_may_draw(ask_for_target, images, tmp_path):
+    desk = ask_for_target(images, "--output", tmp_path / "out")
+    for path in ("/", "/draw.js", "/drawing.js", "/page.css", "/recording", "/frame?number=0"):
+        status, headers, _ = desk.ask(path)
+        assert status == 200
+        assert headers.items() >= HEADERS.items()
+    body = json.dumps({"frame": 0, "box": BOX})
+    for origin in ("http://attacker.example", "null", "http://127.0.0.1:1"):
+        for path in ("/target", "/cancel"):
+            assert desk.send(path, body, origin)[0] == 403
+    assert desk.ask("/target", "POST", body)[0] == 403
+    assert desk.ask("/", Host="attacker.example")[0] == 403
+    assert desk.ask("/../pictures.py")[0] == 404
+    assert desk.draw(BOX)[0] == 200
+    assert desk.end()[0] == 0
+
+
+def test_what_cannot_be_tracked_is_refused_and_may_be_put_right(ask_for_target, images, tmp_path):
+    desk = ask_for_target(images, "--output", tmp_path / "out")
+    for box, said in (
+        ([900, 30, 24, 24], "is outside the image, 160 x 120 px"),
+        ([1, 2, 3, 0], "too small"),
+        ([1, 2, 3], "expected four finite numbers"),
+        (None, "expected four finite numbers"),
+        ("box", "expected four finite numbers"),
+    ):
+        status, text = desk.draw(box)
+        assert (status, said in text) == (422, True), text
+    assert desk.draw(BOX, frame=400) == (422, "there is no picture in frame 400 or after it")
+    for body in ("", "[]", '{"frame": "1"}', "\x00", "[" * 4000):
+        assert desk.send("/target", body)[0] == 422
+    assert desk.ask("/frame?number=-1")[0] == 400
+    assert desk.ask("/frame?number=20")[0] == 404
+    status, headers, _ = desk.ask("/frame?number=19")
+    assert (status, headers["X-Frame"], headers["X-Size"]) == (200, "19", "160 120")
+    assert desk.draw(BOX)[0] == 200
+    assert desk.end()[0] == 0
+
+
+def test_a_target_file_is_never_overwritten(ask_for_target, rows, images, tmp_path):
+    file = images.parent / "img.target.yaml"
+    file.write_text("target_box: [1, 2, 30, 40]")
+    desk = ask_for_target(images, "--output", tmp_path / "out")
+    assert desk.draw(BOX)[0] == 200
+    code, said, _ = desk.end()
+    assert code == 0
+    assert f"not saved, as {file} is there already" in said
+    assert file.read_text() == "target_box: [1, 2, 30, 40]"
+    assert first_box(rows, tmp_path / "out") == (0, BOX)
+
+
+def test_what_is_refused_anyway_is_refused_before_the_page(track, images, monkeypatch, tmp_path):
+    output = tmp_path / "out"
+    output.mkdir()
+    (output / "boxes.csv").write_text("mine")
+    draw = (images, "--output", output, "--draw")
+    code, said, errors = track(*draw)
+    assert (code, said) == (4, "")
+    assert "boxes.csv exists already" in errors
+    assert track(*draw, "--box", "1,2,3,4")[0] == 2
+    none = (images, "--output", tmp_path / "a", "--draw", "--detections", tmp_path / "none.csv")
+    code, said, errors = track(*none)
+    assert (code, said) == (8, "")
+    assert "none.csv" in errors
+    code, _, errors = track("--archive", images.parent, "--output", tmp_path / "b", "--draw")
+    assert code == 2
+    assert "draw is for one recording; allowed: without --archive" in errors
+    monkeypatch.setitem(sys.modules, "aiohttp", None)
+    code, _, errors = track(images, "--output", tmp_path / "c", "--draw")
+    assert code == 2
+    assert "aiohttp is not installed: pip install aiohttp, or '.[console]'" in errors
+    assert len(errors.splitlines()) == 1
+
+
+def test_a_bag_without_any_image_that_can_be_decoded_has_no_page(
+    track, make_stamped, write_bag, tmp_path
+):
+    kind = "sensor_msgs/msg/CompressedImage"
+    message = make_stamped(kind, 1, format="jpeg", data=np.zeros(9, np.uint8))
+    bag = write_bag(tmp_path / "bag", [("/eye", kind, 1, message)])
+    code, _, errors = track(bag, "--output", tmp_path / "out", "--draw")
+    assert code == 2
+    assert "bag cannot be drawn on: there is no picture in frame 0 or after it" in errors
+
+
+def test_without_any_target_it_says_that_one_can_be_drawn(track, images, tmp_path):
+    code, _, errors = track(images, "--output", tmp_path / "out")
+    assert code == 2
+    assert "or draw the target with --draw" in errors
