@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep
+from pf_tracker_ros.cues.repeats import WORTHWHILE, distinct
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import declared
 
@@ -128,8 +129,8 @@ class ColorHistogram(Cue):
 
         Source: Li et al. 2007, equations (4) and (5).
         """
-        region_boxes = region.region_boxes(boxes)
-        coefficient = np.zeros(len(boxes))
+        region_boxes, repeated = _without_repeats(region.region_boxes(boxes))
+        coefficient = np.zeros(len(region_boxes))
         for number, (labels_of_colors, root) in enumerate(template.pages):
 
             def label_pixels(table: NDArray[np.uint8] = labels_of_colors) -> NDArray[np.uint8]:
@@ -137,7 +138,8 @@ class ColorHistogram(Cue):
 
             labels = region.share((template, number), label_pixels)
             coefficient += _root_coefficient(labels, region_boxes, root)
-        return 1.0 - np.minimum(coefficient, 1.0)
+        squared = 1.0 - np.minimum(coefficient, 1.0)
+        return squared if repeated is None else squared[repeated]
 
     def blend(self, template: ColorTemplate, seen: ColorTemplate) -> ColorTemplate:
         """See `Cue.blend`; source: Li et al. 2007, equation (9)."""
@@ -191,6 +193,25 @@ class ForegroundColorHistogram(ColorHistogram):
         )
 
 
+def _without_repeats(
+    region_boxes: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.intp] | None]:
+    """(K, 4) of (N, 4) boxes, no two with the same pixels, and which of them each of the N is.
+
+    None if all are there: where they are few or of several sizes, none are left out.
+    """
+    if len(region_boxes) < WORTHWHILE or not _is_of_one_size(region_boxes):
+        return region_boxes, None
+    corners = _corners(region_boxes, *_grid(region_boxes[0, 2:]))
+    kept, repeated = distinct(*corners.T)
+    return region_boxes[kept], repeated
+
+
+def _is_of_one_size(region_boxes: NDArray[np.float64]) -> bool:
+    sizes = region_boxes[:, 2:]
+    return bool((sizes == sizes[0]).all())
+
+
 def _root_coefficient(
     labels: NDArray[np.uint8], region_boxes: NDArray[np.float64], root: NDArray[np.float32]
 ) -> NDArray[np.float32]:
@@ -223,7 +244,7 @@ def _patches(labels: NDArray[np.uint8], region_boxes: NDArray[np.float64]) -> ND
     of a grid that has one cell a pixel in the box of mean size.
     """
     sizes = region_boxes[:, 2:]
-    if (sizes == sizes[0]).all():
+    if _is_of_one_size(region_boxes):
         columns, rows = _grid(sizes[0])
         left, top = _corners(region_boxes, columns, rows).T
         return _windows(labels, rows, columns)[top, left].reshape(len(region_boxes), -1)

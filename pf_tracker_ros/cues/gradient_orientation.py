@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep
 from pf_tracker_ros.cues.matrix_product import product
+from pf_tracker_ros.cues.repeats import WORTHWHILE, distinct
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
@@ -68,7 +69,7 @@ class GradientOrientation(Cue):
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `Cue.learn`."""
-        sums = self._cell_sums(region, box[None])[:, 0].astype(np.float64)
+        sums = self._cell_sums(region, *self._corners(region, box[None]))[:, 0].astype(np.float64)
         length = np.linalg.norm(sums)
         return (sums / length if length > 0.0 else sums).ravel()
 
@@ -92,30 +93,47 @@ class GradientOrientation(Cue):
 
         |h - r|^2 = |h|^2 - 2 h.r + |r|^2, with |h| = 1, or 0 in a box without any gradient.
         """
-        sums = self._cell_sums(region, boxes)
+        columns, rows = self._corners(region, boxes)
+        repeated = None
+        if len(boxes) >= WORTHWHILE and (boxes[:, 2:] == boxes[0, 2:]).all():
+            # The corners of boxes of one size move together: their sums tell them apart.
+            kept, repeated = distinct(columns.sum(axis=0), rows.sum(axis=0))
+            columns, rows = columns[:, kept], rows[:, kept]
+        sums = self._cell_sums(region, columns, rows)
         reference = template.reshape(-1, self._directions)
         projection = np.einsum("cnd,cd->n", sums, reference.astype(np.float32))
         squared_length = np.einsum("cnd,cnd->n", sums, sums)
         textured = squared_length > 0.0
         cosine = projection / np.sqrt(np.where(textured, squared_length, 1.0))
-        return np.maximum(textured - 2.0 * cosine + template @ template, 0.0)
+        squared: NDArray[np.float64]
+        squared = np.maximum(textured - 2.0 * cosine + template @ template, 0.0)
+        return squared if repeated is None else squared[repeated]
 
-    def _cell_sums(self, region: Region, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
+    def _corners(
+        self, region: Region, boxes: NDArray[np.float64]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """(corners along each axis, N) columns and rows of the corners of the boxes' parts."""
+        x, y, width, height = region.region_boxes(boxes).T
+        return (
+            nearest_pixel(x + self._fractions * width),
+            nearest_pixel(y + self._fractions * height),
+        )
+
+    def _cell_sums(
+        self, region: Region, columns: NDArray[np.intp], rows: NDArray[np.intp]
+    ) -> NDArray[np.float32]:
         """(cells^2, N, directions) Gaussian-weighted sums of gradient magnitude in N boxes.
 
         A cell's sum is linear in the values of the integral image at the corners of its parts, so
         all cells of all boxes are one matrix product.
         """
         integral = region.gradient_integral(self._directions)
-        x, y, width, height = region.region_boxes(boxes).T
-        columns = nearest_pixel(x + self._fractions * width)
-        rows = nearest_pixel(y + self._fractions * height)
         corners = rows[:, None] * integral.shape[1] + columns[None]
         taken = integral.reshape(-1, self._directions).take(corners, axis=0)
         # Whole numbers up to 2^24, more than any region's sum in one direction, stay exact.
         values = taken.astype(np.float32).reshape(self._corner_weights.shape[1], -1)
         sums = product(self._corner_weights, values)
-        return sums.reshape(self._cells**2, len(boxes), self._directions)
+        return sums.reshape(self._cells**2, columns.shape[1], self._directions)
 
     def blend(
         self, template: NDArray[np.float64], seen: NDArray[np.float64]

@@ -1,0 +1,38 @@
+"""Boxes that read the same pixels are looked at once, and told of each."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pf_tracker_ros.cues import CUES
+from pf_tracker_ros.cues.repeats import WORTHWHILE, distinct
+from pf_tracker_ros.frames import Frame, Region
+
+PAIRS = st.lists(st.tuples(st.integers(-40, 40), st.integers(-9, 60)), min_size=1, max_size=200)
+
+
+@given(PAIRS)
+def test_each_pair_is_there_once_and_stands_for_all_that_are_equal(pairs):
+    x, y = np.array(pairs, dtype=np.intp).T
+    kept, repeated = distinct(x, y)
+    assert len({pairs[number] for number in kept}) == len(kept) == len(set(pairs))
+    assert [pairs[kept[number]] for number in repeated] == pairs
+
+
+@pytest.mark.parametrize("name", ["color_histogram", "gradient_orientation"])
+@pytest.mark.parametrize("size", [(40.0, 40.0), (33.0, 21.4), (7.5, 52.0)])
+def test_many_boxes_of_one_size_are_told_what_each_is_told_alone(name, size):
+    """To the bit: the corners of a box's parts are rounded on their own."""
+    generator = np.random.default_rng(0)
+    image = generator.integers(0, 256, (120, 160, 3), dtype=np.uint8)
+    boxes = np.empty((4 * WORTHWHILE, 4))
+    boxes[:, :2] = generator.normal((60.0, 40.0), 4.0, (len(boxes), 2))
+    boxes[:, 2:] = size
+    cue = CUES[name](CUES.parameters_of(name)())
+    region = Region(Frame(image), boxes)
+    template = cue.learn(region, np.array([61.0, 38.0, *size]))
+    together = cue.log_likelihood(region, boxes, template)
+    assert len(np.unique(together)) > 50
+    alone = [cue.log_likelihood(region, box[None], template)[0] for box in boxes]
+    np.testing.assert_allclose(together, alone, rtol=1e-5, atol=1e-6)
