@@ -1,6 +1,7 @@
 """What is published beside the status: only for those who listen, pictures beside the tracking."""
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,37 +69,63 @@ def speaker(graph):
     node.destroy_node()
 
 
+@dataclass
+class Speaker:
+    """The outputs of one target.
+
+    Attributes:
+        outputs: Of the node.
+        show: Publishes an estimate, by the name of its frame.
+        errors: That were reported.
+    """
+
+    outputs: outputs.Outputs
+    show: Callable[[str], None]
+    errors: list
+
+
 @pytest.fixture
-def one(speaker):
-    """The outputs of one target, and the errors that they report."""
+def one(speaker, images, box):
     errors = []
     made = outputs.Outputs(speaker, errors.append)
-    yield made, errors
+    estimate = Tracker.from_preset("li2007").start(images[0], box)
+
+    def show(name):
+        made.publish(images[0], Header(frame_id=name), estimate)
+
+    yield Speaker(made, show, errors)
     made.close()
 
 
 @pytest.fixture
-def estimate(images, box):
-    return Tracker.from_preset("li2007").start(images[0], box)
+def overlays(speaker, listener, one):
+    """The overlays that are heard."""
+    (publisher,) = (one for one in speaker.publishers if one.topic.endswith("overlay"))
+    return listener.hear(publisher, Image)
 
 
 @pytest.fixture
 def built(monkeypatch):
     """Names of what was built, in order."""
     names = []
+
+    def watch(module, name):
+        make = getattr(module, name)
+
+        def build(*arguments):
+            names.append(name)
+            return make(*arguments)
+
+        monkeypatch.setattr(module, name, build)
+
     for module, builders in BUILDERS.items():
         for name in builders:
-
-            def build(*arguments, name=name, make=getattr(module, name)):
-                names.append(name)
-                return make(*arguments)
-
-            monkeypatch.setattr(module, name, build)
+            watch(module, name)
     return names
 
 
-def test_nothing_is_built_for_nobody(one, built, images, estimate):
-    one[0].publish(images[0], Header(), estimate)
+def test_nothing_is_built_for_nobody(one, built):
+    one.show("camera")
     assert built == []
 
 
@@ -125,11 +152,6 @@ def test_whoever_listens_hears_the_boxes_alone(speaker, listener, built, images,
     assert built == ["boxes_message"]
 
 
-def overlay_of(speaker):
-    (publisher,) = (one for one in speaker.publishers if one.topic.endswith("overlay"))
-    return publisher
-
-
 @pytest.fixture
 def slow(monkeypatch):
     """Lets pictures be drawn one by one: (begun, go on)."""
@@ -145,53 +167,40 @@ def slow(monkeypatch):
     return begun, go_on
 
 
-def test_the_tracking_goes_on_while_an_overlay_is_drawn(
-    speaker, listener, one, slow, images, estimate
-):
+def test_the_tracking_goes_on_while_an_overlay_is_drawn(one, listener, overlays, slow, images):
     begun, go_on = slow
-    heard = listener.hear(overlay_of(speaker), Image)
-    one[0].publish(images[0], Header(frame_id="camera"), estimate)
+    one.show("camera")
     assert begun.acquire(timeout=DEADLINE)
-    assert heard == []
+    assert overlays == []
     go_on.release()
-    listener.wait_for(lambda: heard)
-    assert heard[0].header.frame_id == "camera"
-    drawn = np.frombuffer(heard[0].data, np.uint8).reshape(images[0].shape)
+    listener.wait_for(lambda: overlays)
+    assert overlays[0].header.frame_id == "camera"
+    drawn = np.frombuffer(overlays[0].data, np.uint8).reshape(images[0].shape)
     assert 0.01 < (drawn != images[0]).any(axis=2).mean() < 0.5
 
 
-def test_of_too_many_overlays_the_newest_are_drawn(speaker, listener, one, slow, images, estimate):
+def test_of_too_many_overlays_the_newest_are_drawn(one, listener, overlays, slow):
     begun, go_on = slow
-    heard = listener.hear(overlay_of(speaker), Image)
-    one[0].publish(images[0], Header(frame_id="first"), estimate)
+    one.show("first")
     assert begun.acquire(timeout=DEADLINE)
     for number in range(14):
-        one[0].publish(images[0], Header(frame_id=str(number)), estimate)
+        one.show(str(number))
     go_on.release(15)
-    listener.wait_for(lambda: len(heard) == 11)
-    assert [message.header.frame_id for message in heard] == [
-        "first",
-        *(str(number) for number in range(4, 14)),
-    ]
+    listener.wait_for(lambda: len(overlays) == 11)
+    heard = [message.header.frame_id for message in overlays]
+    assert heard == ["first", *(str(number) for number in range(4, 14))]
 
 
-def test_what_waits_is_published_before_the_topic_goes(
-    speaker, listener, one, slow, images, estimate
-):
+def test_what_waits_is_published_before_the_topic_goes(one, listener, overlays, slow):
     _, go_on = slow
-    heard = listener.hear(overlay_of(speaker), Image)
     for number in range(3):
-        one[0].publish(images[0], Header(frame_id=str(number)), estimate)
+        one.show(str(number))
     go_on.release(3)
-    one[0]._drawing.close()
-    listener.wait_for(lambda: len(heard) == 3)
+    one.outputs._drawing.close()
+    listener.wait_for(lambda: len(overlays) == 3)
 
 
-def test_an_overlay_that_fails_is_told_with_the_next_one(
-    speaker, listener, one, monkeypatch, images, estimate
-):
-    made, errors = one
-    heard = listener.hear(overlay_of(speaker), Image)
+def test_an_overlay_that_fails_is_told_with_the_next_one(one, listener, overlays, monkeypatch):
     draw, failed = outputs.draw_overlay, threading.Event()
 
     def fail(*arguments):
@@ -200,17 +209,17 @@ def test_an_overlay_that_fails_is_told_with_the_next_one(
         raise ValueError("no ink")
 
     monkeypatch.setattr(outputs, "draw_overlay", fail)
-    made.publish(images[0], Header(), estimate)
+    one.show("failing")
     assert failed.wait(DEADLINE)
-    made.publish(images[0], Header(), estimate)
-    listener.wait_for(lambda: heard)
-    made.publish(images[0], Header(), estimate)
-    assert errors == ["the overlay of a frame was not published: no ink"]
+    one.show("next")
+    listener.wait_for(lambda: overlays)
+    one.show("last")
+    assert one.errors == ["the overlay of a frame was not published: no ink"]
 
 
-def test_a_box_is_heard_by_those_who_listen(speaker, listener, one, built, images, estimate):
+def test_a_box_is_heard_by_those_who_listen(speaker, listener, one, built):
     (publisher,) = (one for one in speaker.publishers if one.topic.endswith("/box"))
     heard = listener.hear(publisher, PolygonStamped)
-    one[0].publish(images[0], Header(), estimate)
+    one.show("camera")
     listener.wait_for(lambda: heard)
     assert built == ["box_message"]
