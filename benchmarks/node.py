@@ -174,7 +174,7 @@ def measure_start(given: argparse.Namespace) -> Measured:
     commands = {TRACKER: tracker_command(), BARE: bare_command(footage.reliability)}
     found: dict[str, list[float]] = {TRACKER: [], BARE: []}
     os.environ |= profile(footage.large_images)
-    for _ in range(max(given.rounds, 3)):
+    for _ in range(max(given.rounds, 5)):
         for who, command in commands.items():
             progress(f"start of the {who}")
             found[who].append(seconds_to_first_answer(footage, NAMES[who], command))
@@ -182,10 +182,11 @@ def measure_start(given: argparse.Namespace) -> Measured:
         [who, f"{median(values):.2f}", f"{min(values):.2f}", f"{max(values):.2f}"]
         for who, values in found.items()
     ]
-    bound = 1.5 * median(found[BARE]) + 0.7
+    # The least: Fast DDS makes either wait for three seconds more, or not, as it happens.
+    bound = 1.5 * min(found[BARE]) + 0.7
     return Measured(
         [Table("Seconds from the start of a process to its first answer", _SPREAD, [rows])],
-        [Bar("start to the first box", median(found[TRACKER]), round(bound, 2), unit=" s")],
+        [Bar("start to the first box, least", min(found[TRACKER]), round(bound, 2), unit=" s")],
     )
 
 
@@ -276,10 +277,13 @@ def measure_side_by_side(given: argparse.Namespace) -> Measured:
             for context in contexts:
                 context.__exit__(None, None, None)
         latencies = [value for one in run.answers for value in one.latencies]
+        first, last = run.samples[0], run.samples[-1]
+        rate = (last.frame - first.frame) / (last.moment - first.moment)
         lost = sum(one.lost_share for one in run.answers) / count
         rows.append(
             [
                 str(count),
+                f"{rate:.0f}",
                 f"{100 * lost:.1f}",
                 f"{100 * sum(run.cpu_shares):.0f}",
                 f"{sum(run.cpu_a_frame) / count:.1f}",
@@ -289,6 +293,7 @@ def measure_side_by_side(given: argparse.Namespace) -> Measured:
         )
     headings = [
         "nodes",
+        "fps each",
         "without a box %",
         "cores %",
         "CPU ms a frame",

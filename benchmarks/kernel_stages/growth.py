@@ -18,6 +18,7 @@ from kernel_stages.timing import by_turns
 
 mpl.use("Agg")
 from matplotlib import pyplot
+from matplotlib.ticker import NullLocator
 
 # Field of a setting to the values that it takes, the others being as they usually are.
 AXES: Mapping[str, Sequence[Any]] = {
@@ -111,6 +112,9 @@ def draw_growth(costs: Costs, path: Path) -> None:
                 marker=".",
                 label=f"{name}: {exponent(costs[name], axis):+.2f}",
             )
+        measures = [measure(replace(Setting(), **{axis: value})) for value in AXES[axis]]
+        plot.set_xticks(measures, [f"{value:,}" for value in measures])
+        plot.xaxis.set_minor_locator(NullLocator())
         plot.set_xlabel(title)
         plot.grid(visible=True, which="major", alpha=0.3)
         plot.legend(fontsize=5.5, loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=2)

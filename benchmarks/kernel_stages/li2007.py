@@ -8,16 +8,17 @@ from statistics import median
 import numpy as np
 
 from kernel_stages.particle_loop import ParticleLoop
-from kernel_stages.setting import SPREAD, Setting
+from kernel_stages.setting import Setting
 from kernel_stages.timing import each_call
 from pf_tracker_ros import Tracker
 
 # The first call of a turn finds the caches full of the other's data and is not counted.
 _CALLS_IN_A_TURN = 6
-# Position noise that spreads the particles so far, as standard deviations of their places, pixels.
+# Position noise, box sizes, that spreads the particles of a box of 40 px so far, as standard
+# deviation of their places.
 _NOISES = {"8 px": 1.0, "whole image": 50.0}
 CLOUDS = tuple(_NOISES)
-assert f"{SPREAD:g} px" in CLOUDS
+_SIDE = 40
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def measure_li2007(particles: int, side: int, cloud: str, turns: int, *, against
     parameters = {
         "particles": particles,
         "track.occluded_below": 0.0,
-        "motion.position_noise": _NOISES[cloud],
+        "motion.position_noise": _NOISES[cloud] * _SIDE / side,
     }
     tracker = Tracker.from_preset("li2007", seed=0, parameters=parameters)
     tracker.start(setting.image, setting.box)

@@ -10,7 +10,8 @@ from bars import Bar
 
 from kernel_stages.li2007 import measure_li2007
 from kernel_stages.setting import SIDES, Setting, street
-from kernel_stages.timing import Timed, by_turns, each_call
+from kernel_stages.stages import update
+from kernel_stages.timing import by_turns, each_call
 from pf_tracker_ros import Tracker
 
 # Updates whose slowest hundredth is told.
@@ -47,15 +48,7 @@ def measure_bars(turns: int) -> list[Bar]:
 
 def _updates(preset: str, settings: Sequence[Setting], turns: int) -> list[float]:
     """Milliseconds of an update in each setting, with the preset's number of particles."""
-    return by_turns([_update(preset, setting) for setting in settings], turns)
-
-
-def _update(preset: str, setting: Setting) -> Timed:
-    tracker = Tracker.from_preset(preset, seed=0, parameters={"track.occluded_below": 0.0})
-    tracker.start(setting.image, setting.box)
-    for _ in range(_WARM_UP):
-        tracker.update(setting.image)
-    return Timed(lambda _: tracker.update(setting.image))
+    return by_turns([update(preset, setting) for setting in settings], turns)
 
 
 def _moving_target() -> object:
@@ -72,11 +65,11 @@ def _moving_target() -> object:
     tracker.start(images[0], setting.box)
     number = 0
 
-    def update() -> None:
+    def follow() -> None:
         nonlocal number
         number += 1
         tracker.update(images[number % len(images)])
 
     for _ in range(_WARM_UP):
-        update()
-    return update
+        follow()
+    return follow

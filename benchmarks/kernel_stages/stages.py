@@ -27,6 +27,7 @@ from pf_tracker_ros.tracking.presets import PRESETS
 # As the correlation response of `default` looks at a target.
 _WINDOW, _CELLS, _PIXELS, _WINDOWS, _SAMPLES = 4.0, 40, 160, 3, 80
 _LEVELS, _DIRECTIONS = 16, 8
+_WARM_UP = 30
 _FEATURES = FEATURES["gradients_and_colors"]()
 
 
@@ -169,11 +170,24 @@ def _scoring(name: str, setting: Setting, *, maps: bool) -> Timed:
     return Timed(lambda _: cue.log_likelihood(ready, setting.boxes, template))
 
 
-def _update(preset: str, setting: Setting) -> Timed:
-    parameters = {"particles": setting.particles, "track.occluded_below": 0.0}
-    tracker = Tracker.from_preset(preset, seed=0, parameters=parameters)
+def update(preset: str, setting: Setting, **parameters: object) -> Timed:
+    """An update of a preset, past the frames in which the target is learned anew each time.
+
+    Args:
+        preset: A key of `PRESETS`.
+        setting: Its image stands still.
+        parameters: Of the tracker, over the preset's.
+    """
+    values = {"track.occluded_below": 0.0, **parameters}
+    tracker = Tracker.from_preset(preset, seed=0, parameters=values)
     tracker.start(setting.image, setting.box)
+    for _ in range(_WARM_UP):
+        tracker.update(setting.image)
     return Timed(lambda _: tracker.update(setting.image))
+
+
+def _update(preset: str, setting: Setting) -> Timed:
+    return update(preset, setting, particles=setting.particles)
 
 
 # What is made of the image, whatever the particles are.

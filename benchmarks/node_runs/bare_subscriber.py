@@ -5,7 +5,6 @@ python benchmarks/node_runs/bare_subscriber.py reliable
 
 from __future__ import annotations
 
-import contextlib
 import sys
 
 import rclpy
@@ -42,10 +41,17 @@ class BareSubscriber(Node):
 
 def main() -> None:
     """Run until SIGINT."""
-    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.init()
+    rclpy.init()
+    try:
         rclpy.spin(BareSubscriber(sys.argv[1]))
-    rclpy.try_shutdown()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except RuntimeError:
+        # A signal takes the context away while it answers.
+        if rclpy.ok():
+            raise
+    finally:
+        rclpy.try_shutdown()
 
 
 if __name__ == "__main__":
