@@ -271,7 +271,7 @@ class _Player:
         number = 0
         while True:
             self._spin(lambda: False, due)
-            if time.monotonic() > due:
+            if footage.rate and time.monotonic() > due + 1.0 / footage.rate:
                 # Behind: what has been answered is taken all the same, and no frame made up for.
                 for _ in range(self._answers_a_frame):
                     self._executor.spin_once(timeout_sec=0.0)
