@@ -35,6 +35,7 @@ from arguments import at_least
 from diagnostic_msgs.msg import DiagnosticArray
 from domain_coordinator import domain_id
 from frame_loss import SIZES, START_TIMEOUT, Camera, moving_noise, play
+from node_runs.processes import cpu_ms
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, sync_playwright
 
@@ -115,12 +116,6 @@ def node(module: str, *parameters: str) -> Iterator[int]:
     finally:
         child.send_signal(signal.SIGINT)
         child.wait(START_TIMEOUT)
-
-
-def cpu_ms(process: int) -> float:
-    """CPU time of a process until now, all threads, milliseconds."""
-    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    return 1e3 * (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 @contextmanager

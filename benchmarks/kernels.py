@@ -1,196 +1,176 @@
-"""One `update` of `li2007` against the same measurement made particle by particle.
+"""What a frame costs, and of what: each stage of the library alone, and how its cost grows.
 
-The opponent is what tutorials do: for every particle `cv2.calcHist` and `cv2.compareHist` on its
-patch, and a gradient orientation vector of the patch by OpenCV and one `np.bincount`. Both run in
-the same process on one thread, some calls of the one and some of the other in turn, so that a busy
-machine slows both; the figure to quote is the ratio.
+CPU time of one thread, medians; what is compared takes turns in one process, so that a busy machine
+slows both. The figures to quote are the ratios.
 
-    python benchmarks/kernels.py --output benchmarks/results/kernels.md
+    python benchmarks/kernels.py --output benchmarks/results/kernels.md --plot docs/growth.png
+
+`--only` measures a part of it:
+
+- loop: an update of `li2007` against what tutorials do, `cv2.calcHist` and `cv2.compareHist` and a
+  gradient orientation vector for one particle after the other.
+- stages: every map, every cue's scoring and every preset's update, by size of the image (320x240 to
+  1920x1080), side of the box (20 to 200 px), number of particles (30 to 10,000) and kind of image;
+  each beside a floor: the same pixels read once by OpenCV, or a number gathered for each particle.
+- python: which share of an update of `default` is Python's overhead.
+- bars: the ratios that must hold.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
-import statistics
+import shlex
 import sys
-import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 # One thread also for the linear algebra, which reads this when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
+from arguments import at_least
+from bars import bars_table, write_markdown
+from kernel_stages.growth import AXES, Cost, along, draw_growth, exponent, measure_stages
+from kernel_stages.li2007 import CLOUDS, Row, measure_li2007
+from kernel_stages.must_hold import measure_bars
+from kernel_stages.python_share import measure_python_share
+from kernel_stages.setting import Setting
+from kernel_stages.stages import STAGES
+from tables import Table
 
-from pf_tracker_ros import Tracker
-
-WIDTH, HEIGHT = 768, 576
-RANGES = [0, 256] * 3
-CELLS, DIRECTIONS = 4, 8
-# The first call of a turn finds the caches full of the other's data and is not counted.
-CALLS_IN_A_TURN = 6
-
-
-@dataclass(frozen=True)
-class Row:
-    """Median milliseconds of one setting."""
-
-    particles: int
-    side: int
-    cloud: str
-    update: float
-    loop: float | None
+LOOP_SIDES = (20, 40, 80, 160)
+LOOP_PARTICLES = (60, 1000, 10_000)
+AXIS_NAMES = {"size": "image", "side": "box, px", "particles": "N", "kind": "kind of image"}
 
 
-class ParticleLoop:
-    """The measurement of Li et al. 2007 for one particle after the other.
+def loop_tables(given: argparse.Namespace) -> list[Table]:
+    """`li2007` beside the loop over particles, which takes too long for more of them."""
+    rows = [
+        measure_li2007(
+            particles,
+            side,
+            cloud,
+            given.turns,
+            against_loop=side == 40 and particles <= 1000,
+        )
+        for side in LOOP_SIDES
+        for cloud in CLOUDS
+        for particles in LOOP_PARTICLES
+    ]
+    headings = ["N", "box", "cloud over", "spread, px", "update", "loop", "ratio"]
+    headings += ["us per further particle"]
+    least = {(row.side, row.cloud): row for row in rows if row.particles == LOOP_PARTICLES[0]}
+    groups = [
+        [_loop_cells(row, least[row.side, row.cloud]) for row in rows if row.side == side]
+        for side in LOOP_SIDES
+    ]
+    title = "One update of li2007 at 768x576, CPU ms"
+    return [Table(title, headings, groups, names=3)]
+
+
+def _loop_cells(row: Row, least: Row) -> list[str]:
+    further = ""
+    if row is not least:
+        more = row.update - least.update
+        further = f"{1e3 * more / (row.particles - least.particles):.1f}"
+    return [
+        str(row.particles),
+        f"{row.side} px",
+        row.cloud,
+        f"{row.spread:.1f}",
+        f"{row.update:.2f}",
+        f"{row.loop:.1f}" if row.loop else "",
+        f"{row.ratio:.1f}" if row.ratio else "",
+        further,
+    ]
+
+
+def stage_tables(given: argparse.Namespace) -> list[Table]:
+    """What each stage takes, and how that grows."""
+    costs = measure_stages(given.turns)
+    usual = Setting()
+    rows = []
+    for name in STAGES:
+        cost = costs[name][usual]
+        exponents = [exponent(costs[name], axis) for axis in ("particles", "side", "size")]
+        rows.append(
+            [
+                name,
+                f"{1e3 * cost.stage:.0f}",
+                f"{1e3 * cost.floor:.1f}",
+                f"{cost.stage / cost.floor:.0f}",
+                *("" if math.isnan(value) else f"{value:+.2f}" for value in exponents),
+            ]
+        )
+    headings = ["stage", "us", "floor, us", "ratio", "exponent in N", "in the box", "in the image"]
+    tables = [Table(f"Each stage at {usual.text}", headings, [rows])]
+    for axis, values in AXES.items():
+        texts = ["x".join(map(str, value)) if axis == "size" else str(value) for value in values]
+        rows = [
+            [name, *(_cost_text(cost) for cost in along(costs[name], axis))]
+            for name in STAGES
+            if sum(cost is not None for cost in along(costs[name], axis)) > 1
+        ]
+        title = f"us (ratio to the floor) by {AXIS_NAMES[axis]}"
+        tables.append(Table(title, ["stage", *texts], [rows]))
+    if given.plot:
+        draw_growth(costs, given.plot)
+    return tables
+
+
+def _cost_text(cost: Cost | None) -> str:
+    return f"{1e3 * cost.stage:.0f} ({cost.stage / cost.floor:.0f})" if cost else ""
+
+
+def python_tables(given: argparse.Namespace) -> list[Table]:
+    """The share of Python's overhead in an update of `default`."""
+    found = measure_python_share(given.turns)
+    rows = [
+        ["an update", f"{found.update:.2f}", f"{found.calls:.0f}"],
+        [
+            "the same calls with next to nothing",
+            f"{found.overhead:.2f}",
+            f"{found.least_calls:.0f}",
+        ],
+        ["**share**", f"**{100 * found.overhead / found.update:.0f} %**", ""],
+    ]
+    headings = ["", "CPU ms", "functions called"]
+    return [Table("Python's overhead in an update of `default` at 768x576", headings, [rows])]
+
+
+def bar_tables(given: argparse.Namespace) -> list[Table]:
+    """The ratios that must hold."""
+    return [bars_table(measure_bars(given.turns))]
+
+
+PARTS = {"loop": loop_tables, "stages": stage_tables, "python": python_tables, "bars": bar_tables}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, print the tables and, if asked to, save them.
 
     Args:
-        image: (H, W, 3) uint8 BGR to take the template from.
-        box: (x, y, side, side) of the target in whole pixels.
+        arguments: Command line without the program's name; None takes the process'.
     """
-
-    def __init__(self, image: NDArray[np.uint8], box: tuple[int, int, int, int]) -> None:
-        x, y, side, _ = box
-        grid = (np.arange(side) + 0.5) / side - 0.5
-        gaussian = np.exp(-0.5 * np.square(grid / 0.5))
-        self._gaussian = (gaussian[:, None] * gaussian).astype(np.float32)
-        cell = np.arange(side) * CELLS // side
-        self._first_bin = (cell[:, None] * CELLS + cell) * DIRECTIONS
-        self._side = side
-        patch = image[y : y + side, x : x + side]
-        self._histogram = self._color(patch)
-        self._vector = self._texture(cv2.cvtColor(patch, cv2.COLOR_BGR2GRAY))
-
-    def weights(self, image: NDArray[np.uint8], corners: NDArray[np.intp]) -> NDArray[np.float64]:
-        """(N,) normalized weights of boxes with these (N, 2) top-left corners."""
-        gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        log_likelihood = np.empty(len(corners))
-        side = self._side
-        for index, (x, y) in enumerate(corners):
-            patch = image[y : y + side, x : x + side]
-            distance = cv2.compareHist(
-                self._color(patch), self._histogram, cv2.HISTCMP_BHATTACHARYYA
-            )
-            offset = self._texture(gray[y : y + side, x : x + side]) - self._vector
-            log_likelihood[index] = -0.6 * 30.0 * distance**2 - 0.4 * 10.0 * (offset @ offset)
-        weights = np.exp(log_likelihood - log_likelihood.max())
-        return weights / weights.sum()
-
-    def _color(self, patch: NDArray[np.uint8]) -> NDArray[np.float32]:
-        histogram = cv2.calcHist([patch], [0, 1, 2], None, [16, 16, 16], RANGES)
-        return histogram / patch[..., 0].size
-
-    def _texture(self, patch: NDArray[np.uint8]) -> NDArray[np.float64]:
-        right = cv2.Sobel(patch, cv2.CV_32F, 1, 0, ksize=1)
-        down = cv2.Sobel(patch, cv2.CV_32F, 0, 1, ksize=1)
-        magnitude, angle = cv2.cartToPolar(right, down)
-        direction = (angle * (DIRECTIONS / (2 * np.pi))).astype(np.intp) % DIRECTIONS
-        vector = np.bincount(
-            (self._first_bin + direction).ravel(),
-            (magnitude * self._gaussian).ravel(),
-            CELLS**2 * DIRECTIONS,
-        )
-        return vector / max(float(np.linalg.norm(vector)), 1e-9)
-
-
-def milliseconds(call: Callable[[], object]) -> float:
-    """CPU time of one call."""
-    start = time.process_time()
-    call()
-    return 1000 * (time.process_time() - start)
-
-
-def street(seed: int) -> NDArray[np.uint8]:
-    """A textured color image of the paper's size."""
-    generator = np.random.default_rng(seed)
-    image = np.zeros((HEIGHT, WIDTH, 3), np.float32)
-    for cells in (6, 24, 96):
-        noise = generator.uniform(0, 255 / 3, (cells * 3 // 4, cells, 3)).astype(np.float32)
-        image += cv2.resize(noise, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
-    return np.clip(image + generator.normal(0, 3, image.shape), 0, 255).astype(np.uint8)
-
-
-def measure(particles: int, side: int, scattered: bool, repeats: int, against_loop: bool) -> Row:
-    """Time one setting; the target stands still, and so does the cloud around it."""
-    image = street(seed=1)
-    x, y = (WIDTH - side) // 2, (HEIGHT - side) // 2
-    # Noise of this size spreads the particles over the whole image.
-    noise = {"motion.position_noise": 50.0} if scattered else {}
-    parameters = {"particles": particles, "track.occluded_below": 0.0} | noise
-    tracker = Tracker.from_preset("li2007", seed=0, parameters=parameters)
-    tracker.start(image, (x, y, side, side))
-    loop = ParticleLoop(image, (x, y, side, side))
-    updates, loops = [], []
-    for _ in range(repeats):
-        turn = [milliseconds(lambda: tracker.update(image)) for _ in range(CALLS_IN_A_TURN)]
-        updates += turn[1:]
-        if against_loop:
-            estimate = tracker.estimate
-            assert estimate is not None
-            corners = np.rint(estimate.particle_boxes[:, :2]).astype(np.intp)
-            corners = np.clip(corners, 0, (WIDTH - side, HEIGHT - side))
-            turn = [
-                milliseconds(lambda at=corners: loop.weights(image, at))
-                for _ in range(CALLS_IN_A_TURN)
-            ]
-            loops += turn[1:]
-    return Row(
-        particles,
-        side,
-        "whole image" if scattered else "on the target",
-        statistics.median(updates),
-        statistics.median(loops) if loops else None,
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-
-
-def table(rows: list[Row]) -> Table:
-    """All settings; cost per particle is what N = 1000 costs more than N = 60, by 940."""
-    result = Table(title=f"One update of li2007 at {WIDTH} x {HEIGHT}, CPU ms, one thread, median")
-    for heading in ("N", "box", "particles", "update", "loop", "ratio", "us per further particle"):
-        result.add_column(heading, justify="right")
-    base = {(row.side, row.cloud): row.update for row in rows if row.particles == 60}
-    for row in rows:
-        further = ""
-        if row.particles > 60:
-            more = row.update - base[row.side, row.cloud]
-            further = f"{1000 * more / (row.particles - 60):.1f}"
-        result.add_row(
-            str(row.particles),
-            f"{row.side} px",
-            row.cloud,
-            f"{row.update:.2f}",
-            f"{row.loop:.1f}" if row.loop else "",
-            f"{row.loop / row.update:.1f}" if row.loop else "",
-            further,
-        )
-    return result
-
-
-def main() -> int:
-    """Measure, print the table and, if asked to, save it."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("--repeats", type=int, default=10, help="turns timed for each setting")
-    parser.add_argument("--output", type=Path, help="text file for the table")
-    arguments = parser.parse_args()
+    parser.add_argument("--only", action="append", choices=PARTS, help="may be repeated")
+    parser.add_argument("--turns", type=at_least(1), default=10, help="of what is compared [10]")
+    parser.add_argument("--plot", type=Path, help="image file for how the stages grow")
+    parser.add_argument("--output", type=Path, help="Markdown file for the tables")
+    given = parser.parse_args(arguments)
     cv2.setNumThreads(1)
-    rows = [
-        measure(particles, side, scattered, arguments.repeats, side == 40)
-        for side in (20, 40, 80, 160)
-        for scattered in (False, True)
-        for particles in (60, 1000)
-    ]
-    Console().print(table(rows))
-    if arguments.output:
-        arguments.output.parent.mkdir(parents=True, exist_ok=True)
-        with arguments.output.open("w") as file:
-            Console(file=file, width=100).print(table(rows))
+    tables = []
+    for part in given.only or PARTS:
+        for table in PARTS[part](given):
+            table.show()
+            tables.append(table)
+    if given.output:
+        command = shlex.join(["python", "benchmarks/kernels.py", *(arguments or sys.argv[1:])])
+        write_markdown(given.output, tables, command)
     return 0
 
 

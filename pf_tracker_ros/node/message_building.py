@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import array
 import math
 import sys
 from collections.abc import Mapping, Sequence
@@ -86,7 +85,7 @@ def _points_message(
     columns: NDArray[np.float32], names: Sequence[str], header: Header
 ) -> PointCloud2:
     point_step = _FLOAT_SIZE * len(names)
-    return PointCloud2(
+    message = PointCloud2(
         header=header,
         height=1,
         width=len(columns),
@@ -97,9 +96,10 @@ def _points_message(
         is_bigendian=sys.byteorder == "big",
         point_step=point_step,
         row_step=point_step * len(columns),
-        data=_octets(columns),
         is_dense=True,
     )
+    _fill(message, columns)
+    return message
 
 
 def image_message(image: NDArray[np.generic], header: Header) -> Image:
@@ -113,29 +113,13 @@ def image_message(image: NDArray[np.generic], header: Header) -> Image:
         The message, encoded bgr8, mono8 or little-endian mono16.
     """
     pixels = np.ascontiguousarray(image, dtype=image.dtype.newbyteorder("<"))
-    return Image(
-        header=header,
-        height=image.shape[0],
-        width=image.shape[1],
-        encoding=image_encoding(image),
-        is_bigendian=0,
-        step=pixels.strides[0],
-        data=_octets(pixels),
-    )
+    return _image_message(pixels, image_encoding(image), header)
 
 
 def likelihood_message(likelihood: LikelihoodMap, header: Header) -> Image:
     """The fused log likelihood around a target as an image, encoded 32FC1, a pixel a place."""
     pixels = np.ascontiguousarray(likelihood.log_likelihood, dtype="<f4")
-    return Image(
-        header=header,
-        height=pixels.shape[0],
-        width=pixels.shape[1],
-        encoding="32FC1",
-        is_bigendian=0,
-        step=pixels.strides[0],
-        data=_octets(pixels),
-    )
+    return _image_message(pixels, "32FC1", header)
 
 
 def likelihood_values(likelihood: LikelihoodMap) -> dict[str, str | float | int]:
@@ -176,8 +160,24 @@ def single_status(
     return status
 
 
-def _octets(values: NDArray[np.generic]) -> array.array[int]:
-    # rclpy takes an array.array as it is, but converts an ndarray element by element.
-    octets = array.array("B")
-    octets.frombytes(np.ascontiguousarray(values).tobytes())
-    return octets
+def _image_message(pixels: NDArray[np.generic], encoding: str, header: Header) -> Image:
+    """An array of little-endian samples as an image."""
+    message = Image(
+        header=header,
+        height=pixels.shape[0],
+        width=pixels.shape[1],
+        encoding=encoding,
+        is_bigendian=0,
+        step=pixels.strides[0],
+    )
+    _fill(message, pixels)
+    return message
+
+
+def _fill(message: Image | PointCloud2, values: NDArray[np.generic]) -> None:
+    """Put the octets of an array into a message that has none.
+
+    In place: what a message is made with or assigned it copies once more, and an ndarray element by
+    element.
+    """
+    message.data.frombytes(np.ascontiguousarray(values).reshape(-1).view(np.uint8).data)

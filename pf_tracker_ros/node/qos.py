@@ -94,12 +94,15 @@ def take_waiting(subscription: Subscription) -> None:
     The executor takes one message of each subscription at a time, so of two that came before an
     image the second would come after it.
     """
-    while True:
-        with subscription.handle:
-            found = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-        if found is None:
-            return
-        subscription.callback(found[0])
+    while (message := take_one(subscription)) is not None:
+        subscription.callback(message)
+
+
+def take_one(subscription: Subscription) -> Any:
+    """The message of a subscription that waits longest, None if none waits."""
+    with subscription.handle:
+        found = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+    return None if found is None else found[0]
 
 
 def advertise(

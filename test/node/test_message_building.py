@@ -1,5 +1,6 @@
 import math
 import struct
+import tracemalloc
 from array import array
 from dataclasses import replace
 
@@ -121,6 +122,16 @@ def test_an_image_survives_the_way_through_a_message(header, noise):
 def test_an_image_that_is_not_contiguous_is_packed(header, noise):
     image = noise(height=7, width=10)[:, ::2]
     assert np.array_equal(decode(image_message(image, header)), image)
+
+
+def test_a_message_holds_the_only_copy_of_an_image(header, noise):
+    image = noise(height=480, width=640)
+    tracemalloc.start()
+    message = image_message(image, header)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(message.data) == image.nbytes
+    assert most < 1.2 * image.nbytes
 
 
 def test_numbers_in_a_status_read_back_to_the_same_values(header):

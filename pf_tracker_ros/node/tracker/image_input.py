@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -13,7 +14,7 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from sensor_msgs.msg import CompressedImage, Image
 
-from pf_tracker_ros.node.qos import is_overridden, subscribe
+from pf_tracker_ros.node.qos import is_overridden, subscribe, take_one
 
 _TYPES = {"raw": Image, "compressed": CompressedImage}
 
@@ -22,7 +23,13 @@ _PROFILES = {
     "best_effort": QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
     "reliable": QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE),
 }
+# Of an image that comes in many parts, Fast DDS drops what it has for the first of them: with a
+# depth of 1 a busy node would hardly get any.
 _NEWEST_RELIABLY = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
+
+# Where so many images in a row came this soon after the one before was done with, as a share of the
+# time that took, they come faster than they are looked at. After a hold-up each is looked at.
+_SOON, _MOST_SOON = 0.25, 3
 
 # How often `auto` looks who publishes. A publisher that offers less than what is asked for is
 # noticed at once.
@@ -33,7 +40,8 @@ class ImageInput:
     """Subscribes to the images while it is open, and again when it is told how.
 
     With the reliability `auto` it asks for what all publishers offer, and follows them as they come
-    and go. Before any is there it expects reliable ones.
+    and go. Before any is there it expects reliable ones. Where images come faster than `receive` is
+    done with them, it gets the newest that is there, so that none is old.
 
     It begins closed.
 
@@ -63,6 +71,8 @@ class ImageInput:
         self._transport = "raw"
         self._subscription: Subscription | None = None
         self._look: Timer | None = None
+        # Images in a row that came soon, and the time, in seconds, by which the next one does.
+        self._soon, self._soon_until = 0, 0.0
 
     @property
     def topic(self) -> str:  # noqa: D102
@@ -81,7 +91,7 @@ class ImageInput:
         if reliability == "auto" and is_overridden(self._node, name, "subscription", "reliability"):
             reliability = "reliable"
         if reliability != "auto":
-            self._subscribe(_PROFILES[reliability])
+            self._subscribe(_PROFILES[reliability], self._receive)
             return
         self.reliability = self._offered(name)
         self._subscribe_to_newest()
@@ -119,16 +129,35 @@ class ImageInput:
     def _subscribe_to_newest(self) -> None:
         reliable = self.reliability == "reliable"
         profile = _NEWEST_RELIABLY if reliable else _PROFILES["best_effort"]
-        self._subscribe(profile, self._follow)
+        self._subscribe(profile, self._receive_newest, self._follow)
+
+    def _receive_newest(self, message: Any) -> None:
+        """Hand an image on; where they come too fast, the newest that is there instead."""
+        began = time.monotonic()
+        self._soon = self._soon + 1 if began < self._soon_until else 0
+        if self._soon >= _MOST_SOON and self._subscription and self._keeps_newest:
+            while (newer := take_one(self._subscription)) is not None:
+                message = newer
+        self._receive(message)
+        ended = time.monotonic()
+        self._soon_until = ended + _SOON * (ended - began)
+
+    @property
+    def _keeps_newest(self) -> bool:
+        """Whether nobody has asked for more images to wait."""
+        return not is_overridden(self._node, self.topic, "subscription", "depth")
 
     def _subscribe(
-        self, profile: QoSProfile, on_unreliable: Callable[[], None] | None = None
+        self,
+        profile: QoSProfile,
+        receive: Callable[[Any], None],
+        on_unreliable: Callable[[], None] | None = None,
     ) -> None:
         self._subscription = subscribe(
             self._node,
             _TYPES[self._transport],
             self._topic_of(self._transport),
-            self._receive,
+            receive,
             profile=profile,
             report=self._report,
             reliability_cure="; set image_reliability to auto, or let the publisher be reliable",

@@ -19,6 +19,7 @@ from pf_tracker_ros.node.message_building import (
 )
 from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, advertise
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE, detections_message
+from pf_tracker_ros.node.tracker.drawing import DrawingThread
 from pf_tracker_ros.overlay import draw_overlay
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
@@ -39,6 +40,7 @@ class Outputs:
             node, PointCloud2, "~/particles", profile=DEFAULT_QOS, report=report
         )
         self._overlay = advertise(node, Image, "~/overlay", profile=DEFAULT_QOS, report=report)
+        self._drawing = DrawingThread(self._overlay, report)
         self._likelihood = advertise(
             node, Image, "~/likelihood", profile=DEFAULT_QOS, report=report
         )
@@ -49,17 +51,17 @@ class Outputs:
             )
 
     def publish(self, image: NDArray[Any], header: Header, estimate: Estimate | None) -> None:
-        """Publish what is known after a frame, each only where somebody listens if it costs."""
+        """Publish what is known after a frame, each message only where somebody listens."""
         present = estimate is not None and estimate.state != "lost"
-        if estimate and present:
+        if estimate and present and self._box.get_subscription_count():
             self._box.publish(box_message(estimate.box, header))
-        if self._detections:
+        if self._detections and self._detections.get_subscription_count():
             self._detections.publish(detections_message(estimate if present else None, header))
         if estimate and self._particles.get_subscription_count():
             self._particles.publish(particles_message(estimate, header))
         if self._overlay.get_subscription_count():
             text = f"{estimate.state} {estimate.confidence:.2f}" if estimate else "no target"
-            self._overlay.publish(image_message(draw_overlay(image, estimate, text), header))
+            self._drawing.draw(lambda: image_message(draw_overlay(image, estimate, text), header))
 
     @property
     def wants_likelihood(self) -> bool:
@@ -72,6 +74,7 @@ class Outputs:
 
     def close(self) -> None:
         """Withdraw the topics."""
+        self._drawing.close()
         taken = (self._box, self._particles, self._overlay, self._likelihood, self._detections)
         for publisher in taken:
             if publisher:

@@ -17,6 +17,7 @@ from pf_tracker_ros.footage.messages import box_corners
 from pf_tracker_ros.node.message_building import image_message, several_particles_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, advertise
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE, several_detections_message
+from pf_tracker_ros.node.tracker.drawing import DrawingThread
 from pf_tracker_ros.overlay import draw_targets, target_color, target_text
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 
@@ -40,6 +41,7 @@ class SeveralOutputs:
         self._boxes = publisher(MarkerArray, "~/boxes")
         self._particles = publisher(PointCloud2, "~/particles")
         self._overlay = publisher(Image, "~/overlay")
+        self._drawing = DrawingThread(self._overlay, report)
         self._detections: Publisher | None = None
         if DETECTIONS_TYPE:
             self._detections = publisher(DETECTIONS_TYPE, "~/detections")
@@ -47,18 +49,20 @@ class SeveralOutputs:
     def publish(
         self, image: NDArray[Any], header: Header, targets: Sequence[TrackedTarget]
     ) -> None:
-        """Publish what is known after a frame, each only where somebody listens if it costs."""
+        """Publish what is known after a frame, each message only where somebody listens."""
         present = [target for target in targets if target.estimate.state != "lost"]
-        if self._detections:
+        if self._detections and self._detections.get_subscription_count():
             self._detections.publish(several_detections_message(present, header))
-        self._boxes.publish(boxes_message(present, header))
+        if self._boxes.get_subscription_count():
+            self._boxes.publish(boxes_message(present, header))
         if targets and self._particles.get_subscription_count():
             self._particles.publish(several_particles_message(targets, header))
         if self._overlay.get_subscription_count():
-            self._overlay.publish(image_message(draw_targets(image, targets), header))
+            self._drawing.draw(lambda: image_message(draw_targets(image, targets), header))
 
     def close(self) -> None:
         """Withdraw the topics."""
+        self._drawing.close()
         for publisher in (self._boxes, self._particles, self._overlay, self._detections):
             if publisher:
                 self._node.destroy_publisher(publisher)

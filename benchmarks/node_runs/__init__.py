@@ -1,0 +1,1 @@
+"""Runs of the tracker node beside a bare subscriber, each kind of measurement in a file."""

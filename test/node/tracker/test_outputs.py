@@ -1,0 +1,225 @@
+"""What is published beside the status: only for those who listen, pictures beside the tracking."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PolygonStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
+
+from pf_tracker_ros import MultiTracker, Tracker
+from pf_tracker_ros.node.tracker import outputs, several_outputs
+
+DEADLINE = 60.0
+BUILDERS = {
+    outputs: ("box_message", "detections_message", "particles_message", "draw_overlay"),
+    several_outputs: (
+        "boxes_message",
+        "several_detections_message",
+        "several_particles_message",
+        "draw_targets",
+    ),
+}
+
+
+@dataclass
+class Listener:
+    """Hears what a node publishes, as far as it has subscribed."""
+
+    node: Node
+    executor: SingleThreadedExecutor
+
+    def hear(self, publisher, message_type):
+        """Subscribe, wait until both sides know each other, and return the list that fills."""
+        heard = []
+        self.node.create_subscription(message_type, publisher.topic_name, heard.append, 100)
+        self.wait_for(publisher.get_subscription_count)
+        (subscription,) = self.node.subscriptions
+        self.wait_for(subscription.get_publisher_count)
+        return heard
+
+    def wait_for(self, condition):
+        for _ in range(int(DEADLINE / 0.02)):
+            if condition():
+                return
+            self.executor.spin_once(timeout_sec=0.02)
+        pytest.fail("nothing came")
+
+
+@pytest.fixture
+def listener(graph):
+    node = Node("listener", context=graph.context())
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    yield Listener(node, executor)
+    executor.shutdown()
+    node.destroy_node()
+
+
+@pytest.fixture
+def speaker(graph):
+    node = Node("speaker", context=graph.context())
+    yield node
+    node.destroy_node()
+
+
+@dataclass
+class Speaker:
+    """The outputs of one target.
+
+    Attributes:
+        outputs: Of the node.
+        show: Publishes an estimate, by the name of its frame.
+        errors: That were reported.
+    """
+
+    outputs: outputs.Outputs
+    show: Callable[[str], None]
+    errors: list
+
+
+@pytest.fixture
+def one(speaker, images, box):
+    errors = []
+    made = outputs.Outputs(speaker, errors.append)
+    estimate = Tracker.from_preset("li2007").start(images[0], box)
+
+    def show(name):
+        made.publish(images[0], Header(frame_id=name), estimate)
+
+    yield Speaker(made, show, errors)
+    made.close()
+
+
+@pytest.fixture
+def overlays(speaker, listener, one):
+    """The overlays that are heard."""
+    (publisher,) = (one for one in speaker.publishers if one.topic.endswith("overlay"))
+    return listener.hear(publisher, Image)
+
+
+@pytest.fixture
+def built(monkeypatch):
+    """Names of what was built, in order."""
+    names = []
+
+    def watch(module, name):
+        make = getattr(module, name)
+
+        def build(*arguments):
+            names.append(name)
+            return make(*arguments)
+
+        monkeypatch.setattr(module, name, build)
+
+    for module, builders in BUILDERS.items():
+        for name in builders:
+            watch(module, name)
+    return names
+
+
+def test_nothing_is_built_for_nobody(one, built):
+    one.show("camera")
+    assert built == []
+
+
+def test_nothing_is_built_of_several_targets_for_nobody(speaker, built, images, box):
+    tracker = MultiTracker.from_preset("default")
+    tracker.start(images[0], box)
+    targets = tracker.update(images[1])
+    assert targets
+    made = several_outputs.SeveralOutputs(speaker, pytest.fail)
+    made.publish(images[1], Header(), targets)
+    made.close()
+    assert built == []
+
+
+def test_whoever_listens_hears_the_boxes_alone(speaker, listener, built, images, box):
+    tracker = MultiTracker.from_preset("default")
+    tracker.start(images[0], box)
+    made = several_outputs.SeveralOutputs(speaker, pytest.fail)
+    (publisher,) = (one for one in speaker.publishers if one.topic.endswith("boxes"))
+    heard = listener.hear(publisher, MarkerArray)
+    made.publish(images[1], Header(), tracker.update(images[1]))
+    listener.wait_for(lambda: heard)
+    made.close()
+    assert built == ["boxes_message"]
+
+
+@pytest.fixture
+def slow(monkeypatch):
+    """Lets pictures be drawn one by one: (begun, go on)."""
+    begun, go_on = threading.Semaphore(0), threading.Semaphore(0)
+    draw = outputs.draw_overlay
+
+    def wait_and_draw(*arguments):
+        begun.release()
+        assert go_on.acquire(timeout=5.0)
+        return draw(*arguments)
+
+    monkeypatch.setattr(outputs, "draw_overlay", wait_and_draw)
+    return begun, go_on
+
+
+def test_the_tracking_goes_on_while_an_overlay_is_drawn(one, listener, overlays, slow, images):
+    begun, go_on = slow
+    one.show("camera")
+    assert begun.acquire(timeout=DEADLINE)
+    assert overlays == []
+    go_on.release()
+    listener.wait_for(lambda: overlays)
+    assert overlays[0].header.frame_id == "camera"
+    drawn = np.frombuffer(overlays[0].data, np.uint8).reshape(images[0].shape)
+    assert 0.01 < (drawn != images[0]).any(axis=2).mean() < 0.5
+
+
+def test_of_too_many_overlays_the_newest_are_drawn(one, listener, overlays, slow):
+    begun, go_on = slow
+    one.show("first")
+    assert begun.acquire(timeout=DEADLINE)
+    for number in range(14):
+        one.show(str(number))
+    go_on.release(15)
+    listener.wait_for(lambda: len(overlays) == 11)
+    heard = [message.header.frame_id for message in overlays]
+    assert heard == ["first", *(str(number) for number in range(4, 14))]
+
+
+def test_what_waits_is_published_before_the_topic_goes(one, listener, overlays, slow):
+    _, go_on = slow
+    for number in range(3):
+        one.show(str(number))
+    go_on.release(3)
+    one.outputs._drawing.close()
+    listener.wait_for(lambda: len(overlays) == 3)
+
+
+def test_an_overlay_that_fails_is_told_with_the_next_one(one, listener, overlays, monkeypatch):
+    draw, failed = outputs.draw_overlay, threading.Event()
+
+    def fail(*arguments):
+        monkeypatch.setattr(outputs, "draw_overlay", draw)
+        failed.set()
+        raise ValueError("no ink")
+
+    monkeypatch.setattr(outputs, "draw_overlay", fail)
+    one.show("failing")
+    assert failed.wait(DEADLINE)
+    one.show("next")
+    listener.wait_for(lambda: overlays)
+    one.show("last")
+    assert one.errors == ["the overlay of a frame was not published: no ink"]
+
+
+def test_a_box_is_heard_by_those_who_listen(speaker, listener, one, built):
+    (publisher,) = (one for one in speaker.publishers if one.topic.endswith("/box"))
+    heard = listener.hear(publisher, PolygonStamped)
+    one.show("camera")
+    listener.wait_for(lambda: heard)
+    assert built == ["box_message"]
