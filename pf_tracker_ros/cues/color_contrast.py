@@ -26,13 +26,11 @@ from pf_tracker_ros.parameters import declared
 # The share that inside and ring are granted of every color, so that unseen ones count as undecided.
 _PRIOR_SHARE = 1e-4
 # How fast the log odds that it is the target grow, and where they are even: with the Bhattacharyya
-# coefficient of a box's colors and those seen last, ...
-_LIKENESS_ODDS, _EVEN_LIKENESS = 2.9, 0.85
-# ... with that of its colors and the first ones, ...
-_FIRST_LIKENESS_ODDS, _EVEN_FIRST_LIKENESS = 2.0, 0.7
+# coefficient of a box's colors and the first ones, ...
+_LIKENESS_ODDS, _EVEN_LIKENESS = 3.8, 0.4
 # ... and with its contrast by the first colors, as a share of what it was then. Gray levels are
 # shared by too much for that to tell.
-_FIRST_CONTRAST_ODDS, _EVEN_FIRST_CONTRAST, _LEAST_FIRST_CONTRAST = 2.3, 0.7, -0.2
+_CONTRAST_ODDS, _EVEN_CONTRAST, _LEAST_CONTRAST_SHARE = 3.5, 0.7, -0.2
 # Share of pixels that must not be gray for there to be colors.
 _LEAST_COLORED = 0.05
 # Targets of less contrast are as their surroundings.
@@ -156,16 +154,14 @@ class ColorContrast(SearchableCue):
     def log_odds(
         self, seen: ContrastTemplate, template: ContrastTemplate, first: ContrastTemplate
     ) -> float:
-        """See `Cue.log_odds`: whether the box has the target's colors, and stands out by them."""
-        likeness = float(np.sqrt(seen.inside * template.inside).sum())
-        first_likeness = float(np.sqrt(seen.inside * first.inside).sum())
+        """See `Cue.log_odds`: whether the box has the first colors, and stands out by them."""
+        likeness = float(np.sqrt(seen.inside * first.inside).sum())
         odds = _LIKENESS_ODDS * (likeness - _EVEN_LIKENESS)
-        odds += _FIRST_LIKENESS_ODDS * (first_likeness - _EVEN_FIRST_LIKENESS)
         if first.is_colored:
             contrast = float((seen.inside - seen.ring) @ first.probabilities)
             share = contrast / max(first.contrast, _LEAST_CONTRAST)
-            share = min(max(share, _LEAST_FIRST_CONTRAST), 1.0)
-            odds += _FIRST_CONTRAST_ODDS * (share - _EVEN_FIRST_CONTRAST)
+            share = min(max(share, _LEAST_CONTRAST_SHARE), 1.0)
+            odds += _CONTRAST_ODDS * (share - _EVEN_CONTRAST)
         return odds
 
     def contrast(

@@ -142,13 +142,9 @@ class _Tracking:
         """Track into a frame."""
         refused = self._hear(frame)
         self._request(frame)
-        if frame.image is None:
-            return TrackedTargets(
-                frame, "refused", (), self._heard, frame.problem, remarks=tuple(refused)
-            )
         began = time.perf_counter()
         try:
-            outcome = self._session.process(frame.image, frame.stamp)
+            outcome = self._session.process_unread(lambda: image_of(frame), frame.stamp)
         except (ValueError, cv2.error) as error:
             seconds = time.perf_counter() - began
             return TrackedTargets(

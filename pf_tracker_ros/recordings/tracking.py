@@ -135,7 +135,7 @@ def image_of(frame: RecordedFrame) -> NDArray[Any]:
         ValueError: It has none.
     """
     if frame.image is None:
-        raise ValueError(f"frame {frame.index} has no image")
+        raise ValueError(frame.problem)
     return frame.image
 
 
@@ -191,11 +191,9 @@ def _request(session: Session, box: Box, frame: RecordedFrame, target: Target) -
 
 
 def _tracked(session: Session, frame: RecordedFrame, target: Target) -> TrackedFrame:
-    if frame.image is None:
-        return TrackedFrame(frame, "refused", None, frame.problem, 0.0)
     began = time.perf_counter()
     try:
-        outcome = session.process(frame.image, frame.stamp)
+        outcome = session.process_unread(lambda: image_of(frame), frame.stamp)
     except (ValueError, cv2.error) as error:
         return TrackedFrame(frame, "refused", None, str(error), time.perf_counter() - began)
     seconds = time.perf_counter() - began

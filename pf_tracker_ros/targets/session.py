@@ -5,7 +5,7 @@ Knows stamps and arrays, not messages; see `pf_tracker_ros.tracking.session` for
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -304,11 +304,29 @@ class MultiSession:
         Raises:
             ValueError: The tracker refuses the image; the targets are kept.
         """
-        self._checked = None
+        return self.process_unread(lambda: image, stamp)
+
+    def process_unread(self, read: Callable[[], NDArray[np.generic]], stamp: int) -> MultiOutcome:
+        """Take one frame, and read its image unless the stamp alone tells that it is dropped.
+
+        Args:
+            read: Gives the image, as for `process`.
+            stamp: When it was taken.
+
+        Returns:
+            What became of it.
+
+        Raises:
+            ValueError: As `process`.
+            Exception: Whatever `read` raises; the targets are kept.
+        """
         behind = (self._order.last - stamp) / NANOSECONDS
         place = self._order.place(stamp, self.time_policy.late_within)
         if place in ("duplicate", "late"):
+            self._checked = None
             return MultiOutcome(place, self.targets)
+        image = read()
+        self._checked = None
         if place == "jump":
             return self._jump_back(image, stamp, behind)
         known = 0 not in (stamp, self._order.last)

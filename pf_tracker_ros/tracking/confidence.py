@@ -10,18 +10,18 @@ from pf_tracker_ros.tracking.target import Target
 
 # Standard deviation of the particles' centers while a target is seen well, box sizes; where they
 # agree less on a place, the log odds fall with its logarithm, so fast.
-_USUAL_SPREAD, _LEAST_SPREAD, _SPREAD_ODDS = 0.023, 0.005, 1.1
+_USUAL_SPREAD, _LEAST_SPREAD, _SPREAD_ODDS = 0.023, 0.005, 1.65
 
 
 class Confidence:
     """The probability that it is the target, and not something else that is much like it.
 
     The log odds of all cues add up. They ask of the box itself whether it stands out from what is
-    around it, and whether it looks like the target did last and in the first frame: what was
-    learned by mistake since then does not count there. A cloud that is spread out speaks against
-    it. The weights come from logistic regressions on frames that are right and wrong; how that
-    carries over to other footage is in `docs/benchmarks.md`. Where no cue can tell, the
-    confidence is how well the box fits the templates.
+    around it, and whether it looks like the target did in the first frame: what was learned by
+    mistake since then does not count there. A cloud that is spread out speaks against it. Each of
+    the questions has the same weight, in standard deviations of its answers over frames that are
+    right and wrong; how that carries over to other footage is in `docs/benchmarks.md`. Where no cue
+    can tell, the confidence is how well the box fits the templates.
 
     From frame to frame it falls at once, and rises as fast as is allowed.
 

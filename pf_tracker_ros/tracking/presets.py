@@ -30,9 +30,9 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "proposal.share": 0.6,
                 "cues": ("color_contrast", "correlation_response"),
                 "template.update_above": 0.0,
-                "template.confident_above": 0.35,
+                "template.confident_above": 0.33,
                 "track.occluded_below": 0.28,
-                "track.recovered_above": 0.48,
+                "track.recovered_above": 0.51,
                 "track.confidence_rate": 0.1,
                 "track.while_hidden": "follow",
             }

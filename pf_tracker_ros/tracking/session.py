@@ -6,7 +6,7 @@ Knows stamps and arrays, not messages.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -19,7 +19,7 @@ from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.frame_history import FrameHistory, PastFrame
-from pf_tracker_ros.tracking.frame_order import FrameOrder, TimePolicy
+from pf_tracker_ros.tracking.frame_order import FrameOrder, Place, TimePolicy
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.scaling import (
@@ -230,16 +230,43 @@ class Session:
         Raises:
             ValueError: The tracker refuses the image; the target is kept.
         """
-        frame = Frame(image, stamp)
+        return self.process_unread(lambda: image, stamp)
+
+    def process_unread(self, read: Callable[[], NDArray[np.generic]], stamp: int) -> Outcome:
+        """Take one frame, and read its image unless the stamp alone tells that it is dropped.
+
+        Args:
+            read: Gives the image, as for `process`.
+            stamp: When it was taken.
+
+        Returns:
+            What became of it.
+
+        Raises:
+            ValueError: As `process`.
+            Exception: Whatever `read` raises; nothing has changed then.
+        """
+        is_due = self._requested and (stamp == 0 or stamp >= self._requested.stamp)
+        place = None if is_due else self._place(stamp)
+        if place in ("duplicate", "late"):
+            self._checked = None
+            return Outcome(place, self.estimate)
+        frame = Frame(read(), stamp)
         self._checked = None
         refused_target = ""
-        if self._requested and (stamp == 0 or stamp >= self._requested.stamp):
+        if self._requested and is_due:
             requested, self._requested = self._requested, None
             try:
                 return self._start(self._frames_of(requested, frame), requested.box)
             except ValueError as error:
                 refused_target = f"target refused: {error}"
-        return self._follow(frame, refused_target)
+        return self._follow(frame, place or self._place(stamp), refused_target)
+
+    def _place(self, stamp: int) -> Place:
+        """What a frame is by its stamp; without a target each is the next one."""
+        if not self._tracker.started:
+            return "next"
+        return self._order.place(stamp, self.time_policy.late_within)
 
     def _frames_of(self, requested: _RequestedTarget, frame: Frame) -> list[PastFrame]:
         """The frame that the target was drawn on and those since, the last being this one.
@@ -284,12 +311,11 @@ class Session:
         self._take(frames[-1], estimate)
         return Outcome("started", estimate, caught_up=len(frames) - 1)
 
-    def _follow(self, frame: Frame, refused_target: str) -> Outcome:
+    def _follow(self, frame: Frame, place: Place, refused_target: str) -> Outcome:
         if not self._tracker.started:
             self._take(frame, None)
             return Outcome("waiting", None, refused_target)
         behind = (self._order.last - frame.stamp) / NANOSECONDS
-        place = self._order.place(frame.stamp, self.time_policy.late_within)
         if place in ("duplicate", "late"):
             return Outcome(place, self.estimate, refused_target)
         if place == "jump":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -118,8 +118,14 @@ class Following(Protocol):
     def begin_frame(self) -> None:
         """Begin a frame of which nothing is known so far."""
 
-    def process(self, image: NDArray[Any], header: Header) -> Followed:
-        """Follow into a frame, and publish what is known; raises ValueError."""
+    def process(self, read: Callable[[], NDArray[Any]], header: Header) -> Followed:
+        """Follow into a frame, and publish what is known; raises ValueError.
+
+        Args:
+            read: Gives the image, and raises what keeps it from that; it is not called for a frame
+                that is dropped, and costs nothing when called again.
+            header: Of the frame.
+        """
 
     def pass_over(self, stamp: int) -> None:
         """Let the clock go on with a frame that is not looked at; its stamp, nanoseconds."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from numpy.typing import NDArray
@@ -103,13 +104,17 @@ class OneTarget:
     def begin_frame(self) -> None:  # noqa: D102
         self._likelihood = None
 
-    def process(self, image: NDArray[Any], header: Header) -> Followed:  # noqa: D102
-        outcome = Outcome("waiting", None)
+    def process(  # noqa: D102
+        self, read: Callable[[], NDArray[Any]], header: Header
+    ) -> Followed:
         if self._session:
-            outcome = self._session.process(image, stamp_of(header))
+            outcome = self._session.process_unread(read, stamp_of(header))
+        else:
+            read()
+            outcome = Outcome("waiting", None)
         self._log_progress(outcome)
         if self._outputs and outcome.frame not in SKIPPED:
-            self._outputs.publish(image, header, outcome.estimate)
+            self._outputs.publish(read(), header, outcome.estimate)
             if self._session and self._outputs.wants_likelihood:
                 self._likelihood = self._session.map_likelihood()
             if self._likelihood:

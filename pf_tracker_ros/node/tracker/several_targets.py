@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from numpy.typing import NDArray
@@ -139,18 +140,22 @@ class SeveralTargets:
         if self._input:
             self._input.take_waiting()
 
-    def process(self, image: NDArray[Any], header: Header) -> Followed:  # noqa: D102
-        outcome = MultiOutcome("waiting")
+    def process(  # noqa: D102
+        self, read: Callable[[], NDArray[Any]], header: Header
+    ) -> Followed:
         stamp = stamp_of(header)
         failures = self._ask_detector()
         if self._session:
-            outcome = self._session.process(image, stamp)
+            outcome = self._session.process_unread(read, stamp)
+        else:
+            read()
+            outcome = MultiOutcome("waiting")
         if self._detecting and outcome.jumped_back:
             self._detecting.disregard()
         if self._detecting and outcome.frame not in SKIPPED:
-            self._detecting.offer(image, stamp)
+            self._detecting.offer(read(), stamp)
         if self._outputs and outcome.frame not in SKIPPED:
-            self._outputs.publish(image, header, outcome.targets)
+            self._outputs.publish(read(), header, outcome.targets)
             self._log.tell(outcome.targets)
         errors = (
             *outcome.refused,

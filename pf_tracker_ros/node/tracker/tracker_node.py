@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import cv2
@@ -267,7 +267,8 @@ class TrackerNode(ManagedNode):
         if not self._enabled:
             self._following.pass_over(stamp_of(message.header))
             return "paused"
-        followed = self._following.process(self._decoder.decode(message), message.header)
+        read = cache(partial(self._decoder.decode, message))
+        followed = self._following.process(read, message.header)
         for error in followed.errors:
             self._reporter.report(error)
         if followed.jumped_back:

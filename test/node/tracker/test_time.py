@@ -114,3 +114,16 @@ def test_simulated_time_stamps_the_diagnostics_and_may_jump_back(graph, client, 
     assert client.show(images[1], 101 * 10**9).values["frame"] == "tracked"
     tick(7)
     assert client.show(images[0], 7 * 10**9).values["frame"] == "waiting"
+
+
+@pytest.mark.parametrize("most", [1, 2])
+def test_what_is_dropped_is_not_decoded(graph, client, images, box, most):
+    graph.tracker(client, max_targets=most, target_box=box)
+    assert client.show(images[0], client.at(0)).values["frame"] == "started"
+    assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
+    # Decoded, this would be refused.
+    for stamp, frame in ((client.at(1), "duplicate"), (client.at(0.5), "late")):
+        broken = client.message(images[2], stamp)
+        broken.data = broken.data[:100]
+        assert client.send(broken).values["frame"] == frame
+    assert client.show(images[2], client.at(2)).values["frame"] == "tracked"
