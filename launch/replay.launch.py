@@ -22,7 +22,7 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from pf_tracker_ros.launching import PACKAGE, Given, argument
+from pf_tracker_ros.launching import PACKAGE, Given, argument, shared
 
 TEXTS = ("bag_topic",)
 FLAGS = ("loop", "start_paused", "lockstep", "target_from_ground_truth", "publish_clock")
@@ -49,21 +49,17 @@ def start_replay(context: LaunchContext) -> list[Node | GroupAction]:
         parameters["target_box"] = box
     image = given.text("image")
     replay = Node(
-        package=PACKAGE,
         executable="replay",
         name="replay",
-        namespace=given.text("namespace") or None,
         parameters=[parameters],
         remappings=[("image", image), ("image/compressed", f"{image}/compressed")],
         # Not as a parameter: so the launch ends at once if it cannot be played.
         arguments=[given.text("source"), *given.log_arguments()],
-        additional_env=given.environment(),
-        output="screen",
-        emulate_tty=True,
         on_exit=[
             Shutdown(reason="the replay has ended"),
             OpaqueFunction(function=fail_with_replay),
         ],
+        **given.of_each_node(),
     )
     if not given.flag("tracker"):
         return [replay]
@@ -122,7 +118,7 @@ def generate_launch_description() -> LaunchDescription:
                 "Publish the recording's time on /clock, and track by it.",
                 default="false",
             ),
-            argument("image", "Topic of the images.", default="image"),
+            *shared("image"),
             argument("namespace", "Namespace of both nodes."),
             argument("tracker", "Start a tracker as well.", default="true"),
             argument(

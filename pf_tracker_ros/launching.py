@@ -1,8 +1,8 @@
-"""What the launch files share; needs the ROS package launch."""
+"""What the launch files share; needs the ROS packages launch and launch_ros."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +10,35 @@ from ament_index_python.packages import get_package_share_directory
 from launch import LaunchContext
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+from pf_tracker_ros.tracking.presets import PRESETS
 
 PACKAGE = "pf_tracker_ros"
+# Arguments that are parameters of the tracker and have the names of these.
+TEXTS = ("image_reliability", "image_transport")
+
+# Description and default of the arguments of every launch file that starts a tracker first of all.
+_SHARED = {
+    "image": ("Topic of the images.", "image"),
+    "namespace": ("Namespace of the node, one for each of several cameras.", ""),
+    "preset": ("Preset, such as default or li2007; taken whole, over the file.", ""),
+    "params_file": ("ROS parameter file, such as a copy of one in config/.", ""),
+    "image_reliability": ("auto, best_effort or reliable.", ""),
+    "image_transport": ("raw, or compressed for JPEG and PNG on <image>/compressed.", ""),
+    "seed": ("Seeds all randomness.", ""),
+    "console": (
+        "Serve the page that shows and drives the tracker on the loopback, port 8642.",
+        "false",
+    ),
+    "use_sim_time": ("Take the time from /clock.", "false"),
+    "large_images": (
+        "Use the Fast DDS profile for large images; the publisher of the images needs it too.",
+        "false",
+    ),
+    "log_level": ("debug, info, warn, error or fatal.", ""),
+}
 
 _FLAGS = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
 
@@ -113,7 +140,67 @@ class Given:
         profile = Path(get_package_share_directory(PACKAGE)) / "config/fastdds_large_images.xml"
         return {"FASTRTPS_DEFAULT_PROFILES_FILE": str(profile)}
 
+    def of_each_node(self) -> dict[str, Any]:
+        """What every node is started with, as keywords of `launch_ros.actions.Node`."""
+        return {
+            "package": PACKAGE,
+            "namespace": self.text("namespace") or None,
+            "additional_env": self.environment(),
+            "output": "screen",
+            "emulate_tty": True,
+        }
+
 
 def argument(name: str, description: str, default: str = "") -> DeclareLaunchArgument:
     """An argument that may be left out."""
     return DeclareLaunchArgument(name, default_value=default, description=description)
+
+
+def shared(*names: str) -> list[DeclareLaunchArgument]:
+    """Arguments that say the same in several launch files."""
+    return [argument(name, *_SHARED[name]) for name in names]
+
+
+def tracker_parameters(given: Given) -> dict[str, Any]:
+    """Parameters that every launch file with a tracker sets; what is not given is left out.
+
+    Args:
+        given: The arguments.
+
+    Raises:
+        ValueError: One of them is not allowed.
+    """
+    parameters: dict[str, Any] = {"use_sim_time": given.flag("use_sim_time")}
+    for name in TEXTS:
+        if given.text(name):
+            parameters[name] = ParameterValue(given.text(name), value_type=str)
+    if preset := given.choice("preset", PRESETS):
+        parameters["preset"] = preset
+    if given.text("seed"):
+        parameters["seed"] = given.number("seed", int)
+    return parameters
+
+
+def tracker_nodes(
+    given: Given, parameters: Mapping[str, Any], remappings: Mapping[str, str]
+) -> list[Node]:
+    """The tracker, and a console where it is asked for.
+
+    Args:
+        given: The arguments.
+        parameters: Of the tracker, over those of the file.
+        remappings: Name in the nodes to topic.
+
+    Raises:
+        ValueError: One of the arguments is not allowed.
+    """
+    of_both = given.of_each_node() | {
+        "remappings": [*remappings.items()],
+        "arguments": given.log_arguments(),
+    }
+    # What comes later wins, so an argument wins over the file.
+    all_parameters = [*given.file("params_file"), dict(parameters)]
+    nodes = [Node(executable="tracker", name="pf_tracker", parameters=all_parameters, **of_both)]
+    if given.flag("console"):
+        nodes.append(Node(executable="console", name="console", **of_both))
+    return nodes

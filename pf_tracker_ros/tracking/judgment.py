@@ -7,7 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import as_box
+from pf_tracker_ros.cues.fusion import Powers
 from pf_tracker_ros.filter import ParticleSet
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.tracking.estimate import Estimate, FrozenPowers
 from pf_tracker_ros.tracking.track_state import Track
 
 
@@ -30,3 +34,26 @@ class Judgment:
     particles: ParticleSet
     boxes: NDArray[np.float64]
     learns: bool = True
+
+    def estimate(self, frame: Frame, powers: Powers, covariance: NDArray[np.float64]) -> Estimate:
+        """As it is told to the outside; its arrays are read-only from then on.
+
+        Args:
+            frame: That it is of.
+            powers: Of the cues in that frame.
+            covariance: (2, 2) of the target's center, px^2.
+        """
+        self.boxes.setflags(write=False)
+        covariance.setflags(write=False)
+        return Estimate(
+            box=as_box(self.box),
+            state=self.track.state,
+            confidence=self.confidence,
+            covariance=covariance,
+            particles=self.particles.states,
+            particle_boxes=self.boxes,
+            weights=self.particles.weights,
+            effective_sample_size=self.particles.effective_sample_size,
+            powers=FrozenPowers(powers),
+            background=frame.background,
+        )

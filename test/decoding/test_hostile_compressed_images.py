@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image as Picture
-from PIL import PngImagePlugin
+from PIL import ImageFile, PngImagePlugin
 from sensor_msgs.msg import CompressedImage
 
 from pf_tracker_ros.decoding.compressed_decoding import decode_compressed
@@ -41,7 +41,10 @@ def by_opencv(data):
 
 def by_pillow(image, kind, **options):
     file = io.BytesIO()
-    image.save(file, kind, **options)
+    with pytest.MonkeyPatch.context() as patch:
+        # Pillow 12, the last for Python 3.10, writes all that describes a JPEG in one block.
+        patch.setattr(ImageFile, "MAXBLOCK", 2**17)
+        image.save(file, kind, **options)
     return file.getvalue()
 
 

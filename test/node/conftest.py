@@ -60,6 +60,16 @@ def set_stamp(header, stamp):
     header.stamp.sec, header.stamp.nanosec = divmod(stamp, 10**9)
 
 
+def _image_message(image, stamp=0, encoding="bgr8"):
+    """An image message without padding, built without the project's own code."""
+    message = Image(height=image.shape[0], width=image.shape[1], encoding=encoding)
+    message.step = image[0].nbytes
+    message.data = array("B", image.tobytes())
+    message.header.frame_id = "camera"
+    set_stamp(message.header, stamp)
+    return message
+
+
 class Client(Node):
     """Sends images and targets to a tracker and keeps what it answers."""
 
@@ -107,15 +117,7 @@ class Client(Node):
         """The stamp of a frame by its index, counted from 0, at an even rate."""
         return FIRST_STAMP + round(index * FRAME_INTERVAL)
 
-    @staticmethod
-    def message(image, stamp, encoding="bgr8"):
-        """An image message without padding, built without the project's own code."""
-        message = Image(height=image.shape[0], width=image.shape[1], encoding=encoding)
-        message.step = image[0].nbytes
-        message.data = array("B", image.tobytes())
-        message.header.frame_id = "camera"
-        set_stamp(message.header, stamp)
-        return message
+    message = staticmethod(_image_message)
 
     def wait_for(self, condition, what, deadline=DEADLINE):
         """Spin until `condition()` is true and return it; fail after the deadline."""
@@ -370,6 +372,12 @@ def graph(ros_domain):
     graph = Graph(ros_domain)
     yield graph
     graph.close()
+
+
+@pytest.fixture(scope="session")
+def image_message():
+    """A function that makes an image message of an array, its stamp and its encoding."""
+    return _image_message
 
 
 @pytest.fixture

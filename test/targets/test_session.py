@@ -7,7 +7,8 @@ import pytest
 from pf_tracker_ros import Detections
 from pf_tracker_ros.parameters import change
 from pf_tracker_ros.targets.parameters import MultiTrackerParameters, multi_preset_parameters
-from pf_tracker_ros.targets.session import MOST_ANSWERS, MultiSession
+from pf_tracker_ros.targets.session import MultiSession
+from pf_tracker_ros.targets.waiting_answers import MOST_ANSWERS
 from pf_tracker_ros.tracking.frame_order import TimePolicy
 
 SECOND = 1_000_000_000

@@ -3,8 +3,8 @@
 import asyncio
 import threading
 
+import numpy as np
 import pytest
-from sensor_msgs.msg import Image
 
 from pf_tracker_ros.node.console.hub import Hub
 from pf_tracker_ros.node.console.pictures import Picture
@@ -46,6 +46,12 @@ class Browser:
 
     async def send_bytes(self, message):
         self.frames += 1
+
+
+@pytest.fixture
+def image(image_message):
+    """The message of a gray image of one pixel."""
+    return image_message(np.array([[7]], np.uint8), encoding="mono8")
 
 
 @pytest.fixture
@@ -119,9 +125,8 @@ def test_a_stamp_keeps_all_its_digits(run):
     assert run(scenario) == [("target", (1.0, 2.0, 3.0, 4.0), 1_700_000_000_123_456_789)]
 
 
-def test_a_browser_that_draws_nothing_gets_two_frames_and_then_the_newest(run):
+def test_a_browser_that_draws_nothing_gets_two_frames_and_then_the_newest(run, image):
     async def scenario(hub, link, browser):
-        image = Image(height=1, width=1, step=1, encoding="mono8", data=[7])
         welcome = asyncio.ensure_future(hub.welcome(browser))
         counts = []
         for stamp in range(1, 30):
@@ -141,7 +146,7 @@ def test_a_browser_that_draws_nothing_gets_two_frames_and_then_the_newest(run):
     assert run(scenario)[2:] == [2] * 27
 
 
-def test_a_frame_is_encoded_once_for_all_browsers(run, monkeypatch):
+def test_a_frame_is_encoded_once_for_all_browsers(run, image, monkeypatch):
     made = []
 
     def note(message, detail):
@@ -154,7 +159,7 @@ def test_a_frame_is_encoded_once_for_all_browsers(run, monkeypatch):
         others = [Browser(), Browser()]
         welcomes = [asyncio.ensure_future(hub.welcome(one)) for one in (browser, *others)]
         await asyncio.sleep(0)
-        hub.receive("image", 1, Image(height=1, width=1, step=1, encoding="mono8", data=[7]))
+        hub.receive("image", 1, image)
         while not all(one.frames for one in (browser, *others)):
             await asyncio.sleep(0)
         for welcome in welcomes:

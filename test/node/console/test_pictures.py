@@ -5,16 +5,18 @@ import itertools
 import cv2
 import numpy as np
 import pytest
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CompressedImage
 
 from pf_tracker_ros.node.console.pictures import DETAILS, Detail, picture_of, scale_for
 
 
-def message(height=120, width=160):
-    pixels = np.random.default_rng(0).integers(0, 255, (height, width, 3), np.uint8)
-    made = Image(height=height, width=width, encoding="bgr8", step=3 * width)
-    made.data = pixels.tobytes()
-    return made
+@pytest.fixture
+def message(image_message):
+    def make(height=120, width=160):
+        pixels = np.random.default_rng(0).integers(0, 255, (height, width, 3), np.uint8)
+        return image_message(pixels)
+
+    return make
 
 
 def shape(picture):
@@ -22,19 +24,19 @@ def shape(picture):
 
 
 @pytest.mark.parametrize(("scale", "expected"), [(1.0, (120, 160)), (0.5, (60, 80))])
-def test_it_tells_the_size_of_the_image_whatever_its_own(scale, expected):
+def test_it_tells_the_size_of_the_image_whatever_its_own(message, scale, expected):
     picture = picture_of(message(), Detail(80, scale))
     assert (picture.width, picture.height) == (160, 120)
     assert shape(picture) == expected
 
 
-def test_each_detail_is_smaller_than_the_one_before():
+def test_each_detail_is_smaller_than_the_one_before(message):
     sizes = [len(picture_of(message(576, 768), detail).jpeg) for detail in DETAILS]
     assert all(less < more for more, less in itertools.pairwise(sizes))
     assert sizes[-1] < 0.1 * sizes[0]
 
 
-def test_no_picture_is_wider_than_a_screen_or_narrower_than_a_pixel():
+def test_no_picture_is_wider_than_a_screen_or_narrower_than_a_pixel(message):
     assert shape(picture_of(message(10, 4000), Detail(80)))[1] == 1920
     assert shape(picture_of(message(3, 1), Detail(80, 0.125))) == (3, 1)
 

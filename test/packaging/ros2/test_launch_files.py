@@ -7,9 +7,8 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 LAUNCH_FILES = sorted((REPOSITORY / "launch").glob("*.launch.py"))
+SHARING = REPOSITORY / "pf_tracker_ros" / "launching.py"
 DECLARING = ("DeclareLaunchArgument", "argument")
-# What the methods of `Given` read that are called without a name.
-READ_WITHOUT_A_NAME = {"log_arguments": "log_level", "environment": "large_images"}
 TRACKER = "ros2 launch pf_tracker_ros tracker.launch.py"
 REPLAY = "ros2 launch pf_tracker_ros replay.launch.py"
 DETECTOR = "ros2 launch pf_tracker_ros detector.launch.py"
@@ -38,29 +37,59 @@ def constants(tree):
     }
 
 
+def called(call):
+    """The name of the function, or method of `Given`, that is called; None for any other."""
+    if isinstance(call.func, ast.Attribute):
+        of_given = getattr(call.func.value, "id", "") in ("given", "self")
+        return call.func.attr if of_given else None
+    return getattr(call.func, "id", None)
+
+
+def words(call):
+    return {word.value for word in call.args if isinstance(word, ast.Constant)}
+
+
 def declared(tree):
     """Names of the arguments that a launch file declares."""
-    return {call.args[0].value for call in calls(tree) if getattr(call.func, "id", "") in DECLARING}
+    names = {call.args[0].value for call in calls(tree) if called(call) in DECLARING}
+    return names.union(*(words(call) for call in calls(tree) if called(call) == "shared"))
+
+
+def reached(tree):
+    """A launch file, and all functions and methods of what is shared that it comes to call."""
+    sharing = ast.walk(parsed(SHARING))
+    shared = {node.name: node for node in sharing if isinstance(node, ast.FunctionDef)}
+    found, names = [tree], {*DECLARING, "shared"}
+    for node in found:
+        for name in {called(call) for call in calls(node)} & shared.keys() - names:
+            names.add(name)
+            found.append(shared[name])
+    return found
 
 
 def read(tree):
-    """Names of the arguments that a launch file reads."""
-    found = {name for names in constants(tree).values() for name in names}
-    for call in calls(tree):
-        if getattr(getattr(call.func, "value", None), "id", "") == "given":
-            found |= {word.value for word in call.args if isinstance(word, ast.Constant)}
-            if not call.args:
-                found.add(READ_WITHOUT_A_NAME[call.func.attr])
+    """Names of the arguments that a launch file reads, itself or by what it calls."""
+    listed = constants(parsed(SHARING)) | constants(tree)
+    found = set()
+    for part in reached(tree):
+        for node in ast.walk(part):
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
+                names = listed.get(node.id)
+                found |= {*names} if isinstance(names, tuple) else set()
+            elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                found |= words(node) if called(node) else set()
     return found
 
 
 def parameters_set(tree):
-    """Names of the node's parameters that a launch file sets one by one."""
-    subscripts = [node for node in ast.walk(tree) if isinstance(node, ast.Subscript)]
+    """Names of the node's parameters that a launch file sets one by one, itself or by calls."""
     return {
         node.slice.value
-        for node in subscripts
-        if getattr(node.value, "id", "") == "parameters" and isinstance(node.slice, ast.Constant)
+        for part in reached(tree)
+        for node in ast.walk(part)
+        if isinstance(node, ast.Subscript)
+        and getattr(node.value, "id", "") == "parameters"
+        and isinstance(node.slice, ast.Constant)
     }
 
 
@@ -73,6 +102,29 @@ def test_there_are_launch_files_for_the_tracker_a_detector_and_the_replay_publis
 def test_each_argument_that_is_read_is_declared_and_each_declared_one_is_read(path):
     tree = parsed(path)
     assert read(tree) == declared(tree)
+
+
+def test_what_is_shared_is_read_where_it_is_called():
+    detector, replay, tracker = map(parsed, LAUNCH_FILES)
+    both = {"image_reliability", "params_file", "console", "use_sim_time", "log_level", "seed"}
+    assert both <= read(detector) & read(tracker)
+    assert "large_images" in read(replay)
+    assert "use_sim_time" not in read(replay)
+    assert {"preset", "seed"} <= parameters_set(detector) & parameters_set(tracker)
+    assert parameters_set(replay) == {"rate", "target_box"}
+
+
+def test_each_shared_argument_is_described_and_declared_by_several_files():
+    named = [
+        [name for call in calls(parsed(path)) if called(call) == "shared" for name in words(call)]
+        for path in LAUNCH_FILES
+    ]
+    described = constants(parsed(SHARING))["_SHARED"]
+    for name, (description, default) in described.items():
+        assert sum(name in names for names in named) > 1
+        assert description.endswith(".")
+        assert default in ("", "false", name)
+    assert described.keys() == {name for names in named for name in names}
 
 
 def test_the_replay_publisher_hands_the_tracker_only_arguments_that_it_has():
@@ -100,10 +152,11 @@ def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
         declarations(ReplayParameters),
         of_node,
     )
+    shared = constants(parsed(SHARING))
     for path, known in zip(LAUNCH_FILES, of_each, strict=True):
         tree = parsed(path)
         assert parameters_set(tree) <= known.keys()
-        values = constants(tree)
+        values = shared | constants(tree)
         assert all(known[name].type is str for name in values["TEXTS"])
         assert all(known[name].type is bool for name in values.get("FLAGS", ()))
 

@@ -1,0 +1,66 @@
+"""What detectors said of frames that are still to come."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from pf_tracker_ros.targets.clock import age_of, is_due
+from pf_tracker_ros.targets.detections import Detections
+
+# The oldest beyond are dropped.
+MOST_ANSWERS = 20
+
+
+class _Answer(NamedTuple):
+    """What a detector said of the frame with a stamp, 0 for the next one."""
+
+    stamp: int
+    detections: Detections
+
+
+class WaitingAnswers:
+    """Answers of detectors until their frames come; stamps are in nanoseconds, 0 is unknown."""
+
+    def __init__(self) -> None:
+        self._answers: list[_Answer] = []
+        self._dropped = 0
+
+    def add(self, detections: Detections, stamp: int) -> None:
+        """Keep an answer.
+
+        Args:
+            detections: Of one frame; their age is not looked at.
+            stamp: Of that frame, 0 for the next one.
+        """
+        self._answers.append(_Answer(stamp, detections))
+        if len(self._answers) > MOST_ANSWERS:
+            del self._answers[0]
+            self._dropped += 1
+
+    def due(self, stamp: int) -> list[Detections]:
+        """Those that count with a frame, with their age in it; they are kept."""
+        return [_aged(one, stamp) for one in self._answers if is_due(one.stamp, stamp)]
+
+    def forget_due(self, stamp: int) -> None:
+        """Forget those that count with a frame."""
+        self._answers = [one for one in self._answers if not is_due(one.stamp, stamp)]
+
+    def clear(self) -> None:
+        """Forget all; how many were dropped is still to be told."""
+        self._answers = []
+
+    def tell_dropped(self) -> tuple[str, ...]:
+        """A sentence on those that were dropped since it was asked last; none without any."""
+        count, self._dropped = self._dropped, 0
+        if not count:
+            return ()
+        return (
+            f"{count} of the detector's answers left out: {MOST_ANSWERS} at most wait for a frame; "
+            "let frames come, and the detector give each the stamp of the image that it saw",
+        )
+
+
+def _aged(answer: _Answer, stamp: int) -> Detections:
+    """Detections with their age in the frame at hand."""
+    given = answer.detections
+    return Detections(given.boxes, given.scores, given.labels, age_of(answer.stamp, stamp))

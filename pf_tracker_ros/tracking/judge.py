@@ -1,0 +1,115 @@
+"""Whether the target is seen; if not, what is told of it, or where it is found again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from pf_tracker_ros.boxes import as_box
+from pf_tracker_ros.tracking.beginning import Beginning
+from pf_tracker_ros.tracking.confidence import Confidence
+from pf_tracker_ros.tracking.hiding import WhileHidden
+from pf_tracker_ros.tracking.judgment import Judgment
+from pf_tracker_ros.tracking.measurement import Measurement
+from pf_tracker_ros.tracking.redetection import Found, Redetector
+from pf_tracker_ros.tracking.target import Target
+from pf_tracker_ros.tracking.track_state import Track, TrackThresholds
+
+# Confidence that a frame alone must give for anything to be learned of it, however the cues' own
+# similarity is.
+_LEARN_ABOVE = 0.01
+
+
+class Judge:
+    """Makes the judgment of a frame out of its measurement.
+
+    Args:
+        confidence: How sure it is that the target is in the box.
+        while_hidden: What is done with a target that is not seen.
+        redetector: Looks for it elsewhere; None where nobody does.
+        beginning: Makes what a target begins anew with.
+        thresholds: Between seen, hidden and lost.
+    """
+
+    def __init__(
+        self,
+        confidence: Confidence,
+        while_hidden: WhileHidden,
+        redetector: Redetector | None,
+        beginning: Beginning,
+        thresholds: TrackThresholds,
+    ) -> None:
+        self._confidence = confidence
+        self._while_hidden = while_hidden
+        self._redetector = redetector
+        self._beginning = beginning
+        self._thresholds = thresholds
+
+    def judge(
+        self, target: Target, measured: Measurement, interval: float, draw: np.random.Generator
+    ) -> Judgment:
+        """What is told of the target in a frame.
+
+        Args:
+            target: After the last frame.
+            measured: In this one.
+            interval: Seconds since the last one.
+            draw: Source of randomness, for a target that begins anew.
+        """
+        thresholds = self._thresholds
+        now = self._confidence.judge(target, measured.seen, measured.match, measured.spread)
+        confidence = self._confidence.update(target.estimate.confidence, now)
+        # While it looks as it did last, it is not lost, whatever it looked like first.
+        glimpse = max(now, measured.match.similarity)
+        track = target.track.advance(confidence, glimpse, interval, thresholds)
+        if self._redetector is None:
+            # Nobody looks for another.
+            track = replace(track, probation=0.0)
+        # The best place around may be like the target, and the box beside it.
+        learns = self._redetector is None or now >= _LEARN_ABOVE
+        judged = Judgment(
+            measured.box, confidence, track, measured.particles, measured.boxes, learns
+        )
+        if track.is_settled:
+            return judged
+        is_seen, box = track.state == "tracking", None
+        if not is_seen:
+            judged = self._while_hidden.judge(target, measured, judged)
+            box = self._while_hidden.begin_anew(target, judged)
+        if track.state != "occluded" or track.probation:
+            # What looks like it elsewhere may be the target, what is followed something else.
+            judged = replace(judged, learns=False)
+        if not is_seen and now > thresholds.recovered_above:
+            return judged
+        found = self._find(target, measured, judged, now if is_seen else 0.0)
+        if found is not None:
+            box, judged = found.box, self._believe(found, judged)
+        if box is None:
+            return judged
+        motion = self._beginning.motion(as_box(box))
+        particles = self._beginning.spread(motion, measured.frame.size, draw)
+        boxes = motion.boxes(particles.states)
+        return replace(judged, box=box, particles=particles, boxes=boxes, learns=False)
+
+    def _find(
+        self, target: Target, measured: Measurement, judged: Judgment, rival: float
+    ) -> Found | None:
+        """The target elsewhere; see `Redetector.find`."""
+        if self._redetector is None:
+            return None
+        everywhere = judged.track.state != "occluded"
+        return self._redetector.find(target, measured, judged.box, everywhere, rival)
+
+    def _believe(self, found: Found, judged: Judgment) -> Judgment:
+        """What is told once the target is found elsewhere.
+
+        Where it went out of sight a moment ago it is that. After a longer time it may be something
+        like it: then it counts as lost until more frames agree.
+        """
+        track = judged.track
+        if track.state == "tracking":
+            return replace(judged, confidence=0.0, track=track.lose(self._thresholds))
+        if track.state == "occluded" and not track.probation:
+            return replace(judged, confidence=found.confidence, track=Track())
+        return judged

@@ -1,0 +1,152 @@
+"""Which frames can be told of, also after time jumped back."""
+
+import pytest
+
+from pf_tracker_ros.targets.clock import Clock, age_of, is_due
+from pf_tracker_ros.tracking.frame_order import LATE_WITHIN
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+
+
+@pytest.fixture
+def clock():
+    """After 30 s of frames, ten a second."""
+    clock = Clock()
+    for number in range(300):
+        show(clock, number / 10)
+    return clock
+
+
+def at(seconds):
+    return START + round(seconds * SECOND)
+
+
+def show(clock, seconds):
+    stamp = at(seconds)
+    clock.take(stamp, clock.since_last(stamp))
+
+
+def jump(clock, seconds):
+    assert clock.place(at(seconds), LATE_WITHIN) == "jump"
+    went_back = clock.jump_back(at(seconds))
+    clock.take(at(seconds), None)
+    return went_back
+
+
+def is_refused(clock, seconds):
+    """Whether a stamp is refused as one from before time went back."""
+    try:
+        clock.check_ahead(at(seconds))
+    except ValueError as error:
+        return "from before time went back" in str(error)
+    return False
+
+
+@pytest.mark.parametrize(
+    ("said_of", "stamp", "due"), [(5, 5, True), (4, 5, True), (6, 5, False), (6, 0, True)]
+)
+def test_what_is_said_of_a_frame_is_due_with_it_or_a_later_one(said_of, stamp, due):
+    assert is_due(said_of, stamp) is due
+
+
+@pytest.mark.parametrize(("said_of", "stamp"), [(0, at(1)), (at(1), 0), (0, 0)])
+def test_where_no_stamp_is_known_there_is_no_age(said_of, stamp):
+    assert age_of(said_of, stamp) == 0.0
+
+
+def test_an_age_is_in_seconds():
+    assert age_of(at(1), at(3.5)) == 2.5
+
+
+def test_the_time_since_the_last_frame_is_known_where_both_stamps_are(clock):
+    assert clock.since_last(at(30.4)) == 0.5
+    assert clock.since_last(0) is None
+    assert Clock().since_last(at(0)) is None
+
+
+def test_before_a_jump_a_detector_may_be_ahead_by_much(clock):
+    assert not is_refused(clock, 80)
+
+
+def test_a_jump_tells_by_how_much(clock):
+    assert jump(clock, 0) == 29.9
+
+
+@pytest.mark.parametrize(
+    ("seconds", "refused"),
+    [(0, False), (0.4, False), (0.6, True), (29.9, True), (30.3, True), (30.5, False)],
+)
+def test_after_a_jump_a_stamp_is_of_before_where_that_is_nearer(clock, seconds, refused):
+    jump(clock, 0)
+    assert is_refused(clock, seconds) is refused
+
+
+@pytest.fixture
+def slow():
+    """After ten frames, one every two seconds."""
+    clock = Clock()
+    for number in range(10):
+        show(clock, 2 * number)
+    return clock
+
+
+def test_with_slow_images_a_detector_may_be_ahead_by_two_of_them(slow):
+    jump(slow, 0)
+    assert not is_refused(slow, 4)
+    assert is_refused(slow, 4.1)
+
+
+def test_what_was_said_before_a_jump_is_later_with_each_frame_since(slow):
+    jump(slow, 15)
+    # Rather 1 s early than 2 s before the last frame of then, and rather that than 2.5 s early.
+    assert not is_refused(slow, 16)
+    assert is_refused(slow, 17.5)
+    assert is_refused(slow, 18)
+    show(slow, 16)
+    assert is_refused(slow, 18)
+    show(slow, 17)
+    assert not is_refused(slow, 18)
+
+
+def test_once_the_old_time_is_reached_all_is_of_now(clock):
+    jump(clock, 0)
+    show(clock, 29.9)
+    assert not is_refused(clock, 30.3)
+
+
+def test_without_stamps_nothing_is_of_before(clock):
+    jump(clock, 0)
+    clock.check_ahead(0)
+    clock.take(0, None)
+    assert not is_refused(clock, 29.9)
+
+
+@pytest.mark.parametrize("check", [Clock.check_ahead, Clock.check_behind])
+def test_other_clocks_are_refused_on_their_side_alone(clock, check):
+    ahead = 3600 if check is Clock.check_ahead else -3600
+    with pytest.raises(ValueError, match=r"its stamp is 36\d\d s .* from another clock; allowed:"):
+        check(clock, at(ahead + 29.9))
+    check(clock, at(29.9 - ahead))
+    check(clock, 0)
+    check(Clock(), at(ahead))
+
+
+def test_frames_that_were_passed_over_are_those_since_the_last_one_taken(clock):
+    clock.pass_over(at(30))
+    clock.pass_over(at(31))
+    assert [clock.was_passed_over(at(seconds)) for seconds in (29.9, 30, 31, 31.1)] == [
+        *(False, True, True, False)
+    ]
+    show(clock, 32)
+    assert clock.was_passed_over(at(30.5))
+    jump(clock, 0)
+    assert not clock.was_passed_over(at(30.5))
+
+
+def test_frames_that_are_passed_over_move_the_time_that_detectors_know(clock):
+    clock.pass_over(at(100))
+    clock.check_ahead(at(159))
+    clock.check_behind(at(41))
+    with pytest.raises(ValueError, match="another clock"):
+        clock.check_behind(at(39))

@@ -1,0 +1,99 @@
+"""Images of another kind than those of the targets, and targets drawn on them."""
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.targets.drawn import Drawn
+from pf_tracker_ros.targets.image_kind import ImageKind, ended_for_others, ended_unseen
+
+SECOND = 1_000_000_000
+COLOR = np.zeros((60, 80, 3), np.uint8)
+DEEP = np.zeros((60, 80), np.uint16)
+
+
+def drawn(stamp, on_misfits=False):
+    return Drawn((1.0, 2.0, 30.0, 40.0), "new", stamp, on_misfits)
+
+
+@pytest.fixture
+def kind():
+    """Of color images, after three others at 2 s, 3 s and 4 s."""
+    kind = ImageKind()
+    kind.accept(COLOR)
+    for seconds in (2, 3, 4):
+        kind.misfit(seconds * SECOND)
+    return kind
+
+
+def test_a_refusal_tells_both_kinds(kind):
+    assert kind.refusal(DEEP) == (
+        "image is (60, 80) uint16, but those that the targets were followed in were "
+        "(60, 80, 3) uint8"
+    )
+
+
+def test_one_image_that_fits_takes_away_the_doubt(kind):
+    assert kind.is_doubtful
+    kind.fit()
+    assert not kind.is_doubtful
+    assert not ImageKind().is_doubtful
+
+
+def test_ten_images_in_a_row_that_do_not_fit_are_another_camera(kind):
+    told = []
+    for number in range(5, 13):
+        told.append(kind.is_another)
+        kind.misfit(number * SECOND)
+    assert told == [False] * 7 + [True]
+    kind.fit()
+    kind.misfit(13 * SECOND)
+    assert not kind.is_another
+
+
+@pytest.mark.parametrize(
+    ("seconds", "expected"), [(1.9, False), (2, True), (3.5, True), (4, True), (4.1, False)]
+)
+def test_a_target_is_of_the_misfits_where_its_stamp_is_one_of_theirs(kind, seconds, expected):
+    assert kind.is_of_misfits(drawn(round(seconds * SECOND)), 4 * SECOND) is expected
+
+
+@pytest.mark.parametrize("on_misfits", [True, False])
+def test_without_a_stamp_it_is_of_what_was_there_when_it_was_drawn(kind, on_misfits):
+    assert kind.is_of_misfits(drawn(0, on_misfits), 4 * SECOND) is on_misfits
+
+
+def test_misfits_begin_anew_after_one_that_fits(kind):
+    kind.fit()
+    kind.misfit(9 * SECOND)
+    assert not kind.is_of_misfits(drawn(3 * SECOND), 9 * SECOND)
+    assert kind.is_of_misfits(drawn(9 * SECOND), 9 * SECOND)
+
+
+def test_images_that_come_in_disorder_count_from_the_earliest(kind):
+    kind.misfit(1 * SECOND)
+    assert kind.is_of_misfits(drawn(1 * SECOND), 4 * SECOND)
+
+
+def test_targets_of_the_last_second_of_misfits_begin_on_the_image_at_hand(kind):
+    stamps = [SECOND, 2 * SECOND, 3 * SECOND, 4 * SECOND, 5 * SECOND]
+    brought = kind.brought_over([drawn(stamp) for stamp in stamps], 4 * SECOND)
+    assert brought == [drawn(stamp) for stamp in [SECOND, 2 * SECOND, 0, 0, 5 * SECOND]]
+
+
+def test_targets_that_end_are_named():
+    assert ended_for_others([1, 12]).startswith("ended: 1, 12; a target was drawn on images of")
+    assert ended_unseen(iter([3])).startswith("ended: 3; the images changed their size")
+
+
+@pytest.mark.parametrize(
+    ("size", "shape", "box"),
+    [
+        ((80, 60), (120, 160), (2.0, 4.0, 60.0, 80.0)),
+        ((80, 60), (120, 200), (1.0, 2.0, 30.0, 40.0)),
+        (None, (120, 160), (1.0, 2.0, 30.0, 40.0)),
+    ],
+    ids=["scaled", "another aspect ratio", "not begun"],
+)
+def test_what_is_drawn_again_is_scaled_where_the_image_is(size, shape, box):
+    one = drawn(5 * SECOND, on_misfits=True)._replace(image_size=size)
+    assert one.redraw(np.zeros(shape, np.uint8)) == Drawn(box, "new", 0)

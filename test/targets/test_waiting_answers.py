@@ -1,0 +1,75 @@
+"""What detectors said of frames that are still to come."""
+
+import pytest
+
+from pf_tracker_ros import Detections
+from pf_tracker_ros.targets.waiting_answers import MOST_ANSWERS, WaitingAnswers
+
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def answers():
+    """Of the frames at 1 s, 2 s and 4 s, and of the next one."""
+    waiting = WaitingAnswers()
+    for seconds in (1, 2, 4, 0):
+        waiting.add(answer(seconds), seconds * SECOND)
+    return waiting
+
+
+def answer(number):
+    return Detections([[number, 0, 10, 20]], [0.5], [f"of {number}"], age=7.0)
+
+
+def due(answers, seconds):
+    return [(one.labels, one.age) for one in answers.due(round(seconds * SECOND))]
+
+
+def test_answers_are_due_with_their_frame_or_a_later_one_and_have_their_age_in_it(answers):
+    assert due(answers, 2.5) == [(("of 1",), 1.5), (("of 2",), 0.5), (("of 0",), 0.0)]
+
+
+def test_what_was_found_stays_as_it_was(answers):
+    (first, *_) = answers.due(SECOND)
+    assert first.boxes.tolist() == [[1, 0, 10, 20]]
+    assert first.scores.tolist() == [0.5]
+
+
+def test_they_wait_until_they_are_forgotten(answers):
+    assert due(answers, 2) == due(answers, 2)
+    answers.forget_due(2 * SECOND)
+    assert due(answers, 2) == []
+    assert due(answers, 4) == [(("of 4",), 0.0)]
+
+
+def test_with_a_frame_without_a_stamp_all_are_of_now(answers):
+    assert due(answers, 0) == [((f"of {number}",), 0.0) for number in (1, 2, 4, 0)]
+    answers.forget_due(0)
+    assert due(answers, 9) == []
+
+
+def test_all_can_be_forgotten(answers):
+    answers.clear()
+    assert due(answers, 9) == []
+
+
+def test_the_oldest_of_too_many_are_dropped_and_told_of_once():
+    answers = WaitingAnswers()
+    for number in range(1, MOST_ANSWERS + 1):
+        answers.add(answer(number), number * SECOND)
+    assert answers.tell_dropped() == ()
+    for number in (1, 2):
+        answers.add(answer(100 + number), (100 + number) * SECOND)
+    answers.clear()
+    answers.add(answer(3), 3 * SECOND)
+    (told,) = answers.tell_dropped()
+    assert told.startswith(f"2 of the detector's answers left out: {MOST_ANSWERS} at most wait")
+    assert answers.tell_dropped() == ()
+
+
+def test_those_that_came_last_are_the_ones_that_stay():
+    answers = WaitingAnswers()
+    for number in range(MOST_ANSWERS + 3):
+        answers.add(answer(number), (50 - number) * SECOND)
+    labels = [label for (label,), _ in due(answers, 50)]
+    assert labels == [f"of {number}" for number in range(3, MOST_ANSWERS + 3)]

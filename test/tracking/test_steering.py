@@ -1,0 +1,109 @@
+"""Targets that are taken on, moved and learned by what is known beside their frame's pixels."""
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.filter.randomness import Randomness
+from pf_tracker_ros.frames import Frame
+
+INTERVAL = 0.04
+PRESETS = ("default", "li2007", "zhang2015", "zhang_bo")
+
+
+@pytest.fixture(params=PRESETS)
+def follower(request, make_follower):
+    return make_follower(request.param)
+
+
+@pytest.fixture
+def target(follower, couple):
+    """After five frames."""
+    draw = Randomness.of(np.random.default_rng(3))
+    target = follower.begin(Frame(couple.images[0]), tuple(couple.first[0]), draw)
+    for image in couple.images[1:6]:
+        target = follower.follow(target, Frame(image), INTERVAL)
+    return target
+
+
+def center(box):
+    return np.array(box[:2]) + np.array(box[2:]) / 2
+
+
+def test_a_target_coasts_by_its_motion_whatever_the_image_shows(follower, target, couple):
+    frames = [Frame(image) for image in (couple.images[6], np.zeros_like(couple.images[6]))]
+    seen, dark = (follower.coast(target, frame, INTERVAL) for frame in frames)
+    assert seen.estimate.box == dark.estimate.box
+    np.testing.assert_array_equal(seen.particles.states, dark.particles.states)
+    assert (seen.estimate.state, seen.hidden_frames) == ("occluded", 1)
+    assert seen.estimate.confidence == target.estimate.confidence
+    assert seen.templates is target.templates
+    assert seen.seen_box == target.seen_box
+    assert seen.followed_frames == target.followed_frames + 1
+    # It draws other numbers in the next frame.
+    assert seen.randomness.state != target.randomness.state
+    np.testing.assert_allclose(
+        seen.estimate.box, target.motion.boxes(seen.particles.mean[None])[0], rtol=0, atol=1e-9
+    )
+
+
+def test_a_coasting_target_is_hidden_no_longer_than_until_it_counts_as_lost(
+    follower, target, couple
+):
+    lost_after = follower.parameters.track.lost_after
+    frame = Frame(couple.images[6])
+    spread = [np.trace(target.estimate.covariance)]
+    for _ in range(3):
+        target = follower.coast(target, frame, 0.45 * lost_after)
+        spread.append(np.trace(target.estimate.covariance))
+    assert target.track.hidden_for == lost_after
+    assert spread == sorted(spread)
+
+
+def test_a_moved_target_brings_its_particles_along_with_their_velocities(follower, target):
+    x, y, width, height = target.estimate.box
+    box = (x + 7.0, y - 4.0, width, height)
+    moved = follower.move(target, box)
+    assert moved.estimate.box == moved.seen_box == box
+    columns = target.motion.columns
+    shift = moved.particles.states - target.particles.states
+    for name, expected in (("x", 7.0), ("y", -4.0), ("velocity_x", 0.0), ("velocity_y", 0.0)):
+        if name in columns:
+            np.testing.assert_allclose(shift[:, columns.index(name)], expected, atol=1e-9)
+    np.testing.assert_array_equal(moved.particles.log_weights, target.particles.log_weights)
+    apart = moved.estimate.particle_boxes - target.estimate.particle_boxes
+    np.testing.assert_allclose(apart, np.tile([7.0, -4.0, 0.0, 0.0], (len(apart), 1)), atol=1e-9)
+
+
+@pytest.mark.parametrize("preset", ["default", "li2007", "zhang2015"])
+def test_a_moved_target_has_the_size_that_it_is_given(preset, make_follower, couple):
+    follower = make_follower(preset)
+    draw = Randomness.of(np.random.default_rng(3))
+    target = follower.begin(Frame(couple.images[0]), tuple(couple.first[0]), draw)
+    x, y, width, height = target.estimate.box
+    moved = follower.move(target, (x, y, 1.5 * width, 0.8 * height))
+    before, after = (
+        one.motion.boxes(one.particles.mean[None])[0, 2:] / (width, height)
+        for one in (target, moved)
+    )
+    np.testing.assert_allclose(after, before * (1.5, 0.8), rtol=1e-9)
+
+
+def test_a_hidden_target_that_is_moved_was_not_seen_there(follower, target, couple):
+    hidden = follower.coast(target, Frame(couple.images[6]), INTERVAL)
+    x, y, width, height = hidden.estimate.box
+    moved = follower.move(hidden, (x + 3.0, y, width, height))
+    assert moved.seen_box == target.seen_box
+    assert moved.estimate.state == "occluded"
+
+
+def test_what_is_learned_again_is_what_is_in_the_box_now(follower, target, couple):
+    elsewhere = follower.move(target, tuple(couple.second[6]))
+    frame = Frame(couple.images[6])
+    learned = follower.relearn(elsewhere, frame)
+    assert learned.templates.keys() == target.templates.keys()
+    assert learned.first_templates is learned.templates
+    # From there on the other one is followed.
+    for number in (7, 8):
+        learned = follower.follow(learned, Frame(couple.images[number]), INTERVAL)
+    apart = np.linalg.norm(center(learned.estimate.box) - center(couple.second[8]))
+    assert apart < 8.0
