@@ -50,6 +50,9 @@ _ODDS_GROWTH, _EVEN_STANDING_OUT = 0.8, 8.0
 # ... and for that of the first frame.
 _FIRST_ODDS_GROWTH, _EVEN_FIRST_STANDING_OUT = 1.4, 3.6
 _LEAST_STANDING_OUT = 0.1
+# How fast they fall with the logarithm of the response at the box, as a share of the one to what
+# was learned from last, below the share that the target itself hardly ever falls below.
+_LEVEL_ODDS, _LEAST_LEVEL = 8.0, 0.3
 # Responses below this share of the one to the trained window are as good as none.
 _SMALLEST = 1e-9
 
@@ -259,7 +262,8 @@ class CorrelationResponse(SearchableCue):
     ) -> float:
         """See `Cue.log_odds`.
 
-        How far the box stands out for the filter, and near it for the first one.
+        How far the box stands out for the filter, and near it for the first one, and whether the
+        response is by far below the level of the last one that was learned from.
         """
         region, box = seen
         answers = self._answers(region, template)
@@ -272,9 +276,11 @@ class CorrelationResponse(SearchableCue):
         odds = _ODDS_GROWTH * math.log(
             _standing_out(at_box, answers.deviation) / _EVEN_STANDING_OUT
         )
-        return odds + _FIRST_ODDS_GROWTH * math.log(
+        odds += _FIRST_ODDS_GROWTH * math.log(
             _standing_out(near, _deviation(early)) / _EVEN_FIRST_STANDING_OUT
         )
+        level = max(at_box, _SMALLEST) / template.reference
+        return odds + _LEVEL_ODDS * min(math.log(level / _LEAST_LEVEL), 0.0)
 
     def strength(
         self, region: Region, boxes: NDArray[np.float64], template: CorrelationTemplate

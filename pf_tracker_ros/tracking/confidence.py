@@ -20,8 +20,9 @@ class Confidence:
     around it, and whether it looks like the target did in the first frame: what was learned by
     mistake since then does not count there. A cloud that is spread out speaks against it. Each of
     the questions has the same weight, in standard deviations of its answers over frames that are
-    right and wrong; how that carries over to other footage is in `docs/benchmarks.md`. Where no cue
-    can tell, the confidence is how well the box fits the templates.
+    right and wrong; a response that is by far too weak speaks against it, too. How that carries
+    over to other footage is in `docs/benchmarks.md`. Where no cue can tell, the confidence is how
+    well the box fits the templates.
 
     From frame to frame it falls at once, and rises as fast as is allowed.
 

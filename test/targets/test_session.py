@@ -211,7 +211,8 @@ def test_doubled_and_late_frames_are_dropped(session, walkers, as_told):
 def test_a_jump_back_in_time(session, walkers, policy, kept):
     session.time_policy = TimePolicy(policy)
     show(session, walkers, range(6), every=2)
-    session.request(tuple(walkers.boxes[6][0]))
+    # Of the background, where nobody walks: of two on one target, one would be hidden.
+    session.request((270.0, 8.0, 30.0, 24.0))
     assert len(show(session, walkers, [6]).targets) == 4
     # Of the time before: it starts nothing once time has begun anew.
     session.add_detections(walkers.detections(6), at(6))
