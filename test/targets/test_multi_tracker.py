@@ -397,6 +397,19 @@ def test_a_target_behind_another_is_not_told_on_the_same_spot_for_long(pair, mak
     assert doubled <= 3
 
 
+def test_one_that_is_lost_hides_nobody(vanisher, make_tracker, iou):
+    tracker = make_tracker(track__lost_after=1.0)
+    for box in vanisher.boxes[0]:
+        tracker.start(vanisher.images[0], box)
+    doubled = 0
+    for image, boxes in zip(vanisher.images[1:], vanisher.boxes[1:], strict=True):
+        gone, walker = (target.estimate for target in tracker.update(image, INTERVAL))
+        doubled += gone.state == "lost" and iou(gone.box, boxes[1]) > 0.5
+        assert walker.state == "tracking"
+        assert iou(walker.box, boxes[1]) > 0.7
+    assert doubled
+
+
 # Detectors that do not work as they should
 
 
