@@ -54,6 +54,16 @@ def test_a_fast_detector_has_to_say_it_more_than_once(walkers, make_tracker):
     assert counts == [0, 0, 0, 0, 3, 3, 3, 3]
 
 
+@pytest.mark.parametrize("offset", [(-36, 0), (0, -38), (276, 0), (0, 138)])
+def test_what_the_border_cuts_has_to_be_found_twice(walkers, make_tracker, offset):
+    image = np.roll(walkers.images[0], offset, axis=(1, 0))
+    seen = Detections([walkers.boxes[0][0] + [*offset, 0, 0]])
+    tracker = make_tracker()
+    assert tracker.update(image, INTERVAL, seen) == ()
+    tracker.update(image, INTERVAL)
+    assert len(tracker.update(image, 1.0, seen)) == 1
+
+
 def test_what_the_detector_does_not_find_again_ends(walkers, make_tracker):
     tracker = make_tracker()
     tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
