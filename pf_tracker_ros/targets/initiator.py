@@ -27,6 +27,8 @@ _TAKEN_ABOVE = 0.45
 _FIRST_BELIEF = 1.0
 # Seconds over which a detector that runs often must confirm a target.
 _CONFIRMED_WITHIN = 0.25
+# A box that ends within so many pixels of the image's border is cut by it.
+_CUT_WITHIN = 2.0
 # Which child of the seed the targets' randomness comes from; others are the camera's.
 _RANDOMNESS_KEY = 1
 # A target that has ended is recognized by a look that differs by less than so much of what it
@@ -91,15 +93,22 @@ class Initiator:
             lives.append(life)
         return replace(crowd, lives=tuple(lives), gone=tuple(gone))
 
-    def confirm(self, crowd: Crowd) -> Crowd:
+    def confirm(self, crowd: Crowd, image_size: tuple[int, int]) -> Crowd:
         """The crowd with those targets confirmed that were so often enough.
 
         A fast detector has said it within a moment several times; a slow one is believed at once,
-        since the next word would come too late.
+        since the next word would come too late. What the border cuts has to be said once more: half
+        an object looks like others, and detectors are wrong there more often.
+
+        Args:
+            crowd: In this frame.
+            image_size: (width, height), pixels.
         """
         needed = 1 + round(_CONFIRMED_WITHIN / max(crowd.rhythm, 1e-3))
         lives = tuple(
-            replace(life, is_confirmed=True) if life.confirmations >= needed else life
+            replace(life, is_confirmed=True)
+            if life.confirmations >= needed + _is_cut(life.box, image_size)
+            else life
             for life in crowd.lives
         )
         return replace(crowd, lives=lives)
@@ -111,6 +120,12 @@ class Initiator:
         target = self._follower.begin(frame, as_box(box), randomness)
         course = Course.begin(box, CENTER_SPREAD * box[2:])
         return Life(key, target, look, course, np.log(box[2:]), _FIRST_BELIEF)
+
+
+def _is_cut(box: NDArray[np.float64], image_size: tuple[int, int]) -> bool:
+    """Whether a (4,) box goes to the border of the image."""
+    ends = box[:2] + box[2:]
+    return bool((box[:2] < _CUT_WITHIN).any() or (ends > np.array(image_size) - _CUT_WITHIN).any())
 
 
 def _recognize(one: Sighting, gone: Sequence[Life]) -> Life | None:

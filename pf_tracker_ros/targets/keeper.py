@@ -62,5 +62,5 @@ class CrowdKeeper:
             taken = set(given.values())
             rest = [(place, one) for place, one in enumerate(seen) if place not in taken]
             crowd = self.initiator.start(crowd, frame, rest)
-            crowd = self.initiator.confirm(crowd)
+            crowd = self.initiator.confirm(crowd, frame.size)
         return crowd

@@ -57,7 +57,8 @@ class Updater:
     """Follows and corrects targets, the one in front first.
 
     Targets explain their own pixels: what is in the box of one that is in front counts against
-    those behind it, and one that is hidden is carried on by its motion alone. A detection is one
+    those behind it, and one that is hidden is carried on by its motion alone. What was
+    started by hand and is lost hides nothing, since nobody knows where it is. A detection is one
     more factor of the likelihood; it then brings the box along, and is learned from.
 
     Args:
@@ -101,7 +102,8 @@ class Updater:
                 front=np.array(front),
             )
             updated[place] = life
-            front.append(life.box)
+            if not _is_guess(life):
+                front.append(life.box)
         return tuple(updated)
 
     def count_misses(
@@ -201,6 +203,11 @@ class Updater:
             unconfirmed_for=0.0,
             learned_for=0.0 if learns else life.learned_for,
         )
+
+
+def _is_guess(life: Life) -> bool:
+    """Whether nobody knows where a target is; those of a detector end once it does not see them."""
+    return life.by_hand and life.target.estimate.state == "lost"
 
 
 def _are_near(boxes: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.bool_]:

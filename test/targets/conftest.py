@@ -120,6 +120,15 @@ def pair():
 
 
 @pytest.fixture(scope="session")
+def vanisher():
+    """One that stands and is gone at once; another one walks past that place long after."""
+    steps = np.arange(70)
+    stands = np.stack([160 + 0.0 * steps, 104 + 0 * steps], 1)
+    stands[steps >= 8] = np.nan
+    return draw([stands, np.stack([300 - 4 * steps, 98 + 0 * steps], 1)])
+
+
+@pytest.fixture(scope="session")
 def leaver():
     """A target that leaves at the right and comes back there, beside one that stays."""
     steps = np.arange(50)

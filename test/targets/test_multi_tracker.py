@@ -54,6 +54,16 @@ def test_a_fast_detector_has_to_say_it_more_than_once(walkers, make_tracker):
     assert counts == [0, 0, 0, 0, 3, 3, 3, 3]
 
 
+@pytest.mark.parametrize("offset", [(-36, 0), (0, -38), (276, 0), (0, 138)])
+def test_what_the_border_cuts_has_to_be_found_twice(walkers, make_tracker, offset):
+    image = np.roll(walkers.images[0], offset, axis=(1, 0))
+    seen = Detections([walkers.boxes[0][0] + [*offset, 0, 0]])
+    tracker = make_tracker()
+    assert tracker.update(image, INTERVAL, seen) == ()
+    tracker.update(image, INTERVAL)
+    assert len(tracker.update(image, 1.0, seen)) == 1
+
+
 def test_what_the_detector_does_not_find_again_ends(walkers, make_tracker):
     tracker = make_tracker()
     tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
@@ -395,6 +405,19 @@ def test_a_target_behind_another_is_not_told_on_the_same_spot_for_long(pair, mak
         assert len(told) >= (1 if number > 3 else 0)
         doubled += len(boxes) == 2 and iou(*boxes) > 0.5
     assert doubled <= 3
+
+
+def test_one_that_is_lost_hides_nobody(vanisher, make_tracker, iou):
+    tracker = make_tracker(track__lost_after=1.0)
+    for box in vanisher.boxes[0]:
+        tracker.start(vanisher.images[0], box)
+    doubled = 0
+    for image, boxes in zip(vanisher.images[1:], vanisher.boxes[1:], strict=True):
+        gone, walker = (target.estimate for target in tracker.update(image, INTERVAL))
+        doubled += gone.state == "lost" and iou(gone.box, boxes[1]) > 0.5
+        assert walker.state == "tracking"
+        assert iou(walker.box, boxes[1]) > 0.7
+    assert doubled
 
 
 # Detectors that do not work as they should

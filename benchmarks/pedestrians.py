@@ -1,0 +1,215 @@
+"""One pedestrian of several: followed alone, and together with all others of the same footage.
+
+A window is a sequence with the true boxes of one target, cut from footage of which a folder of the
+MOT challenge has everybody (see `targets.py`). Three ways to follow the target are compared by the
+area under its success curve:
+
+- alone: one `Tracker`, started on the true box;
+- with all: a `MultiTracker`, started on the true box of everybody who is in the first frame; who
+  enters later is not followed;
+- with a detector: the same, and a detector sees every 12th frame after the first, which also starts
+  those who enter.
+
+    python benchmarks/pedestrians.py --window MOT_DIR SEQUENCE --window MOT_DIR SEQUENCE ...
+
+It prints a table and writes it into the output folder as pedestrians.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import configparser
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+# One thread also for the linear algebra, which reads this when NumPy is imported.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from tables import Table
+from targets import Annotated, read_sequence
+
+from pf_tracker_ros import Detections, MultiTracker, Tracker
+from pf_tracker_ros.evaluation.metrics import overlap, success_auc
+from pf_tracker_ros.footage import Footage, FootageError
+from pf_tracker_ros.footage import read_sequence as read_window
+
+EVERY = 12
+"""Frames from one that the detector sees to the next."""
+# True boxes of one target agree to so many pixels, however they were rounded.
+_SAME_WITHIN = 1.0
+
+
+@dataclass(frozen=True)
+class Window:
+    """One target's stretch of footage in which everybody is known.
+
+    Attributes:
+        footage: Its frames, with the true boxes of the target.
+        everybody: Of the whole footage.
+        target: Id of the target in it.
+        first: Frame of it that the window begins with, counted from 0.
+    """
+
+    footage: Footage
+    everybody: Annotated
+    target: int
+    first: int
+
+    @property
+    def truth(self) -> NDArray[np.float64]:
+        """(frames, 4) of the target."""
+        boxes = self.footage.ground_truth
+        assert boxes is not None
+        return boxes
+
+
+def find_window(footage: Footage, everybody: Annotated) -> Window:
+    """Which target of the footage a window has, and where it begins: by the true boxes.
+
+    Raises:
+        ValueError: Nobody has these boxes.
+    """
+    truth = footage.ground_truth
+    assert truth is not None
+    count = len(everybody.truth)
+    for target in np.unique(np.concatenate([one.ids for one in everybody.truth])).tolist():
+        boxes = np.full((count, 4), np.nan)
+        for number, one in enumerate(everybody.truth):
+            boxes[number] = one.boxes[one.ids == target][0] if target in one.ids else np.nan
+        for first in range(count - len(truth) + 1):
+            if np.all(np.abs(boxes[first : first + len(truth)] - truth) < _SAME_WITHIN):
+                return Window(footage, everybody, target, first)
+    raise ValueError(f"nobody of {everybody.name} has the boxes of {footage.name}")
+
+
+def follow_alone(window: Window, seed: int) -> NDArray[np.float64]:
+    """(frames, 4) boxes of the target by a tracker of its own."""
+    tracker = Tracker.from_preset("default", seed)
+    boxes = [window.truth[0]]
+    for number, frame in enumerate(window.footage.frames()):
+        if number == 0:
+            tracker.start(frame.image, boxes[0])
+        else:
+            boxes.append(np.array(tracker.update(frame.image, window.everybody.interval).box))
+    return np.array(boxes)
+
+
+def follow_with_all(window: Window, seed: int, every: int = 0) -> NDArray[np.float64]:
+    """(frames, 4) boxes of the target by a tracker of all.
+
+    Args:
+        window: The target and its footage.
+        seed: Of the randomness.
+        every: Frames from one that a detector sees to the next; 0 for no detector.
+    """
+    tracker = MultiTracker.from_preset("default", seed)
+    boxes = [window.truth[0]]
+    mine = 0
+    for number, frame in enumerate(window.footage.frames()):
+        if number == 0:
+            mine = tracker.start(frame.image, boxes[0])
+            for box in _others(window, frame.image.shape):
+                tracker.start(frame.image, box)
+            continue
+        seen = None
+        if every and number % every == 0:
+            found = window.everybody.detections[window.first + number]
+            seen = Detections(found[:, :4], found[:, 4])
+        told = tracker.update(frame.image, window.everybody.interval, seen)
+        boxes.append(np.array(next(one.estimate.box for one in told if one.id == mine)))
+    return np.array(boxes)
+
+
+def _others(window: Window, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """(K, 4) true boxes of the others in the first frame whose centers are in the image."""
+    there = window.everybody.truth[window.first]
+    centers = there.boxes[:, :2] + there.boxes[:, 2:] / 2
+    inside = ((centers >= 0.0) & (centers < (shape[1], shape[0]))).all(axis=1)
+    return there.boxes[inside & (there.ids != window.target)]
+
+
+WAYS: dict[str, Callable[[Window, int], NDArray[np.float64]]] = {
+    "alone": follow_alone,
+    "with all": follow_with_all,
+    "with a detector": lambda window, seed: follow_with_all(window, seed, EVERY),
+}
+
+
+def compare(windows: Sequence[Window], seeds: int) -> dict[str, list[float]]:
+    """Way to the AUC of each window's target, the mean over seeds."""
+    return {
+        name: [
+            float(
+                np.mean(
+                    [
+                        success_auc(overlap(follow(window, seed), window.truth))
+                        for seed in range(seeds)
+                    ]
+                )
+            )
+            for window in windows
+        ]
+        for name, follow in WAYS.items()
+    }
+
+
+def table(windows: Sequence[Window], figures: dict[str, list[float]]) -> Table:
+    """A row for each window, and their mean."""
+    rows = [
+        [window.footage.name, *(f"{of_way[place]:.3f}" for of_way in figures.values())]
+        for place, window in enumerate(windows)
+    ]
+    mean = ["mean", *(f"{np.mean(of_way):.3f}" for of_way in figures.values())]
+    return Table("One pedestrian of several: AUC", ("sequence", *figures), [rows, [mean]])
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the comparison, print the table and write it."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--window",
+        nargs=2,
+        type=Path,
+        action="append",
+        required=True,
+        metavar=("MOT_DIR", "SEQUENCE"),
+        help="a folder with gt.txt, det.txt and seqinfo.ini, and a sequence of the same footage",
+    )
+    parser.add_argument("--seeds", type=int, default=1, help="runs of each, averaged [%(default)s]")
+    parser.add_argument(
+        "--output",
+        type=Path,
+        default=Path("benchmarks/results"),
+        metavar="DIR",
+        help="[%(default)s]",
+    )
+    options = parser.parse_args(arguments)
+    if options.seeds < 1:
+        parser.error(f"--seeds is {options.seeds}; allowed: from 1 up")
+    cv2.setNumThreads(1)
+    try:
+        windows = [
+            find_window(read_window(folder), read_sequence(people, folder))
+            for people, folder in options.window
+        ]
+        options.output.mkdir(parents=True, exist_ok=True)
+        figures = table(windows, compare(windows, options.seeds))
+        figures.show()
+        lines = figures.markdown()
+        (options.output / "pedestrians.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    except (FootageError, OSError, ValueError, configparser.Error) as error:
+        parser.error(" ".join(str(error).split()))
+    print(f"files in {options.output}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
