@@ -16,6 +16,7 @@ Values = NDArray[Any]
 # Percentiles that an image's gray range spans: single hot or dead pixels must not stretch it.
 _PERCENTILES = (1.0, 99.0)
 _MARGIN = 0.25
+# At most so many pixels are looked at.
 _SAMPLES = 20_000
 # Seconds in which a range comes nearer to that of the images by a factor of e: slow beside the
 # templates, quick beside a sensor that warms up.
@@ -36,7 +37,7 @@ def gray_range(image: NDArray[np.generic]) -> GrayRange | None:
 
 def sample(image: NDArray[np.generic]) -> Values:
     """(N,) values all over an image of uint16 or float32, those that are not finite left out."""
-    stride = max(1, math.isqrt(image.size // _SAMPLES))
+    stride = math.ceil(math.sqrt(image.size / _SAMPLES))
     values = image[::stride, ::stride].ravel()
     return values if image.dtype == np.uint16 else values[np.isfinite(values)]
 
