@@ -17,6 +17,8 @@ _CALLS_IN_A_TURN = 6
 # Position noise, box sizes, that spreads the particles of a box of 40 px so far, as standard
 # deviation of their places.
 _NOISES = {"8 px": 1.0, "whole image": 50.0}
+# More is not allowed, and need not be.
+_MOST_NOISE = 50.0
 CLOUDS = tuple(_NOISES)
 _SIDE = 40
 
@@ -53,7 +55,7 @@ def measure_li2007(particles: int, side: int, cloud: str, turns: int, *, against
     parameters = {
         "particles": particles,
         "track.occluded_below": 0.0,
-        "motion.position_noise": _NOISES[cloud] * _SIDE / side,
+        "motion.position_noise": min(_NOISES[cloud] * _SIDE / side, _MOST_NOISE),
     }
     tracker = Tracker.from_preset("li2007", seed=0, parameters=parameters)
     tracker.start(setting.image, setting.box)

@@ -25,7 +25,7 @@ from pf_tracker_ros.frames.windows import read_window
 from pf_tracker_ros.tracking.presets import PRESETS
 
 # As the correlation response of `default` looks at a target.
-_WINDOW, _CELLS, _PIXELS, _WINDOWS, _SAMPLES = 4.0, 40, 160, 3, 80
+_WINDOW, _CELLS, _PIXELS, _WINDOWS, _SAMPLES = 4.0, 40, 160, 2, 80
 _LEVELS, _DIRECTIONS = 16, 8
 _WARM_UP = 30
 _FEATURES = FEATURES["gradients_and_colors"]()
@@ -199,7 +199,7 @@ MAPS: Mapping[str, Stage] = MappingProxyType(
         "resampling of a window": Stage(_resampling, _window_pixels),
         "features": Stage(_features, _window),
         "spectrum": Stage(_spectrum, _window),
-        "response, three sizes": Stage(_response, _window),
+        "response, two sizes": Stage(_response, _window),
         "training": Stage(_training, _window),
         "color numbers": Stage(
             lambda setting: Timed(lambda region: region.color_bins(_LEVELS), setting.region),

@@ -7,27 +7,37 @@ from numpy.typing import NDArray
 
 # With fewer, finding those that repeat costs more than it saves.
 WORTHWHILE = 256
+# Where there are more places than this for each pair, hardly any repeats.
+_MOST_PLACES = 16
 
 
 def distinct(x: NDArray[np.intp], y: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Which of (N,) pairs of whole numbers are to be looked at, and which stands for each.
-
-    The cost grows with the ranges of the numbers, so they should be of one neighborhood.
 
     Args:
         x: (N,) of any sign.
         y: (N,) of any sign.
 
     Returns:
-        (K,) numbers of pairs, each different from all others; and for each of the N pairs the place
-        in that list of one that is equal to it.
+        (K,) numbers of pairs, each different from all others unless they are spread so far that
+        hardly any could be equal; and for each of the N pairs the place in that list of one that
+        is equal to it.
     """
-    left, top = x.min(), y.min()
-    columns = int(x.max() - left) + 1
-    places = (y - top) * columns + (x - left)
-    holder = np.full((int(y.max() - top) + 1) * columns, -1)
+    (columns, width), (rows, height) = _ranks(x), _ranks(y)
+    if width * height > _MOST_PLACES * len(x):
+        all_of_them = np.arange(len(x))
+        return all_of_them, all_of_them
+    places = rows * width + columns
+    holder = np.full(width * height, -1)
     holder[places] = np.arange(len(places))
-    held = np.flatnonzero(holder >= 0)
-    numbers = np.empty_like(holder)
-    numbers[held] = np.arange(len(held))
-    return holder[held], numbers[places]
+    held = holder >= 0
+    return holder[held], (np.cumsum(held) - 1)[places]
+
+
+def _ranks(values: NDArray[np.intp]) -> tuple[NDArray[np.intp], int]:
+    """(N,) ranks among the different values there are, from 0, and how many these are."""
+    offsets = values - values.min()
+    there = np.zeros(int(offsets.max()) + 1, dtype=np.bool_)
+    there[offsets] = True
+    ranks = np.cumsum(there) - 1
+    return ranks[offsets], int(ranks[-1]) + 1

@@ -1,5 +1,7 @@
 """Boxes that read the same pixels are looked at once, and told of each."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,15 +11,33 @@ from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.cues.repeats import WORTHWHILE, distinct
 from pf_tracker_ros.frames import Frame, Region
 
-PAIRS = st.lists(st.tuples(st.integers(-40, 40), st.integers(-9, 60)), min_size=1, max_size=200)
+# So many in so few places that most repeat.
+PAIRS = st.lists(st.tuples(st.integers(-3, 4), st.integers(-1, 6)), min_size=40, max_size=200)
 
 
-@given(PAIRS)
-def test_each_pair_is_there_once_and_stands_for_all_that_are_equal(pairs):
+@given(PAIRS, st.integers(1, 1000))
+def test_each_pair_is_there_once_and_stands_for_all_that_are_equal(pairs, step):
     x, y = np.array(pairs, dtype=np.intp).T
-    kept, repeated = distinct(x, y)
+    kept, repeated = distinct(step * x, y)
     assert len({pairs[number] for number in kept}) == len(kept) == len(set(pairs))
     assert [pairs[kept[number]] for number in repeated] == pairs
+
+
+@given(st.lists(st.tuples(st.integers(-5000, 5000), st.integers(-9, 6000)), min_size=1))
+def test_pairs_wherever_they_are_stand_for_equal_ones(pairs):
+    x, y = np.array(pairs, dtype=np.intp).T
+    kept, repeated = distinct(x, y)
+    assert [pairs[kept[number]] for number in repeated] == pairs
+
+
+def test_pairs_that_are_far_apart_take_no_more_memory_than_a_few_for_each():
+    generator = np.random.default_rng(0)
+    x, y = generator.integers(0, 20_000, (2, 1000))
+    tracemalloc.start()
+    distinct(x, y)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2**20
 
 
 @pytest.mark.parametrize("name", ["color_histogram", "gradient_orientation"])
