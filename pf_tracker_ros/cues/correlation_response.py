@@ -1,6 +1,6 @@
 """Correlation response cue: how strongly a trained filter answers at each place.
 
-The filter's answers to the window around the prediction, at a few sizes of it, are computed once a
+The filter's answers to the window around the prediction, in two sizes of it, are computed once a
 frame, and each particle reads them at its center and size: any number of particles costs nearly the
 same.
 
