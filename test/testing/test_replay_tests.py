@@ -20,7 +20,7 @@ ASKED = {"ends": "tracking", "overlap": 0.8, "longest_loss": 0.2, "milliseconds"
 
 def mutate(monkeypatch, change):
     """Let a function change each estimate that a session tells."""
-    process = Session.process
+    process = Session.process_unread
 
     def changed(self, image, stamp):
         outcome = process(self, image, stamp)
@@ -28,7 +28,7 @@ def mutate(monkeypatch, change):
             return outcome
         return change_field(outcome, estimate=change(outcome.estimate))
 
-    monkeypatch.setattr(Session, "process", changed)
+    monkeypatch.setattr(Session, "process_unread", changed)
 
 
 def change_field(value, **fields):
@@ -175,7 +175,9 @@ def test_a_tracker_that_never_begins_is_noticed(
 ):
     from pf_tracker_ros.tracking.session import Outcome
 
-    monkeypatch.setattr(Session, "process", lambda self, image, stamp: Outcome("waiting", None))
+    monkeypatch.setattr(
+        Session, "process_unread", lambda self, read, stamp: Outcome("waiting", None)
+    )
     run = tracked_recording(moving_square_sequence, **QUICK)
     with pytest.raises(pytest.fail.Exception) as caught:
         run.check(**ASKED)
