@@ -148,7 +148,8 @@ def test_a_target_that_returns_where_it_was_last_seen_is_found_within_three_fram
     for number in range(hidden):
         away = frame(60 + 15 * number, 60, True, WIDE_BACKGROUND, mixed.reshape(36, 36, 3))
         estimate = tracker.update(away)
-        assert estimate.state == "occluded"
+        # In the first of these, what has the target's colors is where the target was.
+        assert estimate.state == "occluded" or number == 0
     assert off_center(estimate.box, 60, 60) > 150.0
     for _ in range(3):
         estimate = tracker.update(frame(64, 58, background=WIDE_BACKGROUND))
