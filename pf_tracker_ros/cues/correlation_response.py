@@ -51,8 +51,9 @@ _ODDS_GROWTH, _EVEN_STANDING_OUT = 0.8, 8.0
 _FIRST_ODDS_GROWTH, _EVEN_FIRST_STANDING_OUT = 1.4, 3.6
 _LEAST_STANDING_OUT = 0.1
 # How fast they fall with the logarithm of the response at the box, as a share of the one to what
-# was learned from last, below the share that the target itself hardly ever falls below.
-_LEVEL_ODDS, _LEAST_LEVEL = 8.0, 0.3
+# was learned from last, below the share that the target itself hardly ever falls below: what has its
+# colors is not the target where the filter hardly answers.
+_LEVEL_ODDS, _LEAST_LEVEL = 50.0, 0.25
 # Responses below this share of the one to the trained window are as good as none.
 _SMALLEST = 1e-9
 

@@ -52,7 +52,7 @@ class Confidence:
         if odds is None:
             return match.similarity
         odds -= _SPREAD_ODDS * math.log(max(spread, _LEAST_SPREAD) / _USUAL_SPREAD)
-        return 1.0 / (1.0 + math.exp(-odds))
+        return 0.5 * (1.0 + math.tanh(odds / 2))
 
     def update(self, before: float, now: float) -> float:
         """The confidence after a frame, 0 to 1.

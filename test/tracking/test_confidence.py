@@ -71,6 +71,10 @@ def test_another_target_is_another(look, couple):
     assert look(couple.second[1]) < 0.05
 
 
+def test_a_box_that_the_filter_answers_to_with_nothing_is_not_the_target(look, couple):
+    assert look(couple.first[1], image=np.zeros_like(couple.images[1])) == pytest.approx(0.0)
+
+
 def test_what_was_learned_by_mistake_is_not_what_it_was_first(follower, target, look, couple):
     """All templates are those of the other; those of the first frame tell."""
     draw = Randomness.of(np.random.default_rng(3))
