@@ -10,11 +10,9 @@ Sources: as in `correlation_filter` and in the features.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,17 +24,22 @@ from pf_tracker_ros.cues.correlation_filter import (
 )
 from pf_tracker_ros.cues.cue import CUES, Match, SearchableCue
 from pf_tracker_ros.cues.features import FEATURES, Features
+from pf_tracker_ros.cues.response_map import (
+    SMALLEST_RESPONSE,
+    Answers,
+    Windows,
+    deviation_of,
+    mean_of,
+    peak_near,
+    standing_out,
+)
 from pf_tracker_ros.cues.square_transform import Spectrum
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.frames.windows import read_window
 from pf_tracker_ros.parameters import declared
 
-Value = TypeVar("Value", bound=np.inexact)
-
 # Places along each side of a cell at which the response is computed.
 _REFINEMENT = 2
-# How many boxes are read at once, well within what OpenCV can (2^15 - 2).
-_READ_AT_ONCE = 2**14
 # Standard deviation of the response map, as a share of its peak, at which the target is as likely
 # there as not; the same for the peak, as a share of the response to what was learned from last; and
 # how fast that changes with both.
@@ -49,13 +52,10 @@ _LEAST_COLOR = 2.0
 _ODDS_GROWTH, _EVEN_STANDING_OUT = 0.8, 8.0
 # ... and for that of the first frame.
 _FIRST_ODDS_GROWTH, _EVEN_FIRST_STANDING_OUT = 1.4, 3.6
-_LEAST_STANDING_OUT = 0.1
 # How fast they fall with the logarithm of the response at the box, as a share of the one to what
-# was learned from last, below the share that the target itself hardly ever falls below: what has its
-# colors is not the target where the filter hardly answers.
+# was learned from last, below the share that the target itself hardly ever falls below: what has
+# its colors is not the target where the filter hardly answers.
 _LEVEL_ODDS, _LEAST_LEVEL = 50.0, 0.25
-# Responses below this share of the one to the trained window are as good as none.
-_SMALLEST = 1e-9
 
 
 @dataclass(frozen=True)
@@ -116,67 +116,6 @@ class View(NamedTuple):
 
     region: Region
     box: NDArray[np.float64]
-
-
-class _Windows(NamedTuple):
-    """Square parts of the frame around the prediction.
-
-    Attributes:
-        spectra: (windows, channels, cells, cells // 2 + 1) of their features.
-        expected: (channels, cells, cells // 2 + 1), of a window of the expected size, about.
-        center: (2,) in image pixels.
-        sides: Of each, image pixels, from small to large.
-    """
-
-    spectra: Spectrum
-    expected: Spectrum
-    center: NDArray[np.float64]
-    sides: Sequence[float]
-
-
-class _Answers(NamedTuple):
-    """What the filter answers to the windows around the prediction.
-
-    Attributes:
-        maps: (windows, S, S) responses.
-        windows: That they are to.
-        expected: (S, S) responses in the expected size.
-        deviation: Their standard deviation, above 0.
-        largest: Of all responses.
-    """
-
-    maps: NDArray[np.float32]
-    windows: _Windows
-    expected: NDArray[np.float32]
-    deviation: float
-    largest: float
-
-    def read(
-        self, centers: NDArray[np.float64], shares: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """(N,) responses, 0 outside of the windows.
-
-        Args:
-            centers: (N, 2) in image pixels.
-            shares: (N,) of the largest window in the response, 0 to 1; the rest is the smallest's.
-        """
-        smallest = self._read(0, centers).astype(np.float64)
-        if len(self.maps) == 1:
-            return smallest
-        return smallest + shares * (self._read(-1, centers) - smallest)
-
-    def _read(self, number: int, centers: NDArray[np.float64]) -> NDArray[np.float32]:
-        """(N,) responses of a window at (N, 2) centers in image pixels, 0 outside of it."""
-        values = self.maps[number]
-        samples = len(values)
-        scale = samples / self.windows.sides[number]
-        places = ((centers - self.windows.center) * scale + samples // 2).astype(np.float32)
-        if len(places) <= _READ_AT_ONCE:
-            return cv2.remap(values, places[None], None, cv2.INTER_CUBIC)[0]
-        parts = np.split(places, range(_READ_AT_ONCE, len(places), _READ_AT_ONCE))
-        return np.concatenate(
-            [cv2.remap(values, part[None], None, cv2.INTER_CUBIC)[0] for part in parts]
-        )
 
 
 @CUES.register("correlation_response", CorrelationResponseParameters)
@@ -253,7 +192,7 @@ class CorrelationResponse(SearchableCue):
         """
         value = float(self.strength(seen.region, seen.box[None], template)[0])
         answers = self._answers(seen.region, template)
-        peak = max(float(answers.expected.max()), _SMALLEST)
+        peak = max(float(answers.expected.max()), SMALLEST_RESPONSE)
         stands_out = _odds(_EVEN_CLUTTER * peak / answers.deviation)
         is_there = _odds(peak / template.reference / _EVEN_LEVEL)
         return Match(-self._sharpness * (1.0 - value), stands_out * is_there)
@@ -273,14 +212,12 @@ class CorrelationResponse(SearchableCue):
             ("first correlation response", first),
             lambda: response(first.filter, answers.windows.expected, self._cells),
         )
-        near = _peak_near(early, region.place, self._side(region.place), box)
-        odds = _ODDS_GROWTH * math.log(
-            _standing_out(at_box, answers.deviation) / _EVEN_STANDING_OUT
-        )
+        near = peak_near(early, region.place, self._side(region.place), box)
+        odds = _ODDS_GROWTH * math.log(standing_out(at_box, answers.deviation) / _EVEN_STANDING_OUT)
         odds += _FIRST_ODDS_GROWTH * math.log(
-            _standing_out(near, _deviation(early)) / _EVEN_FIRST_STANDING_OUT
+            standing_out(near, deviation_of(early)) / _EVEN_FIRST_STANDING_OUT
         )
-        level = max(at_box, _SMALLEST) / template.reference
+        level = max(at_box, SMALLEST_RESPONSE) / template.reference
         return odds + _LEVEL_ODDS * min(math.log(level / _LEAST_LEVEL), 0.0)
 
     def strength(
@@ -307,23 +244,23 @@ class CorrelationResponse(SearchableCue):
         sizes = boxes[:, 2] * boxes[:, 3] / (place[2] * place[3])
         return np.minimum(np.maximum(np.log(sizes) / (2 * self._log_span) + 0.5, 0.0), 1.0)
 
-    def _answers(self, region: Region, template: CorrelationTemplate) -> _Answers:
-        def answer() -> _Answers:
+    def _answers(self, region: Region, template: CorrelationTemplate) -> Answers:
+        def answer() -> Answers:
             windows = self._windows(region, template.colored)
             maps = response(template.filter, windows.spectra, _REFINEMENT * self._cells)
-            expected = _mean(maps)
-            return _Answers(maps, windows, expected, _deviation(expected), float(maps.max()))
+            expected = mean_of(maps)
+            return Answers(maps, windows, expected, deviation_of(expected), float(maps.max()))
 
         return region.share(("correlation responses", template), answer)
 
-    def _windows(self, region: Region, colored: bool) -> _Windows:
-        def read() -> _Windows:
+    def _windows(self, region: Region, colored: bool) -> Windows:
+        def read() -> Windows:
             place = region.place
             spectra = np.stack(
                 [self._spectrum(region, place, colored, factor) for factor in self._factors]
             )
             sides = [self._side(place, factor) for factor in self._factors]
-            return _Windows(spectra, _mean(spectra), place[:2] + place[2:] / 2, sides)
+            return Windows(spectra, mean_of(spectra), place[:2] + place[2:] / 2, sides)
 
         return region.share((self, colored), read)
 
@@ -359,43 +296,7 @@ class CorrelationResponse(SearchableCue):
 
 
 def _reference(trained: Spectrum, seen: Spectrum) -> float:
-    return max(response_at_center(trained, seen), _SMALLEST)
-
-
-def _mean(windows: NDArray[Value]) -> NDArray[Value]:
-    """The mean over one or two windows."""
-    return windows[0] if len(windows) == 1 else (windows[0] + windows[1]) * np.float32(0.5)
-
-
-def _deviation(values: NDArray[np.float32]) -> float:
-    return max(float(values.std()), _SMALLEST)
-
-
-def _peak_near(
-    values: NDArray[np.float32], place: NDArray[np.float64], side: float, box: NDArray[np.float64]
-) -> float:
-    """The largest value of a response map within a quarter of a box around its center.
-
-    Args:
-        values: (S, S), of a window around a place.
-        place: (4,) box, image pixels.
-        side: Of the window, image pixels.
-        box: (4,), image pixels.
-    """
-    samples = len(values)
-    scale = samples / side
-    center = (box[:2] + box[2:] / 2 - place[:2] - place[2:] / 2) * scale + samples // 2
-    reach = np.maximum(box[2:] * scale / 4, 1.0)
-    (left, top), (right, bottom) = (
-        np.clip(np.rint(edge).astype(int), 0, samples - 1)
-        for edge in (center - reach, center + reach)
-    )
-    return float(values[top : bottom + 1, left : right + 1].max())
-
-
-def _standing_out(value: float, deviation: float) -> float:
-    """A value of a response map in units of the map's standard deviation, kept from 0."""
-    return max(value / deviation, _LEAST_STANDING_OUT)
+    return max(response_at_center(trained, seen), SMALLEST_RESPONSE)
 
 
 def _odds(ratio: float) -> float:

@@ -155,8 +155,8 @@ class Updater:
                 is_hidden = _is_on_one(np.array(followed.estimate.box), front)
         course = life.course
         if is_hidden:
-            target = self._follower.coast(target, frame, interval)
-            target = self._follower.move(target, as_box(predicted))
+            target = self._follower.steering.coast(target, frame, interval)
+            target = self._follower.steering.move(target, as_box(predicted))
         else:
             target = followed
             box = np.array(target.estimate.box)
@@ -188,10 +188,10 @@ class Updater:
         size = np.exp(log_size)
         center, seen = box[:2] + box[2:] / 2, own.box[:2] + own.box[2:] / 2
         center = center + (1.0 if goes_over else _GAIN) * (seen - center)
-        target = self._follower.move(life.target, as_box([*(center - size / 2), *size]))
+        target = self._follower.steering.move(life.target, as_box([*(center - size / 2), *size]))
         learns = goes_over or (life.learned_for >= _LEARN_EVERY and not is_doubted)
         if learns:
-            target = self._follower.relearn(target, frame)
+            target = self._follower.steering.relearn(target, frame)
         life = life.looked(own.look) if own.is_clear else life
         return replace(
             life.voted(own.label, own.score),

@@ -55,6 +55,10 @@ class Follower:
 
     It holds what is made once for all targets, such as the cues, and nothing of any of them.
 
+    Attributes:
+        parameters: Every tunable.
+        steering: Does with targets what is known beside the pixels.
+
     Args:
         parameters: Every tunable.
 
@@ -96,7 +100,7 @@ class Follower:
         self._judge = Judge(
             self._confidence, self._while_hidden, redetector, self._beginning, parameters.track
         )
-        self._steering = Steering(
+        self.steering = Steering(
             self._predictor, self._measurer, self._beginning, parameters.track.lost_after
         )
         self._resampler = build_resampler(parameters.resampling)
@@ -257,15 +261,3 @@ class Follower:
             target.estimate.powers,
             partial(self._measurer.log_likelihoods, target, frame),
         )
-
-    def coast(self, target: Target, frame: Frame, interval: float) -> Target:
-        """See `Steering.coast`."""
-        return self._steering.coast(target, frame, interval)
-
-    def move(self, target: Target, box: Box) -> Target:
-        """See `Steering.move`."""
-        return self._steering.move(target, box)
-
-    def relearn(self, target: Target, frame: Frame) -> Target:
-        """See `Steering.relearn`."""
-        return self._steering.relearn(target, frame)

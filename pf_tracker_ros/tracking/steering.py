@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.filter.randomness import Randomness
@@ -72,27 +75,28 @@ class Steering:
             target: As the frame at hand left it.
             box: Where it is in that frame.
         """
-        before = np.array(target.estimate.box)
-        size, after = before[2:], np.array(box)
-        shift = after[:2] + after[2:] / 2 - before[:2] - size / 2
-        factor = after[2:] / size
-        states = target.particles.states.copy()
-        columns = target.motion.columns
-        for axis, (place, side) in enumerate((("x", "width"), ("y", "height"))):
-            for name in (place, f"earlier_{place}"):
-                if name in columns:
-                    states[:, columns.index(name)] += shift[axis]
-            for name in (side, f"earlier_{side}"):
-                if name in columns:
-                    states[:, columns.index(name)] *= factor[axis]
-        motion = target.motion if "width" in columns else self._beginning.motion(box)
-        particles = target.particles.move(states)
-        told = target.estimate
+        columns, told = target.motion.columns, target.estimate
+        before, after = np.array(told.box), np.array(box)
+        shift = after[:2] + after[2:] / 2 - before[:2] - before[2:] / 2
+        factor = after[2:] / before[2:]
+        # States without sides count from a first box: from this one on.
+        first_box, scale = target.first_box, 0.0
+        if "width" not in columns:
+            first_box, scale = box, float(np.log(before[2:] / first_box[2:]).mean())
+        motion = self._beginning.motion(first_box)
+        moved = partial(_moved, columns=columns, shift=shift, factor=factor, scale=scale)
+        foresight = self._beginning.foresight(motion)
+        if foresight and target.foresight:
+            belief = target.foresight.belief
+            belief = replace(belief, mean=moved(belief.mean[None])[0])
+            foresight = replace(foresight, belief=belief)
         boxes = told.particle_boxes + np.hstack([shift, 0.0, 0.0])
         return replace(
             target,
+            first_box=first_box,
             motion=motion,
-            particles=particles,
+            foresight=foresight,
+            particles=target.particles.move(moved(target.particles.states)),
             seen_box=box if target.track.state == "tracking" else target.seen_box,
             estimate=replace(told, box=box, particle_boxes=boxes),
         )
@@ -101,3 +105,33 @@ class Steering:
         """The target with templates of what is in its box now, as if it was first seen here."""
         templates = self._measurer.templates(frame, np.array(target.estimate.box))
         return replace(target, templates=templates, first_templates=templates)
+
+
+def _moved(
+    states: NDArray[np.float64],
+    *,
+    columns: Sequence[str],
+    shift: NDArray[np.float64],
+    factor: NDArray[np.float64],
+    scale: float,
+) -> NDArray[np.float64]:
+    """States that are brought along with a box.
+
+    Args:
+        states: (N, D or more), the motion's columns first.
+        columns: The D names.
+        shift: (2,) of the center, pixels.
+        factor: (2,) from the sides before to those after.
+        scale: Logarithm of the size before, counted from the first box, where states have it.
+    """
+    states = states.copy()
+    for number, name in enumerate(columns):
+        axis = 0 if name.endswith(("x", "width")) else 1
+        match name.removeprefix("earlier_"):
+            case "x" | "y":
+                states[:, number] += shift[axis]
+            case "width" | "height":
+                states[:, number] *= factor[axis]
+            case "log_scale":
+                states[:, number] -= scale
+    return states

@@ -20,7 +20,7 @@ class Target:
     that is followed again from here meets the same chances.
 
     Attributes:
-        first_box: That it was started on.
+        first_box: That its motion counts from: the one that it was started on, or moved to.
         motion: How it moves.
         foresight: A Kalman filter that runs ahead of the particles; None where none is asked for.
         particles: Its state, as drawn for the next frame.

@@ -31,7 +31,7 @@ def center(box):
 
 def test_a_target_coasts_by_its_motion_whatever_the_image_shows(follower, target, couple):
     frames = [Frame(image) for image in (couple.images[6], np.zeros_like(couple.images[6]))]
-    seen, dark = (follower.coast(target, frame, INTERVAL) for frame in frames)
+    seen, dark = (follower.steering.coast(target, frame, INTERVAL) for frame in frames)
     assert seen.estimate.box == dark.estimate.box
     np.testing.assert_array_equal(seen.particles.states, dark.particles.states)
     assert (seen.estimate.state, seen.hidden_frames) == ("occluded", 1)
@@ -53,7 +53,7 @@ def test_a_coasting_target_is_hidden_no_longer_than_until_it_counts_as_lost(
     frame = Frame(couple.images[6])
     spread = [np.trace(target.estimate.covariance)]
     for _ in range(3):
-        target = follower.coast(target, frame, 0.45 * lost_after)
+        target = follower.steering.coast(target, frame, 0.45 * lost_after)
         spread.append(np.trace(target.estimate.covariance))
     assert target.track.hidden_for == lost_after
     assert spread == sorted(spread)
@@ -62,7 +62,7 @@ def test_a_coasting_target_is_hidden_no_longer_than_until_it_counts_as_lost(
 def test_a_moved_target_brings_its_particles_along_with_their_velocities(follower, target):
     x, y, width, height = target.estimate.box
     box = (x + 7.0, y - 4.0, width, height)
-    moved = follower.move(target, box)
+    moved = follower.steering.move(target, box)
     assert moved.estimate.box == moved.seen_box == box
     columns = target.motion.columns
     shift = moved.particles.states - target.particles.states
@@ -74,32 +74,55 @@ def test_a_moved_target_brings_its_particles_along_with_their_velocities(followe
     np.testing.assert_allclose(apart, np.tile([7.0, -4.0, 0.0, 0.0], (len(apart), 1)), atol=1e-9)
 
 
-@pytest.mark.parametrize("preset", ["default", "li2007", "zhang2015"])
-def test_a_moved_target_has_the_size_that_it_is_given(preset, make_follower, couple):
-    follower = make_follower(preset)
-    draw = Randomness.of(np.random.default_rng(3))
-    target = follower.begin(Frame(couple.images[0]), tuple(couple.first[0]), draw)
-    x, y, width, height = target.estimate.box
-    moved = follower.move(target, (x, y, 1.5 * width, 0.8 * height))
-    before, after = (
-        one.motion.boxes(one.particles.mean[None])[0, 2:] / (width, height)
-        for one in (target, moved)
+def test_a_moved_target_has_the_size_that_it_is_given(follower, target):
+    """Also one whose particles have shrunk or grown since the first frame, and moved twice."""
+    for factor in ((1.5, 0.8), (0.9, 1.1)):
+        x, y, width, height = target.estimate.box
+        box = (x, y, factor[0] * width, factor[1] * height)
+        moved = follower.steering.move(target, box)
+        before, after = (
+            one.motion.boxes(one.particles.mean[None])[0, 2:] for one in (target, moved)
+        )
+        np.testing.assert_allclose(after, before * factor, rtol=1e-9)
+        # Parameters that change do not bring back the box that it was started on.
+        again = follower.reconfigure(moved)
+        np.testing.assert_array_equal(again.motion.boxes(again.particles.mean[None])[0, 2:], after)
+        target = moved
+
+
+def test_the_foresight_of_a_moved_target_moves_with_it(make_follower, couple):
+    follower = make_follower("zhang_bo")
+    target = follower.begin(
+        Frame(couple.images[0]), tuple(couple.first[0]), Randomness.of(np.random.default_rng(3))
     )
-    np.testing.assert_allclose(after, before * (1.5, 0.8), rtol=1e-9)
+    for image in couple.images[1:6]:
+        target = follower.follow(target, Frame(image), INTERVAL)
+    x, y, width, height = target.estimate.box
+    moved = follower.steering.move(target, (x + 30.0, y - 20.0, 2 * width, 2 * height))
+    before, after = target.foresight.belief.mean, moved.foresight.belief.mean
+    scale = np.log(width / target.first_box[2])
+    np.testing.assert_allclose(
+        after - before,
+        [30.0 + width / 2, -20.0 + height / 2, -scale, 0.0, 0.0, 0.0],
+        atol=1e-9,
+    )
+    ahead = follower.steering.coast(moved, Frame(couple.images[6]), INTERVAL)
+    assert np.linalg.norm(center(ahead.estimate.box) - center(moved.estimate.box)) < 8.0
+    np.testing.assert_allclose(ahead.estimate.box[2:], (2 * width, 2 * height), rtol=0.05)
 
 
 def test_a_hidden_target_that_is_moved_was_not_seen_there(follower, target, couple):
-    hidden = follower.coast(target, Frame(couple.images[6]), INTERVAL)
+    hidden = follower.steering.coast(target, Frame(couple.images[6]), INTERVAL)
     x, y, width, height = hidden.estimate.box
-    moved = follower.move(hidden, (x + 3.0, y, width, height))
+    moved = follower.steering.move(hidden, (x + 3.0, y, width, height))
     assert moved.seen_box == target.seen_box
     assert moved.estimate.state == "occluded"
 
 
 def test_what_is_learned_again_is_what_is_in_the_box_now(follower, target, couple):
-    elsewhere = follower.move(target, tuple(couple.second[6]))
+    elsewhere = follower.steering.move(target, tuple(couple.second[6]))
     frame = Frame(couple.images[6])
-    learned = follower.relearn(elsewhere, frame)
+    learned = follower.steering.relearn(elsewhere, frame)
     assert learned.templates.keys() == target.templates.keys()
     assert learned.first_templates is learned.templates
     # From there on the other one is followed.

@@ -1,0 +1,118 @@
+"""What a correlation filter answers to windows of a frame, and what is read from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.cues.square_transform import Spectrum
+
+Value = TypeVar("Value", bound=np.inexact)
+
+# How many boxes are read at once, well within what OpenCV can (2^15 - 2).
+_READ_AT_ONCE = 2**14
+# Responses below this share of the one to the trained window are as good as none.
+SMALLEST_RESPONSE = 1e-9
+_LEAST_STANDING_OUT = 0.1
+
+
+class Windows(NamedTuple):
+    """Square parts of the frame around the prediction.
+
+    Attributes:
+        spectra: (windows, channels, cells, cells // 2 + 1) of their features.
+        expected: (channels, cells, cells // 2 + 1), of a window of the expected size, about.
+        center: (2,) in image pixels.
+        sides: Of each, image pixels, from small to large.
+    """
+
+    spectra: Spectrum
+    expected: Spectrum
+    center: NDArray[np.float64]
+    sides: Sequence[float]
+
+
+class Answers(NamedTuple):
+    """What the filter answers to the windows around the prediction.
+
+    Attributes:
+        maps: (windows, S, S) responses.
+        windows: That they are to.
+        expected: (S, S) responses in the expected size.
+        deviation: Their standard deviation, above 0.
+        largest: Of all responses.
+    """
+
+    maps: NDArray[np.float32]
+    windows: Windows
+    expected: NDArray[np.float32]
+    deviation: float
+    largest: float
+
+    def read(
+        self, centers: NDArray[np.float64], shares: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(N,) responses, 0 outside of the windows.
+
+        Args:
+            centers: (N, 2) in image pixels.
+            shares: (N,) of the largest window in the response, 0 to 1; the rest is the smallest's.
+        """
+        smallest = self._read(0, centers).astype(np.float64)
+        if len(self.maps) == 1:
+            return smallest
+        return smallest + shares * (self._read(-1, centers) - smallest)
+
+    def _read(self, number: int, centers: NDArray[np.float64]) -> NDArray[np.float32]:
+        """(N,) responses of a window at (N, 2) centers in image pixels, 0 outside of it."""
+        values = self.maps[number]
+        samples = len(values)
+        scale = samples / self.windows.sides[number]
+        places = ((centers - self.windows.center) * scale + samples // 2).astype(np.float32)
+        if len(places) <= _READ_AT_ONCE:
+            return cv2.remap(values, places[None], None, cv2.INTER_CUBIC)[0]
+        parts = np.split(places, range(_READ_AT_ONCE, len(places), _READ_AT_ONCE))
+        return np.concatenate(
+            [cv2.remap(values, part[None], None, cv2.INTER_CUBIC)[0] for part in parts]
+        )
+
+
+def mean_of(windows: NDArray[Value]) -> NDArray[Value]:
+    """The mean over one or two windows."""
+    return windows[0] if len(windows) == 1 else (windows[0] + windows[1]) * np.float32(0.5)
+
+
+def deviation_of(values: NDArray[np.float32]) -> float:
+    """Standard deviation of a response map, above 0."""
+    return max(float(values.std()), SMALLEST_RESPONSE)
+
+
+def peak_near(
+    values: NDArray[np.float32], place: NDArray[np.float64], side: float, box: NDArray[np.float64]
+) -> float:
+    """The largest value of a response map within a quarter of a box around its center.
+
+    Args:
+        values: (S, S), of a window around a place.
+        place: (4,) box, image pixels.
+        side: Of the window, image pixels.
+        box: (4,), image pixels.
+    """
+    samples = len(values)
+    scale = samples / side
+    center = (box[:2] + box[2:] / 2 - place[:2] - place[2:] / 2) * scale + samples // 2
+    reach = np.maximum(box[2:] * scale / 4, 1.0)
+    (left, top), (right, bottom) = (
+        np.clip(np.rint(edge).astype(int), 0, samples - 1)
+        for edge in (center - reach, center + reach)
+    )
+    return float(values[top : bottom + 1, left : right + 1].max())
+
+
+def standing_out(value: float, deviation: float) -> float:
+    """A value of a response map in units of the map's standard deviation, kept from 0."""
+    return max(value / deviation, _LEAST_STANDING_OUT)
