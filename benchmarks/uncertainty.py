@@ -4,7 +4,8 @@ A frame counts as right where the box overlaps the true one by more than a half.
 
     python benchmarks/uncertainty.py SEQUENCE_DIR... --preset default --seeds 3
 
-With two or more `--group`s it also tells the area under the ROC curve in each group of sequences.
+With two or more `--group`s it also tells the area under the ROC curve in each group of sequences,
+of the confidence as it is, and fitted to the other groups.
 
 It writes uncertainty.md, uncertainty.csv (a line for each range of confidence) and uncertainty.png.
 """
@@ -15,8 +16,9 @@ import csv
 import math
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 
 # One thread also for the linear algebra, which reads this when NumPy is imported.
@@ -25,6 +27,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import arguments as options_of
 import carry_over
 import numpy as np
+import odds_carry_over
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from outcomes import counted
@@ -66,6 +69,7 @@ class Frames:
         is_tracking: (F,) whether the state was tracking.
         distance: (F,) squared Mahalanobis distance of the true center.
         astray: (F,) seconds for which the box has been beside the target.
+        number: (F,) of the frame among those of its run, from 0 on.
     """
 
     overlap: NDArray[np.float64]
@@ -73,6 +77,7 @@ class Frames:
     is_tracking: NDArray[np.bool_]
     distance: NDArray[np.float64]
     astray: NDArray[np.float64]
+    number: NDArray[np.intp]
 
     @property
     def is_right(self) -> NDArray[np.bool_]:
@@ -86,10 +91,14 @@ class Frames:
 
 
 class _Recorder:
-    """A tracker whose estimates are kept."""
+    """A tracker whose estimates are kept.
 
-    def __init__(self, preset: str, seed: int) -> None:
-        self._tracker = Tracker.from_preset(preset, seed)
+    Args:
+        tracker: Any.
+    """
+
+    def __init__(self, tracker: Tracker) -> None:
+        self._tracker = tracker
         self.estimates: list[Estimate] = []
 
     def start(self, image: NDArray[np.generic], box: tuple[float, float, float, float]) -> None:
@@ -124,6 +133,7 @@ def compared(
         np.array([one.state == "tracking" for one in told]),
         np.einsum("fi,fi->f", offsets, np.linalg.solve(covariances, offsets[..., None])[..., 0]),
         interval * _in_a_row(overlaps < GONE_BELOW),
+        np.flatnonzero(known),
     )
 
 
@@ -167,35 +177,118 @@ def inside(frames: Frames, share: float) -> float:
     return float((frames.distance[frames.is_tracking] <= -2.0 * math.log1p(-share)).mean())
 
 
-def measured(sequences: Sequence[Footage], preset: str, seeds: int) -> list[Frames]:
-    """What a preset tells of all frames of each sequence, but the first one."""
+def measured(
+    sequences: Sequence[Footage], trackers: Callable[[int, int], Tracker], seeds: int
+) -> list[list[Frames]]:
+    """What is told of all frames of each sequence, but the first one; of each seed.
+
+    Args:
+        sequences: With true boxes.
+        trackers: Makes a tracker for the number of a sequence and a seed.
+        seeds: How many runs.
+    """
     parts = []
     with progress_bar(frame_count(sequences)) as on_progress:
-        for footage in sequences:
-            recorders = [_Recorder(preset, seed) for seed in range(seeds)]
+        for number, footage in enumerate(sequences):
+            recorders = [_Recorder(trackers(number, seed)) for seed in range(seeds)]
             result = evaluate_sequence(footage, recorders.__getitem__, range(seeds), on_progress)
             true_boxes, interval = result.true_boxes[1:], footage.nominal_interval
-            runs = [compared(one.estimates, true_boxes, interval) for one in recorders]
-            parts.append(together(runs))
+            parts.append([compared(one.estimates, true_boxes, interval) for one in recorders])
     return parts
 
 
-def summary(frames: Frames, title: str, groups: Mapping[str, Frames] | None = None) -> Table:
+@dataclass(frozen=True)
+class CarriedOver:
+    """A confidence that was fitted without the footage that it is judged on.
+
+    Attributes:
+        frames: Name of a group to its frames.
+        weights: The same to what was fitted on the other groups, "none" to that fitted on all.
+    """
+
+    frames: Mapping[str, Frames]
+    weights: Mapping[str, odds_carry_over.Weights]
+
+
+def carried_over(
+    sequences: Sequence[Footage],
+    preset: str,
+    groups: Mapping[str, Sequence[int]],
+    told: Sequence[Sequence[Frames]],
+    heard: Mapping[tuple[int, int], odds_carry_over.HeardConfidence],
+) -> CarriedOver | None:
+    """Each group, tracked with a confidence that was fitted on the other groups.
+
+    Args:
+        sequences: With true boxes.
+        preset: Whose confidence.
+        groups: Name to the numbers of the sequences in it.
+        told: Of each sequence and seed, with the confidence as it is.
+        heard: What that was told, by numbers of sequence and seed.
+
+    Returns:
+        None where the confidence asks no questions.
+    """
+
+    def answers(numbers: Sequence[int]) -> odds_carry_over.Answers:
+        runs = [(number, seed) for number in numbers for seed in range(len(told[number]))]
+        frames = [told[number][seed] for number, seed in runs]
+        odds = [
+            heard[run].odds[one] for run, of in zip(runs, frames, strict=True) for one in of.number
+        ]
+        return odds_carry_over.Answers(odds, together(frames).is_right)
+
+    said = {name: answers(numbers) for name, numbers in groups.items()}
+    if not any(odds for of in said.values() for odds in of.odds):
+        return None
+    carried, fitted = {}, {}
+    for left, numbers in groups.items():
+        fitted[left] = odds_carry_over.fit([of for name, of in said.items() if name != left])
+        make_tracker = partial(odds_carry_over.fitted_tracker, preset, fitted[left])
+        members = [sequences[number] for number in numbers]
+        runs = measured(members, lambda _, seed, make=make_tracker: make(seed), len(told[0]))
+        carried[left] = together([frames for of in runs for frames in of])
+    fitted["none"] = odds_carry_over.fit(list(said.values()))
+    return CarriedOver(carried, fitted)
+
+
+def weights_table(weights: Mapping[str, odds_carry_over.Weights]) -> Table:
+    """What was fitted, by what was left out."""
+    questions = sorted({name for of in weights.values() for name in of.factors})
+    rows = [
+        [name, *(f"{of.factors.get(name, math.nan):.2f}" for of in weights.values())]
+        for name in questions
+    ]
+    rows.append(["constant", *(f"{of.constant:+.2f}" for of in weights.values())])
+    return Table(
+        "Factors of what each question says, by what is left out", ("question", *weights), [rows]
+    )
+
+
+def summary(
+    frames: Frames,
+    title: str,
+    groups: Mapping[str, Frames] | None = None,
+    carried: Mapping[str, Frames] | None = None,
+) -> Table:
     """The figures as a table.
 
     Args:
         frames: All.
         title: Of the table.
         groups: Name of a group of sequences to its frames.
+        carried: The same, their confidence fitted on the other groups.
     """
     right, tracking = frames.is_right, frames.is_tracking
     gone = frames.astray > GONE_FOR
-    rows = [
-        ["area under the ROC curve of the confidence", _text(roc_area(frames.confidence, right))],
-        *(
-            [f"the same in {name}", _text(roc_area(one.confidence, one.is_right))]
-            for name, one in (groups or {}).items()
-        ),
+    rows = [["area under the ROC curve of the confidence", _area(frames)]]
+    rows += [[f"the same in {name}", _area(one)] for name, one in (groups or {}).items()]
+    if carried:
+        rows.append(
+            ["the area, each group's fitted on the others", _area(together([*carried.values()]))]
+        )
+        rows += [[f"the same in {name}", _area(one)] for name, one in carried.items()]
+    rows += [
         *(
             [f"true center inside the {share:.0%} ellipse", _text(inside(frames, share))]
             for share in SHARES
@@ -241,6 +334,10 @@ def _mean(values: NDArray[np.bool_]) -> float:
     return float(values.mean()) if len(values) else math.nan
 
 
+def _area(frames: Frames) -> str:
+    return _text(roc_area(frames.confidence, frames.is_right))
+
+
 def _text(figure: float) -> str:
     return "-" if math.isnan(figure) else f"{figure:.3f}"
 
@@ -263,7 +360,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options.output.mkdir(parents=True, exist_ok=True)
         names = [footage.name for footage in sequences]
         members = carry_over.grouped(names, options.group) if options.group else {}
-        parts = measured(sequences, options.preset, options.seeds)
+        heard: dict[tuple[int, int], odds_carry_over.HeardConfidence] = {}
+
+        def tracker(number: int, seed: int) -> Tracker:
+            made, heard[number, seed] = odds_carry_over.heard_tracker(options.preset, seed)
+            return made
+
+        told = measured(sequences, tracker, options.seeds)
+        parts = [together(runs) for runs in told]
         frames = together(parts)
         groups = {
             name: together([parts[number] for number in numbers])
@@ -271,12 +375,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         }
         runs = f"{counted(len(sequences), 'sequence', 'sequences')}, "
         runs += counted(options.seeds, "seed", "seeds")
-        tables = [summary(frames, f"Uncertainty of preset {options.preset}: {runs}", groups)]
+        title = f"Uncertainty of preset {options.preset}: {runs}"
+        carried = carried_over(sequences, options.preset, members, told, heard)
+        tables = [summary(frames, title, groups, carried.frames if carried else None)]
         tables.append(reliability(frames))
+        if carried:
+            tables.append(weights_table(carried.weights))
         for table in tables:
             table.show()
         lines = [f"# {tables[0].title}", "", *tables[0].markdown(), "", NOTE, ""]
-        lines += [f"## {tables[1].title}", "", *tables[1].markdown(), ""]
+        for table in tables[1:]:
+            lines += [f"## {table.title}", "", *table.markdown(), ""]
         (options.output / "uncertainty.md").write_text("\n".join(lines), encoding="utf-8")
         with (options.output / "uncertainty.csv").open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows([tables[1].headings, *tables[1].groups[0]])

@@ -27,10 +27,10 @@ from pf_tracker_ros.parameters import declared
 _PRIOR_SHARE = 1e-4
 # How fast the log odds that it is the target grow, and where they are even: with the Bhattacharyya
 # coefficient of a box's colors and the first ones, ...
-_LIKENESS_ODDS, _EVEN_LIKENESS = 3.8, 0.4
+_LIKENESS_ODDS, _EVEN_LIKENESS = 3.3, 0.4
 # ... and with its contrast by the first colors, as a share of what it was then. Gray levels are
 # shared by too much for that to tell.
-_CONTRAST_ODDS, _EVEN_CONTRAST, _LEAST_CONTRAST_SHARE = 3.5, 0.7, -0.2
+_CONTRAST_ODDS, _EVEN_CONTRAST, _LEAST_CONTRAST_SHARE = 2.8, 0.7, -0.2
 # Share of pixels that must not be gray for there to be colors.
 _LEAST_COLORED = 0.05
 # Targets of less contrast are as their surroundings.
@@ -153,15 +153,15 @@ class ColorContrast(SearchableCue):
 
     def log_odds(
         self, seen: ContrastTemplate, template: ContrastTemplate, first: ContrastTemplate
-    ) -> float:
+    ) -> dict[str, float]:
         """See `Cue.log_odds`: whether the box has the first colors, and stands out by them."""
         likeness = float(np.sqrt(seen.inside * first.inside).sum())
-        odds = _LIKENESS_ODDS * (likeness - _EVEN_LIKENESS)
+        odds = {"first colors": _LIKENESS_ODDS * (likeness - _EVEN_LIKENESS)}
         if first.is_colored:
             contrast = float((seen.inside - seen.ring) @ first.probabilities)
             share = contrast / max(first.contrast, _LEAST_CONTRAST)
             share = min(max(share, _LEAST_CONTRAST_SHARE), 1.0)
-            odds += _CONTRAST_ODDS * (share - _EVEN_CONTRAST)
+            odds["contrast by the first colors"] = _CONTRAST_ODDS * (share - _EVEN_CONTRAST)
         return odds
 
     def contrast(

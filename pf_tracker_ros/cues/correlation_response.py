@@ -49,9 +49,9 @@ _EVEN_CLUTTER, _EVEN_LEVEL, _EXPONENT = 0.135, 0.4, 6.5
 _LEAST_COLOR = 2.0
 # How fast the log odds that it is the target grow with the logarithm of how far the box stands out,
 # in standard deviations of the response map, and where they are even: for the filter as it is, ...
-_ODDS_GROWTH, _EVEN_STANDING_OUT = 0.8, 8.0
+_ODDS_GROWTH, _EVEN_STANDING_OUT = 1.0, 8.0
 # ... and for that of the first frame.
-_FIRST_ODDS_GROWTH, _EVEN_FIRST_STANDING_OUT = 1.4, 3.6
+_FIRST_ODDS_GROWTH, _EVEN_FIRST_STANDING_OUT = 2.0, 4.3
 # How fast they fall with the logarithm of the response at the box, as a share of the one to what
 # was learned from last, below the share that the target itself hardly ever falls below: what has
 # its colors is not the target where the filter hardly answers.
@@ -199,7 +199,7 @@ class CorrelationResponse(SearchableCue):
 
     def log_odds(
         self, seen: View, template: CorrelationTemplate, first: CorrelationTemplate
-    ) -> float:
+    ) -> dict[str, float]:
         """See `Cue.log_odds`.
 
         How far the box stands out for the filter, and near it for the first one, and whether the
@@ -213,12 +213,15 @@ class CorrelationResponse(SearchableCue):
             lambda: response(first.filter, answers.windows.expected, self._cells),
         )
         near = peak_near(early, region.place, self._side(region.place), box)
-        odds = _ODDS_GROWTH * math.log(standing_out(at_box, answers.deviation) / _EVEN_STANDING_OUT)
-        odds += _FIRST_ODDS_GROWTH * math.log(
-            standing_out(near, deviation_of(early)) / _EVEN_FIRST_STANDING_OUT
-        )
+        stands_out = standing_out(at_box, answers.deviation)
+        stands_out_first = standing_out(near, deviation_of(early))
         level = max(at_box, SMALLEST_RESPONSE) / template.reference
-        return odds + _LEVEL_ODDS * min(math.log(level / _LEAST_LEVEL), 0.0)
+        return {
+            "response": _ODDS_GROWTH * math.log(stands_out / _EVEN_STANDING_OUT),
+            "first response": _FIRST_ODDS_GROWTH
+            * math.log(stands_out_first / _EVEN_FIRST_STANDING_OUT),
+            "level": _LEVEL_ODDS * min(math.log(level / _LEAST_LEVEL), 0.0),
+        }
 
     def strength(
         self, region: Region, boxes: NDArray[np.float64], template: CorrelationTemplate

@@ -123,8 +123,8 @@ class Cue(Protocol):
     def match(self, seen: Any, template: Any) -> Match | None:
         """How well the one box that was observed fits; None if the cue cannot tell."""
 
-    def log_odds(self, seen: Any, template: Any, first: Any) -> float | None:
-        """How much what was observed speaks for the target: log odds, those of all cues add up.
+    def log_odds(self, seen: Any, template: Any, first: Any) -> dict[str, float]:
+        """How much what was observed speaks for the target: log odds, which all add up.
 
         Args:
             seen: Of the one box.
@@ -133,9 +133,10 @@ class Cue(Protocol):
                 since then does not make it like anything else.
 
         Returns:
-            Above 0 for the target and below for something else; None if the cue cannot tell.
+            Question that was asked to what its answer says, above 0 for the target and below for
+            something else; empty if the cue cannot tell.
         """
-        return None
+        return {}
 
     @abstractmethod
     def blend(self, template: Any, seen: Any) -> Any:

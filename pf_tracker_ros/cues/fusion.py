@@ -240,14 +240,15 @@ class CueFusion:
             math.prod(match.similarity ** (power / judging) for _, power, match in judges),
         )
 
-    def log_odds(self, seen: Templates, templates: Templates, first: Templates) -> float | None:
-        """The sum of the log odds of the cues that can tell, see `Cue.log_odds`; None without."""
-        odds = [
-            value
+    def log_odds(self, seen: Templates, templates: Templates, first: Templates) -> dict[str, float]:
+        """What all cues that can tell say, see `Cue.log_odds`; questions as `cue.question`."""
+        return {
+            f"{name}.{question}": odds
             for name, template in self._known(templates)
-            if (value := self._cues[name].log_odds(seen[name], template, first[name])) is not None
-        ]
-        return sum(odds) if odds else None
+            for question, odds in self._cues[name]
+            .log_odds(seen[name], template, first[name])
+            .items()
+        }
 
     def update(self, templates: Templates, seen: Templates) -> Templates:
         """The templates moved towards what was observed at a trusted estimate.

@@ -10,7 +10,7 @@ from pf_tracker_ros.tracking.target import Target
 
 # Standard deviation of the particles' centers while a target is seen well, box sizes; where they
 # agree less on a place, the log odds fall with its logarithm, so fast.
-_USUAL_SPREAD, _LEAST_SPREAD, _SPREAD_ODDS = 0.023, 0.005, 1.65
+_USUAL_SPREAD, _LEAST_SPREAD, _SPREAD_ODDS = 0.023, 0.005, 1.75
 
 
 class Confidence:
@@ -48,11 +48,20 @@ class Confidence:
             spread: Standard deviation of the particles' centers, box sizes; as usual where there
                 are none.
         """
+        odds = self.log_odds(target, seen, spread)
+        # Above 0 and below 1 also where exp(-odds) is more than a number can be.
+        return 0.5 * (1.0 + math.tanh(sum(odds.values()) / 2)) if odds else match.similarity
+
+    def log_odds(self, target: Target, seen: Templates, spread: float) -> dict[str, float]:
+        """Question to what its answer says for the target; empty where no cue can tell.
+
+        Arguments as of `judge`.
+        """
         odds = self._fusion.log_odds(seen, target.templates, target.first_templates)
-        if odds is None:
-            return match.similarity
-        odds -= _SPREAD_ODDS * math.log(max(spread, _LEAST_SPREAD) / _USUAL_SPREAD)
-        return 0.5 * (1.0 + math.tanh(odds / 2))
+        if odds:
+            spread = max(spread, _LEAST_SPREAD)
+            odds["spread"] = -_SPREAD_ODDS * math.log(spread / _USUAL_SPREAD)
+        return odds
 
     def update(self, before: float, now: float) -> float:
         """The confidence after a frame, 0 to 1.

@@ -31,8 +31,8 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "cues": ("color_contrast", "correlation_response"),
                 "template.update_above": 0.0,
                 "template.confident_above": 0.33,
-                "track.occluded_below": 0.28,
-                "track.recovered_above": 0.51,
+                "track.occluded_below": 0.3,
+                "track.recovered_above": 0.52,
                 "track.confidence_rate": 0.1,
                 "track.while_hidden": "follow",
             }

@@ -18,7 +18,7 @@ from pf_tracker_ros.tracking.target import Target
 # Windows overlap by half, so that the target is near enough to the middle of one of them.
 _OVERLAP = 0.5
 # Confidence that what is found must exceed to be taken for the target.
-_ACCEPT_ABOVE = 0.82
+_ACCEPT_ABOVE = 0.84
 # Every how many frames the place where the target was last seen is looked at.
 _REVISIT_INTERVAL = 3
 # Steps of this share of a whole row of places visit it evenly, neighbors far apart in time.

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros import Estimate
+from pf_tracker_ros import Estimate, Tracker
 
 
 @pytest.fixture
@@ -114,3 +114,51 @@ def test_an_unknown_preset_is_refused(uncertainty, moving_square_sequence, capsy
     with pytest.raises(SystemExit):
         uncertainty.main([str(moving_square_sequence), "--preset", "nobody"])
     assert "no preset 'nobody'; there are: default" in capsys.readouterr().err
+
+
+@pytest.fixture
+def carry_over(benchmark):
+    return benchmark("odds_carry_over")
+
+
+def answered(carry_over, generator, shares, wrong):
+    """Frames of a kind: right ones answer "a" by 1 more on average, and "b" by 10 more."""
+    is_right = generator.random(shares) > wrong
+    a, b = (scale * (generator.normal(size=shares) + is_right - 0.5) for scale in (1.0, 10.0))
+    odds = [{"cue.a": one, "cue.b": other} for one, other in zip(a, b, strict=True)]
+    return carry_over.Answers(odds, is_right)
+
+
+def test_questions_count_the_same_in_standard_deviations(carry_over):
+    """Normal answers, 1 apart with a deviation of 1 each: log odds of x are x; they add up."""
+    generator = np.random.default_rng(0)
+    groups = [answered(carry_over, generator, 40_000, wrong) for wrong in (0.5, 0.05)]
+    weights = carry_over.fit(groups)
+    assert weights.factors["cue.a"] == pytest.approx(1.0, abs=0.05)
+    assert weights.factors["cue.b"] == pytest.approx(0.1, abs=0.005)
+    # How many are right of a kind of footage says nothing; 7 to 1 are supposed.
+    assert weights.constant == pytest.approx(math.log(7.0), abs=0.1)
+    assert weights.weigh({"cue.a": 2.0, "other": 3.0}) == {
+        "cue.a": 2.0 * weights.factors["cue.a"],
+        "other": 3.0,
+        "constant": weights.constant,
+    }
+
+
+def test_what_is_heard_is_what_the_confidence_is_made_of(carry_over, moving_square):
+    tracker, heard = carry_over.heard_tracker("default", 0)
+    plain = Tracker.from_preset("default", 0)
+    same = carry_over.fitted_tracker("default", carry_over.Weights({}, 0.0), 0)
+    doubting = carry_over.fitted_tracker("default", carry_over.Weights({}, -100.0), 0)
+    trackers = (tracker, plain, same, doubting)
+    for one in trackers:
+        one.start(moving_square.images[0], tuple(moving_square.boxes[0]))
+    for image in moving_square.images[1:6]:
+        told, without, again, never = (one.update(image) for one in trackers)
+        assert told.box == without.box == again.box
+        assert told.confidence == without.confidence == again.confidence
+        odds = sum(heard.odds[-1].values())
+        assert told.confidence <= 1.0 / (1.0 + math.exp(-odds)) + 1e-12
+        assert never.confidence < 1e-9
+    assert len(heard.odds) == 5
+    assert "spread" in heard.odds[0]
