@@ -190,7 +190,7 @@ class ColorContrast(SearchableCue):
         missing = np.maximum(template.contrast - contrast, 0.0)
         return -self._sharpness * missing
 
-    def _counts(self, bins: NDArray[np.uint16]) -> NDArray[np.intp]:
+    def _counts(self, bins: NDArray[np.intp]) -> NDArray[np.intp]:
         return np.bincount(bins.ravel(), minlength=self._levels**3)
 
     def _edges(self, region_boxes: NDArray[np.float64]) -> tuple[NDArray[np.intp], ...]:

@@ -65,7 +65,7 @@ class GradientOrientation(Cue):
         self._keep = parameters.keep
         self._corner_weights = _corner_weights(cells, gaussian_width)
         parts = _PARTS * cells
-        self._fractions = np.arange(parts + 1)[:, None] / parts
+        self._fractions = np.arange(parts + 1)[:, None, None] / parts
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `Cue.learn`."""
@@ -113,11 +113,10 @@ class GradientOrientation(Cue):
         self, region: Region, boxes: NDArray[np.float64]
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """(corners along each axis, N) columns and rows of the corners of the boxes' parts."""
-        x, y, width, height = region.region_boxes(boxes).T
-        return (
-            nearest_pixel(x + self._fractions * width),
-            nearest_pixel(y + self._fractions * height),
-        )
+        region_boxes = region.region_boxes(boxes).T
+        starts, sides = region_boxes[:2], region_boxes[2:]
+        edges = nearest_pixel(starts + self._fractions * sides)
+        return edges[:, 0], edges[:, 1]
 
     def _cell_sums(
         self, region: Region, columns: NDArray[np.intp], rows: NDArray[np.intp]
@@ -128,10 +127,14 @@ class GradientOrientation(Cue):
         all cells of all boxes are one matrix product.
         """
         integral = region.gradient_integral(self._directions)
-        corners = rows[:, None] * integral.shape[1] + columns[None]
+        height, width, _ = integral.shape
+        corners = (rows * width)[:, None] + columns[None]
+        # Whole numbers up to 2^24, more than any region's sum in one direction, stay exact. They
+        # are converted before or after they are taken, whichever are fewer.
+        if height * width < corners.size:
+            integral = integral.astype(np.float32)
         taken = integral.reshape(-1, self._directions).take(corners, axis=0)
-        # Whole numbers up to 2^24, more than any region's sum in one direction, stay exact.
-        values = taken.astype(np.float32).reshape(self._corner_weights.shape[1], -1)
+        values = taken.astype(np.float32, copy=False).reshape(self._corner_weights.shape[1], -1)
         sums = product(self._corner_weights, values)
         return sums.reshape(self._cells**2, columns.shape[1], self._directions)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import Templates
@@ -37,7 +38,11 @@ class Confidence:
         self._rate = rate
 
     def judge(
-        self, target: Target, seen: Templates, match: Match, spread: float = _USUAL_SPREAD
+        self,
+        target: Target,
+        seen: Templates,
+        match: Match,
+        spread: Callable[[], float] = lambda: _USUAL_SPREAD,
     ) -> float:
         """What a look alone says, 0 to 1.
 
@@ -45,13 +50,13 @@ class Confidence:
             target: As it was before.
             seen: What the cues observe in the box.
             match: How well that fits the templates.
-            spread: Standard deviation of the particles' centers, box sizes; as usual where there
-                are none.
+            spread: Tells the standard deviation of the particles' centers, box sizes, where it
+                is asked for; as usual where there are none.
         """
         odds = self._fusion.log_odds(seen, target.templates, target.first_templates)
         if odds is None:
             return match.similarity
-        odds -= _SPREAD_ODDS * math.log(max(spread, _LEAST_SPREAD) / _USUAL_SPREAD)
+        odds -= _SPREAD_ODDS * math.log(max(spread(), _LEAST_SPREAD) / _USUAL_SPREAD)
         return 1.0 / (1.0 + math.exp(-odds))
 
     def update(self, before: float, now: float) -> float:
