@@ -130,15 +130,15 @@ class ColorHistogram(Cue):
 
         Source: Li et al. 2007, equations (4) and (5).
         """
-        region_boxes, repeated = _without_repeats(region.region_boxes(boxes))
-        coefficient = np.zeros(len(region_boxes))
+        samples, repeated = _samples(region.region_boxes(boxes))
+        coefficient = np.zeros(len(samples))
         for number, (labels_of_colors, root) in enumerate(template.pages):
 
             def label_pixels(table: NDArray[np.uint8] = labels_of_colors) -> NDArray[np.uint8]:
                 return region.pad(table.take(self._bins(region)))
 
             labels = region.share((template, number), label_pixels)
-            coefficient += _root_coefficient(labels, region_boxes, root)
+            coefficient += _root_coefficient(labels, samples, root)
         squared = 1.0 - np.minimum(coefficient, 1.0)
         return squared if repeated is None else squared[repeated]
 
@@ -193,32 +193,87 @@ class ForegroundColorHistogram(ColorHistogram):
         )
 
 
-def _without_repeats(
-    region_boxes: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.intp] | None]:
-    """(K, 4) of (N, 4) boxes, no two with the same pixels, and which of them each of the N is.
+@dataclass(frozen=True, eq=False)
+class _Windows:
+    """Boxes of one size: exactly their pixels.
 
-    None if all are there: where they are few or of several sizes, none are left out.
+    Attributes:
+        corners: (N, 2) top-left pixels (x, y).
+        columns: Of a box.
+        rows: Of a box.
     """
-    if len(region_boxes) < WORTHWHILE or not _is_of_one_size(region_boxes):
-        return region_boxes, None
-    corners = _corners(region_boxes, *_grid(region_boxes[0, 2:]))
-    kept, repeated = distinct(*corners.T)
-    return region_boxes[kept], repeated
+
+    corners: NDArray[np.intp]
+    columns: int
+    rows: int
+
+    def __len__(self) -> int:
+        return len(self.corners)
+
+    def read(self, labels: NDArray[np.uint8], part: slice) -> NDArray[np.uint8]:
+        """(n, pixels) labels in a part of the boxes."""
+        height, width = labels.shape
+        shape = (height - self.rows + 1, width - self.columns + 1, self.rows, self.columns)
+        # The window whose top-left pixel is (y, x) at [y, x]. `sliding_window_view` would give the
+        # same, for more time than reading the windows takes.
+        windows = np.ndarray(shape, np.uint8, labels, strides=2 * labels.strides)
+        x, y = self.corners[part].T
+        return windows[y, x].reshape(len(x), -1)
 
 
-def _is_of_one_size(region_boxes: NDArray[np.float64]) -> bool:
+@dataclass(frozen=True, eq=False)
+class _Grids:
+    """Boxes of several sizes: the centers of a grid with one cell a pixel in the box of mean size.
+
+    Attributes:
+        region_boxes: (N, 4).
+        columns: Of the grid.
+        rows: Of the grid.
+    """
+
+    region_boxes: NDArray[np.float64]
+    columns: int
+    rows: int
+
+    def __len__(self) -> int:
+        return len(self.region_boxes)
+
+    def read(self, labels: NDArray[np.uint8], part: slice) -> NDArray[np.uint8]:
+        """(n, cells) labels in a part of the boxes."""
+        boxes = self.region_boxes[part]
+        x = boxes[:, :1] + (np.arange(self.columns) + 0.5) / self.columns * boxes[:, 2:3]
+        y = boxes[:, 1:2] + (np.arange(self.rows) + 0.5) / self.rows * boxes[:, 3:]
+        row_starts = y.astype(np.intp) * labels.shape[1]
+        places = row_starts[:, :, None] + x.astype(np.intp)[:, None, :]
+        return labels.ravel().take(places).reshape(len(boxes), -1)
+
+
+def _samples(
+    region_boxes: NDArray[np.float64],
+) -> tuple[_Windows | _Grids, NDArray[np.intp] | None]:
+    """What (N, 4) boxes read, those with the same pixels once, and which of it each box has.
+
+    None if each has its own: where they are few or of several sizes, none are left out.
+    """
     sizes = region_boxes[:, 2:]
-    return bool((sizes == sizes[0]).all())
+    if not (sizes == sizes[0]).all():
+        return _Grids(region_boxes, *_grid(sizes.mean(axis=0))), None
+    columns, rows = _grid(sizes[0])
+    corners = _corners(region_boxes, columns, rows)
+    if len(corners) < WORTHWHILE:
+        return _Windows(corners, columns, rows), None
+    kept, repeated = distinct(*corners.T)
+    return _Windows(corners[kept], columns, rows), repeated
 
 
 def _root_coefficient(
-    labels: NDArray[np.uint8], region_boxes: NDArray[np.float64], root: NDArray[np.float32]
+    labels: NDArray[np.uint8], samples: _Windows | _Grids, root: NDArray[np.float32]
 ) -> NDArray[np.float32]:
     """(N,) sums over labels 1, 2, ... of sqrt(share of a box's pixels with that label) * root."""
-    coefficient = np.empty(len(region_boxes), dtype=np.float32)
-    for start in range(0, len(region_boxes), _BOXES_AT_ONCE):
-        patches = _patches(labels, region_boxes[start : start + _BOXES_AT_ONCE])
+    coefficient = np.empty(len(samples), dtype=np.float32)
+    for start in range(0, len(samples), _BOXES_AT_ONCE):
+        part = slice(start, start + _BOXES_AT_ONCE)
+        patches = samples.read(labels, part)
         count, pixels = patches.shape
         # Label 0 is counted, too: to pass over a pixel takes longer, as no processor foresees it.
         counts = cv2.calcHist(
@@ -228,7 +283,7 @@ def _root_coefficient(
             [count, len(root) + 1],
             [0, count, 0, len(root) + 1],
         )
-        coefficient[start : start + count] = np.sqrt(counts[:, 1:]) @ root
+        coefficient[part] = np.sqrt(counts[:, 1:]) @ root
     return coefficient / np.float32(math.sqrt(pixels))
 
 
@@ -236,33 +291,6 @@ def _root_coefficient(
 def _box_numbers(count: int, pixels: int) -> NDArray[np.uint8]:
     """(count, pixels) with row i full of i."""
     return np.repeat(np.arange(count, dtype=np.uint8)[:, None], pixels, axis=1)
-
-
-def _patches(labels: NDArray[np.uint8], region_boxes: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """(N, pixels) labels in N boxes, each sampled at the same number of places.
-
-    Boxes of one size give exactly their pixels; boxes of several sizes are sampled at the centers
-    of a grid that has one cell a pixel in the box of mean size.
-    """
-    sizes = region_boxes[:, 2:]
-    if _is_of_one_size(region_boxes):
-        columns, rows = _grid(sizes[0])
-        left, top = _corners(region_boxes, columns, rows).T
-        return _windows(labels, rows, columns)[top, left].reshape(len(region_boxes), -1)
-    columns, rows = _grid(sizes.mean(axis=0))
-    x = region_boxes[:, :1] + (np.arange(columns) + 0.5) / columns * sizes[:, :1]
-    y = region_boxes[:, 1:2] + (np.arange(rows) + 0.5) / rows * sizes[:, 1:]
-    row_starts = y.astype(np.intp) * labels.shape[1]
-    places = row_starts[:, :, None] + x.astype(np.intp)[:, None, :]
-    return labels.ravel().take(places).reshape(len(region_boxes), -1)
-
-
-def _windows(labels: NDArray[np.uint8], rows: int, columns: int) -> NDArray[np.uint8]:
-    """View with the window of (rows, columns) whose top-left pixel is (y, x) at [y, x]."""
-    height, width = labels.shape
-    places = (height - rows + 1, width - columns + 1)
-    # `sliding_window_view` would give the same, for more time than reading the windows takes.
-    return np.ndarray((*places, rows, columns), np.uint8, labels, strides=2 * labels.strides)
 
 
 def _grid(size: NDArray[np.float64]) -> tuple[int, int]:

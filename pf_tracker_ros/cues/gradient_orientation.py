@@ -113,10 +113,12 @@ class GradientOrientation(Cue):
         self, region: Region, boxes: NDArray[np.float64]
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """(corners along each axis, N) columns and rows of the corners of the boxes' parts."""
-        region_boxes = region.region_boxes(boxes).T
-        starts, sides = region_boxes[:2], region_boxes[2:]
-        edges = nearest_pixel(starts + self._fractions * sides)
-        return edges[:, 0], edges[:, 1]
+        # In memory as it is read, each of x, y, width and height in a row.
+        region_boxes = np.ascontiguousarray(region.region_boxes(boxes).T)
+        edges = self._fractions * region_boxes[2:]
+        edges += region_boxes[:2]
+        corners = nearest_pixel(edges)
+        return corners[:, 0], corners[:, 1]
 
     def _cell_sums(
         self, region: Region, columns: NDArray[np.intp], rows: NDArray[np.intp]
