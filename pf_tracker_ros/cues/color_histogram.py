@@ -94,7 +94,7 @@ class ColorHistogram(Cue):
         top, _, left, _ = region.padding
         region_box = region.region_boxes(box)
         columns, rows = _grid(region_box[2:])
-        x, y = (_corners(region_box, columns, rows) - (left, top)).tolist()
+        x, y = (_corners(region_box[:2], region_box[2:], columns, rows) - (left, top)).tolist()
         bins = self._bins(region)
         inside = bins[max(y, 0) : max(y + rows, 0), max(x, 0) : max(x + columns, 0)]
         counts = np.bincount(inside.ravel(), minlength=self._colors).astype(np.float32)
@@ -259,7 +259,7 @@ def _samples(
     if not (sizes == sizes[0]).all():
         return _Grids(region_boxes, *_grid(sizes.mean(axis=0))), None
     columns, rows = _grid(sizes[0])
-    corners = _corners(region_boxes, columns, rows)
+    corners = _corners(region_boxes[:, :2], sizes[0], columns, rows)
     if len(corners) < WORTHWHILE:
         return _Windows(corners, columns, rows), None
     kept, repeated = distinct(*corners.T)
@@ -298,7 +298,11 @@ def _grid(size: NDArray[np.float64]) -> tuple[int, int]:
     return max(round(size[0]), 1), max(round(size[1]), 1)
 
 
-def _corners(region_boxes: NDArray[np.float64], columns: int, rows: int) -> NDArray[np.intp]:
-    """(..., 2) top-left pixels (x, y) of (..., 4) boxes that are given whole columns and rows."""
-    half_cells = 0.5 * region_boxes[..., 2:] / (columns, rows)
-    return (region_boxes[..., :2] + half_cells).astype(np.intp)
+def _corners(
+    starts: NDArray[np.float64], size: NDArray[np.float64], columns: int, rows: int
+) -> NDArray[np.intp]:
+    """(..., 2) top-left pixels (x, y) of boxes at (..., 2) of one size, in whole columns and rows.
+
+    They are those that the centers of the first cells are in.
+    """
+    return (starts + 0.5 * size / (columns, rows)).astype(np.intp)
