@@ -155,7 +155,10 @@ class ConstantVelocityAndSize(ConstantVelocity):
 
     def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `MotionModel.boxes`."""
-        return np.hstack([states[:, :2] - states[:, 4:6] / 2, states[:, 4:6]])
+        boxes = np.empty((len(states), 4))
+        boxes[:, 2:] = states[:, 4:6]
+        boxes[:, :2] = states[:, :2] - boxes[:, 2:] / 2
+        return boxes
 
     def _box_sizes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.sqrt(states[:, 4:5] * states[:, 5:6])

@@ -57,7 +57,7 @@ class Search:
         self._parameters = parameters
         self._image_size = image_size
         # Of the boxes, along each axis.
-        self._centers = np.clip(self._grid.axes, 0.0, np.array(image_size)[:, None])
+        self._centers = np.minimum(np.maximum(self._grid.axes, 0.0), np.array(image_size)[:, None])
         self.boxes = np.empty((cells * cells, 4))
         self.boxes[:, :2] = on_grid(*(self._centers - size[:, None] / 2))
         self.boxes[:, 2:] = size
@@ -67,7 +67,7 @@ class Search:
         largest = np.maximum(boxes[:, 2:].max(axis=0), self.place[2:])
         spacing = self._grid.spacing
         ends = self._grid.axes[:, [0, -1]].T + [[-spacing], [spacing]]
-        ends = np.clip(ends, 0.0, self._image_size)
+        ends = np.minimum(np.maximum(ends, 0.0), self._image_size)
         return np.vstack([boxes, np.hstack([ends - largest / 2, np.tile(largest, (2, 1))])])
 
     def propose(
