@@ -77,7 +77,9 @@ class ForegroundCue(Cue):
 
         integral = region.frame.share("foreground integral", integrate)
         margin = self._ring * boxes[:, 2:]
-        around = np.hstack([boxes[:, :2] - margin, boxes[:, 2:] + 2 * margin])
+        around = np.empty(boxes.shape)
+        around[:, :2] = boxes[:, :2] - margin
+        around[:, 2:] = boxes[:, 2:] + 2 * margin
         inside, outside = _sums(integral, boxes / reduction), _sums(integral, around / reduction)
         area = boxes[:, 2] * boxes[:, 3] / reduction**2
         ring_area = around[:, 2] * around[:, 3] / reduction**2 - area

@@ -314,7 +314,7 @@ def propose_from_search(
     searched = generator.random(count) < share
     centers = np.where(searched[:, None], found.draw(count, generator), drawn)
 
-    log_motion = _log_density(centers, prior.mean, np.broadcast_to(prior.spread, centers.shape))
+    log_motion = _log_density(centers, prior.mean, prior.spread)
     log_found, log_anywhere = found.log_densities(centers)
     log_prior = np.logaddexp(math.log1p(-jump) + log_motion, math.log(jump) + log_anywhere)
     log_mixture = np.logaddexp(math.log(share) + log_found, math.log1p(-share) + log_motion)
@@ -324,6 +324,12 @@ def propose_from_search(
 def _log_density(
     values: NDArray[np.float64], mean: NDArray[np.float64], spread: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(N,) log density of a Gaussian with independent axes; (N, D) values, means, deviations."""
+    """(N,) log density of a Gaussian with independent axes.
+
+    Args:
+        values: (N, D).
+        mean: (N, D).
+        spread: Standard deviations, (N, D) or of a shape that stands for it.
+    """
     offsets = (values - mean) / spread
     return -(0.5 * np.square(offsets) + np.log(spread) + 0.5 * _LOG_TWO_PI).sum(axis=1)

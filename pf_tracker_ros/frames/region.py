@@ -64,8 +64,9 @@ class Region:
         width, height = frame.size
         self._boxes, self._place = boxes, place
         if place is not None:
-            sides = np.maximum(boxes[:, 2:], place[2:])
-            boxes = np.hstack([boxes[:, :2] + (boxes[:, 2:] - sides) / 2, sides])
+            given, boxes = boxes, np.empty(boxes.shape)
+            np.maximum(given[:, 2:], place[2:], out=boxes[:, 2:])
+            boxes[:, :2] = given[:, :2] + (given[:, 2:] - boxes[:, 2:]) / 2
         x, y, widths, heights = boxes.T
         (left, right), (top, bottom) = (
             (

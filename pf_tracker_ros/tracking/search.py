@@ -68,7 +68,11 @@ class Search:
         spacing = self._grid.spacing
         ends = self._grid.axes[:, [0, -1]].T + [[-spacing], [spacing]]
         ends = np.minimum(np.maximum(ends, 0.0), self._image_size)
-        return np.vstack([boxes, np.hstack([ends - largest / 2, np.tile(largest, (2, 1))])])
+        covering = np.empty((len(boxes) + 2, 4))
+        covering[:-2] = boxes
+        covering[-2:, :2] = ends - largest / 2
+        covering[-2:, 2:] = largest
+        return covering
 
     def propose(
         self,
@@ -98,7 +102,8 @@ class Search:
             self._parameters.share,
             generator,
         )
-        states = np.hstack([searched.centers, predicted.states[:, 2:]])
+        states = predicted.states.copy()
+        states[:, :2] = searched.centers
         particles = predicted.move(motion.constrain(states, self._image_size))
         log_prior = predicted.log_weights + searched.log_prior
         return particles.reweight(searched.log_ratio), log_prior
