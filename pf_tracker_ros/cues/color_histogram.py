@@ -6,8 +6,10 @@ Source: Li et al. 2007, section 2.2.1; Perez et al. 2002, "Color-based probabili
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -17,6 +19,8 @@ from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep
 from pf_tracker_ros.cues.repeats import WORTHWHILE, distinct
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import declared
+
+Place = TypeVar("Place", float, NDArray[np.float64])
 
 # 8 bits number the boxes of one calcHist call, and the colors on one page of a template.
 _BOXES_AT_ONCE = 256
@@ -92,9 +96,10 @@ class ColorHistogram(Cue):
     def learn(self, region: Region, box: NDArray[np.float64]) -> ColorTemplate:
         """See `Cue.learn`."""
         top, _, left, _ = region.padding
-        region_box = region.region_boxes(box)
-        columns, rows = _grid(region_box[2:])
-        x, y = (_corners(region_box[:2], region_box[2:], columns, rows) - (left, top)).tolist()
+        start_x, start_y, width, height = region.region_boxes(box).tolist()
+        columns, rows = _grid((width, height))
+        x = int(_first_center(start_x, width, columns)) - left
+        y = int(_first_center(start_y, height, rows)) - top
         bins = self._bins(region)
         inside = bins[max(y, 0) : max(y + rows, 0), max(x, 0) : max(x + columns, 0)]
         counts = np.bincount(inside.ravel(), minlength=self._colors).astype(np.float32)
@@ -198,17 +203,19 @@ class _Windows:
     """Boxes of one size: exactly their pixels.
 
     Attributes:
-        corners: (N, 2) top-left pixels (x, y).
+        left: (N,) x of their first pixels.
+        top: (N,) y of them.
         columns: Of a box.
         rows: Of a box.
     """
 
-    corners: NDArray[np.intp]
+    left: NDArray[np.intp]
+    top: NDArray[np.intp]
     columns: int
     rows: int
 
     def __len__(self) -> int:
-        return len(self.corners)
+        return len(self.left)
 
     def read(self, labels: NDArray[np.uint8], part: slice) -> NDArray[np.uint8]:
         """(n, pixels) labels in a part of the boxes."""
@@ -217,8 +224,8 @@ class _Windows:
         # The window whose top-left pixel is (y, x) at [y, x]. `sliding_window_view` would give the
         # same, for more time than reading the windows takes.
         windows = np.ndarray(shape, np.uint8, labels, strides=2 * labels.strides)
-        x, y = self.corners[part].T
-        return windows[y, x].reshape(len(x), -1)
+        top = self.top[part]
+        return windows[top, self.left[part]].reshape(len(top), -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,11 +266,13 @@ def _samples(
     if not (sizes == sizes[0]).all():
         return _Grids(region_boxes, *_grid(sizes.mean(axis=0))), None
     columns, rows = _grid(sizes[0])
-    corners = _corners(region_boxes[:, :2], sizes[0], columns, rows)
-    if len(corners) < WORTHWHILE:
-        return _Windows(corners, columns, rows), None
-    kept, repeated = distinct(*corners.T)
-    return _Windows(corners[kept], columns, rows), repeated
+    width, height = sizes[0].tolist()
+    left = _first_center(region_boxes[:, 0], width, columns).astype(np.intp)
+    top = _first_center(region_boxes[:, 1], height, rows).astype(np.intp)
+    if len(region_boxes) < WORTHWHILE:
+        return _Windows(left, top, columns, rows), None
+    kept, repeated = distinct(left, top)
+    return _Windows(left[kept], top[kept], columns, rows), repeated
 
 
 def _root_coefficient(
@@ -293,16 +302,11 @@ def _box_numbers(count: int, pixels: int) -> NDArray[np.uint8]:
     return np.repeat(np.arange(count, dtype=np.uint8)[:, None], pixels, axis=1)
 
 
-def _grid(size: NDArray[np.float64]) -> tuple[int, int]:
+def _grid(size: Sequence[float]) -> tuple[int, int]:
     """Whole columns and rows of a box of (width, height)."""
     return max(round(size[0]), 1), max(round(size[1]), 1)
 
 
-def _corners(
-    starts: NDArray[np.float64], size: NDArray[np.float64], columns: int, rows: int
-) -> NDArray[np.intp]:
-    """(..., 2) top-left pixels (x, y) of boxes at (..., 2) of one size, in whole columns and rows.
-
-    They are those that the centers of the first cells are in.
-    """
-    return (starts + 0.5 * size / (columns, rows)).astype(np.intp)
+def _first_center(start: Place, side: float, count: int) -> Place:
+    """Center of the first of as many cells along a side; a box's first pixel is the one there."""
+    return start + 0.5 * side / count

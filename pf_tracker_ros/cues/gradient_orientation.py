@@ -5,6 +5,7 @@ Source: Li et al. 2007, section 2.2.2, after Lowe's keypoint descriptor.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,9 +70,9 @@ class GradientOrientation(Cue):
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `Cue.learn`."""
-        sums = self._cell_sums(region, *self._corners(region, box[None]))[:, 0].astype(np.float64)
-        length = np.linalg.norm(sums)
-        return (sums / length if length > 0.0 else sums).ravel()
+        sums = self._cell_sums(region, *self._corners(region, box[None])).ravel().astype(np.float64)
+        length = math.sqrt(sums @ sums)
+        return sums / length if length > 0.0 else sums
 
     def log_likelihood(
         self, region: Region, boxes: NDArray[np.float64], template: NDArray[np.float64]
