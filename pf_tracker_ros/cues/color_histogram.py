@@ -25,6 +25,8 @@ Place = TypeVar("Place", float, NDArray[np.float64])
 # 8 bits number the boxes of one calcHist call, and the colors on one page of a template.
 _BOXES_AT_ONCE = 256
 _COLORS_PER_PAGE = 255
+# Their numbers are kept for a multiple of so many.
+_NUMBERED_AT_ONCE = 64
 # A bin that old updates left with less than this share of one pixel has faded away.
 _FADED = 0.01
 
@@ -296,9 +298,14 @@ def _root_coefficient(
     return coefficient / np.float32(math.sqrt(pixels))
 
 
-@lru_cache(maxsize=4)
 def _box_numbers(count: int, pixels: int) -> NDArray[np.uint8]:
     """(count, pixels) with row i full of i."""
+    # How many boxes are read differs from frame to frame: with rows to spare, one array does.
+    return _numbered_rows(-(-count // _NUMBERED_AT_ONCE) * _NUMBERED_AT_ONCE, pixels)[:count]
+
+
+@lru_cache(maxsize=4)
+def _numbered_rows(count: int, pixels: int) -> NDArray[np.uint8]:
     return np.repeat(np.arange(count, dtype=np.uint8)[:, None], pixels, axis=1)
 
 
