@@ -10,7 +10,7 @@ out is tracked.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from unittest.mock import patch
 
@@ -51,7 +51,9 @@ class HeardConfidence:
         self._confidence = confidence
         self.odds: list[Odds] = []
 
-    def judge(self, target: Target, seen: Templates, match: Match, spread: float) -> float:
+    def judge(
+        self, target: Target, seen: Templates, match: Match, spread: Callable[[], float]
+    ) -> float:
         """See `Confidence.judge`."""
         self.odds.append(self._confidence.log_odds(target, seen, spread))
         return self._confidence.judge(target, seen, match, spread)
@@ -78,7 +80,9 @@ def fitted_tracker(preset: str, weights: Weights, seed: int) -> Tracker:
     """A tracker whose confidence weighs the answers otherwise."""
 
     class Fitted(Confidence):
-        def log_odds(self, target: Target, seen: Templates, spread: float) -> dict[str, float]:
+        def log_odds(
+            self, target: Target, seen: Templates, spread: Callable[[], float]
+        ) -> dict[str, float]:
             return weights.weigh(super().log_odds(target, seen, spread))
 
     with patch("pf_tracker_ros.tracking.follower.Confidence", Fitted):

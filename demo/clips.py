@@ -91,8 +91,8 @@ CLIPS = (
         first_frame=155,
         frame_count=32,
         box=(293.0, 97.0, 115.0, 82.0),
-        # A larger window sees more of the fence, which stays where it is, than of the car; and while
-        # a post hides a part of it, neither cue is to be believed less than the other.
+        # A larger window sees more of the fence, which stays where it is, than of the car; while a
+        # post hides a part of it, neither cue is to be believed less than the other.
         parameters={"correlation_response.window": 2.5, "fusion.adaptation": 0.0},
     ),
     # Men at the side of Market Street in San Francisco in 1906, seen from a cable car that passes

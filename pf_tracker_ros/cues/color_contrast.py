@@ -117,14 +117,13 @@ class ColorContrast(SearchableCue):
         """See `Cue.learn`."""
         bins = region.color_bins(self._levels)
         top, _, left, _ = region.padding
-        (x0, x1), (y0, y1), (outer_x0, outer_x1), (outer_y0, outer_y1) = (
-            np.maximum(edges[:, 0] - offset, 0)
-            for edges, offset in zip(
-                self._edges(region.region_boxes(box[None])), (left, top, left, top), strict=True
-            )
+        edges = self._edges(region.region_boxes(box[None]))[..., 0]
+        inner, outer = np.maximum(edges - (left, top), 0).tolist()
+        inside, whole = (
+            self._counts(bins[top:bottom, left:right])
+            for (left, top), (right, bottom) in (inner, outer)
         )
-        inside = self._counts(bins[y0:y1, x0:x1])
-        ring = self._counts(bins[outer_y0:outer_y1, outer_x0:outer_x1]) - inside
+        ring = whole - inside
         return ContrastTemplate(_shares(inside), _shares(ring))
 
     def strength(
@@ -174,9 +173,10 @@ class ColorContrast(SearchableCue):
             return cv2.integral(region.pad(probabilities), sdepth=cv2.CV_64F)
 
         integral = region.share(template, integrate)
-        x, y, outer_x, outer_y = self._edges(region.region_boxes(boxes))
-        inside, area = _sums(integral, x, y)
-        outer, outer_area = _sums(integral, outer_x, outer_y)
+        edges = self._edges(region.region_boxes(boxes))
+        inside, outer = _sums(integral, edges)
+        sides = edges[:, 1] - edges[:, 0]
+        area, outer_area = sides[:, 0] * sides[:, 1]
         return inside / area - (outer - inside) / np.maximum(outer_area - area, 1)
 
     def blend(self, template: ContrastTemplate, seen: ContrastTemplate) -> ContrastTemplate:
@@ -190,33 +190,35 @@ class ColorContrast(SearchableCue):
         missing = np.maximum(template.contrast - contrast, 0.0)
         return -self._sharpness * missing
 
-    def _counts(self, bins: NDArray[np.uint16]) -> NDArray[np.intp]:
+    def _counts(self, bins: NDArray[np.intp]) -> NDArray[np.intp]:
         return np.bincount(bins.ravel(), minlength=self._levels**3)
 
-    def _edges(self, region_boxes: NDArray[np.float64]) -> tuple[NDArray[np.intp], ...]:
-        """Whole-pixel (2, N) left and right, top and bottom edges of boxes, then of their rings."""
-        (x, y, width, height), ring = region_boxes.T, self._ring
-        sides = []
-        for start, length in ((x, width), (y, height)):
-            edges = nearest_pixel(np.stack([start, start + length]))
-            np.maximum(edges[1], edges[0] + 1, out=edges[1])
-            sides.append(edges)
-        for start, length in ((x, width), (y, height)):
-            outer = np.stack([start - ring * length, start + (1.0 + ring) * length])
-            sides.append(nearest_pixel(outer))
-        return tuple(sides)
+    def _edges(self, region_boxes: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Whole-pixel edges of (N, 4) boxes, and of the rings around them.
+
+        Returns:
+            (2, 2, 2, N): of the boxes, then of the rings; left and top, then right and bottom.
+        """
+        # In memory as it is read, each of x, y, width and height in a row.
+        boxes = np.ascontiguousarray(region_boxes.T)
+        starts, sides = boxes[:2], boxes[2:]
+        edges = np.empty((2, 2, *starts.shape))
+        edges[0, 0] = starts
+        np.add(starts, sides, out=edges[0, 1])
+        np.subtract(starts, self._ring * sides, out=edges[1, 0])
+        np.add(starts, (1.0 + self._ring) * sides, out=edges[1, 1])
+        whole = nearest_pixel(edges)
+        np.maximum(whole[0, 1], whole[0, 0] + 1, out=whole[0, 1])
+        return whole
 
 
 def _shares(counts: NDArray[np.intp]) -> NDArray[np.float32]:
     return (counts / max(int(counts.sum()), 1)).astype(np.float32)
 
 
-def _sums(
-    integral: NDArray[np.float64], x: NDArray[np.intp], y: NDArray[np.intp]
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Sums over N boxes given by their (2, N) edges, and their areas."""
-    (left, right), (top, bottom) = x, y * integral.shape[1]
-    values = integral.ravel()
-    lower = values.take(bottom + right) - values.take(bottom + left)
-    upper = values.take(top + right) - values.take(top + left)
-    return lower - upper, (right - left) * (y[1] - y[0])
+def _sums(integral: NDArray[np.float64], edges: NDArray[np.intp]) -> NDArray[np.float64]:
+    """(2, N) sums over boxes, and over their rings with them, given by their edges."""
+    columns, rows = edges[:, :, 0], edges[:, :, 1] * integral.shape[1]
+    corners = integral.ravel().take(rows[:, :, None] + columns[:, None])
+    across = corners[:, :, 1] - corners[:, :, 0]
+    return across[:, 1] - across[:, 0]

@@ -6,8 +6,10 @@ Source: Li et al. 2007, section 2.2.1; Perez et al. 2002, "Color-based probabili
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -18,9 +20,13 @@ from pf_tracker_ros.cues.repeats import WORTHWHILE, distinct
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import declared
 
+Place = TypeVar("Place", float, NDArray[np.float64])
+
 # 8 bits number the boxes of one calcHist call, and the colors on one page of a template.
 _BOXES_AT_ONCE = 256
 _COLORS_PER_PAGE = 255
+# Their numbers are kept for a multiple of so many.
+_NUMBERED_AT_ONCE = 64
 # A bin that old updates left with less than this share of one pixel has faded away.
 _FADED = 0.01
 
@@ -60,7 +66,8 @@ class ColorTemplate:
             For each page the labels of its colors, 1, 2, ... and 0 for all others, as many as the
             histogram has shares, and the (labels,) square roots of their shares.
         """
-        held = np.flatnonzero(self.histogram)
+        # Of truth values, the nonzero ones are found several times as fast.
+        held = np.flatnonzero(self.histogram > 0.0)
         pages = []
         for start in range(0, len(held), _COLORS_PER_PAGE):
             page = held[start : start + _COLORS_PER_PAGE]
@@ -91,9 +98,10 @@ class ColorHistogram(Cue):
     def learn(self, region: Region, box: NDArray[np.float64]) -> ColorTemplate:
         """See `Cue.learn`."""
         top, _, left, _ = region.padding
-        region_box = region.region_boxes(box[None])
-        columns, rows = _grid(region_box[0, 2:])
-        x, y = _corners(region_box, columns, rows)[0] - (left, top)
+        start_x, start_y, width, height = region.region_boxes(box).tolist()
+        columns, rows = _grid((width, height))
+        x = int(_first_center(start_x, width, columns)) - left
+        y = int(_first_center(start_y, height, rows)) - top
         bins = self._bins(region)
         inside = bins[max(y, 0) : max(y + rows, 0), max(x, 0) : max(x + columns, 0)]
         counts = np.bincount(inside.ravel(), minlength=self._colors).astype(np.float32)
@@ -115,7 +123,7 @@ class ColorHistogram(Cue):
         """How many numbers `_bins` has."""
         return self._levels**3
 
-    def _bins(self, region: Region) -> NDArray[np.uint16]:
+    def _bins(self, region: Region) -> NDArray[np.intp]:
         """(h, w) number of each pixel's color."""
         return region.color_bins(self._levels)
 
@@ -129,15 +137,15 @@ class ColorHistogram(Cue):
 
         Source: Li et al. 2007, equations (4) and (5).
         """
-        region_boxes, repeated = _without_repeats(region.region_boxes(boxes))
-        coefficient = np.zeros(len(region_boxes))
+        samples, repeated = _samples(region.region_boxes(boxes))
+        coefficient = np.zeros(len(samples))
         for number, (labels_of_colors, root) in enumerate(template.pages):
 
             def label_pixels(table: NDArray[np.uint8] = labels_of_colors) -> NDArray[np.uint8]:
                 return region.pad(table.take(self._bins(region)))
 
             labels = region.share((template, number), label_pixels)
-            coefficient += _root_coefficient(labels, region_boxes, root)
+            coefficient += _root_coefficient(labels, samples, root)
         squared = 1.0 - np.minimum(coefficient, 1.0)
         return squared if repeated is None else squared[repeated]
 
@@ -181,95 +189,131 @@ class ForegroundColorHistogram(ColorHistogram):
     def _colors(self) -> int:
         return self._levels**3 + 1
 
-    def _bins(self, region: Region) -> NDArray[np.uint16]:
+    def _bins(self, region: Region) -> NDArray[np.intp]:
         """(h, w) number of each pixel's color, the last one for the background."""
         bins, foreground = super()._bins(region), region.foreground_pixels
         if foreground is None:
             return bins
-        background_color = np.uint16(self._levels**3)
         return region.share(
             ("foreground color bins", self._levels),
-            lambda: np.where(foreground, bins, background_color),
+            lambda: np.where(foreground, bins, self._levels**3),
         )
 
 
-def _without_repeats(
-    region_boxes: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.intp] | None]:
-    """(K, 4) of (N, 4) boxes, no two with the same pixels, and which of them each of the N is.
+@dataclass(frozen=True, eq=False)
+class _Windows:
+    """Boxes of one size: exactly their pixels.
 
-    None if all are there: where they are few or of several sizes, none are left out.
+    Attributes:
+        left: (N,) x of their first pixels.
+        top: (N,) y of them.
+        columns: Of a box.
+        rows: Of a box.
     """
-    if len(region_boxes) < WORTHWHILE or not _is_of_one_size(region_boxes):
-        return region_boxes, None
-    corners = _corners(region_boxes, *_grid(region_boxes[0, 2:]))
-    kept, repeated = distinct(*corners.T)
-    return region_boxes[kept], repeated
+
+    left: NDArray[np.intp]
+    top: NDArray[np.intp]
+    columns: int
+    rows: int
+
+    def __len__(self) -> int:
+        return len(self.left)
+
+    def read(self, labels: NDArray[np.uint8], part: slice) -> NDArray[np.uint8]:
+        """(n, pixels) labels in a part of the boxes."""
+        height, width = labels.shape
+        shape = (height - self.rows + 1, width - self.columns + 1, self.rows, self.columns)
+        # The window whose top-left pixel is (y, x) at [y, x]. `sliding_window_view` would give the
+        # same, for more time than reading the windows takes.
+        windows = np.ndarray(shape, np.uint8, labels, strides=2 * labels.strides)
+        top = self.top[part]
+        return windows[top, self.left[part]].reshape(len(top), -1)
 
 
-def _is_of_one_size(region_boxes: NDArray[np.float64]) -> bool:
+@dataclass(frozen=True, eq=False)
+class _Grids:
+    """Boxes of several sizes: the centers of a grid with one cell a pixel in the box of mean size.
+
+    Attributes:
+        region_boxes: (N, 4).
+        columns: Of the grid.
+        rows: Of the grid.
+    """
+
+    region_boxes: NDArray[np.float64]
+    columns: int
+    rows: int
+
+    def __len__(self) -> int:
+        return len(self.region_boxes)
+
+    def read(self, labels: NDArray[np.uint8], part: slice) -> NDArray[np.uint8]:
+        """(n, cells) labels in a part of the boxes."""
+        boxes = self.region_boxes[part]
+        x = boxes[:, :1] + (np.arange(self.columns) + 0.5) / self.columns * boxes[:, 2:3]
+        y = boxes[:, 1:2] + (np.arange(self.rows) + 0.5) / self.rows * boxes[:, 3:]
+        row_starts = y.astype(np.intp) * labels.shape[1]
+        places = row_starts[:, :, None] + x.astype(np.intp)[:, None, :]
+        return labels.ravel().take(places).reshape(len(boxes), -1)
+
+
+def _samples(
+    region_boxes: NDArray[np.float64],
+) -> tuple[_Windows | _Grids, NDArray[np.intp] | None]:
+    """What (N, 4) boxes read, those with the same pixels once, and which of it each box has.
+
+    None if each has its own: where they are few or of several sizes, none are left out.
+    """
     sizes = region_boxes[:, 2:]
-    return bool((sizes == sizes[0]).all())
+    if not (sizes == sizes[0]).all():
+        return _Grids(region_boxes, *_grid(sizes.mean(axis=0))), None
+    columns, rows = _grid(sizes[0])
+    width, height = sizes[0].tolist()
+    left = _first_center(region_boxes[:, 0], width, columns).astype(np.intp)
+    top = _first_center(region_boxes[:, 1], height, rows).astype(np.intp)
+    if len(region_boxes) < WORTHWHILE:
+        return _Windows(left, top, columns, rows), None
+    kept, repeated = distinct(left, top)
+    return _Windows(left[kept], top[kept], columns, rows), repeated
 
 
 def _root_coefficient(
-    labels: NDArray[np.uint8], region_boxes: NDArray[np.float64], root: NDArray[np.float32]
+    labels: NDArray[np.uint8], samples: _Windows | _Grids, root: NDArray[np.float32]
 ) -> NDArray[np.float32]:
     """(N,) sums over labels 1, 2, ... of sqrt(share of a box's pixels with that label) * root."""
-    coefficient = np.empty(len(region_boxes), dtype=np.float32)
-    for start in range(0, len(region_boxes), _BOXES_AT_ONCE):
-        patches = _patches(labels, region_boxes[start : start + _BOXES_AT_ONCE])
+    coefficient = np.empty(len(samples), dtype=np.float32)
+    for start in range(0, len(samples), _BOXES_AT_ONCE):
+        part = slice(start, start + _BOXES_AT_ONCE)
+        patches = samples.read(labels, part)
         count, pixels = patches.shape
+        # Label 0 is counted, too: to pass over a pixel takes longer, as no processor foresees it.
         counts = cv2.calcHist(
             [_box_numbers(count, pixels), patches],
             [0, 1],
             None,
-            [count, len(root)],
-            [0, count, 1, len(root) + 1],
+            [count, len(root) + 1],
+            [0, count, 0, len(root) + 1],
         )
-        coefficient[start : start + count] = np.sqrt(counts, out=counts) @ root
+        coefficient[part] = np.sqrt(counts[:, 1:]) @ root
     return coefficient / np.float32(math.sqrt(pixels))
 
 
-@lru_cache(maxsize=4)
 def _box_numbers(count: int, pixels: int) -> NDArray[np.uint8]:
     """(count, pixels) with row i full of i."""
+    # How many boxes are read differs from frame to frame: with rows to spare, one array does.
+    return _numbered_rows(-(-count // _NUMBERED_AT_ONCE) * _NUMBERED_AT_ONCE, pixels)[:count]
+
+
+@lru_cache(maxsize=4)
+def _numbered_rows(count: int, pixels: int) -> NDArray[np.uint8]:
     return np.repeat(np.arange(count, dtype=np.uint8)[:, None], pixels, axis=1)
 
 
-def _patches(labels: NDArray[np.uint8], region_boxes: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """(N, pixels) labels in N boxes, each sampled at the same number of places.
-
-    Boxes of one size give exactly their pixels; boxes of several sizes are sampled at the centers
-    of a grid that has one cell a pixel in the box of mean size.
-    """
-    sizes = region_boxes[:, 2:]
-    if _is_of_one_size(region_boxes):
-        columns, rows = _grid(sizes[0])
-        left, top = _corners(region_boxes, columns, rows).T
-        return _windows(labels, rows, columns)[top, left].reshape(len(region_boxes), -1)
-    columns, rows = _grid(sizes.mean(axis=0))
-    x = region_boxes[:, :1] + (np.arange(columns) + 0.5) / columns * sizes[:, :1]
-    y = region_boxes[:, 1:2] + (np.arange(rows) + 0.5) / rows * sizes[:, 1:]
-    row_starts = y.astype(np.intp) * labels.shape[1]
-    places = row_starts[:, :, None] + x.astype(np.intp)[:, None, :]
-    return labels.ravel().take(places).reshape(len(region_boxes), -1)
-
-
-def _windows(labels: NDArray[np.uint8], rows: int, columns: int) -> NDArray[np.uint8]:
-    """View with the window of (rows, columns) whose top-left pixel is (y, x) at [y, x]."""
-    height, width = labels.shape
-    places = (height - rows + 1, width - columns + 1)
-    # `sliding_window_view` would give the same, for more time than reading the windows takes.
-    return np.ndarray((*places, rows, columns), np.uint8, labels, strides=2 * labels.strides)
-
-
-def _grid(size: NDArray[np.float64]) -> tuple[int, int]:
+def _grid(size: Sequence[float]) -> tuple[int, int]:
     """Whole columns and rows of a box of (width, height)."""
     return max(round(size[0]), 1), max(round(size[1]), 1)
 
 
-def _corners(region_boxes: NDArray[np.float64], columns: int, rows: int) -> NDArray[np.intp]:
-    """(N, 2) top-left pixels (x, y) of boxes that are given whole columns and rows."""
-    half_cells = 0.5 * region_boxes[:, 2:] / (columns, rows)
-    return (region_boxes[:, :2] + half_cells).astype(np.intp)
+def _first_center(start: Place, side: float, count: int) -> Place:
+    """Center of the first of as many cells along a side; a box's first pixel is the one there."""
+    return start + 0.5 * side / count

@@ -77,19 +77,24 @@ class ForegroundCue(Cue):
 
         integral = region.frame.share("foreground integral", integrate)
         margin = self._ring * boxes[:, 2:]
-        around = np.hstack([boxes[:, :2] - margin, boxes[:, 2:] + 2 * margin])
+        around = np.empty(boxes.shape)
+        around[:, :2] = boxes[:, :2] - margin
+        around[:, 2:] = boxes[:, 2:] + 2 * margin
         inside, outside = _sums(integral, boxes / reduction), _sums(integral, around / reduction)
         area = boxes[:, 2] * boxes[:, 3] / reduction**2
         ring_area = around[:, 2] * around[:, 3] / reduction**2 - area
-        return np.clip((inside / area - (outside - inside) / ring_area) / 255.0, -1.0, 1.0)
+        contrast = (inside / area - (outside - inside) / ring_area) / 255.0
+        return np.minimum(np.maximum(contrast, -1.0), 1.0)
 
 
 def _sums(integral: NDArray[np.int32], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N,) sums over (N, 4) boxes; a box's broken edges go to the nearest pixel."""
     height, width = integral.shape
-    edges = np.rint(np.hstack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]])).astype(np.intp)
-    left, right = np.clip(edges[:, 0], 0, width - 1), np.clip(edges[:, 2], 0, width - 1)
-    top, bottom = np.clip(edges[:, 1], 0, height - 1), np.clip(edges[:, 3], 0, height - 1)
+    # In memory as it is read, each of x and y in a row.
+    starts = np.ascontiguousarray(boxes[:, :2].T)
+    edges = np.rint([starts, starts + boxes[:, 2:].T]).astype(np.intp)
+    farthest = np.array([[width - 1], [height - 1]])
+    (left, top), (right, bottom) = np.minimum(np.maximum(edges, 0), farthest)
     return (
         integral[bottom, right].astype(np.float64)
         - integral[top, right]

@@ -5,6 +5,7 @@ Source: Li et al. 2007, section 2.2.2, after Lowe's keypoint descriptor.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,13 +66,13 @@ class GradientOrientation(Cue):
         self._keep = parameters.keep
         self._corner_weights = _corner_weights(cells, gaussian_width)
         parts = _PARTS * cells
-        self._fractions = np.arange(parts + 1)[:, None] / parts
+        self._fractions = np.arange(parts + 1)[:, None, None] / parts
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `Cue.learn`."""
-        sums = self._cell_sums(region, *self._corners(region, box[None]))[:, 0].astype(np.float64)
-        length = np.linalg.norm(sums)
-        return (sums / length if length > 0.0 else sums).ravel()
+        sums = self._cell_sums(region, *self._corners(region, box[None])).ravel().astype(np.float64)
+        length = math.sqrt(sums @ sums)
+        return sums / length if length > 0.0 else sums
 
     def log_likelihood(
         self, region: Region, boxes: NDArray[np.float64], template: NDArray[np.float64]
@@ -113,11 +114,12 @@ class GradientOrientation(Cue):
         self, region: Region, boxes: NDArray[np.float64]
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """(corners along each axis, N) columns and rows of the corners of the boxes' parts."""
-        x, y, width, height = region.region_boxes(boxes).T
-        return (
-            nearest_pixel(x + self._fractions * width),
-            nearest_pixel(y + self._fractions * height),
-        )
+        # In memory as it is read, each of x, y, width and height in a row.
+        region_boxes = np.ascontiguousarray(region.region_boxes(boxes).T)
+        edges = self._fractions * region_boxes[2:]
+        edges += region_boxes[:2]
+        corners = nearest_pixel(edges)
+        return corners[:, 0], corners[:, 1]
 
     def _cell_sums(
         self, region: Region, columns: NDArray[np.intp], rows: NDArray[np.intp]
@@ -128,10 +130,14 @@ class GradientOrientation(Cue):
         all cells of all boxes are one matrix product.
         """
         integral = region.gradient_integral(self._directions)
-        corners = rows[:, None] * integral.shape[1] + columns[None]
+        height, width, _ = integral.shape
+        corners = (rows * width)[:, None] + columns[None]
+        # Whole numbers up to 2^24, more than any region's sum in one direction, stay exact. They
+        # are converted before or after they are taken, whichever are fewer.
+        if height * width < corners.size:
+            integral = integral.astype(np.float32)
         taken = integral.reshape(-1, self._directions).take(corners, axis=0)
-        # Whole numbers up to 2^24, more than any region's sum in one direction, stay exact.
-        values = taken.astype(np.float32).reshape(self._corner_weights.shape[1], -1)
+        values = taken.astype(np.float32, copy=False).reshape(self._corner_weights.shape[1], -1)
         sums = product(self._corner_weights, values)
         return sums.reshape(self._cells**2, columns.shape[1], self._directions)
 

@@ -30,8 +30,9 @@ def distinct(x: NDArray[np.intp], y: NDArray[np.intp]) -> tuple[NDArray[np.intp]
     places = rows * width + columns
     holder = np.full(width * height, -1)
     holder[places] = np.arange(len(places))
-    held = holder >= 0
-    return holder[held], (np.cumsum(held) - 1)[places]
+    kept = holder[holder >= 0]
+    holder[places[kept]] = np.arange(len(kept))
+    return kept, holder[places]
 
 
 def _ranks(values: NDArray[np.intp]) -> tuple[NDArray[np.intp], int]:

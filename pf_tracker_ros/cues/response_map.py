@@ -106,10 +106,8 @@ def peak_near(
     scale = samples / side
     center = (box[:2] + box[2:] / 2 - place[:2] - place[2:] / 2) * scale + samples // 2
     reach = np.maximum(box[2:] * scale / 4, 1.0)
-    (left, top), (right, bottom) = (
-        np.clip(np.rint(edge).astype(int), 0, samples - 1)
-        for edge in (center - reach, center + reach)
-    )
+    edges = np.rint([center - reach, center + reach]).astype(np.intp)
+    (left, top), (right, bottom) = np.minimum(np.maximum(edges, 0), samples - 1).tolist()
     return float(values[top : bottom + 1, left : right + 1].max())
 
 

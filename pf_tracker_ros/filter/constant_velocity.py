@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,12 +56,13 @@ class ConstantVelocity:
         x, y, width, height = box
         self._center = np.array([x + width / 2, y + height / 2])
         self._size = np.array([width, height])
+        self._box_size = np.sqrt(self._size.prod(keepdims=True))
         self._position_noise = parameters.position_noise
         self._noise = np.repeat([parameters.position_noise, parameters.velocity_noise], 2)
 
     def prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
         """See `MotionModel.prior`; source: Li et al. 2007, section 3."""
-        spread = np.sqrt(self._size.prod()) * np.repeat([PRIOR_POSITION, PRIOR_VELOCITY], 2)
+        spread = self._box_size * np.repeat([PRIOR_POSITION, PRIOR_VELOCITY], 2)
         states = generator.standard_normal((count, 4)) * spread
         states[:, :2] += self._center
         return states
@@ -70,10 +72,11 @@ class ConstantVelocity:
     ) -> NDArray[np.float64]:
         """See `MotionModel.predict`; source: Li et al. 2007, equation (3)."""
         noise = generator.standard_normal((len(states), 4))
-        noise *= np.sqrt(interval) * self._box_sizes(states)
+        noise *= math.sqrt(interval) * self._box_sizes(states)
         noise *= self._noise
         predicted = states.copy()
-        predicted[:, :2] += states[:, 2:4] * interval
+        for axis in range(2):
+            predicted[:, axis] += states[:, 2 + axis] * interval
         predicted[:, :4] += noise
         return predicted
 
@@ -98,13 +101,15 @@ class ConstantVelocity:
     def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `MotionModel.boxes`."""
         boxes = np.empty((len(states), 4))
-        boxes[:, 2:] = self._size
-        boxes[:, :2] = states[:, :2] - self._size / 2
+        # Column by column: over many rows of two numbers it would take three times as long.
+        for axis, side in enumerate(self._size):
+            boxes[:, axis] = states[:, axis] - side / 2
+            boxes[:, 2 + axis] = side
         return boxes
 
     def _box_sizes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 1) square roots of the boxes' areas, or one (1,) for all."""
-        return np.sqrt(self._size.prod(keepdims=True))
+        return self._box_size
 
 
 @MOTION_MODELS.register("constant_velocity_and_size", ConstantVelocityAndSizeParameters)
@@ -153,7 +158,10 @@ class ConstantVelocityAndSize(ConstantVelocity):
 
     def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `MotionModel.boxes`."""
-        return np.hstack([states[:, :2] - states[:, 4:6] / 2, states[:, 4:6]])
+        boxes = np.empty((len(states), 4))
+        boxes[:, 2:] = states[:, 4:6]
+        boxes[:, :2] = states[:, :2] - boxes[:, 2:] / 2
+        return boxes
 
     def _box_sizes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.sqrt(states[:, 4:5] * states[:, 5:6])

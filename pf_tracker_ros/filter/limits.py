@@ -33,4 +33,4 @@ def limit_sizes(
     A target whose first (width, height) is smaller may stay so.
     """
     smallest = np.minimum(SMALLEST_SIDE, first_size)
-    return np.clip(sizes, smallest, np.maximum(image_size, smallest))
+    return np.minimum(np.maximum(sizes, smallest), np.maximum(image_size, smallest))

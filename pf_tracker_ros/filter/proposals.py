@@ -208,17 +208,15 @@ class SearchGrid:
         """(count^2, 2) centers of the cells, row by row."""
         return on_grid(*self.axes)
 
-    def log_density(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N,) log density, per px^2, of being anywhere in the grid, at (N, 2) places."""
-        _, inside = self.cells_of(places)
-        return np.where(inside, -2.0 * math.log(self.spacing * self.count), -np.inf)
-
     def cells_of(self, places: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-        """(N,) number of the cell that each of (N, 2) places is in, and whether it is in any."""
+        """(N,) number of the cell that each of (N, 2) places is in, and whether it is in any.
+
+        The number of a place that is in none is 0.
+        """
         offsets = (places - self.center) / self.spacing + self.count / 2
-        cells = np.clip(np.floor(offsets).astype(np.intp), 0, self.count - 1)
-        inside: NDArray[np.bool_] = np.all((offsets >= 0.0) & (offsets < self.count), axis=1)
-        return cells[:, 1] * self.count + cells[:, 0], inside
+        column, row = np.floor(offsets.T).astype(np.intp)
+        inside = (column >= 0) & (column < self.count) & (row >= 0) & (row < self.count)
+        return np.where(inside, row * self.count + column, 0), inside
 
 
 def on_grid(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -247,11 +245,18 @@ class GridDensity:
         within = (generator.random((count, 2)) - 0.5) * self.grid.spacing
         return self.grid.centers[np.minimum(cells, len(self._shares) - 1)] + within
 
-    def log_density(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N,) log density, per px^2, at (N, 2) places."""
+    def log_densities(
+        self, places: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(N,) log densities, per px^2, at (N, 2) places: this, and of being anywhere in the grid.
+
+        Outside of the grid both are minus infinity.
+        """
         cells, inside = self.grid.cells_of(places)
         with np.errstate(divide="ignore"):
-            return np.log(np.where(inside, self._shares[cells], 0.0) / self.grid.spacing**2)
+            own = np.log(np.where(inside, self._shares[cells], 0.0) / self.grid.spacing**2)
+        anywhere = -2.0 * math.log(self.grid.spacing * self.grid.count)
+        return own, np.where(inside, anywhere, -np.inf)
 
 
 class CenterPrior(NamedTuple):
@@ -309,18 +314,22 @@ def propose_from_search(
     searched = generator.random(count) < share
     centers = np.where(searched[:, None], found.draw(count, generator), drawn)
 
-    log_motion = _log_density(centers, prior.mean, np.broadcast_to(prior.spread, centers.shape))
-    log_jump = math.log(jump) + found.grid.log_density(centers)
-    log_prior = np.logaddexp(math.log1p(-jump) + log_motion, log_jump)
-    log_mixture = np.logaddexp(
-        math.log(share) + found.log_density(centers), math.log1p(-share) + log_motion
-    )
+    log_motion = _log_density(centers, prior.mean, prior.spread)
+    log_found, log_anywhere = found.log_densities(centers)
+    log_prior = np.logaddexp(math.log1p(-jump) + log_motion, math.log(jump) + log_anywhere)
+    log_mixture = np.logaddexp(math.log(share) + log_found, math.log1p(-share) + log_motion)
     return Searched(centers, log_prior, log_prior - log_mixture)
 
 
 def _log_density(
     values: NDArray[np.float64], mean: NDArray[np.float64], spread: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(N,) log density of a Gaussian with independent axes; (N, D) values, means, deviations."""
+    """(N,) log density of a Gaussian with independent axes.
+
+    Args:
+        values: (N, D).
+        mean: (N, D).
+        spread: Standard deviations, (N, D) or of a shape that stands for it.
+    """
     offsets = (values - mean) / spread
     return -(0.5 * np.square(offsets) + np.log(spread) + 0.5 * _LOG_TWO_PI).sum(axis=1)

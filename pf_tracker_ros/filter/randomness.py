@@ -7,9 +7,20 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.random.bit_generator import ISeedSequence
+from numpy.typing import DTypeLike, NDArray
 
-# To make a generator of, whose state is then replaced; drawing entropy would take far longer.
-_ANY_SEED = np.random.SeedSequence(0)
+
+class _AnySeed(ISeedSequence):
+    """To make a generator of, whose state is then replaced: a true seed would take far longer."""
+
+    def generate_state(
+        self, n_words: int, dtype: DTypeLike = np.uint32
+    ) -> NDArray[np.uint32 | np.uint64]:
+        return np.zeros(n_words, dtype)
+
+
+_ANY_SEED = _AnySeed()
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +40,6 @@ class Randomness:
 
     def generator(self) -> np.random.Generator:
         """A generator that goes on from here, the same numbers at every call."""
-        bits = np.random.PCG64(_ANY_SEED)
+        bits = np.random.PCG64(_ANY_SEED)  # type: ignore[arg-type]
         bits.state = self.state  # type: ignore[assignment]
         return np.random.Generator(bits)

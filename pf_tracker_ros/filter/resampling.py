@@ -40,13 +40,15 @@ class Resampler(Protocol):
 
 RESAMPLERS = Registry[Resampler]("resampling scheme")
 
+_LARGEST_POSITION = np.nextafter(1.0, 0.0)
+
 
 def _invert(weights: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.intp]:
     """Indices at which the cumulative weights pass the sorted `positions` in [0, 1)."""
     cumulative = np.cumsum(weights)
     # Rounding must neither leave a position beyond the last sum nor pick a particle of no weight.
     cumulative /= cumulative[-1]
-    return np.searchsorted(cumulative, np.minimum(positions, np.nextafter(1, 0)), side="right")
+    return cumulative.searchsorted(np.minimum(positions, _LARGEST_POSITION), side="right")
 
 
 @RESAMPLERS.register("multinomial")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cache
+from functools import cache, cached_property
 from typing import TypeVar
 
 import cv2
@@ -25,6 +25,9 @@ Value = TypeVar("Value", bound=np.generic)
 _MARGIN = 2
 # Two differences of 0, as in `Region.differences`.
 _NO_GRADIENT = 255 * 511 + 255
+# Differences of the two neighbors, the gradient of the smallest possible window: that of the rows
+# times 511 plus that of the columns. All such numbers are exact in single precision.
+_DIFFERENCES = np.array([[0, -511, 0], [-1, 0, 1], [0, 511, 0]], dtype=np.float32)
 
 
 class Region:
@@ -40,12 +43,11 @@ class Region:
         reduction: Whole number of image pixels that one region pixel averages along each axis;
             above 1 for targets so large that full resolution would only cost time.
         reach: How far beyond each side of a box the region covers, in box sides.
-        place: See the attribute; None for the mean of the boxes. Where it is given, the region
+        place: See the property; None for the mean of the boxes. Where it is given, the region
             covers every box in its size too, for the cues that look at it so.
 
     Attributes:
         frame: As given.
-        place: (4,) box of the target as it is expected in this frame.
         pixels: The region inside the image, (h, w, 3) or (h, w) uint8, reduced.
         padding: (top, bottom, left, right) region pixels outside the image.
     """
@@ -60,10 +62,11 @@ class Region:
         place: NDArray[np.float64] | None = None,
     ) -> None:
         width, height = frame.size
-        self.place = boxes.mean(axis=0) if place is None else place
+        self._boxes, self._place = boxes, place
         if place is not None:
-            sides = np.maximum(boxes[:, 2:], place[2:])
-            boxes = np.hstack([boxes[:, :2] + (boxes[:, 2:] - sides) / 2, sides])
+            given, boxes = boxes, np.empty(boxes.shape)
+            np.maximum(given[:, 2:], place[2:], out=boxes[:, 2:])
+            boxes[:, :2] = given[:, :2] + (given[:, 2:] - boxes[:, 2:]) / 2
         x, y, widths, heights = boxes.T
         (left, right), (top, bottom) = (
             (
@@ -89,6 +92,11 @@ class Region:
         self._corner = np.array([left, top, 0.0, 0.0])
         self._reduction = reduction
         self._shared: dict[object, object] = {}
+
+    @cached_property
+    def place(self) -> NDArray[np.float64]:
+        """(4,) box of the target as it is expected in this frame."""
+        return self._boxes.mean(axis=0) if self._place is None else self._place
 
     def region_boxes(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 4) boxes in image pixels as (x, y, width, height) in region pixels."""
@@ -137,15 +145,18 @@ class Region:
         )
         return mask[np.ix_(rows, columns)] > 0
 
-    def color_bins(self, levels: int) -> NDArray[np.uint16]:
+    def color_bins(self, levels: int) -> NDArray[np.intp]:
         """(h, w) color of each of `pixels`, each of R, G and B in `levels` equal steps.
 
-        A color's number is red * levels^2 + green * levels + blue; `levels` is at most 40.
+        A color's number is red * levels^2 + green * levels + blue.
+
+        Args:
+            levels: At most 256, so that single precision tells all colors apart.
         """
 
-        def compute() -> NDArray[np.uint16]:
-            bins = cv2.LUT(self.color, _color_table(levels))
-            return bins[..., 0] + bins[..., 1] + bins[..., 2]
+        def compute() -> NDArray[np.intp]:
+            steps = cv2.LUT(self.color, _color_steps(levels))
+            return cv2.transform(steps, np.array([[1.0, levels, levels**2]])).astype(np.intp)
 
         return self.share(("color bins", levels), compute)
 
@@ -155,7 +166,7 @@ class Region:
             return values
         return cv2.copyMakeBorder(values, *self.padding, cv2.BORDER_CONSTANT, value=0)
 
-    def differences(self, smoothed: bool = False) -> NDArray[np.int32]:
+    def differences(self, smoothed: bool = False) -> NDArray[np.intp]:
         """(h, w) differences of each pixel's neighbors, over the padded region, as one number.
 
         The number is (down + 255) * 511 + right + 255, the row of a table over all pairs of
@@ -166,17 +177,14 @@ class Region:
                 binomial weights 1, 2, 1 along each axis.
         """
 
-        def compute() -> NDArray[np.int32]:
+        def compute() -> NDArray[np.intp]:
             gray = cv2.GaussianBlur(self.gray, (3, 3), 0.0) if smoothed else self.gray
-            # Differences of the two neighbors: the gradient of the smallest possible window.
-            right = cv2.Sobel(gray, cv2.CV_16S, 1, 0, ksize=1)
-            down = cv2.Sobel(gray, cv2.CV_16S, 0, 1, ksize=1)
-            numbers = cv2.addWeighted(down, 511.0, right, 1.0, _NO_GRADIENT, dtype=cv2.CV_32S)
-            if not any(self.padding):
-                return numbers
-            return cv2.copyMakeBorder(
-                numbers, *self.padding, cv2.BORDER_CONSTANT, value=_NO_GRADIENT
-            )
+            numbers = cv2.filter2D(gray, cv2.CV_32F, _DIFFERENCES, delta=_NO_GRADIENT)
+            if any(self.padding):
+                numbers = cv2.copyMakeBorder(
+                    numbers, *self.padding, cv2.BORDER_CONSTANT, value=_NO_GRADIENT
+                )
+            return numbers.astype(np.intp)
 
         return self.share(("differences", smoothed), compute)
 
@@ -207,10 +215,9 @@ def nearest_pixel(edges: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 @cache
-def _color_table(levels: int) -> NDArray[np.uint16]:
-    """(1, 256, 3) what each value of blue, green and red adds to the number of a color."""
-    step = np.arange(256) * levels // 256
-    return np.stack([step, step * levels, step * levels**2], axis=-1).astype(np.uint16)[None]
+def _color_steps(levels: int) -> NDArray[np.float32]:
+    """(256,) the step, from 0, that each value of a channel falls into."""
+    return (np.arange(256) * levels // 256).astype(np.float32)
 
 
 @cache

@@ -68,7 +68,10 @@ def _unknown(known: NDArray[np.bool_], top: int, left: int) -> Iterator[Part]:
     if np.count_nonzero(known) == 0:
         yield Part(top, top + rows, left, left + columns)
         return
-    for row in range(rows):
-        edges = np.flatnonzero(np.diff(known[row], prepend=True, append=True))
-        for start, end in edges.reshape(-1, 2).tolist():
-            yield Part(top + row, top + row + 1, left + start, left + end)
+    padded = np.ones((rows, columns + 2), np.bool_)
+    padded[:, 1:-1] = known
+    # Of each row, where unknown tiles start and end by turns.
+    row_of, column_of = np.nonzero(padded[:, 1:] != padded[:, :-1])
+    edges = column_of.reshape(-1, 2).tolist()
+    for row, (start, end) in zip(row_of[::2].tolist(), edges, strict=True):
+        yield Part(top + row, top + row + 1, left + start, left + end)

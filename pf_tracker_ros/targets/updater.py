@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -266,6 +267,6 @@ def _all_of(evidence: Sequence[Evidence]) -> Evidence | None:
         return None
 
     def log_likelihood(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.sum([one(boxes) for one in evidence], axis=0)
+        return reduce(np.add, (one(boxes) for one in evidence))
 
     return log_likelihood

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import Templates
@@ -19,10 +20,10 @@ class Confidence:
     The log odds of all cues add up. They ask of the box itself whether it stands out from what is
     around it, and whether it looks like the target did in the first frame: what was learned by
     mistake since then does not count there. A cloud that is spread out speaks against it. Each of
-    the questions has the same weight, in standard deviations of its answers over frames that are
-    right and wrong; a response that is by far too weak speaks against it, too. How that carries
-    over to other footage is in `docs/benchmarks.md`. Where no cue can tell, the confidence is how
-    well the box fits the templates.
+    the questions has the same weight, in standard deviations of its answers, but the one that is
+    answered by what was learned last, which has half of it; a response that is by far too weak
+    speaks against it, too. `benchmarks/uncertainty.py` fits that, and tells how it carries over to
+    other footage. Where no cue can tell, the confidence is how well the box fits the templates.
 
     From frame to frame it falls at once, and rises as fast as is allowed.
 
@@ -37,7 +38,11 @@ class Confidence:
         self._rate = rate
 
     def judge(
-        self, target: Target, seen: Templates, match: Match, spread: float = _USUAL_SPREAD
+        self,
+        target: Target,
+        seen: Templates,
+        match: Match,
+        spread: Callable[[], float] = lambda: _USUAL_SPREAD,
     ) -> float:
         """What a look alone says, 0 to 1.
 
@@ -45,22 +50,24 @@ class Confidence:
             target: As it was before.
             seen: What the cues observe in the box.
             match: How well that fits the templates.
-            spread: Standard deviation of the particles' centers, box sizes; as usual where there
-                are none.
+            spread: Tells the standard deviation of the particles' centers, box sizes, where it
+                is asked for; as usual where there are none.
         """
         odds = self.log_odds(target, seen, spread)
         # Above 0 and below 1 also where exp(-odds) is more than a number can be.
         return 0.5 * (1.0 + math.tanh(sum(odds.values()) / 2)) if odds else match.similarity
 
-    def log_odds(self, target: Target, seen: Templates, spread: float) -> dict[str, float]:
+    def log_odds(
+        self, target: Target, seen: Templates, spread: Callable[[], float]
+    ) -> dict[str, float]:
         """Question to what its answer says for the target; empty where no cue can tell.
 
         Arguments as of `judge`.
         """
         odds = self._fusion.log_odds(seen, target.templates, target.first_templates)
         if odds:
-            spread = max(spread, _LEAST_SPREAD)
-            odds["spread"] = -_SPREAD_ODDS * math.log(spread / _USUAL_SPREAD)
+            measured = max(spread(), _LEAST_SPREAD)
+            odds["spread"] = -_SPREAD_ODDS * math.log(measured / _USUAL_SPREAD)
         return odds
 
     def update(self, before: float, now: float) -> float:

@@ -58,12 +58,12 @@ class Judge:
             draw: Source of randomness, for a target that begins anew.
         """
         thresholds = self._thresholds
-        now = self._confidence.judge(target, measured.seen, measured.match, measured.spread)
+        now = self._confidence.judge(target, measured.seen, measured.match, lambda: measured.spread)
         confidence = self._confidence.update(target.estimate.confidence, now)
         # While it looks as it did last, it is not lost, whatever it looked like first.
         glimpse = max(now, measured.match.similarity)
         track = target.track.advance(confidence, glimpse, interval, thresholds)
-        if self._redetector is None:
+        if self._redetector is None and track.probation:
             # Nobody looks for another.
             track = replace(track, probation=0.0)
         # The best place around may be like the target, and the box beside it.

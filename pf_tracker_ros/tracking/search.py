@@ -57,7 +57,7 @@ class Search:
         self._parameters = parameters
         self._image_size = image_size
         # Of the boxes, along each axis.
-        self._centers = np.clip(self._grid.axes, 0.0, np.array(image_size)[:, None])
+        self._centers = np.minimum(np.maximum(self._grid.axes, 0.0), np.array(image_size)[:, None])
         self.boxes = np.empty((cells * cells, 4))
         self.boxes[:, :2] = on_grid(*(self._centers - size[:, None] / 2))
         self.boxes[:, 2:] = size
@@ -67,8 +67,12 @@ class Search:
         largest = np.maximum(boxes[:, 2:].max(axis=0), self.place[2:])
         spacing = self._grid.spacing
         ends = self._grid.axes[:, [0, -1]].T + [[-spacing], [spacing]]
-        ends = np.clip(ends, 0.0, self._image_size)
-        return np.vstack([boxes, np.hstack([ends - largest / 2, np.tile(largest, (2, 1))])])
+        ends = np.minimum(np.maximum(ends, 0.0), self._image_size)
+        covering = np.empty((len(boxes) + 2, 4))
+        covering[:-2] = boxes
+        covering[-2:, :2] = ends - largest / 2
+        covering[-2:, 2:] = largest
+        return covering
 
     def propose(
         self,
@@ -98,7 +102,8 @@ class Search:
             self._parameters.share,
             generator,
         )
-        states = np.hstack([searched.centers, predicted.states[:, 2:]])
+        states = predicted.states.copy()
+        states[:, :2] = searched.centers
         particles = predicted.move(motion.constrain(states, self._image_size))
         log_prior = predicted.log_weights + searched.log_prior
         return particles.reweight(searched.log_ratio), log_prior

@@ -136,13 +136,24 @@ def test_questions_count_the_same_in_standard_deviations(carry_over):
     weights = carry_over.fit(groups)
     assert weights.factors["cue.a"] == pytest.approx(1.0, abs=0.05)
     assert weights.factors["cue.b"] == pytest.approx(0.1, abs=0.005)
-    # How many are right of a kind of footage says nothing; 7 to 1 are supposed.
-    assert weights.constant == pytest.approx(math.log(7.0), abs=0.1)
+    # How many are right of a kind of footage says nothing; 5 to 1 are supposed.
+    assert weights.constant == pytest.approx(math.log(5.0), abs=0.1)
     assert weights.weigh({"cue.a": 2.0, "other": 3.0}) == {
         "cue.a": 2.0 * weights.factors["cue.a"],
         "other": 3.0,
         "constant": weights.constant,
     }
+
+
+def test_what_was_learned_last_has_half_the_weight(carry_over):
+    generator = np.random.default_rng(0)
+    group = answered(carry_over, generator, 4_000, 0.5)
+    learned = [
+        {"cue.a": one["cue.a"], "correlation_response.response": one["cue.b"]} for one in group.odds
+    ]
+    weights = carry_over.fit([replace(group, odds=learned)])
+    ratio = weights.factors["cue.a"] / weights.factors["correlation_response.response"]
+    assert ratio == pytest.approx(20.0, rel=0.05)
 
 
 def test_what_is_heard_is_what_the_confidence_is_made_of(carry_over, moving_square):

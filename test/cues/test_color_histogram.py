@@ -85,6 +85,17 @@ def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image):
     assert alone[0] == pytest.approx(among[0], rel=1e-5)
 
 
+def test_of_many_boxes_of_several_sizes_each_counts_as_a_whole():
+    """They are counted a part at a time; the parts' boxes may differ in size."""
+    cue = ColorHistogram(ColorHistogramParameters())
+    corners = np.random.default_rng(2).uniform(0, 40, (300, 2))
+    sides = np.where(np.arange(300) < 256, 20.0, 40.0)
+    boxes = np.column_stack([corners, sides, sides])
+    region = region_of(np.full((90, 90, 3), 77, np.uint8), boxes)
+    template = cue.learn(region, boxes[0])
+    np.testing.assert_allclose(distances(cue, region, boxes, template), 0.0, atol=ROUNDING)
+
+
 def test_boxes_of_several_sizes_agree_with_opencv_up_to_sampling(image):
     cue = ColorHistogram(ColorHistogramParameters())
     generator = np.random.default_rng(2)

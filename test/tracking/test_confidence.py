@@ -49,12 +49,14 @@ def target(follower, couple):
 def look(follower, target, couple):
     """What the confidence says of a box in the second frame."""
 
-    def judge(box, of=target, image=couple.images[1], **spread):
+    def judge(box, of=target, image=couple.images[1], spread=None):
         box = np.array(box)
         _, region = follower._measurer.look(Frame(image), box)
         seen = follower._fusion.observe(region, box)
         match = follower._fusion.match(seen, of.templates)
-        return follower._confidence.judge(of, seen, match, **spread)
+        if spread is None:
+            return follower._confidence.judge(of, seen, match)
+        return follower._confidence.judge(of, seen, match, lambda: spread)
 
     return judge
 
