@@ -24,6 +24,7 @@ from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.command import run_archive
 from pf_tracker_ros.recordings.archives.sources import local_copy
 from pf_tracker_ros.recordings.archives.stores import as_place, is_url
+from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.command_line import parser
 from pf_tracker_ros.recordings.errors import RecordingError, unwritable
 from pf_tracker_ros.recordings.files import check_outputs, open_outputs
@@ -31,7 +32,7 @@ from pf_tracker_ros.recordings.outputs import OutputFolder
 from pf_tracker_ros.recordings.plan import Plan, check_request, plan_for, require
 from pf_tracker_ros.recordings.progress import progress_bar
 from pf_tracker_ros.recordings.recording import Recording, open_recording
-from pf_tracker_ros.recordings.target import Target, save_target, target_file
+from pf_tracker_ros.recordings.target import Target, save_target
 from pf_tracker_ros.recordings.tracking import Tracked
 
 _SIGNALS = {signal.SIGINT: errors.INTERRUPTED, signal.SIGTERM: errors.TERMINATED}

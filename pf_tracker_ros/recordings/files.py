@@ -7,9 +7,8 @@ import functools
 from pathlib import Path
 
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
-from pf_tracker_ros.recordings.command_line import BESIDE
 from pf_tracker_ros.recordings.outputs import MakeWriter, OutputFolder, check_free
-from pf_tracker_ros.recordings.plan import Plan
+from pf_tracker_ros.recordings.plan import BESIDE, Plan
 from pf_tracker_ros.recordings.report import RecordingReport
 from pf_tracker_ros.recordings.tables import BoxesCsv, BoxesParquet
 from pf_tracker_ros.recordings.topics import TopicBag
@@ -59,7 +58,7 @@ def _places(options: argparse.Namespace) -> dict[Path, list[str]]:
     names += [BAG] if options.bag else []
     if options.report is None:
         return {options.output: names}
-    if options.report in (BESIDE, options.output):
+    if options.report is BESIDE or options.report == options.output:
         return {options.output: [*names, REPORT_FILE]}
     return {options.output: names, options.report: [REPORT_FILE]}
 

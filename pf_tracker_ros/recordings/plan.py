@@ -6,11 +6,14 @@ import argparse
 import importlib
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pf_tracker_ros.evaluation.command_line import parse_parameters
+from pf_tracker_ros.footage.access import exists
 from pf_tracker_ros.parameters import ParameterError
-from pf_tracker_ros.recordings.errors import RecordingError
+from pf_tracker_ros.recordings.beside import detections_file
+from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS, RecordingError
 from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.target import Target, choose_targets
 from pf_tracker_ros.recordings.tracking import Tracked, track_recording
@@ -22,6 +25,12 @@ if TYPE_CHECKING:
 
 DETECTORS = ("people", "motion")
 """Keys of `pf_tracker_ros.targets.built_in_detectors.DETECTORS`, known without SciPy."""
+
+BESIDE = Path()
+"""What an option stands for that is given without its file or folder: the one beside.
+
+To be told by `is` from the folder that a user is in.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +191,16 @@ def _hearing(recording: Recording, options: argparse.Namespace) -> Hearing:
     if options.detections:
         from pf_tracker_ros.recordings.detections.file import DetectionFile
 
-        return DetectionFile(options.detections)
+        if options.detections is not BESIDE:
+            return DetectionFile(options.detections)
+        path = detections_file(recording.path)
+        if not exists(path):
+            raise RecordingError(
+                f"no detections for {recording.path}: write {path.name} beside it, or give "
+                "--detections FILE",
+                WRONG_DETECTIONS,
+            )
+        return DetectionFile(path)
     if options.detections_topic:
         from pf_tracker_ros.recordings.detections.topic import DetectionTopic
 

@@ -27,11 +27,11 @@ from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.access import check_file, exists, resolved
 from pf_tracker_ros.footage.messages import box_as_sent
+from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_TARGET, RecordingError
 from pf_tracker_ros.recordings.placing import put_in_place
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
 
-TARGET_ENDING = ".target.yaml"
 _KEYS = {"target_box", "frame", "stamp", "label", "recording", "image_size"}
 _SHARED_KEYS = {"recording", "image_size"}
 
@@ -139,13 +139,6 @@ def choose_targets(
         f"no target for {recording.path}: give --box x,y,w,h for the first frame, or write "
         f"{path.name} beside it, or draw the target with --draw"
     )
-
-
-def target_file(source: Path) -> Path:
-    """Where the target of a recording stands: `drive.target.yaml` beside `drive.mcap`."""
-    place = resolved(source)
-    name = place.name if place.is_dir() else place.stem
-    return place.with_name(f"{name}{TARGET_ENDING}")
 
 
 def read_target_file(path: Path, source: Path) -> Target:

@@ -19,12 +19,8 @@ from pf_tracker_ros.footage.access import exists
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
 from pf_tracker_ros.recordings import open_recording
-from pf_tracker_ros.recordings.target import (
-    Target,
-    read_target_file,
-    target_file,
-    target_text,
-)
+from pf_tracker_ros.recordings.beside import target_file
+from pf_tracker_ros.recordings.target import Target, read_target_file, target_text
 
 _SETTLING = 30.0
 # A frame that is played twice is a duplicate to the tracker, and its box is gone from the page. No

@@ -37,6 +37,8 @@ from pf_tracker_ros.recordings.outputs import flush_to_disk
 
 _STATES = ("tracking", "occluded", "lost", "idle", "skipped")
 MANIFEST = "archive.json"
+DETECTIONS = "--detections"
+"""Argument for the detections beside each recording."""
 # If all workers end and nothing gets done, it is for their recordings' sake, such as for memory.
 _FRUITLESS_ROUNDS = 4
 
@@ -202,7 +204,8 @@ def _tracked(task: ArchiveTask, source: Path, made: Path) -> ArchiveEntry | Work
 
 def _key(source: Place, arguments: Sequence[str]) -> str:
     """Stands for the inputs, as their names, sizes and times tell them, version and parameters."""
-    text = json.dumps([__version__, list(arguments), state_of(source)])
+    state = state_of(source, with_detections=DETECTIONS in arguments)
+    text = json.dumps([__version__, list(arguments), state])
     return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
 
 
