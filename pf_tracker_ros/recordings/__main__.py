@@ -32,7 +32,7 @@ from pf_tracker_ros.recordings.outputs import OutputFolder
 from pf_tracker_ros.recordings.plan import Plan, check_request, plan_for, require
 from pf_tracker_ros.recordings.progress import progress_bar
 from pf_tracker_ros.recordings.recording import Recording, open_recording
-from pf_tracker_ros.recordings.target import Target, save_target
+from pf_tracker_ros.recordings.target import Target, save_targets
 from pf_tracker_ros.recordings.tracking import Tracked
 
 _SIGNALS = {signal.SIGINT: errors.INTERRUPTED, signal.SIGTERM: errors.TERMINATED}
@@ -163,13 +163,15 @@ def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -
     return _report(options, summary, stop, failures)
 
 
-def _draw(recording: Recording, options: argparse.Namespace, stop: _Stop) -> Target:
-    """Have the target drawn on a page, and save it beside the recording where that can be."""
-    from pf_tracker_ros.recordings.drawing.drawing import draw_target
+def _draw(
+    recording: Recording, options: argparse.Namespace, stop: _Stop, most: int
+) -> tuple[Target, ...]:
+    """Have the targets drawn on a page, and save them beside the recording where that can be."""
+    from pf_tracker_ros.recordings.drawing.drawing import draw_targets
 
     stop.at_once = True
     try:
-        target = draw_target(recording, _announce)
+        targets = draw_targets(recording, most, _announce)
     except KeyboardInterrupt:
         raise RecordingError(
             f"{stop.word} before a target was drawn; nothing was tracked", stop.exit_code
@@ -179,20 +181,23 @@ def _draw(recording: Recording, options: argparse.Namespace, stop: _Stop) -> Tar
     if is_url(options.source):
         kept = f"not saved, as {options.source} is not a place on this machine"
     else:
-        kept = _kept(target, target_file(recording.path))
-    box = ",".join(f"{value:.10g}" for value in target.box or ())
-    print(f"target {box} in frame {target.frame}, {kept}", flush=True)
-    return target
+        kept = _kept(targets, target_file(recording.path))
+    drawn = "; ".join(
+        f"{','.join(f'{value:.10g}' for value in target.box or ())} in frame {target.frame}"
+        for target in targets
+    )
+    print(f"target{'s' if len(targets) > 1 else ''} {drawn}, {kept}", flush=True)
+    return targets
 
 
 def _announce(address: str) -> None:
-    print(f"draw the target at {address} (Ctrl-C gives it up)", flush=True)
+    print(f"draw the targets at {address} (Ctrl-C gives it up)", flush=True)
 
 
-def _kept(target: Target, path: Path) -> str:
-    """What became of the file of a target."""
+def _kept(targets: Sequence[Target], path: Path) -> str:
+    """What became of the file of targets."""
     try:
-        save_target(target, path)
+        save_targets(targets, path)
     except FileExistsError:
         return f"not saved, as {path} is there already"
     except OSError as error:

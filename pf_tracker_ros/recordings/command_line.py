@@ -86,7 +86,8 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--draw",
         action="store_true",
-        help="draw the target on a page that is served on this machine's loopback (needs aiohttp)",
+        help="draw the target, or several, on a page that is served on this machine's loopback "
+        "(needs aiohttp)",
     )
     _add_detections(parser)
     parser.add_argument(

@@ -162,7 +162,7 @@ class Recording:
         Raises:
             OSError: It cannot be written.
         """
-        text = target_text(Target(target.box, target.stamp, target.frame))
+        text = target_text([Target(target.box, target.stamp, target.frame)])
         path = self._target_file
         unfinished = path.with_name(f".{path.name}.{os.getpid()}")
         unfinished.write_text(text, encoding="utf-8")
