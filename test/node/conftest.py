@@ -1,6 +1,5 @@
 """Real nodes over real DDS: a tracker in a thread or a process, and a client that talks to it."""
 
-import contextlib
 import os
 import signal
 import subprocess
@@ -17,13 +16,14 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point32, PolygonStamped
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image, PointCloud2
 
+from pf_tracker_ros.node.running import spin_until_shutdown
 from pf_tracker_ros.node.tracker.tracker_node import TrackerNode
 from pf_tracker_ros.parameters import all_declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
@@ -283,9 +283,7 @@ class Graph:
 
     def run(self, node):
         """Spin a node that has a context of its own in a thread, as long as there is the graph."""
-        executor = SingleThreadedExecutor(context=node.context)
-        executor.add_node(node)
-        thread = threading.Thread(target=_spin, args=(executor,))
+        thread = threading.Thread(target=spin_until_shutdown, args=(node,))
         thread.start()
 
         def close():
@@ -349,11 +347,6 @@ def _heard(listener, speaker):
     """The listener's subscriptions to what the speaker publishes."""
     topics = {publisher.topic_name for publisher in speaker.publishers}
     return [s for s in listener.subscriptions if s.topic_name in topics]
-
-
-def _spin(executor):
-    with contextlib.suppress(ExternalShutdownException):
-        executor.spin()
 
 
 def _end(process):

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -18,6 +17,7 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage.access import exists
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
+from pf_tracker_ros.node.running import spin_until_shutdown
 from pf_tracker_ros.recordings import open_recording
 from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.target import Target, read_target_file, target_text
@@ -84,7 +84,9 @@ class Recording:
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
         )
         self.is_playable = self._replay.has_begun
-        self._thread = threading.Thread(target=self._spin, name="replay", daemon=True)
+        self._thread = threading.Thread(
+            target=spin_until_shutdown, args=(self._replay,), name="replay", daemon=True
+        )
         self._thread.start()
 
     def close(self) -> None:
@@ -189,9 +191,3 @@ class Recording:
 
     def _look_for_target(self) -> None:
         self._has_target = exists(self._target_file)
-
-    def _spin(self) -> None:
-        with contextlib.suppress(ExternalShutdownException):
-            executor = SingleThreadedExecutor(context=self._context)
-            executor.add_node(self._replay)
-            executor.spin()
