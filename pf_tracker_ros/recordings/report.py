@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
@@ -22,10 +23,8 @@ from pf_tracker_ros.recordings.summaries import ABSENT, FrameSummary, content_of
 from pf_tracker_ros.recordings.tracking import Tracked, TrackedFrame
 
 
-class RecordingReport:
+class ReportWriter(ABC):
     """Writes the page of one recording once all of its frames are known.
-
-    Of one with several targets, `pf_tracker_ros.recordings.several_report` does.
 
     Args:
         path: The file, made anew.
@@ -41,12 +40,14 @@ class RecordingReport:
         self._recording = recording
         self._preset = preset
         self._facts = facts
-        self._frames: list[FrameSummary] = []
 
+    @abstractmethod
     def write(self, tracked: Tracked) -> None:
         """Remember what is known of a frame."""
-        assert isinstance(tracked, TrackedFrame)
-        self._frames.append(summary_of(tracked))
+
+    @abstractmethod
+    def page(self) -> str:
+        """The page of what is known."""
 
     def close(self) -> None:
         """Write the page.
@@ -54,18 +55,40 @@ class RecordingReport:
         Raises:
             OSError: It cannot be written.
         """
-        true_boxes = None
-        if self._recording.has_ground_truth:
-            true_boxes = np.array([each.true_box or ABSENT for each in self._frames])
-        page = recording_page(
-            self._recording, self._frames, true_boxes, preset=self._preset, facts=self._facts
-        )
+        page = self.page()
         with self._file:
             self._file.write(page.encode("utf-8", "replace"))
 
     def discard(self) -> None:
         """Give the file up."""
         self._file.close()
+
+
+class RecordingReport(ReportWriter):
+    """Writes the page of a recording with one target; see `ReportWriter`.
+
+    Of one with several, `pf_tracker_ros.recordings.several_report` does.
+    """
+
+    def __init__(
+        self, path: Path, *, recording: Recording, preset: str, facts: Mapping[str, str]
+    ) -> None:
+        super().__init__(path, recording=recording, preset=preset, facts=facts)
+        self._frames: list[FrameSummary] = []
+
+    def write(self, tracked: Tracked) -> None:
+        """Remember what is known of a frame."""
+        assert isinstance(tracked, TrackedFrame)
+        self._frames.append(summary_of(tracked))
+
+    def page(self) -> str:
+        """The page; see `recording_page`."""
+        true_boxes = None
+        if self._recording.has_ground_truth:
+            true_boxes = np.array([each.true_box or ABSENT for each in self._frames])
+        return recording_page(
+            self._recording, self._frames, true_boxes, preset=self._preset, facts=self._facts
+        )
 
 
 def recording_page(

@@ -12,7 +12,7 @@ import numpy as np
 from pf_tracker_ros.evaluation.reports.content import SequenceContent
 from pf_tracker_ros.evaluation.reports.page import Report, Section, render
 from pf_tracker_ros.recordings.recording import Recording
-from pf_tracker_ros.recordings.report import pictures_of
+from pf_tracker_ros.recordings.report import ReportWriter, pictures_of
 from pf_tracker_ros.recordings.several import TrackedTargets, row_of
 from pf_tracker_ros.recordings.summaries import FrameSummary, content_of_frames
 from pf_tracker_ros.recordings.tracking import Tracked
@@ -22,25 +22,16 @@ from pf_tracker_ros.targets.tracked_target import TrackedTarget
 _MOST_SECTIONS = 20
 
 
-class SeveralReport:
-    """Writes the page of one recording once all of its frames are known, a section a target.
+class SeveralReport(ReportWriter):
+    """Writes the page of a recording with several targets, a section each; see `ReportWriter`.
 
     Of many targets those are shown that were followed through the most frames.
-
-    Args:
-        path: The file, made anew.
-        recording: What is tracked in; its frames are read again for the pictures.
-        preset: That tracks.
-        facts: Further facts of the run, name to value.
     """
 
     def __init__(
         self, path: Path, *, recording: Recording, preset: str, facts: Mapping[str, str]
     ) -> None:
-        self._file = path.open("wb")
-        self._recording = recording
-        self._preset = preset
-        self._facts = facts
+        super().__init__(path, recording=recording, preset=preset, facts=facts)
         self._lives: dict[int, _Life] = {}
         self._states: list[str] = []
 
@@ -52,12 +43,8 @@ class SeveralReport:
             life = self._lives.setdefault(target.id, _Life(target.id))
             life.add(tracked, target)
 
-    def close(self) -> None:
-        """Write the page.
-
-        Raises:
-            OSError: It cannot be written.
-        """
+    def page(self) -> str:
+        """The page."""
         longest = sorted(self._lives.values(), key=lambda life: -life.seen)[:_MOST_SECTIONS]
         contents = [
             life.content_among(self._states) for life in sorted(longest, key=lambda life: life.id)
@@ -70,7 +57,7 @@ class SeveralReport:
         )
         facts = {**self._facts, "targets": count, "frames": states}
         pictures = pictures_of(contents, self._recording)
-        page = render(
+        return render(
             Report(
                 title=f"{self._recording.path.name}, tracked",
                 preset=self._preset,
@@ -79,12 +66,6 @@ class SeveralReport:
                 kind="target",
             )
         )
-        with self._file:
-            self._file.write(page.encode("utf-8", "replace"))
-
-    def discard(self) -> None:
-        """Give the file up."""
-        self._file.close()
 
 
 class _Life:

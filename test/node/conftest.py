@@ -389,3 +389,27 @@ def images(moving_square):
 def box(moving_square):
     """The moving square's box in the first frame, as a parameter takes it."""
     return [float(value) for value in moving_square.boxes[0]]
+
+
+@pytest.fixture(scope="session")
+def assert_equal_fields():
+    """A function that compares two messages of one type, the first as rosbags reads it."""
+
+    def compare(recorded, published):
+        for name in published.get_fields_and_field_types():
+            one, other = getattr(recorded, name), getattr(published, name)
+            if hasattr(other, "get_fields_and_field_types"):
+                compare(one, other)
+            elif isinstance(one, np.ndarray):
+                assert one.tobytes() == bytes(other)
+            elif isinstance(other, (list, tuple)):
+                assert len(one) == len(other)
+                for each, same in zip(one, other, strict=True):
+                    compare(each, same)
+            elif type(published).__name__ == "ColorRGBA":
+                # Fields of single precision, which rosbags gives back as they were read.
+                assert np.float32(one) == np.float32(other)
+            else:
+                assert one == other
+
+    return compare
