@@ -22,7 +22,7 @@ from pf_tracker_ros.opencv import quiet_opencv
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.command import run_archive
-from pf_tracker_ros.recordings.archives.sources import local_copy
+from pf_tracker_ros.recordings.archives.sources import local_copy, telling_of, told_of
 from pf_tracker_ros.recordings.archives.stores import as_place, is_url
 from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.command_line import parser
@@ -73,7 +73,8 @@ def main(arguments: Sequence[str] | None = None, source_name: str | None = None)
 
     Args:
         arguments: Command line without the program's name; None takes this process'.
-        source_name: What the report calls the recording; None takes its path or URL.
+        source_name: What the recording is called, and where it is if that is a URL; None takes
+            its path or URL.
 
     Returns:
         Exit code, as `track --help` lists them; for any but 0, a line on standard error says why.
@@ -114,7 +115,9 @@ def _run(options: argparse.Namespace, stop: _Stop, source_name: str | None) -> i
         stop.at_once = True
         return run_archive(options)
     with local_copy(as_place(options.source)) as path:
-        return _run_one(options, path, source_name or options.source, stop)
+        name = source_name or options.source
+        with telling_of(name, path):
+            return _run_one(options, path, name, stop)
 
 
 def _check_kind(options: argparse.Namespace) -> None:
@@ -153,7 +156,7 @@ def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -
             is_idle = summary.states.keys() <= {"idle", "skipped"}
             if not summary.frames or (is_idle and not plan.hearing):
                 raise
-            failures.append(error)
+            failures.append(told_of(error, name, plan.recording.path))
         for folder in outputs:
             failures += folder.close()
     except BaseException:

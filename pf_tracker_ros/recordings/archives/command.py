@@ -19,7 +19,12 @@ from pf_tracker_ros.recordings.archives.executors import Executor, choose_execut
 from pf_tracker_ros.recordings.archives.memory import needed_memory
 from pf_tracker_ros.recordings.archives.overlaps import check_apart
 from pf_tracker_ros.recordings.archives.results import Results, results_at
-from pf_tracker_ros.recordings.archives.sources import Place, find_recordings, local_copy
+from pf_tracker_ros.recordings.archives.sources import (
+    Place,
+    find_recordings,
+    local_copy,
+    telling_of,
+)
 from pf_tracker_ros.recordings.archives.stores import is_url
 from pf_tracker_ros.recordings.archives.tasks import (
     DETECTIONS,
@@ -245,7 +250,7 @@ class _Plan:
             self.unknown += 1
             return None
         began = time.monotonic()
-        with local_copy(source) as path:
+        with local_copy(source) as path, telling_of(source, path):
             copying = time.monotonic() - began
             count = self._look_into_copy(path, _SAMPLED_FRAMES if is_sampled else 0)
         if count is None:

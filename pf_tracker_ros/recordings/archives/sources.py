@@ -121,6 +121,31 @@ def local_copy(source: Place) -> Iterator[Path]:
         yield _download(str(source), folder)
 
 
+@contextmanager
+def telling_of(source: Place, copy: Path) -> Iterator[None]:
+    """Tell of a recording where it is, and not where its copy was.
+
+    Raises:
+        FootageError, RecordingError: As in the block.
+    """
+    try:
+        yield
+    except (FootageError, RecordingError) as error:
+        raise told_of(error, source, copy) from error.__cause__
+
+
+def told_of(
+    error: FootageError | RecordingError, source: Place, copy: Path
+) -> FootageError | RecordingError:
+    """An error that tells of a recording where it is, and not where its copy was."""
+    if not is_url(source):
+        return error
+    text = str(error).replace(str(copy.parent), str(source).rpartition("/")[0])
+    if isinstance(error, RecordingError):
+        return RecordingError(text, error.exit_code)
+    return FootageError(text)
+
+
 def _in_folder(archive: Path, detected: DetectedRecordings | None) -> tuple[Place, list[Place]]:
     """The folder that names are relative to, and the recordings."""
     if not exists(archive):

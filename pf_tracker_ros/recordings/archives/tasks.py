@@ -188,9 +188,7 @@ def _tracked(task: ArchiveTask, source: Path, made: Path) -> ArchiveEntry | Work
     if code in (INTERRUPTED, TERMINATED):
         return WorkerEnded("its worker was asked to end")
     if code != DONE:
-        return _failed(
-            task, code, _sentence(said.getvalue()).replace(str(source), str(task.source))
-        )
+        return _failed(task, code, _sentence(said.getvalue()))
     try:
         entry = _entry(task, made)
         (made / DONE_FILE).write_text(json.dumps(asdict(entry), indent=1) + "\n")
