@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,31 +22,47 @@ from pf_tracker_ros.recordings.summaries import ABSENT, FrameSummary, content_of
 from pf_tracker_ros.recordings.tracking import Tracked, TrackedFrame
 
 
-class ReportWriter(ABC):
+class Known(Protocol):
+    """What is known of the frames of a recording, and the page that tells of it."""
+
+    def add(self, tracked: Tracked) -> None:
+        """Take what is known of a frame."""
+        ...
+
+    def page(self, recording: Recording, preset: str, facts: Mapping[str, str]) -> str:
+        """The page; see `RecordingReport`."""
+        ...
+
+
+class RecordingReport:
     """Writes the page of one recording once all of its frames are known.
 
     Args:
         path: The file, made anew.
+        known: Takes the frames, and makes the page.
         recording: What is tracked in; its frames are read again for the pictures.
         preset: That tracks.
         facts: Further facts of the run, name to value.
     """
 
     def __init__(
-        self, path: Path, *, recording: Recording, preset: str, facts: Mapping[str, str]
+        self,
+        path: Path,
+        *,
+        known: Known,
+        recording: Recording,
+        preset: str,
+        facts: Mapping[str, str],
     ) -> None:
         self._file = path.open("wb")
+        self._known = known
         self._recording = recording
         self._preset = preset
         self._facts = facts
 
-    @abstractmethod
     def write(self, tracked: Tracked) -> None:
         """Remember what is known of a frame."""
-
-    @abstractmethod
-    def page(self) -> str:
-        """The page of what is known."""
+        self._known.add(tracked)
 
     def close(self) -> None:
         """Write the page.
@@ -55,7 +70,7 @@ class ReportWriter(ABC):
         Raises:
             OSError: It cannot be written.
         """
-        page = self.page()
+        page = self._known.page(self._recording, self._preset, self._facts)
         with self._file:
             self._file.write(page.encode("utf-8", "replace"))
 
@@ -64,31 +79,23 @@ class ReportWriter(ABC):
         self._file.close()
 
 
-class RecordingReport(ReportWriter):
-    """Writes the page of a recording with one target; see `ReportWriter`.
+class KnownTarget:
+    """What is known of a recording with one target; see `Known`."""
 
-    Of one with several, `pf_tracker_ros.recordings.several_report` does.
-    """
-
-    def __init__(
-        self, path: Path, *, recording: Recording, preset: str, facts: Mapping[str, str]
-    ) -> None:
-        super().__init__(path, recording=recording, preset=preset, facts=facts)
+    def __init__(self) -> None:
         self._frames: list[FrameSummary] = []
 
-    def write(self, tracked: Tracked) -> None:
-        """Remember what is known of a frame."""
+    def add(self, tracked: Tracked) -> None:
+        """Take what is known of a frame."""
         assert isinstance(tracked, TrackedFrame)
         self._frames.append(summary_of(tracked))
 
-    def page(self) -> str:
+    def page(self, recording: Recording, preset: str, facts: Mapping[str, str]) -> str:
         """The page; see `recording_page`."""
         true_boxes = None
-        if self._recording.has_ground_truth:
+        if recording.has_ground_truth:
             true_boxes = np.array([each.true_box or ABSENT for each in self._frames])
-        return recording_page(
-            self._recording, self._frames, true_boxes, preset=self._preset, facts=self._facts
-        )
+        return recording_page(recording, self._frames, true_boxes, preset=preset, facts=facts)
 
 
 def recording_page(

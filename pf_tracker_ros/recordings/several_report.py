@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from pf_tracker_ros.evaluation.reports.content import SequenceContent
 from pf_tracker_ros.evaluation.reports.page import Report, Section, render
 from pf_tracker_ros.recordings.recording import Recording
-from pf_tracker_ros.recordings.report import ReportWriter, pictures_of
+from pf_tracker_ros.recordings.report import pictures_of
 from pf_tracker_ros.recordings.several import TrackedTargets, row_of
 from pf_tracker_ros.recordings.summaries import FrameSummary, content_of_frames
 from pf_tracker_ros.recordings.tracking import Tracked
@@ -22,29 +21,26 @@ from pf_tracker_ros.targets.tracked_target import TrackedTarget
 _MOST_SECTIONS = 20
 
 
-class SeveralReport(ReportWriter):
-    """Writes the page of a recording with several targets, a section each; see `ReportWriter`.
+class KnownTargets:
+    """What is known of a recording with several targets, which have a section each; see `Known`.
 
     Of many targets those are shown that were followed through the most frames.
     """
 
-    def __init__(
-        self, path: Path, *, recording: Recording, preset: str, facts: Mapping[str, str]
-    ) -> None:
-        super().__init__(path, recording=recording, preset=preset, facts=facts)
+    def __init__(self) -> None:
         self._lives: dict[int, _Life] = {}
         self._states: list[str] = []
 
-    def write(self, tracked: Tracked) -> None:
-        """Remember what is known of a frame."""
+    def add(self, tracked: Tracked) -> None:
+        """Take what is known of a frame."""
         assert isinstance(tracked, TrackedTargets)
         self._states.append(tracked.state)
         for target in tracked.targets:
             life = self._lives.setdefault(target.id, _Life(target.id))
             life.add(tracked, target)
 
-    def page(self) -> str:
-        """The page."""
+    def page(self, recording: Recording, preset: str, facts: Mapping[str, str]) -> str:
+        """The page; see `RecordingReport`."""
         longest = sorted(self._lives.values(), key=lambda life: -life.seen)[:_MOST_SECTIONS]
         contents = [
             life.content_among(self._states) for life in sorted(longest, key=lambda life: life.id)
@@ -55,12 +51,12 @@ class SeveralReport(ReportWriter):
         states = ", ".join(
             f"{number} {state}" for state, number in Counter(self._states).most_common()
         )
-        facts = {**self._facts, "targets": count, "frames": states}
-        pictures = pictures_of(contents, self._recording)
+        facts = {**facts, "targets": count, "frames": states}
+        pictures = pictures_of(contents, recording)
         return render(
             Report(
-                title=f"{self._recording.path.name}, tracked",
-                preset=self._preset,
+                title=f"{recording.path.name}, tracked",
+                preset=preset,
                 facts=facts,
                 sections=list(map(Section, contents, pictures)),
                 kind="target",
