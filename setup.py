@@ -22,7 +22,11 @@ def shared_files(folder: str, *patterns: str) -> list[str]:
 # same module, and pip would put this one in the place of another.
 OPENCV = ["opencv-python-headless>=4.6,<5"]
 # Reading rosbag2 folders and MCAP files where ROS has no rosbag2_py; safe beside a ROS from apt.
-BAGS = ["rosbags>=0.11.9,<0.12"]
+BAGS = [
+    "rosbags>=0.11.9,<0.12",
+    # Of rosbags; that version leaves a bag's file open on Python 3.10.
+    "apsw!=3.54.0.0; python_version < '3.11'",
+]
 
 # Several targets: which detection is of which, at the least cost over all of them.
 TARGETS = ["scipy>=1.8"]

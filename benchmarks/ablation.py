@@ -40,7 +40,7 @@ from pf_tracker_ros.evaluation.command_line import parse_parameters
 from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError
-from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
+from pf_tracker_ros.tracking.presets import preset_parameters
 
 PARTICLES = (30, 60, 100, 200, 300, 600, 1000)
 HEADINGS = (
@@ -188,8 +188,8 @@ def write_markdown(path: Path, table: Table, left_out: Table | None, jobs: int) 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the ablation, print the table and write the files."""
-    parser = options_of.parser(__doc__)
-    parser.add_argument("--preset", default="default", help=f"{', '.join(PRESETS)} [default]")
+    parser = options_of.sequence_parser(__doc__)
+    options_of.add_preset(parser)
     parser.add_argument(
         "--particles",
         type=_numbers,

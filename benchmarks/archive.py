@@ -24,6 +24,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import arguments as options_of
 import cv2
 import numpy as np
 from arguments import at_least
@@ -79,9 +80,7 @@ def main() -> None:
 
 def arguments() -> argparse.Namespace:
     """The command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of.parser(__doc__)
     parser.add_argument("--recordings", type=at_least(2), default=40, metavar="N", help="[40]")
     parser.add_argument(
         "--frames", type=at_least(10), default=500, metavar="N", help="of each recording [500]"

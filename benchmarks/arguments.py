@@ -1,4 +1,4 @@
-"""The part of the command line that comparisons on sequences share."""
+"""The parts of the command line that comparisons share."""
 
 from __future__ import annotations
 
@@ -6,12 +6,19 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+from pf_tracker_ros.tracking.presets import PRESETS
+
 
 def parser(description: str | None) -> argparse.ArgumentParser:
-    """A parser of sequence folders, `--seeds` and `--output`."""
-    made = argparse.ArgumentParser(
+    """A parser that shows a module's description as it is written."""
+    return argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+
+
+def sequence_parser(description: str | None, seeds: int = 3) -> argparse.ArgumentParser:
+    """A parser of sequence folders, `--seeds` and `--output`."""
+    made = parser(description)
     made.add_argument(
         "sequences",
         nargs="+",
@@ -19,17 +26,32 @@ def parser(description: str | None) -> argparse.ArgumentParser:
         metavar="SEQUENCE_DIR",
         help="a sequence folder (groundtruth.txt and frames), or a folder of such folders",
     )
+    add_seeds(made, seeds)
+    add_folder(made)
+    return made
+
+
+def add_seeds(made: argparse.ArgumentParser, seeds: int, what: str = "the seeds 0 .. N-1") -> None:
+    """Add `--seeds`."""
     made.add_argument(
-        "--seeds", type=at_least(1), default=3, metavar="N", help="the seeds 0 .. N-1 [3]"
+        "--seeds", type=at_least(1), default=seeds, metavar="N", help=f"{what} [{seeds}]"
     )
+
+
+def add_folder(made: argparse.ArgumentParser) -> None:
+    """Add `--output` for a folder."""
     made.add_argument(
         "--output",
         type=Path,
         default=Path("benchmarks/results"),
         metavar="DIR",
-        help="folder for the files [benchmarks/results]",
+        help="folder for the files [%(default)s]",
     )
-    return made
+
+
+def add_preset(made: argparse.ArgumentParser) -> None:
+    """Add `--preset`."""
+    made.add_argument("--preset", default="default", help=f"{', '.join(PRESETS)} [%(default)s]")
 
 
 def at_least(least: int) -> Callable[[str], int]:

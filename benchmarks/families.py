@@ -11,7 +11,6 @@ It writes families.csv and families.md, clutter.csv, clutter.md and clutter.png.
 
 from __future__ import annotations
 
-import argparse
 import functools
 import os
 import sys
@@ -21,9 +20,9 @@ from pathlib import Path
 # One thread also for the linear algebra, which reads this when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+import arguments as options_of
 import families_report as report
 import numpy as np
-from arguments import at_least
 from scene_footage import SceneFootage
 from scenes import ClutteredStreet
 from scenes.clutter import FRAME_INTERVAL
@@ -102,12 +101,11 @@ def run_clutter(scenes: int, levels: int, frames: int) -> list[report.ClutterOut
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the experiments, print the tables and write the files."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of.parser(__doc__)
     parser.add_argument("sequences", nargs="*", type=Path, metavar="SEQUENCE_DIR")
-    parser.add_argument("--output", type=Path, default=Path("benchmarks/results"), metavar="DIR")
-    parser.add_argument("--seeds", type=at_least(1), default=1, help="on the sequences [1]")
+    options_of.add_folder(parser)
+    options_of.add_seeds(parser, 1, "on the sequences")
+    at_least = options_of.at_least
     parser.add_argument("--scenes", type=at_least(0), default=5, help="generated streets [5]")
     parser.add_argument("--levels", type=at_least(2), default=5, help="levels of clutter [5]")
     parser.add_argument("--frames", type=int, default=120, help="of a generated street [120]")

@@ -18,7 +18,6 @@ bootstrap filters).
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import importlib.util
 import os
@@ -31,6 +30,7 @@ from pathlib import Path
 # One thread also for the linear algebra, which reads this when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+import arguments as options_of
 import intervals
 import numpy as np
 from intervals import Interval
@@ -49,7 +49,6 @@ from pf_tracker_ros.filter import (
 )
 from pf_tracker_ros.filter.resampling import MultinomialResampler
 
-RESULTS = Path(__file__).resolve().parent / "results"
 FIRST_STATE = 0.1
 STEPS = 100
 PARTICLES = 100
@@ -304,14 +303,12 @@ def write(folder: Path, outcomes: Sequence[Outcome]) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the experiment, print the table and write the files."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    parser = options_of.parser(__doc__)
+    parser.add_argument(
+        "--runs", type=options_of.at_least(2), default=500, help="seeded runs [500]"
     )
-    parser.add_argument("--runs", type=int, default=500, help="seeded runs, at least 2 [500]")
-    parser.add_argument("--output", type=Path, default=RESULTS, help=f"folder [{RESULTS}]")
+    options_of.add_folder(parser)
     options = parser.parse_args(arguments)
-    if options.runs < 2:
-        parser.error(f"--runs is {options.runs}; allowed: at least 2")
     outcomes = run_all(options.runs)
     table = Table(title=f"Growth model, {options.runs} runs of {STEPS} steps")
     heading, *body = rows(outcomes)

@@ -54,7 +54,6 @@ from pf_tracker_ros.evaluation import (
 )
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.parameters import ParameterError
-from pf_tracker_ros.tracking.presets import PRESETS
 
 LIGHTS: dict[str, Light] = {
     "as it is": step(1.0),
@@ -263,9 +262,8 @@ def away_table(runs: Sequence[Run]) -> Table:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables and write the files."""
-    parser = options_of.parser(__doc__)
-    parser.set_defaults(seeds=1)
-    parser.add_argument("--preset", default="default", help=f"{', '.join(PRESETS)} [default]")
+    parser = options_of.sequence_parser(__doc__, seeds=1)
+    options_of.add_preset(parser)
     parser.add_argument(
         "--processes", type=options_of.at_least(1), default=1, metavar="N", help="side by side [1]"
     )

@@ -23,6 +23,7 @@ from typing import Any
 # One thread also for the linear algebra, which reads this when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+import arguments as options_of
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
@@ -123,8 +124,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the experiment, print the table and write it."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n", maxsplit=1)[0])
     parser.add_argument("sequences", nargs="*", metavar="SEQUENCE_DIR", help="recorded sequences")
-    parser.add_argument("--seeds", type=int, default=3, help="of the trackers (default: 3)")
-    parser.add_argument("--scenes", type=int, default=3, help="generated scenes (default: 3)")
+    options_of.add_seeds(parser, 3, "of the trackers")
+    parser.add_argument(
+        "--scenes", type=options_of.at_least(0), default=3, help="generated scenes [3]"
+    )
     parser.add_argument("--output", type=Path, metavar="FILE.md", help="write the table here")
     options = parser.parse_args(arguments)
     footage: list[Footage] = []

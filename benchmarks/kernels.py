@@ -29,6 +29,7 @@ from pathlib import Path
 # One thread also for the linear algebra, which reads this when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+import arguments as options_of
 import cv2
 from arguments import at_least
 from bars import bars_table, write_markdown
@@ -154,9 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Args:
         arguments: Command line without the program's name; None takes the process'.
     """
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of.parser(__doc__)
     parser.add_argument("--only", action="append", choices=PARTS, help="may be repeated")
     parser.add_argument("--turns", type=at_least(1), default=10, help="of what is compared [10]")
     parser.add_argument("--plot", type=Path, help="image file for how the stages grow")

@@ -34,6 +34,7 @@ from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
+import arguments as options_of
 import numpy as np
 from arguments import at_least
 from bars import Bar, bars_table, write_markdown
@@ -327,9 +328,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Args:
         arguments: Command line without the program's name; None takes the process'.
     """
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of.parser(__doc__)
     parser.add_argument("--only", action="append", choices=PARTS, help="may be repeated")
     parser.add_argument("--seconds", type=at_least(1), default=10, help="of each turn [10]")
     parser.add_argument("--rounds", type=at_least(1), default=3, help="turns of each [3]")

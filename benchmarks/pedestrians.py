@@ -17,7 +17,6 @@ It prints a table and writes it into the output folder as pedestrians.md.
 
 from __future__ import annotations
 
-import argparse
 import configparser
 import os
 import sys
@@ -28,6 +27,7 @@ from pathlib import Path
 # One thread also for the linear algebra, which reads this when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+import arguments as options_of
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -171,9 +171,7 @@ def table(windows: Sequence[Window], figures: dict[str, list[float]]) -> Table:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison, print the table and write it."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of.parser(__doc__)
     parser.add_argument(
         "--window",
         nargs=2,
@@ -183,17 +181,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar=("MOT_DIR", "SEQUENCE"),
         help="a folder with gt.txt, det.txt and seqinfo.ini, and a sequence of the same footage",
     )
-    parser.add_argument("--seeds", type=int, default=1, help="runs of each, averaged [%(default)s]")
-    parser.add_argument(
-        "--output",
-        type=Path,
-        default=Path("benchmarks/results"),
-        metavar="DIR",
-        help="[%(default)s]",
-    )
+    options_of.add_seeds(parser, 1, "runs of each, averaged")
+    options_of.add_folder(parser)
     options = parser.parse_args(arguments)
-    if options.seeds < 1:
-        parser.error(f"--seeds is {options.seeds}; allowed: from 1 up")
     cv2.setNumThreads(1)
     try:
         windows = [

@@ -197,7 +197,7 @@ def write_markdown(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison, print the table and write the files."""
-    parser = options_of.parser(__doc__)
+    parser = options_of.sequence_parser(__doc__)
     parser.add_argument(
         "--nanotrack",
         nargs=2,

@@ -17,7 +17,6 @@ give each an environment of its own, with `trackeval` in it.
 
 from __future__ import annotations
 
-import argparse
 import configparser
 import functools
 import importlib
@@ -35,6 +34,7 @@ from typing import Any, NamedTuple
 # One thread also for the linear algebra, which reads this when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+import arguments as options_of
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -310,9 +310,7 @@ def add(outcomes: Iterable[Outcome], new: Outcome) -> list[Outcome]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison, print the table and write the files."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of.parser(__doc__)
     parser.add_argument(
         "--sequence",
         nargs=2,
@@ -326,13 +324,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--tracker", action="append", default=[], metavar="NAME", help="run this one only"
     )
     parser.add_argument("--seed", type=int, default=0, help="of ours [0]")
-    parser.add_argument(
-        "--output",
-        type=Path,
-        default=Path("benchmarks/results"),
-        metavar="DIR",
-        help="[%(default)s]",
-    )
+    options_of.add_folder(parser)
     options = parser.parse_args(arguments)
     missing = {name: what for name, one in TRACKERS.items() if (what := one.missing())}
     for name in options.tracker:

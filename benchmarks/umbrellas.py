@@ -21,12 +21,12 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
-from pathlib import Path
 from typing import Any
 
 # One thread also for the linear algebra, which reads this when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+import arguments as options_of
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,6 @@ from umbrellas_report import print_table, write_csv, write_frames, write_plot, w
 
 from pf_tracker_ros.evaluation.metrics import center_errors, overlap
 
-RESULTS = Path(__file__).resolve().parent / "results"
 SECOND = 25
 """Frames in one second."""
 
@@ -169,16 +168,6 @@ def _longest_stretch(flags: NDArray[np.bool_]) -> int:
     return int(np.max(ends[1::2] - ends[::2], initial=0))
 
 
-def _positive(text: str) -> int:
-    return _whole(text, least=1)
-
-
-def _whole(text: str, least: int = 0) -> int:
-    if not text.isdecimal() or int(text) < least:
-        raise argparse.ArgumentTypeError(f"'{text}'; allowed: a whole number of at least {least}")
-    return int(text)
-
-
 def _parameter(text: str) -> tuple[str, Any]:
     name, separator, value = text.partition("=")
     if not separator:
@@ -193,13 +182,12 @@ def _parameter(text: str) -> tuple[str, Any]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the experiment, print the table and write the files."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seeds", type=_positive, default=30, help="number of scenes [30]")
-    parser.add_argument("--first-seed", type=_whole, default=0, help="seed of the first scene [0]")
-    parser.add_argument("--jobs", type=_positive, default=1, help="number of processes [1]")
-    parser.add_argument("--output", type=Path, default=RESULTS, help=f"folder [{RESULTS}]")
+    parser = options_of.parser(__doc__)
+    options_of.add_seeds(parser, 30, "number of scenes")
+    at_least = options_of.at_least
+    parser.add_argument("--first-seed", type=at_least(0), default=0, help="of the first scene [0]")
+    parser.add_argument("--jobs", type=at_least(1), default=1, help="number of processes [1]")
+    options_of.add_folder(parser)
     parser.add_argument(
         "--parameter",
         type=_parameter,

@@ -44,7 +44,6 @@ from pf_tracker_ros.evaluation import (
 from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError
-from pf_tracker_ros.tracking.presets import PRESETS
 
 RIGHT_ABOVE = 0.5
 # The target is lost, whatever is told, where the overlap has been below this for so many seconds.
@@ -344,8 +343,8 @@ def _text(figure: float) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables and write the files."""
-    parser = options_of.parser(__doc__)
-    parser.add_argument("--preset", default="default", help=f"{', '.join(PRESETS)} [default]")
+    parser = options_of.sequence_parser(__doc__)
+    options_of.add_preset(parser)
     parser.add_argument(
         "--group",
         action="append",

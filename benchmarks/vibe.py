@@ -11,7 +11,6 @@ frames, in which the model still remembers where things stood when it began, are
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import time
@@ -23,6 +22,7 @@ from typing import Any
 # One thread also for the linear algebra, which reads this when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+import arguments as options_of
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -128,9 +128,7 @@ def measure(footage: Footage, begin: BeginModel, skip: int) -> Outcome:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the table and, if asked to, save it."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = options_of.parser(__doc__)
     parser.add_argument("sequences", nargs="+", type=Path, metavar="SEQUENCE")
     parser.add_argument("--reduction", type=int, default=2, choices=range(1, 17), metavar="1..16")
     parser.add_argument("--gray", action="store_true", help="model brightness, not colors")

@@ -52,6 +52,22 @@ def run(create: Callable[[], Node], arguments: list[str] | None = None) -> None:
         try_shutdown()
 
 
+def spin_until_shutdown(node: Node) -> None:
+    """Spin a node until its context is shut down, also by another thread."""
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    try:
+        executor.spin()
+    except ExternalShutdownException:
+        pass
+    except RuntimeError:
+        # A shutdown between two waits takes the context from under the executor.
+        if node.context.ok():
+            raise
+    finally:
+        executor.shutdown()
+
+
 def _end_on_signal(reader: int) -> None:
     """Shut the context down, which ends what spins, once a signal has come."""
 

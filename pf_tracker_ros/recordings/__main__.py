@@ -22,8 +22,9 @@ from pf_tracker_ros.opencv import quiet_opencv
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.command import run_archive
-from pf_tracker_ros.recordings.archives.sources import local_copy
+from pf_tracker_ros.recordings.archives.sources import local_copy, telling_of, told_of
 from pf_tracker_ros.recordings.archives.stores import as_place, is_url
+from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.command_line import parser
 from pf_tracker_ros.recordings.errors import RecordingError, unwritable
 from pf_tracker_ros.recordings.files import check_outputs, open_outputs
@@ -31,7 +32,7 @@ from pf_tracker_ros.recordings.outputs import OutputFolder
 from pf_tracker_ros.recordings.plan import Plan, check_request, plan_for, require
 from pf_tracker_ros.recordings.progress import progress_bar
 from pf_tracker_ros.recordings.recording import Recording, open_recording
-from pf_tracker_ros.recordings.target import Target, save_target, target_file
+from pf_tracker_ros.recordings.target import Target, save_targets
 from pf_tracker_ros.recordings.tracking import Tracked
 
 _SIGNALS = {signal.SIGINT: errors.INTERRUPTED, signal.SIGTERM: errors.TERMINATED}
@@ -72,7 +73,8 @@ def main(arguments: Sequence[str] | None = None, source_name: str | None = None)
 
     Args:
         arguments: Command line without the program's name; None takes this process'.
-        source_name: What the report calls the recording; None takes its path or URL.
+        source_name: What the recording is called, and where it is if that is a URL; None takes
+            its path or URL.
 
     Returns:
         Exit code, as `track --help` lists them; for any but 0, a line on standard error says why.
@@ -113,7 +115,9 @@ def _run(options: argparse.Namespace, stop: _Stop, source_name: str | None) -> i
         stop.at_once = True
         return run_archive(options)
     with local_copy(as_place(options.source)) as path:
-        return _run_one(options, path, source_name or options.source, stop)
+        name = source_name or options.source
+        with telling_of(name, path):
+            return _run_one(options, path, name, stop)
 
 
 def _check_kind(options: argparse.Namespace) -> None:
@@ -152,7 +156,7 @@ def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -
             is_idle = summary.states.keys() <= {"idle", "skipped"}
             if not summary.frames or (is_idle and not plan.hearing):
                 raise
-            failures.append(error)
+            failures.append(told_of(error, name, plan.recording.path))
         for folder in outputs:
             failures += folder.close()
     except BaseException:
@@ -162,13 +166,15 @@ def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -
     return _report(options, summary, stop, failures)
 
 
-def _draw(recording: Recording, options: argparse.Namespace, stop: _Stop) -> Target:
-    """Have the target drawn on a page, and save it beside the recording where that can be."""
-    from pf_tracker_ros.recordings.drawing.drawing import draw_target
+def _draw(
+    recording: Recording, options: argparse.Namespace, stop: _Stop, most: int
+) -> tuple[Target, ...]:
+    """Have the targets drawn on a page, and save them beside the recording where that can be."""
+    from pf_tracker_ros.recordings.drawing.drawing import draw_targets
 
     stop.at_once = True
     try:
-        target = draw_target(recording, _announce)
+        targets = draw_targets(recording, most, _announce)
     except KeyboardInterrupt:
         raise RecordingError(
             f"{stop.word} before a target was drawn; nothing was tracked", stop.exit_code
@@ -178,20 +184,23 @@ def _draw(recording: Recording, options: argparse.Namespace, stop: _Stop) -> Tar
     if is_url(options.source):
         kept = f"not saved, as {options.source} is not a place on this machine"
     else:
-        kept = _kept(target, target_file(recording.path))
-    box = ",".join(f"{value:.10g}" for value in target.box or ())
-    print(f"target {box} in frame {target.frame}, {kept}", flush=True)
-    return target
+        kept = _kept(targets, target_file(recording.path))
+    drawn = "; ".join(
+        f"{','.join(f'{value:.10g}' for value in target.box or ())} in frame {target.frame}"
+        for target in targets
+    )
+    print(f"target{'s' if len(targets) > 1 else ''} {drawn}, {kept}", flush=True)
+    return targets
 
 
 def _announce(address: str) -> None:
-    print(f"draw the target at {address} (Ctrl-C gives it up)", flush=True)
+    print(f"draw the targets at {address} (Ctrl-C gives it up)", flush=True)
 
 
-def _kept(target: Target, path: Path) -> str:
-    """What became of the file of a target."""
+def _kept(targets: Sequence[Target], path: Path) -> str:
+    """What became of the file of targets."""
     try:
-        save_target(target, path)
+        save_targets(targets, path)
     except FileExistsError:
         return f"not saved, as {path} is there already"
     except OSError as error:

@@ -10,7 +10,7 @@ from typing import NoReturn
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.stores import as_place
-from pf_tracker_ros.recordings.plan import DETECTORS
+from pf_tracker_ros.recordings.plan import BESIDE, DETECTORS
 from pf_tracker_ros.tracking.presets import PRESETS
 
 _DESCRIPTION = """\
@@ -44,9 +44,6 @@ exit codes:
 
 Where the work ends early, the files hold the frames up to there, and are whole.
 """
-
-BESIDE = Path()
-"""What `--report` without a folder stands for: that of the other outputs."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -89,7 +86,8 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--draw",
         action="store_true",
-        help="draw the target on a page that is served on this machine's loopback (needs aiohttp)",
+        help="draw the target, or several, on a page that is served on this machine's loopback "
+        "(needs aiohttp)",
     )
     _add_detections(parser)
     parser.add_argument(
@@ -141,8 +139,9 @@ def parser() -> argparse.ArgumentParser:
         type=as_place,
         metavar="FOLDER_OR_LIST",
         help="track every recording below a folder that has its target file beside it or is a "
-        "sequence, or those that a text file lists (paths and URLs), into a folder each; what is "
-        "done of the same inputs, version and parameters is not done again",
+        "sequence (with detections or a detector every one), or those that a text file lists "
+        "(paths and URLs), into a folder each; what is done of the same inputs, version and "
+        "parameters is not done again",
     )
     parser.add_argument(
         "--jobs",
@@ -171,9 +170,12 @@ def _add_detections(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--detections",
         type=Path,
+        nargs="?",
+        const=BESIDE,
         metavar="FILE",
         help="a detector's boxes, which start, confirm and correct targets: lines frame,id,x,y,"
-        "width,height,score[,label] with frame, x and y counted from 1, as of the MOT challenge",
+        "width,height,score[,label] with frame, x and y counted from 1, as of the MOT challenge; "
+        "without FILE, and for an archive, SOURCE.detections.csv beside each recording",
     )
     group.add_argument(
         "--detections-topic",

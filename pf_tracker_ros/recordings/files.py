@@ -7,10 +7,9 @@ import functools
 from pathlib import Path
 
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
-from pf_tracker_ros.recordings.command_line import BESIDE
 from pf_tracker_ros.recordings.outputs import MakeWriter, OutputFolder, check_free
-from pf_tracker_ros.recordings.plan import Plan
-from pf_tracker_ros.recordings.report import RecordingReport
+from pf_tracker_ros.recordings.plan import BESIDE, Plan
+from pf_tracker_ros.recordings.report import Known, KnownTarget, RecordingReport
 from pf_tracker_ros.recordings.tables import BoxesCsv, BoxesParquet
 from pf_tracker_ros.recordings.topics import TopicBag
 from pf_tracker_ros.recordings.video import AnnotatedVideo
@@ -59,7 +58,7 @@ def _places(options: argparse.Namespace) -> dict[Path, list[str]]:
     names += [BAG] if options.bag else []
     if options.report is None:
         return {options.output: names}
-    if options.report in (BESIDE, options.output):
+    if options.report is BESIDE or options.report == options.output:
         return {options.output: [*names, REPORT_FILE]}
     return {options.output: names, options.report: [REPORT_FILE]}
 
@@ -69,19 +68,19 @@ def _makers(plan: Plan, name: str, seed: str) -> dict[str, MakeWriter]:
     recording, preset = plan.recording, plan.summary
     bag: MakeWriter = functools.partial(TopicBag, preset=preset)
     facts = {"recording": name, "preset": preset, "seed": seed}
-    report: MakeWriter = functools.partial(
-        RecordingReport, recording=recording, preset=preset, facts=facts
-    )
+    known: Known = KnownTarget()
     if plan.is_several:
-        from pf_tracker_ros.recordings.several_report import SeveralReport
+        from pf_tracker_ros.recordings.several_report import KnownTargets
         from pf_tracker_ros.recordings.several_topics import SeveralTopicBag
 
         bag = functools.partial(SeveralTopicBag, preset=preset)
-        report = functools.partial(SeveralReport, recording=recording, preset=preset, facts=facts)
+        known = KnownTargets()
     return {
         BOXES: BoxesCsv,
         PARQUET: BoxesParquet,
         VIDEO: functools.partial(AnnotatedVideo, frame_rate=1.0 / recording.interval),
         BAG: bag,
-        REPORT_FILE: report,
+        REPORT_FILE: functools.partial(
+            RecordingReport, known=known, recording=recording, preset=preset, facts=facts
+        ),
     }

@@ -5,12 +5,15 @@ from __future__ import annotations
 import argparse
 import importlib
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pf_tracker_ros.evaluation.command_line import parse_parameters
+from pf_tracker_ros.footage.access import exists
 from pf_tracker_ros.parameters import ParameterError
-from pf_tracker_ros.recordings.errors import RecordingError
+from pf_tracker_ros.recordings.beside import detections_file
+from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS, RecordingError
 from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.target import Target, choose_targets
 from pf_tracker_ros.recordings.tracking import Tracked, track_recording
@@ -23,6 +26,12 @@ if TYPE_CHECKING:
 DETECTORS = ("people", "motion")
 """Keys of `pf_tracker_ros.targets.built_in_detectors.DETECTORS`, known without SciPy."""
 
+BESIDE = Path()
+"""What an option stands for that is given without its file or folder: the one beside.
+
+To be told by `is` from the folder that a user is in.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class Plan:
@@ -32,6 +41,7 @@ class Plan:
         recording: In which.
         targets: Which, besides what a detector finds.
         hearing: Hears what a detector says, None without one.
+        is_several: Whether it is for a tracker of several targets.
         preset: Name of the preset.
         parameters: Full name to value, where they differ from the preset's.
         seed: As for `Tracker`.
@@ -40,14 +50,10 @@ class Plan:
     recording: Recording
     targets: tuple[Target, ...]
     hearing: Hearing | None
+    is_several: bool
     preset: str
     parameters: Mapping[str, Any]
     seed: int
-
-    @property
-    def is_several(self) -> bool:
-        """Whether it is for a tracker of several targets."""
-        return self.hearing is not None or len(self.targets) > 1
 
     @property
     def summary(self) -> str:
@@ -79,14 +85,15 @@ class Plan:
 def plan_for(
     recording: Recording,
     options: argparse.Namespace,
-    draw: Callable[[], Target] | None = None,
+    draw: Callable[[int], tuple[Target, ...]] | None = None,
 ) -> Plan:
     """What the options of `track` ask for.
 
     Args:
         recording: In which.
         options: Of the command line.
-        draw: Asks for a target in the place of all others, once nothing else is in the way.
+        draw: Asks for up to so many targets in the place of all others, once nothing else is in
+            the way.
 
     Raises:
         RecordingError: There is no target, or one or the detections cannot be used.
@@ -97,15 +104,19 @@ def plan_for(
     targets: tuple[Target, ...] = ()
     if draw is None:
         targets = choose_targets(recording, options.box or (), detected=detected)
-    parameters = _parameters(options, several=detected or len(targets) > 1)
     hearing = _hearing(recording, options) if detected else None
-    plan = Plan(recording, targets, hearing, options.preset, parameters, options.seed)
-    if draw is None:
-        return plan
     try:
-        return replace(plan, targets=(draw(),))
+        if draw is not None:
+            targets = draw(_most_targets(options))
+        several = detected or len(targets) > 1
+        if draw is not None and not several:
+            # How many would be drawn was not known when the parameters were chosen.
+            several = not _suit_one_target(options)
+        parameters = _parameters(options, several=several)
+        return Plan(recording, targets, hearing, several, options.preset, parameters, options.seed)
     except BaseException:
-        plan.close()
+        if hearing is not None:
+            hearing.close()
         raise
 
 
@@ -132,6 +143,27 @@ def check_request(options: argparse.Namespace) -> None:
             _parameters(options, several=True)
         except (ParameterError, RecordingError):
             raise error from None
+
+
+def _suit_one_target(options: argparse.Namespace) -> bool:
+    """Whether the parameters are those of a tracker of one target."""
+    try:
+        _parameters(options, several=False)
+    except ParameterError:
+        return False
+    return True
+
+
+def _most_targets(options: argparse.Namespace) -> int:
+    """How many targets there may be; 1 where several cannot be tracked here."""
+    try:
+        parameters = _parameters(options, several=True)
+    except (ParameterError, RecordingError):
+        return 1
+    from pf_tracker_ros.targets.multi_tracker import MultiTracker
+
+    values = MultiTracker.from_preset(options.preset, options.seed, parameters).parameters
+    return int(values["targets.most"])
 
 
 def _parameters(options: argparse.Namespace, *, several: bool) -> dict[str, Any]:
@@ -182,7 +214,16 @@ def _hearing(recording: Recording, options: argparse.Namespace) -> Hearing:
     if options.detections:
         from pf_tracker_ros.recordings.detections.file import DetectionFile
 
-        return DetectionFile(options.detections)
+        if options.detections is not BESIDE:
+            return DetectionFile(options.detections)
+        path = detections_file(recording.path)
+        if not exists(path):
+            raise RecordingError(
+                f"no detections for {recording.path}: write {path.name} beside it, or give "
+                "--detections FILE",
+                WRONG_DETECTIONS,
+            )
+        return DetectionFile(path)
     if options.detections_topic:
         from pf_tracker_ros.recordings.detections.topic import DetectionTopic
 

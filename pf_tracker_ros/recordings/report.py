@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,31 +22,47 @@ from pf_tracker_ros.recordings.summaries import ABSENT, FrameSummary, content_of
 from pf_tracker_ros.recordings.tracking import Tracked, TrackedFrame
 
 
+class Known(Protocol):
+    """What is known of the frames of a recording, and the page that tells of it."""
+
+    def add(self, tracked: Tracked) -> None:
+        """Take what is known of a frame."""
+        ...
+
+    def page(self, recording: Recording, preset: str, facts: Mapping[str, str]) -> str:
+        """The page; see `RecordingReport`."""
+        ...
+
+
 class RecordingReport:
     """Writes the page of one recording once all of its frames are known.
 
-    Of one with several targets, `pf_tracker_ros.recordings.several_report` does.
-
     Args:
         path: The file, made anew.
+        known: Takes the frames, and makes the page.
         recording: What is tracked in; its frames are read again for the pictures.
         preset: That tracks.
         facts: Further facts of the run, name to value.
     """
 
     def __init__(
-        self, path: Path, *, recording: Recording, preset: str, facts: Mapping[str, str]
+        self,
+        path: Path,
+        *,
+        known: Known,
+        recording: Recording,
+        preset: str,
+        facts: Mapping[str, str],
     ) -> None:
         self._file = path.open("wb")
+        self._known = known
         self._recording = recording
         self._preset = preset
         self._facts = facts
-        self._frames: list[FrameSummary] = []
 
     def write(self, tracked: Tracked) -> None:
         """Remember what is known of a frame."""
-        assert isinstance(tracked, TrackedFrame)
-        self._frames.append(summary_of(tracked))
+        self._known.add(tracked)
 
     def close(self) -> None:
         """Write the page.
@@ -54,18 +70,32 @@ class RecordingReport:
         Raises:
             OSError: It cannot be written.
         """
-        true_boxes = None
-        if self._recording.has_ground_truth:
-            true_boxes = np.array([each.true_box or ABSENT for each in self._frames])
-        page = recording_page(
-            self._recording, self._frames, true_boxes, preset=self._preset, facts=self._facts
-        )
+        page = self._known.page(self._recording, self._preset, self._facts)
         with self._file:
             self._file.write(page.encode("utf-8", "replace"))
 
     def discard(self) -> None:
         """Give the file up."""
         self._file.close()
+
+
+class KnownTarget:
+    """What is known of a recording with one target; see `Known`."""
+
+    def __init__(self) -> None:
+        self._frames: list[FrameSummary] = []
+
+    def add(self, tracked: Tracked) -> None:
+        """Take what is known of a frame."""
+        assert isinstance(tracked, TrackedFrame)
+        self._frames.append(summary_of(tracked))
+
+    def page(self, recording: Recording, preset: str, facts: Mapping[str, str]) -> str:
+        """The page; see `recording_page`."""
+        true_boxes = None
+        if recording.has_ground_truth:
+            true_boxes = np.array([each.true_box or ABSENT for each in self._frames])
+        return recording_page(recording, self._frames, true_boxes, preset=preset, facts=facts)
 
 
 def recording_page(

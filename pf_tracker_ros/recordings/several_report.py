@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -22,42 +21,26 @@ from pf_tracker_ros.targets.tracked_target import TrackedTarget
 _MOST_SECTIONS = 20
 
 
-class SeveralReport:
-    """Writes the page of one recording once all of its frames are known, a section a target.
+class KnownTargets:
+    """What is known of a recording with several targets, which have a section each; see `Known`.
 
     Of many targets those are shown that were followed through the most frames.
-
-    Args:
-        path: The file, made anew.
-        recording: What is tracked in; its frames are read again for the pictures.
-        preset: That tracks.
-        facts: Further facts of the run, name to value.
     """
 
-    def __init__(
-        self, path: Path, *, recording: Recording, preset: str, facts: Mapping[str, str]
-    ) -> None:
-        self._file = path.open("wb")
-        self._recording = recording
-        self._preset = preset
-        self._facts = facts
+    def __init__(self) -> None:
         self._lives: dict[int, _Life] = {}
         self._states: list[str] = []
 
-    def write(self, tracked: Tracked) -> None:
-        """Remember what is known of a frame."""
+    def add(self, tracked: Tracked) -> None:
+        """Take what is known of a frame."""
         assert isinstance(tracked, TrackedTargets)
         self._states.append(tracked.state)
         for target in tracked.targets:
             life = self._lives.setdefault(target.id, _Life(target.id))
             life.add(tracked, target)
 
-    def close(self) -> None:
-        """Write the page.
-
-        Raises:
-            OSError: It cannot be written.
-        """
+    def page(self, recording: Recording, preset: str, facts: Mapping[str, str]) -> str:
+        """The page; see `RecordingReport`."""
         longest = sorted(self._lives.values(), key=lambda life: -life.seen)[:_MOST_SECTIONS]
         contents = [
             life.content_among(self._states) for life in sorted(longest, key=lambda life: life.id)
@@ -68,23 +51,17 @@ class SeveralReport:
         states = ", ".join(
             f"{number} {state}" for state, number in Counter(self._states).most_common()
         )
-        facts = {**self._facts, "targets": count, "frames": states}
-        pictures = pictures_of(contents, self._recording)
-        page = render(
+        facts = {**facts, "targets": count, "frames": states}
+        pictures = pictures_of(contents, recording)
+        return render(
             Report(
-                title=f"{self._recording.path.name}, tracked",
-                preset=self._preset,
+                title=f"{recording.path.name}, tracked",
+                preset=preset,
                 facts=facts,
                 sections=list(map(Section, contents, pictures)),
                 kind="target",
             )
         )
-        with self._file:
-            self._file.write(page.encode("utf-8", "replace"))
-
-    def discard(self) -> None:
-        """Give the file up."""
-        self._file.close()
 
 
 class _Life:

@@ -21,17 +21,18 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import indent
 from typing import Any
 
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.access import check_file, exists, resolved
 from pf_tracker_ros.footage.messages import box_as_sent
+from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_TARGET, RecordingError
 from pf_tracker_ros.recordings.placing import put_in_place
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
 
-TARGET_ENDING = ".target.yaml"
 _KEYS = {"target_box", "frame", "stamp", "label", "recording", "image_size"}
 _SHARED_KEYS = {"recording", "image_size"}
 
@@ -141,13 +142,6 @@ def choose_targets(
     )
 
 
-def target_file(source: Path) -> Path:
-    """Where the target of a recording stands: `drive.target.yaml` beside `drive.mcap`."""
-    place = resolved(source)
-    name = place.name if place.is_dir() else place.stem
-    return place.with_name(f"{name}{TARGET_ENDING}")
-
-
 def read_target_file(path: Path, source: Path) -> Target:
     """Read a target file of one target; see `read_targets`."""
     return _only(read_targets(path, source))
@@ -182,27 +176,44 @@ def read_targets(path: Path, source: Path) -> tuple[Target, ...]:
     return tuple(targets)
 
 
-def target_text(target: Target) -> str:
-    """A target as its file has it."""
+def target_text(targets: Sequence[Target]) -> str:
+    """Targets, at least one, as their file has them."""
+    texts = [_entry_text(target) for target in targets]
+    if len(texts) == 1:
+        return f"# A target in the recording beside this file, drawn on a page.\n{texts[0]}"
+    entries = "".join(f"- {indent(text, '  ')[2:]}" for text in texts)
+    return f"# Targets in the recording beside this file, drawn on a page.\ntargets:\n{entries}"
+
+
+def _entry_text(target: Target) -> str:
+    import yaml
+
     assert target.box is not None
     box = ", ".join(str(float(value)) for value in target.box)
-    return (
-        "# A target in the recording beside this file, drawn on a page.\n"
+    text = (
         f"target_box: [{box}]  # x, y, width, height, pixels\n"
         f"frame: {target.frame}  # on which it was drawn, counted from 0\n"
         f"stamp: {target.stamp}  # of that frame, nanoseconds\n"
     )
+    if not target.label:
+        return text
+    label = yaml.safe_dump({"label": target.label}, allow_unicode=True, width=math.inf)
+    return f"{text}{label}"
 
 
-def save_target(target: Target, path: Path) -> None:
+def save_targets(targets: Sequence[Target], path: Path) -> None:
     """Write a target file where none is yet, whole or not at all.
+
+    Args:
+        targets: At least one, each with a box.
+        path: The file.
 
     Raises:
         OSError: It cannot be written, or there is one.
     """
     with tempfile.TemporaryDirectory(prefix=".track_", dir=path.parent) as folder:
         draft = Path(folder) / path.name
-        draft.write_text(target_text(target), encoding="utf-8")
+        draft.write_text(target_text(targets), encoding="utf-8")
         put_in_place(draft, path)
 
 

@@ -1,6 +1,5 @@
 """Real nodes over real DDS: a tracker in a thread or a process, and a client that talks to it."""
 
-import contextlib
 import os
 import signal
 import subprocess
@@ -17,13 +16,14 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point32, PolygonStamped
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image, PointCloud2
 
+from pf_tracker_ros.node.running import spin_until_shutdown
 from pf_tracker_ros.node.tracker.tracker_node import TrackerNode
 from pf_tracker_ros.parameters import all_declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
@@ -283,9 +283,7 @@ class Graph:
 
     def run(self, node):
         """Spin a node that has a context of its own in a thread, as long as there is the graph."""
-        executor = SingleThreadedExecutor(context=node.context)
-        executor.add_node(node)
-        thread = threading.Thread(target=_spin, args=(executor,))
+        thread = threading.Thread(target=spin_until_shutdown, args=(node,))
         thread.start()
 
         def close():
@@ -351,11 +349,6 @@ def _heard(listener, speaker):
     return [s for s in listener.subscriptions if s.topic_name in topics]
 
 
-def _spin(executor):
-    with contextlib.suppress(ExternalShutdownException):
-        executor.spin()
-
-
 def _end(process):
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
@@ -396,3 +389,27 @@ def images(moving_square):
 def box(moving_square):
     """The moving square's box in the first frame, as a parameter takes it."""
     return [float(value) for value in moving_square.boxes[0]]
+
+
+@pytest.fixture(scope="session")
+def assert_equal_fields():
+    """A function that compares two messages of one type, the first as rosbags reads it."""
+
+    def compare(recorded, published):
+        for name in published.get_fields_and_field_types():
+            one, other = getattr(recorded, name), getattr(published, name)
+            if hasattr(other, "get_fields_and_field_types"):
+                compare(one, other)
+            elif isinstance(one, np.ndarray):
+                assert one.tobytes() == bytes(other)
+            elif isinstance(other, (list, tuple)):
+                assert len(one) == len(other)
+                for each, same in zip(one, other, strict=True):
+                    compare(each, same)
+            elif type(published).__name__ == "ColorRGBA":
+                # Fields of single precision, which rosbags gives back as they were read.
+                assert np.float32(one) == np.float32(other)
+            else:
+                assert one == other
+
+    return compare

@@ -1,7 +1,16 @@
-"""A node as a process: garbage is collected between callbacks, never within one."""
+"""A node as a process, which collects garbage between callbacks; or as a thread, to its end."""
 
 import subprocess
 import sys
+
+import pytest
+import rclpy
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.waitable import NumberOfEntities, Waitable
+
+from pf_tracker_ros.node.running import spin_until_shutdown
 
 SCRIPT = """
 import gc
@@ -51,3 +60,48 @@ def test_garbage_is_collected_between_callbacks(ros_domain):
     )
     assert result.returncode == 0, result.stderr
     assert result.stdout == "collected within callbacks: 0\n"
+
+
+class Meddling(Waitable):
+    """Does something while the executor makes what it waits with."""
+
+    def __init__(self, meddle):
+        super().__init__(ReentrantCallbackGroup())
+        self._meddle = meddle
+
+    def get_num_entities(self):
+        self._meddle()
+        return NumberOfEntities()
+
+    def add_to_wait_set(self, wait_set):
+        pass
+
+
+@pytest.fixture
+def meddled_node(ros_domain):
+    """A function that makes a node with a context of its own, and something done within a spin."""
+    nodes = []
+
+    def make(meddle):
+        context = Context()
+        rclpy.init(context=context, domain_id=ros_domain)
+        nodes.append(Node("meddled", context=context, start_parameter_services=False))
+        nodes[0].add_waitable(Meddling(lambda: meddle(context)))
+        return nodes[0]
+
+    yield make
+    for node in nodes:
+        node.context.try_shutdown()
+        node.destroy_node()
+
+
+def test_a_shutdown_at_any_moment_ends_the_spinning(meddled_node):
+    spin_until_shutdown(meddled_node(Context.try_shutdown))
+
+
+def test_an_error_while_spinning_is_no_end(meddled_node):
+    def fail(context):
+        raise RuntimeError("broken")
+
+    with pytest.raises(RuntimeError, match="broken"):
+        spin_until_shutdown(meddled_node(fail))

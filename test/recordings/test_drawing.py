@@ -1,4 +1,4 @@
-"""The target drawn on a page: `track --draw`, by HTTP and in a real headless Chromium."""
+"""The targets drawn on a page: `track --draw`, by HTTP and in a real headless Chromium."""
 
 import http.client
 import json
@@ -18,6 +18,8 @@ import pf_tracker_ros
 from pf_tracker_ros.pages.access import HEADERS
 
 pytest.importorskip("aiohttp", reason="the page needs the extra 'console'")
+from pf_tracker_ros.recordings.drawing import drawing
+from pf_tracker_ros.recordings.target import Target
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 BOX = [20.0, 30.0, 24.0, 24.0]
@@ -73,7 +75,10 @@ class Desk:
         return status, text.decode()
 
     def draw(self, box, frame=0):
-        return self.send("/target", json.dumps({"frame": frame, "box": box}))
+        return self.draw_all({"frame": frame, "box": box})
+
+    def draw_all(self, *targets):
+        return self.send("/targets", json.dumps({"targets": targets}))
 
     def end(self):
         """Exit code, output and errors, once it has ended."""
@@ -189,6 +194,77 @@ def test_another_frame_is_chosen_and_a_box_is_dropped_and_placed_by_keys(
     assert [row["state"] for row in rows(tmp_path / "out")[:4]] == ["idle"] * 3 + ["tracking"]
 
 
+def test_several_targets_are_drawn_taken_back_and_tracked(
+    ask_for_target, open_desk, rows, track, images
+):
+    pytest.importorskip("scipy")
+    tmp_path = images.parents[1]
+    desk = ask_for_target(images, "--output", tmp_path / "out")
+    page = open_desk(desk)
+    assert page.locator("#send").is_disabled()
+    assert page.locator("#add").is_disabled()
+    assert page.locator("#undo").is_disabled()
+    drag(page, (20, 30), (44, 54))
+    page.locator("#label").fill("\u00e4: 'square'")
+    page.locator("#add").click()
+    assert page.locator("#drawn:not([hidden])").count() == 0
+    assert page.locator("#kept rect").count() == 1
+    drag(page, (100, 20), (140, 60))
+    page.keyboard.press("a")
+    page.keyboard.press("u")
+    assert page.locator("#list li").count() == 1
+    # What is taken back while one is drawn is that one.
+    drag(page, (100, 20), (140, 60))
+    page.keyboard.press("u")
+    assert page.locator("#drawn:not([hidden])").count() == 0
+    assert page.locator("#list li").count() == 1
+    for number in range(1, 3):
+        page.keyboard.press("n")
+        page.locator(f"#overlay[data-frame='{number}']").wait_for(state="attached")
+    # Those of another frame are in the list alone.
+    assert page.locator("#kept rect").count() == 0
+    assert page.locator("#list li").inner_text().startswith("\u00e4: 'square', frame 0: 20")
+    page.keyboard.press("r")
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("Enter")
+    page.get_by_text("tracking begins").wait_for()
+    code, said, errors = desk.end()
+    assert (code, errors) == (0, "")
+    file = images.parent / "img.target.yaml"
+    assert said.splitlines()[0].startswith("targets ")
+    assert f"saved as {file}" in said
+    first, second = yaml.safe_load(file.read_text())["targets"]
+    assert first["label"] == "\u00e4: 'square'"
+    assert (first["frame"], first["target_box"]) == (0, pytest.approx(BOX, abs=0.5))
+    assert (second["frame"], second["target_box"]) == (2, [62.0, 45.0, 40.0, 30.0])
+    found = rows(tmp_path / "out")
+    assert {row["id"] for row in found} == {"1", "2"}
+    assert next(row["frame"] for row in found if row["id"] == "2") == "2"
+    # What was saved are the same targets.
+    assert track(images, "--output", tmp_path / "again", *QUICK)[0] == 0
+    assert (tmp_path / "again/boxes.csv").read_bytes() == (tmp_path / "out/boxes.csv").read_bytes()
+
+
+def test_as_many_targets_are_drawn_as_there_may_be(ask_for_target, open_desk, rows, images):
+    pytest.importorskip("scipy")
+    output = images.parent / "out"
+    desk = ask_for_target(images, "--output", output, "--parameter", "targets.most=2")
+    page = open_desk(desk)
+    drag(page, (20, 30), (44, 54))
+    page.keyboard.press("a")
+    drag(page, (100, 20), (140, 60))
+    assert page.locator("#add").is_disabled()
+    page.keyboard.press("a")
+    assert page.locator("#list li").count() == 1
+    page.keyboard.press("Escape")
+    # Those that are kept are tracked without another one.
+    page.keyboard.press("Enter")
+    page.get_by_text("tracking begins").wait_for()
+    assert desk.end()[0] == 0
+    assert {row["id"] for row in rows(output)} == {"1"}
+    assert first_box(rows, output)[1] == pytest.approx(BOX, abs=0.5)
+
+
 def test_given_up_on_the_page_nothing_is_tracked(ask_for_target, open_desk, images, tmp_path):
     desk = ask_for_target(images, "--output", tmp_path / "out")
     page = open_desk(desk)
@@ -219,11 +295,11 @@ def test_only_a_page_that_was_served_here_may_draw(ask_for_target, images, tmp_p
         status, headers, _ = desk.ask(path)
         assert status == 200
         assert headers.items() >= HEADERS.items()
-    body = json.dumps({"frame": 0, "box": BOX})
+    body = json.dumps({"targets": [{"frame": 0, "box": BOX}]})
     for origin in ("http://attacker.example", "null", "http://127.0.0.1:1"):
-        for path in ("/target", "/cancel"):
+        for path in ("/targets", "/cancel"):
             assert desk.send(path, body, origin)[0] == 403
-    assert desk.ask("/target", "POST", body)[0] == 403
+    assert desk.ask("/targets", "POST", body)[0] == 403
     assert desk.ask("/", Host="attacker.example")[0] == 403
     assert desk.ask("/../pictures.py")[0] == 404
     assert desk.draw(BOX)[0] == 200
@@ -242,8 +318,16 @@ def test_what_cannot_be_tracked_is_refused_and_may_be_put_right(ask_for_target, 
         status, text = desk.draw(box)
         assert (status, said in text) == (422, True), text
     assert desk.draw(BOX, frame=400) == (422, "there is no picture in frame 400 or after it")
-    for body in ("", "[]", '{"frame": "1"}', "\x00", "[" * 4000):
-        assert desk.send("/target", body)[0] == 422
+    assert desk.draw(BOX, frame="1") == (422, "target 1: the request tells no frame")
+    for body in ("", "[]", '{"targets": [1]}', '{"targets": []}', "{}", "\x00", "[" * 4000):
+        assert desk.send("/targets", body)[0] == 422
+    for label in (3, "\x00", "\ud800", "x" * 101):
+        status, text = desk.draw_all({"frame": 0, "box": BOX, "label": label})
+        assert (status, "its label is not allowed" in text) == (422, True)
+    status, text = desk.draw_all(*[{"frame": 0, "box": BOX}] * 33)
+    assert (status, text) == (422, "there are 33 targets; allowed: 32")
+    status, text = desk.draw_all({"frame": 0, "box": BOX}, {"frame": 0, "box": [1, 2, 3, 0]})
+    assert (status, text.startswith("target 2: ")) == (422, True)
     assert desk.ask("/frame?number=-1")[0] == 400
     assert desk.ask("/frame?number=20")[0] == 404
     status, headers, _ = desk.ask("/frame?number=19")
@@ -302,3 +386,17 @@ def test_without_any_target_it_says_that_one_can_be_drawn(track, images, tmp_pat
     code, _, errors = track(images, "--output", tmp_path / "out")
     assert code == 2
     assert "or draw the target with --draw" in errors
+
+
+def test_without_scipy_one_target_is_drawn(track, images, monkeypatch, tmp_path):
+    asked = []
+
+    def draw(recording, most, announce):
+        asked.append(most)
+        return (Target(tuple(BOX), 10**9, 0, (160, 120), "the page"),)
+
+    monkeypatch.setattr(drawing, "draw_targets", draw)
+    assert track(images, "--output", tmp_path / "many", "--draw", *QUICK)[0] == 0
+    monkeypatch.setitem(sys.modules, "scipy", None)
+    assert track(images, "--output", tmp_path / "one", "--draw", *QUICK)[0] == 0
+    assert asked == [32, 1]

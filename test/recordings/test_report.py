@@ -43,6 +43,17 @@ def test_it_goes_where_it_is_told_to(track, moving_square_sequence, tmp_path):
     assert not (tmp_path / "more").exists()
 
 
+def test_the_folder_of_the_user_is_a_place_for_it_too(
+    track, moving_square_sequence, monkeypatch, tmp_path
+):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    arguments = (*QUICK, "--report", ".")
+    assert track(moving_square_sequence, "--output", tmp_path / "out", *arguments)[0] == 0
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["boxes.csv"]
+    assert [path.name for path in (tmp_path / "here").iterdir()] == ["report.html"]
+
+
 def test_without_truth_it_tells_of_the_confidence(track, moving_square_sequence, tmp_path):
     box = ("--box", "20,30,24,24", "--report")
     source = moving_square_sequence / "img"

@@ -117,6 +117,50 @@ def test_only_what_has_changed_in_a_store_is_done_again(memory):
     assert len(done) == 13
 
 
+def test_detections_in_a_store_are_found_beside_their_recordings(memory, archive, track, watch):
+    pytest.importorskip("scipy")
+    given = (*QUICK, "--detections")
+    for name in ("drive_0", "drive_2"):
+        memory.pipe_file(f"/fleet/day_0/{name}.detections.csv", b"4,-1,33,37,24,24,0.9,square\n")
+        (archive / "day_0" / f"{name}.detections.csv").write_text("4,-1,33,37,24,24,0.9,square\n")
+    output = archive.with_name("local")
+    assert track("--archive", archive / "day_0", "--output", output, *given)[0] == 1
+    entries, _ = run("memory://fleet/day_0", arguments=given)
+    found = stored(memory)
+    assert found == watch.boxes(output)
+    assert set(found) == {"drive_0", "drive_2"}
+    assert entries["drive_4"].error == (
+        "no detections for memory://fleet/day_0/drive_4: write drive_4.detections.csv beside it, "
+        "or give --detections FILE"
+    )
+    memory.pipe_file("/fleet/day_0/drive_2.detections.csv", b"2,-1,25,33,24,24,0.9,square\n")
+    _, done = run("memory://fleet/day_0", arguments=given)
+    assert done == {f"drive_{number}" for number in (2, 4, 6, 8)}
+    assert stored(memory)["drive_2"] != found["drive_2"]
+
+
+def test_what_is_wrong_with_a_recording_in_a_store_is_told_of_where_it_is(
+    memory, track, scratch, tmp_path
+):
+    memory.pipe_file("/fleet/clip.mp4", b"no video")
+    memory.pipe_file("/fleet/clip.target.yaml", b"target_box: [1, 2, 3]")
+    source, output = "memory://fleet/clip.mp4", tmp_path / "out"
+    _, said, _ = track("--archive", "memory://fleet", "--output", output, *QUICK, "--dry-run")
+    broken = [line for line in said.splitlines() if line.startswith("would fail: ")]
+    _, _, errors = track(source, "--output", output, *QUICK)
+    memory.rm("/fleet/clip.target.yaml")
+    _, _, without = track("memory://fleet/shots", "--output", output, *QUICK, "--detections")
+    # The error comes late, with frames that are kept.
+    code, _, late = track("memory://fleet/broken", "--output", output, *QUICK)
+    assert code == 3
+    entries, _ = run()
+    told = [*broken, errors, without, late, *(entry.error for entry in entries.values())]
+    assert sum("memory://fleet/" in text for text in told) >= 8
+    assert not any(str(scratch) in text for text in told)
+    assert "memory://fleet/broken/img/0013.png cannot be decoded" in late
+    assert "no detections for memory://fleet/shots: write shots.detections.csv" in without
+
+
 def test_what_was_not_put_there_to_the_end_is_not_done(memory, monkeypatch):
     memory.pipe_file("/fleet/some.txt", b"day_0/drive_0\n")
     run("memory://fleet/some.txt")

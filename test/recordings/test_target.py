@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.recordings import RecordingError, choose_target, open_recording
+from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.errors import WRONG_TARGET
-from pf_tracker_ros.recordings.target import target_file
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 

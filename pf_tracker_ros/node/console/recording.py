@@ -10,7 +10,6 @@ from pathlib import Path
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -18,13 +17,10 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage.access import exists
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
+from pf_tracker_ros.node.running import spin_until_shutdown
 from pf_tracker_ros.recordings import open_recording
-from pf_tracker_ros.recordings.target import (
-    Target,
-    read_target_file,
-    target_file,
-    target_text,
-)
+from pf_tracker_ros.recordings.beside import target_file
+from pf_tracker_ros.recordings.target import Target, read_target_file, target_text
 
 _SETTLING = 30.0
 # A frame that is played twice is a duplicate to the tracker, and its box is gone from the page. No
@@ -88,7 +84,9 @@ class Recording:
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
         )
         self.is_playable = self._replay.has_begun
-        self._thread = threading.Thread(target=self._spin, name="replay", daemon=True)
+        self._thread = threading.Thread(
+            target=spin_until_shutdown, args=(self._replay,), name="replay", daemon=True
+        )
         self._thread.start()
 
     def close(self) -> None:
@@ -166,7 +164,7 @@ class Recording:
         Raises:
             OSError: It cannot be written.
         """
-        text = target_text(Target(target.box, target.stamp, target.frame))
+        text = target_text([Target(target.box, target.stamp, target.frame)])
         path = self._target_file
         unfinished = path.with_name(f".{path.name}.{os.getpid()}")
         unfinished.write_text(text, encoding="utf-8")
@@ -193,9 +191,3 @@ class Recording:
 
     def _look_for_target(self) -> None:
         self._has_target = exists(self._target_file)
-
-    def _spin(self) -> None:
-        with contextlib.suppress(ExternalShutdownException):
-            executor = SingleThreadedExecutor(context=self._context)
-            executor.add_node(self._replay)
-            executor.spin()

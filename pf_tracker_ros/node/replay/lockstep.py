@@ -7,7 +7,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PolygonStamped
 from rclpy.context import Context
 from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -26,6 +25,7 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.node.message_building import box_message, box_of_polygon
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
 from pf_tracker_ros.node.replay.replay_source import make_header
+from pf_tracker_ros.node.running import spin_until_shutdown
 from pf_tracker_ros.node.tracker.tracker_node import TrackerNode
 from pf_tracker_ros.stamps import stamp_of
 
@@ -172,21 +172,15 @@ def _spinning(
         for name, value in parameters.items()
     ]
     node = create(context=context, namespace=namespace, parameter_overrides=overrides)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-
-    def spin() -> None:
-        with suppress(ExternalShutdownException):
-            executor.spin()
-
-    thread = threading.Thread(target=spin, name=node.get_name(), daemon=True)
+    thread = threading.Thread(
+        target=spin_until_shutdown, args=(node,), name=node.get_name(), daemon=True
+    )
     thread.start()
     try:
         yield node
     finally:
         context.try_shutdown()
         thread.join()
-        executor.shutdown()
         node.destroy_node()
 
 

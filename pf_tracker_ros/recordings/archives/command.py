@@ -14,13 +14,20 @@ from urllib.parse import quote
 
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE, fill
 from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.recordings.archives.detected import detected_recordings
 from pf_tracker_ros.recordings.archives.executors import Executor, choose_executor
 from pf_tracker_ros.recordings.archives.memory import needed_memory
 from pf_tracker_ros.recordings.archives.overlaps import check_apart
 from pf_tracker_ros.recordings.archives.results import Results, results_at
-from pf_tracker_ros.recordings.archives.sources import Place, find_recordings, local_copy
+from pf_tracker_ros.recordings.archives.sources import (
+    Place,
+    find_recordings,
+    local_copy,
+    telling_of,
+)
 from pf_tracker_ros.recordings.archives.stores import is_url
 from pf_tracker_ros.recordings.archives.tasks import (
+    DETECTIONS,
     ArchiveEntry,
     ArchiveTask,
     done_entries,
@@ -28,9 +35,9 @@ from pf_tracker_ros.recordings.archives.tasks import (
     run_tasks,
     write_manifest,
 )
-from pf_tracker_ros.recordings.command_line import BESIDE
+from pf_tracker_ros.recordings.beside import DETECTIONS_ENDING
 from pf_tracker_ros.recordings.errors import DONE, FAILED, RecordingError
-from pf_tracker_ros.recordings.plan import plan_for
+from pf_tracker_ros.recordings.plan import BESIDE, plan_for
 from pf_tracker_ros.recordings.progress import progress_bar
 from pf_tracker_ros.recordings.recording import open_recording
 
@@ -49,13 +56,18 @@ def run_archive(options: argparse.Namespace) -> int:
         RecordingError: The request cannot be carried out.
         FootageError: The archive cannot be read.
     """
-    for option in ("source", "box", "draw", "detections"):
+    for option in ("source", "box", "draw"):
         if getattr(options, option) not in (None, False):
             raise RecordingError(f"{option} is for one recording; allowed: without --archive")
-    if options.report not in (None, BESIDE):
+    if options.detections is not None and options.detections is not BESIDE:
+        raise RecordingError(
+            f"a file of detections is for one recording; allowed here: {DETECTIONS} alone, which "
+            f"takes drive{DETECTIONS_ENDING} beside drive.mcap"
+        )
+    if options.report is not None and options.report is not BESIDE:
         raise RecordingError("--report has no folder here; allowed: beside each boxes.csv")
     results = results_at(options.output)
-    recordings = find_recordings(options.archive)
+    recordings = find_recordings(options.archive, detected_recordings(options))
     check_apart(recordings, options.archive, options.output)
     with choose_executor(options.ray, options.jobs, needed_memory) as executor:
         if options.dry_run:
@@ -110,6 +122,8 @@ def _arguments(options: argparse.Namespace) -> list[str]:
     arguments += [f"--frame-rate={options.frame_rate}"]
     if options.bag_topic:
         arguments.append(f"--bag-topic={options.bag_topic}")
+    if options.detections:
+        arguments.append(DETECTIONS)
     if options.detections_topic:
         arguments.append(f"--detections-topic={options.detections_topic}")
     if options.detector:
@@ -236,7 +250,7 @@ class _Plan:
             self.unknown += 1
             return None
         began = time.monotonic()
-        with local_copy(source) as path:
+        with local_copy(source) as path, telling_of(source, path):
             copying = time.monotonic() - began
             count = self._look_into_copy(path, _SAMPLED_FRAMES if is_sampled else 0)
         if count is None:

@@ -6,8 +6,9 @@ from pathlib import Path
 
 from pf_tracker_ros.recordings.archives.stores import is_url
 from pf_tracker_ros.recordings.archives.tasks import ArchiveTask
+from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.errors import RecordingError
-from pf_tracker_ros.recordings.target import Target, read_targets, target_file
+from pf_tracker_ros.recordings.target import Target, read_targets
 
 # Bytes, as measured with images of 0.3 to 8 megapixels: of a worker, and of a pixel of its images.
 _WORKER, _PIXEL = 250 * 10**6, 30

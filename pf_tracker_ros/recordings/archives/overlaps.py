@@ -11,12 +11,12 @@ from typing import Any
 
 from pf_tracker_ros.recordings.archives.sources import Place
 from pf_tracker_ros.recordings.archives.stores import as_place, is_url, open_store
+from pf_tracker_ros.recordings.beside import ENDINGS, file_beside
 from pf_tracker_ros.recordings.errors import RecordingError
-from pf_tracker_ros.recordings.target import TARGET_ENDING, target_file
 
 
 def check_apart(recordings: Mapping[str, Place], archive: Place, output: Place) -> None:
-    """Refuse results in the place of a recording or its target file, inside of one or around one.
+    """Refuse results in the place of a recording or a file of its own, inside or around one.
 
     Args:
         recordings: As `find_recordings` returns them.
@@ -31,7 +31,7 @@ def check_apart(recordings: Mapping[str, Place], archive: Place, output: Place) 
     around: dict[PurePath, Place] = {}
     for source in recordings.values():
         for path in _paths(source, store):
-            for form in (path, *_targets(path)):
+            for form in (path, *_beside(path)):
                 kept[form] = source
                 around.update(dict.fromkeys(form.parents, source))
     for path in _paths(archive, store):
@@ -69,12 +69,16 @@ def _forms(path: Path) -> set[Path]:
     return {Path(os.path.realpath(path)), Path(os.path.realpath(path.parent), path.name)}
 
 
-def _targets(path: PurePath) -> set[Path] | set[PurePath]:
-    """Where the target of a recording stands."""
-    if isinstance(path, Path):
-        return _forms(target_file(path))
-    # To know which one it is, the store would have to be asked about each.
-    return {path.with_name(f"{name}{TARGET_ENDING}") for name in (path.name, path.stem) if name}
+def _beside(path: PurePath) -> Iterator[PurePath]:
+    """Where the target of a recording and its detections stand."""
+    for ending in ENDINGS:
+        if isinstance(path, Path):
+            yield from _forms(file_beside(path, ending))
+        else:
+            # To know which one it is, the store would have to be asked about each.
+            yield from (
+                path.with_name(f"{each}{ending}") for each in (path.name, path.stem) if each
+            )
 
 
 def _may_be_same(store: Any, other: Any) -> bool:

@@ -58,8 +58,7 @@ class RayCluster:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._is_connected:
-            self._ray.shutdown()
+        self._disconnect()
 
     @property
     def workers(self) -> int:
@@ -95,8 +94,10 @@ class RayCluster:
                     number = under_way.pop(answered)
                     yield number, self._answer(answered)
         finally:
-            for unanswered in under_way:
-                ray.cancel(unanswered, force=True)
+            if under_way:
+                # Their workers end with the connection. To cancel a task that answers at the same
+                # moment makes Ray end this process.
+                self._disconnect()
 
     def _answer(self, answered: Any) -> Any:
         ray = self._connected()
@@ -127,6 +128,11 @@ class RayCluster:
             _connect(self._ray, self._address, self._jobs)
             self._is_connected = True
         return self._ray
+
+    def _disconnect(self) -> None:
+        if self._is_connected:
+            self._is_connected = False
+            self._ray.shutdown()
 
 
 def _do(work: Callable[[Task], Answer], task: Task) -> Answer:

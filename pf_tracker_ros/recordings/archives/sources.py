@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import posixpath
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -13,6 +13,7 @@ from typing import Any
 from pf_tracker_ros.footage import FootageError, is_bag
 from pf_tracker_ros.footage.access import entries, exists, resolved
 from pf_tracker_ros.footage.ground_truth import ground_truth_file
+from pf_tracker_ros.recordings.archives.detected import DetectedRecordings
 from pf_tracker_ros.recordings.archives.scratch import scratch_folder
 from pf_tracker_ros.recordings.archives.stores import (
     as_place,
@@ -20,8 +21,15 @@ from pf_tracker_ros.recordings.archives.stores import (
     open_store,
     telling_unreadable,
 )
+from pf_tracker_ros.recordings.beside import (
+    DETECTIONS_ENDING,
+    ENDINGS,
+    TARGET_ENDING,
+    detections_file,
+    is_only_one,
+    target_file,
+)
 from pf_tracker_ros.recordings.errors import DISK_IS_FULL, RecordingError, unwritable
-from pf_tracker_ros.recordings.target import TARGET_ENDING, target_file
 
 Place = Path | str
 """A path, or a URL."""
@@ -30,13 +38,14 @@ Place = Path | str
 _REMARK = re.compile(r"(^|\s)#.*")
 
 
-def find_recordings(archive: Place) -> dict[str, Place]:
+def find_recordings(archive: Place, detected: DetectedRecordings | None = None) -> dict[str, Place]:
     """The recordings of an archive: those with a target file, and sequence folders.
 
     Args:
         archive: A folder, or the URL of one, that is searched with all below it; or a text file
             that lists one recording a line, a URL or relative to the file, empty lines and
             what follows a `#` that begins a line or comes after white space left out.
+        detected: Which others in a folder are recordings too, without a target; None for none.
 
     Returns:
         Name, unique among them and without `..`, to absolute path or URL; sorted by name for a
@@ -46,7 +55,10 @@ def find_recordings(archive: Place) -> dict[str, Place]:
         RecordingError: Two recordings share a name, one has no name, or there is none.
         FootageError: There is no such archive, or it cannot be read.
     """
-    base, places = _in_store(str(archive)) if is_url(archive) else _in_folder(Path(archive))
+    if is_url(archive):
+        base, places = _in_store(str(archive), detected)
+    else:
+        base, places = _in_folder(Path(archive), detected)
     found: dict[str, Place] = {}
     for place in places:
         name = _name(place, base)
@@ -61,26 +73,28 @@ def find_recordings(archive: Place) -> dict[str, Place]:
         found[name] = place
     _check_names(found)
     if not found:
+        others = f"; detections are looked for in {detected.named}" if detected else ""
         raise RecordingError(
             f"no recording in {archive}; each needs its target beside it, such as drive"
-            f"{TARGET_ENDING} for drive.mcap, or a ground truth in its folder"
+            f"{TARGET_ENDING} for drive.mcap, or a ground truth in its folder{others}"
         )
     return found
 
 
-def state_of(source: Place) -> list[list[Any]]:
+def state_of(source: Place, *, with_detections: bool = False) -> list[list[Any]]:
     """What a recording and its target file are made of: changes where one of their files does.
 
     Args:
         source: Absolute path, or URL.
+        with_detections: Whether the detections beside it count as well.
 
     Returns:
         Name, size and time of each file; of those with a URL name and what the store has for that.
     """
     if is_url(source):
-        return _state_in_store(str(source))
+        return _state_in_store(str(source), with_detections)
     path = Path(source)
-    files = [path, target_file(path)]
+    files = [path, target_file(path), *([detections_file(path)] if with_detections else [])]
     if path.is_dir():
         files += sorted(each for each in path.rglob("*") if each.is_file())
     state = []
@@ -94,7 +108,7 @@ def state_of(source: Place) -> list[list[Any]]:
 
 @contextmanager
 def local_copy(source: Place) -> Iterator[Path]:
-    """A recording as a path: itself, or for a URL a copy with its target file, gone afterwards.
+    """A recording as a path: itself, or for a URL a copy with what is beside it, gone afterwards.
 
     Raises:
         FootageError: It cannot be read.
@@ -107,12 +121,37 @@ def local_copy(source: Place) -> Iterator[Path]:
         yield _download(str(source), folder)
 
 
-def _in_folder(archive: Path) -> tuple[Place, list[Place]]:
+@contextmanager
+def telling_of(source: Place, copy: Path) -> Iterator[None]:
+    """Tell of a recording where it is, and not where its copy was.
+
+    Raises:
+        FootageError, RecordingError: As in the block.
+    """
+    try:
+        yield
+    except (FootageError, RecordingError) as error:
+        raise told_of(error, source, copy) from error.__cause__
+
+
+def told_of(
+    error: FootageError | RecordingError, source: Place, copy: Path
+) -> FootageError | RecordingError:
+    """An error that tells of a recording where it is, and not where its copy was."""
+    if not is_url(source):
+        return error
+    text = str(error).replace(str(copy.parent), str(source).rpartition("/")[0])
+    if isinstance(error, RecordingError):
+        return RecordingError(text, error.exit_code)
+    return FootageError(text)
+
+
+def _in_folder(archive: Path, detected: DetectedRecordings | None) -> tuple[Place, list[Place]]:
     """The folder that names are relative to, and the recordings."""
     if not exists(archive):
         raise FootageError(f"there is no archive {archive}; give a folder, or a file with a list")
     if archive.is_dir():
-        return resolved(archive), sorted(set(_below(archive)))
+        return resolved(archive), sorted(set(_below(archive, detected)))
     try:
         text = archive.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
@@ -122,7 +161,7 @@ def _in_folder(archive: Path) -> tuple[Place, list[Place]]:
     return base, list(_listed(text, base))
 
 
-def _in_store(archive: str) -> tuple[Place, list[Place]]:
+def _in_store(archive: str, detected: DetectedRecordings | None) -> tuple[Place, list[Place]]:
     """The URL that names are relative to, and the recordings."""
     with telling_unreadable(archive):
         store, root = open_store(archive)
@@ -141,30 +180,33 @@ def _in_store(archive: str) -> tuple[Place, list[Place]]:
                 copy = likeness / relative
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 copy.write_bytes(store.cat_file(name) if name.endswith(TARGET_ENDING) else b"")
-            found = sorted(path.relative_to(likeness) for path in set(_below(likeness)))
+            found = sorted(path.relative_to(likeness) for path in set(_below(likeness, detected)))
     return archive, [f"{archive}/{path}" if path.parts else archive for path in found]
 
 
-def _below(folder: Path) -> Iterator[Path]:
+def _below(folder: Path, detected: DetectedRecordings | None) -> list[Path]:
     if ground_truth_file(folder) is not None:
-        yield resolved(folder)
-        return
+        return [resolved(folder)]
+    found = []
     for path in entries(folder):
         if path.name.startswith("."):
             continue
         has_target = not path.name.endswith(TARGET_ENDING) and exists(target_file(path))
-        if has_target and _is_recording(path):
-            yield resolved(path)
+        is_targeted = has_target and _is_recording(path)
+        if is_targeted or (detected is not None and detected.includes(path)):
+            found.append(resolved(path))
         elif path.is_dir() and not path.is_symlink():
-            yield from _below(path)
+            found += _below(path, detected)
+    if not found and detected is not None and detected.is_images(folder):
+        return [resolved(folder)]
+    return found
 
 
 def _is_recording(path: Path) -> bool:
     """Whether this is what the target file beside it is for, and not another file of that name."""
-    named = _named_in(target_file(path))
-    return (
-        resolved(path).name == named if named else path.is_dir() or is_bag(path) or _is_only(path)
-    )
+    if named := _named_in(target_file(path)):
+        return resolved(path).name == named
+    return path.is_dir() or is_bag(path) or is_only_one(path)
 
 
 def _named_in(path: Path) -> str | None:
@@ -176,11 +218,6 @@ def _named_in(path: Path) -> str | None:
         return None
     named = document.get("recording") if isinstance(document, dict) else None
     return named if isinstance(named, str) else None
-
-
-def _is_only(path: Path) -> bool:
-    beside = [each for each in entries(path.parent) if target_file(each) == target_file(path)]
-    return [each for each in beside if not each.name.endswith(TARGET_ENDING)] == [path]
 
 
 def _listed(text: str, base: Place) -> Iterator[Place]:
@@ -225,22 +262,23 @@ def _check_names(found: dict[str, Place]) -> None:
                 )
 
 
-def _state_in_store(url: str) -> list[list[Any]]:
+def _state_in_store(url: str, with_detections: bool) -> list[list[Any]]:
+    endings = (TARGET_ENDING, *([DETECTIONS_ENDING] if with_detections else []))
     try:
         with telling_unreadable(url):
             store, path = open_store(url)
-            names = [*store.find(path), _target_beside(store, path)]
+            names = [*store.find(path), *_beside(store, path, endings)]
             return [[name, store.ukey(name)] for name in names if store.exists(name)]
     except (FootageError, RecordingError):
         # Told of when it is tracked.
         return []
 
 
-def _target_beside(store: Any, path: str) -> str:
-    """Where the target of a recording stands, whether there is one or not."""
+def _beside(store: Any, path: str, endings: Sequence[str] = ENDINGS) -> list[str]:
+    """Where files of a recording stand, whether there are such or not."""
     parent, _, name = path.rpartition("/")
     stem = name if store.isdir(path) else PurePosixPath(name).stem
-    return f"{parent}/{stem}{TARGET_ENDING}"
+    return [f"{parent}/{stem}{ending}" for ending in endings]
 
 
 def _download(url: str, folder: Path) -> Path:
@@ -250,8 +288,7 @@ def _download(url: str, folder: Path) -> Path:
         if not names:
             raise FileNotFoundError(url)
         parent, _, last = path.rpartition("/")
-        beside = _target_beside(store, path)
-        for name in [*names, *([beside] if store.exists(beside) else [])]:
+        for name in [*names, *filter(store.exists, _beside(store, path))]:
             copy = folder / name.removeprefix(f"{parent}/")
             try:
                 copy.parent.mkdir(parents=True, exist_ok=True)

@@ -37,6 +37,8 @@ from pf_tracker_ros.recordings.outputs import flush_to_disk
 
 _STATES = ("tracking", "occluded", "lost", "idle", "skipped")
 MANIFEST = "archive.json"
+DETECTIONS = "--detections"
+"""Argument for the detections beside each recording."""
 # If all workers end and nothing gets done, it is for their recordings' sake, such as for memory.
 _FRUITLESS_ROUNDS = 4
 
@@ -186,9 +188,7 @@ def _tracked(task: ArchiveTask, source: Path, made: Path) -> ArchiveEntry | Work
     if code in (INTERRUPTED, TERMINATED):
         return WorkerEnded("its worker was asked to end")
     if code != DONE:
-        return _failed(
-            task, code, _sentence(said.getvalue()).replace(str(source), str(task.source))
-        )
+        return _failed(task, code, _sentence(said.getvalue()))
     try:
         entry = _entry(task, made)
         (made / DONE_FILE).write_text(json.dumps(asdict(entry), indent=1) + "\n")
@@ -202,7 +202,8 @@ def _tracked(task: ArchiveTask, source: Path, made: Path) -> ArchiveEntry | Work
 
 def _key(source: Place, arguments: Sequence[str]) -> str:
     """Stands for the inputs, as their names, sizes and times tell them, version and parameters."""
-    text = json.dumps([__version__, list(arguments), state_of(source)])
+    state = state_of(source, with_detections=DETECTIONS in arguments)
+    text = json.dumps([__version__, list(arguments), state])
     return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
 
 

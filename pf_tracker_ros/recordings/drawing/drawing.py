@@ -1,4 +1,4 @@
-"""Asks for a target on a page, served on the loopback for as long as it takes. Needs aiohttp."""
+"""Asks for targets on a page, served on the loopback for as long as it takes. Needs aiohttp."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import json
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from aiohttp import web
 
@@ -25,23 +25,30 @@ _PAGE = Path(__file__).with_name("page")
 _HOST = "127.0.0.1"
 # That of the console, so that one tunnel serves both; another one where it is taken.
 _PORT = 8642
-# A request is a box, never more than this.
-_LARGEST_REQUEST = 4096
+# A request is a list of boxes, never more than this.
+_LARGEST_REQUEST = 2**16
+_LONGEST_LABEL = 100
 
 
-def draw_target(recording: Recording, announce: Callable[[str], None]) -> Target:
-    """Show a page with the frames of a recording until somebody has drawn the target on one.
+def draw_targets(
+    recording: Recording, most: int, announce: Callable[[str], None]
+) -> tuple[Target, ...]:
+    """Show a page with the frames of a recording until somebody has drawn the targets on them.
 
     Args:
         recording: What is to be tracked in.
+        most: How many there may be, at least 1.
         announce: Called with the address of the page.
+
+    Returns:
+        At least one, in the order in which they were drawn.
 
     Raises:
         RecordingError: It was given up on the page, or the page cannot be served.
         FootageError: The recording cannot be read.
     """
     pictures = Pictures(recording)
-    desk = _Desk(recording, pictures)
+    desk = _Desk(recording, pictures, most)
     try:
         # What cannot be read at all is told here, and not on a page.
         try:
@@ -62,12 +69,14 @@ class _Desk:
     Args:
         recording: What is drawn on.
         pictures: Its frames.
+        most: How many targets there may be.
     """
 
-    def __init__(self, recording: Recording, pictures: Pictures) -> None:
+    def __init__(self, recording: Recording, pictures: Pictures, most: int) -> None:
         self._recording = recording
         self._pictures = pictures
-        self._target: Target | None = None
+        self._most = most
+        self._targets: tuple[Target, ...] = ()
         self._error: OSError | None = None
         self._is_decided = threading.Event()
         self._is_started = threading.Event()
@@ -77,7 +86,7 @@ class _Desk:
         router = self._site.application.router
         router.add_get("/recording", self._on_recording)
         router.add_get("/frame", self._on_frame)
-        router.add_post("/target", self._on_target)
+        router.add_post("/targets", self._on_targets)
         router.add_post("/cancel", self._on_cancel)
         self._thread = threading.Thread(target=self._serve, name="drawing", daemon=True)
 
@@ -91,11 +100,11 @@ class _Desk:
         if self._error:
             raise RecordingError(f"the page to draw on cannot be served: {self._error}")
 
-    def wait(self) -> Target:
+    def wait(self) -> tuple[Target, ...]:
         self._is_decided.wait()
-        if self._target is None:
+        if not self._targets:
             raise RecordingError("no target was drawn: the page was canceled; nothing was tracked")
-        return self._target
+        return self._targets
 
     def close(self) -> None:
         if self._thread.is_alive():
@@ -129,8 +138,14 @@ class _Desk:
         return await self._loop.run_in_executor(None, self._pictures.find, number)
 
     async def _on_recording(self, request: web.Request) -> web.Response:
-        count = self._recording.frame_count
-        return web.json_response({"name": self._recording.path.name, "frames": count})
+        recording = self._recording
+        return web.json_response(
+            {
+                "name": recording.path.name,
+                "frames": recording.frame_count,
+                "most_targets": self._most,
+            }
+        )
 
     async def _on_frame(self, request: web.Request) -> web.Response:
         number = request.query.get("number", "")
@@ -147,38 +162,82 @@ class _Desk:
             headers={"X-Frame": str(picture.frame.index), "X-Size": f"{width} {height}"},
         )
 
-    async def _on_target(self, request: web.Request) -> web.Response:
+    async def _on_targets(self, request: web.Request) -> web.Response:
         self._site.check_origin(request)
         try:
-            self._target = await self._drawn(await request.content.read(_LARGEST_REQUEST))
+            self._targets = await self._drawn(await request.content.read(_LARGEST_REQUEST))
         except (ValueError, LookupError) as error:
             raise web.HTTPUnprocessableEntity(text=str(error)) from error
         return self._decided("tracking begins; this page can be closed")
 
-    async def _drawn(self, text: bytes) -> Target:
-        """The target of a request.
+    async def _drawn(self, text: bytes) -> tuple[Target, ...]:
+        """The targets of a request.
 
         Raises:
-            ValueError: It is none that could be tracked.
-            LookupError: It is of a frame that is not there.
+            ValueError: One could not be tracked, or they are too many.
+            LookupError: One is of a frame that is not there.
         """
-        try:
-            wanted: Any = json.loads(text)
-        except RecursionError as error:
-            raise ValueError("the request is no box") from error
-        if not isinstance(wanted, dict) or not isinstance(wanted.get("frame"), int):
-            raise ValueError("the request tells no frame")
-        picture = await self._find(max(0, wanted["frame"]))
-        box = check_box(wanted.get("box", ()), picture.size)
-        frame = picture.frame
-        return Target(box, frame.stamp, frame.index, picture.size, "the page")
+        wanted = _wanted(text)
+        if len(wanted) > self._most:
+            raise ValueError(f"there are {len(wanted)} targets; allowed: {self._most}")
+        # Each frame once and in their order, as going back reads the recording anew.
+        pictures = {
+            number: await self._find(number) for number in sorted({one.frame for one in wanted})
+        }
+        targets = []
+        for number, one in enumerate(wanted, start=1):
+            picture = pictures[one.frame]
+            frame = picture.frame
+            try:
+                box = check_box(one.box, picture.size)
+            except ValueError as error:
+                raise ValueError(f"target {number}: {error}") from error
+            targets.append(
+                Target(box, frame.stamp, frame.index, picture.size, "the page", one.label)
+            )
+        return tuple(targets)
 
     async def _on_cancel(self, request: web.Request) -> web.Response:
         self._site.check_origin(request)
-        self._target = None
+        self._targets = ()
         return self._decided("nothing is tracked; this page can be closed")
 
     def _decided(self, text: str) -> web.Response:
         # Once the answer is on its way: the server ends with the decision, and waits for answers.
         self._loop.call_soon(self._is_decided.set)
         return web.Response(text=text)
+
+
+class _Wanted(NamedTuple):
+    """A target as a page asks for it; its box is not looked at yet."""
+
+    frame: int
+    box: Any
+    label: str
+
+
+def _wanted(text: bytes) -> list[_Wanted]:
+    """The targets that a request is for, at least one.
+
+    Raises:
+        ValueError: It is for none.
+    """
+    try:
+        request: Any = json.loads(text)
+    except RecursionError as error:
+        raise ValueError("the request has no targets") from error
+    targets = request.get("targets") if isinstance(request, dict) else None
+    if not isinstance(targets, list) or not targets:
+        raise ValueError("the request has no targets")
+    wanted = []
+    for number, one in enumerate(targets, start=1):
+        if not isinstance(one, dict) or not isinstance(one.get("frame"), int):
+            raise ValueError(f"target {number}: the request tells no frame")
+        label = one.get("label", "")
+        if not isinstance(label, str) or not label.isprintable() or len(label) > _LONGEST_LABEL:
+            raise ValueError(
+                f"target {number}: its label is not allowed; allowed: up to {_LONGEST_LABEL} "
+                "printable characters"
+            )
+        wanted.append(_Wanted(max(0, one["frame"]), one.get("box", ()), label))
+    return wanted

@@ -1,7 +1,5 @@
 """The replay publisher, and in the tracker's place a node of the test that hears it over DDS."""
 
-import contextlib
-import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +10,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PolygonStamped
 from rcl_interfaces.srv import SetParameters
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -146,7 +144,6 @@ def stand_in(graph):
 @pytest.fixture
 def replay(graph):
     """Start the replay publisher in a thread, in a context of its own; returns the node."""
-    closing = []
 
     def start(**parameters):
         # On a busy machine an answer may take its time; no frame shall be sent twice for that.
@@ -158,28 +155,10 @@ def replay(graph):
                 for name, value in parameters.items()
             ],
         )
-        executor = SingleThreadedExecutor(context=node.context)
-        executor.add_node(node)
-
-        def spin():
-            with contextlib.suppress(ExternalShutdownException):
-                executor.spin()
-
-        thread = threading.Thread(target=spin)
-        thread.start()
-
-        def close():
-            node.context.try_shutdown()
-            thread.join(DEADLINE)
-            executor.shutdown()
-            node.destroy_node()
-
-        closing.append(close)
+        graph.run(node)
         return node
 
-    yield start
-    for close in closing:
-        close()
+    return start
 
 
 @pytest.fixture

@@ -162,7 +162,7 @@ def test_compressed_and_broken_images_of_a_bag_are_what_they_are_to_the_node(
 
 
 def test_the_bag_holds_the_messages_that_the_node_publishes(
-    lockstep, tmp_path, moving_square_sequence, typestore
+    lockstep, tmp_path, moving_square_sequence, typestore, assert_equal_fields
 ):
     from rosbags.rosbag2 import Reader
 
@@ -199,22 +199,6 @@ def test_the_bag_holds_the_messages_that_the_node_publishes(
         assert values.keys() == status.values.keys()
         differing = {key for key in values if values[key] != status.values[key]}
         assert differing <= TIMES
-
-
-def assert_equal_fields(recorded, published):
-    """Two messages of one type, whichever library made them."""
-    for name in published.get_fields_and_field_types():
-        one, other = getattr(recorded, name), getattr(published, name)
-        if hasattr(other, "get_fields_and_field_types"):
-            assert_equal_fields(one, other)
-        elif isinstance(one, np.ndarray):
-            assert one.tobytes() == bytes(other)
-        elif isinstance(other, (list, tuple)):
-            assert len(one) == len(other)
-            for each, same in zip(one, other, strict=True):
-                assert_equal_fields(each, same)
-        else:
-            assert one == other
 
 
 @pytest.mark.parametrize("name", REAL)

@@ -81,7 +81,9 @@ def assert_same(found, client, arrays):
         assert [(int(row["id"]), outline(row)) for row in own if row["x"]] == lines
 
 
-def test_drawn_targets_and_the_bag_are_those_of_the_node(lockstep, source, walkers, typestore):
+def test_drawn_targets_and_the_bag_are_those_of_the_node(
+    lockstep, source, walkers, typestore, assert_equal_fields
+):
     from rosbags.rosbag2 import Reader
 
     images, boxes = walkers
@@ -163,25 +165,6 @@ def test_frames_that_are_not_looked_at_are_the_same(
                 (values["id"], values["confidence"]) for values in told
             ]
     assert [status.values["state"] for status in statuses].count("skipped") == 3
-
-
-def assert_equal_fields(recorded, published):
-    """Two messages of one type, whichever library made them."""
-    for name in published.get_fields_and_field_types():
-        one, other = getattr(recorded, name), getattr(published, name)
-        if hasattr(other, "get_fields_and_field_types"):
-            assert_equal_fields(one, other)
-        elif isinstance(one, np.ndarray):
-            assert one.tobytes() == bytes(other)
-        elif isinstance(other, (list, tuple)):
-            assert len(one) == len(other)
-            for each, same in zip(one, other, strict=True):
-                assert_equal_fields(each, same)
-        elif isinstance(other, float) and name in "rgba":
-            # A field of single precision, which rosbags gives back as it was read.
-            assert np.float32(one) == np.float32(other)
-        else:
-            assert one == other
 
 
 def test_a_built_in_detector_that_keeps_up_finds_the_same(

@@ -1,14 +1,17 @@
-// Choosing a frame of a recording, and drawing the target on it.
+// Choosing a frame of a recording, and drawing the targets on it.
 import * as drawing from "./drawing.js";
 
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay"), picture = at("picture"), seek = at("seek");
-const HOW = "drag a box around the target; then its corners, or the arrow keys (with shift its size, with alt by a pixel), put it right; Enter tracks it, Escape drops it";
+const HOW = "drag a box around the target; then its corners, or the arrow keys (with shift its size, with alt by a pixel), put it right; Enter starts, Escape drops it";
+const NEXT = "drag a box around the next target, also in another frame; Enter starts, U takes back the last one";
 
 let frame = null;        // { number, width, height } as shown
 let mode = "looking";    // looking, drawing (the pointer is down), editing, sent, or done
 let loading = false;
 let wanted = null;       // number of the frame to show next
+let kept = [];           // { frame, box, label } of the targets before the one that is edited
+let most = 1;            // targets that there may be
 
 function note(text, ok = true) {
   at("note").textContent = text;
@@ -19,11 +22,39 @@ function setMode(next, box = drawing.box()) {
   mode = next;
   const editing = mode === "editing", over = mode === "sent" || mode === "done";
   at("numbers").disabled = !editing;
+  at("add").disabled = !editing || kept.length + 1 >= most;
+  at("undo").disabled = over || !(editing || kept.length);
+  at("send").disabled = over || !(editing || kept.length);
   at("draw").setAttribute("aria-pressed", editing);
   for (const id of ["draw", "cancel", "back", "forward"]) at(id).disabled = over;
   seek.disabled = over || !Number(seek.max);
   at("stage").dataset.mode = mode;
   drawing.show(box, editing);
+  showKept();
+}
+
+function labeledBox() {
+  const group = document.createElementNS(overlay.namespaceURI, "g");
+  group.append(...["rect", "text"].map((name) => document.createElementNS(overlay.namespaceURI, name)));
+  return group;
+}
+
+// On the picture those of its frame, in the list all.
+function showKept() {
+  const unit = (frame?.width ?? 1) / overlay.clientWidth || 1;
+  const here = kept.map((target, i) => [target, i + 1]).filter(([target]) => target.frame === frame?.number);
+  at("kept").replaceChildren(...here.map(([{ box, label }, number]) => {
+    const group = labeledBox(), [rect, text] = group.children;
+    drawing.place(rect, box);
+    text.textContent = `${number} ${label}`.trim();
+    drawing.set(text, { x: box[0], y: Math.max(box[1] - 4 * unit, 12 * unit), "font-size": 13 * unit });
+    return group;
+  }));
+  at("list").replaceChildren(...kept.map(({ frame, box, label }) => {
+    const line = document.createElement("li");
+    line.textContent = `${label ? `${label}, ` : ""}frame ${frame}: ${box.map((value) => Math.round(10 * value) / 10).join(", ")}`;
+    return line;
+  }));
 }
 
 async function ask(path, options) {
@@ -61,6 +92,7 @@ async function put(answer) {
   seek.value = frame.number;
   at("frame").textContent = frame.number;
   drawing.show(drawing.box(), mode === "editing");
+  showKept();
 }
 
 function edit(box) {
@@ -70,7 +102,24 @@ function edit(box) {
 
 function drop() {
   setMode("looking", null);
-  note(HOW);
+  at("label").value = "";
+  note(kept.length ? NEXT : HOW);
+}
+
+const edited = () => ({ frame: frame.number, box: drawing.box(), label: at("label").value.trim() });
+
+function add() {
+  if (mode !== "editing" || kept.length + 1 >= most) return;
+  document.activeElement?.blur();
+  kept.push(edited());
+  drop();
+}
+
+function undo() {
+  if (!canChoose()) return;
+  document.activeElement?.blur();
+  if (mode === "looking") kept.pop();
+  drop();
 }
 
 async function decide(path, body) {
@@ -81,7 +130,11 @@ async function decide(path, body) {
   setMode(ok ? "done" : before);
 }
 
-const send = () => mode === "editing" && decide("/target", JSON.stringify({ frame: frame.number, box: drawing.box() }));
+function send() {
+  const targets = mode === "editing" ? [...kept, edited()] : kept;
+  if (canChoose() && targets.length) decide("/targets", JSON.stringify({ targets }));
+}
+
 const canChoose = () => mode === "looking" || mode === "editing";
 const step = (by) => { if (frame && canChoose()) show((wanted ?? frame.number) + by); };
 
@@ -110,18 +163,22 @@ document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey) return;
   const key = event.key.toLowerCase(), typing = event.target.matches("input");
   if (key === "escape" && (mode === "editing" || mode === "drawing")) drop();
-  else if (key === "enter" && mode === "editing" && !event.target.matches("button")) send();
+  else if (key === "enter" && canChoose() && !event.target.matches("button")) send();
   else if (typing) return;
   else if (key.startsWith("arrow") && mode === "editing") drawing.move(event);
   else if (key === "n" || (key === "arrowright" && mode === "looking")) step(1);
   else if (key === "p" || (key === "arrowleft" && mode === "looking")) step(-1);
   else if (key === "r") startDrawing();
+  else if (key === "a") add();
+  else if (key === "u") undo();
   else return;
   event.preventDefault();
 });
 at("back").addEventListener("click", () => step(-1));
 at("forward").addEventListener("click", () => step(1));
 at("draw").addEventListener("click", startDrawing);
+at("add").addEventListener("click", add);
+at("undo").addEventListener("click", undo);
 at("send").addEventListener("click", send);
 at("cancel").addEventListener("click", () => decide("/cancel", ""));
 seek.addEventListener("input", () => { if (canChoose()) show(seek.valueAsNumber); });
@@ -129,9 +186,11 @@ seek.addEventListener("input", () => { if (canChoose()) show(seek.valueAsNumber)
 drawing.begin(() => frame && [frame.width, frame.height]);
 const [ok, answer] = await ask("/recording");
 if (ok) {
-  const { name, frames } = await answer.json();
+  const { name, frames, most_targets } = await answer.json();
   at("name").textContent = name;
-  document.title = `track: draw the target in ${name}`;
+  document.title = `track: draw the targets in ${name}`;
+  most = most_targets;
+  at("add").hidden = most < 2;
   seek.max = Math.max(0, (frames ?? 0) - 1);
 }
 drop();

@@ -1,0 +1,38 @@
+"""What stands beside a recording under its name: its target, and a detector's boxes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pf_tracker_ros.footage.access import entries, resolved
+
+TARGET_ENDING = ".target.yaml"
+DETECTIONS_ENDING = ".detections.csv"
+ENDINGS = (TARGET_ENDING, DETECTIONS_ENDING)
+
+
+def file_beside(source: Path, ending: str) -> Path:
+    """Where a file of a recording stands: `drive.target.yaml` beside `drive.mcap`."""
+    place = resolved(source)
+    name = place.name if place.is_dir() else place.stem
+    return place.with_name(f"{name}{ending}")
+
+
+def is_only_one(path: Path) -> bool:
+    """Whether nothing else in its folder would have the same files beside it.
+
+    Raises:
+        FootageError: The folder cannot be listed.
+    """
+    beside = [each for each in entries(path.parent) if target_file(each) == target_file(path)]
+    return [each for each in beside if not each.name.endswith(ENDINGS)] == [path]
+
+
+def target_file(source: Path) -> Path:
+    """Where the target of a recording stands: `drive.target.yaml` beside `drive.mcap`."""
+    return file_beside(source, TARGET_ENDING)
+
+
+def detections_file(source: Path) -> Path:
+    """Where the detections in a recording stand: `drive.detections.csv` beside `drive.mcap`."""
+    return file_beside(source, DETECTIONS_ENDING)
