@@ -29,7 +29,7 @@ from pf_tracker_ros.recordings.command_line import parser
 from pf_tracker_ros.recordings.errors import RecordingError, unwritable
 from pf_tracker_ros.recordings.files import check_outputs, open_outputs
 from pf_tracker_ros.recordings.outputs import OutputFolder
-from pf_tracker_ros.recordings.plan import Plan, check_request, plan_for, require
+from pf_tracker_ros.recordings.plan import BESIDE, Plan, check_request, plan_for, require
 from pf_tracker_ros.recordings.progress import progress_bar
 from pf_tracker_ros.recordings.recording import Recording, open_recording
 from pf_tracker_ros.recordings.target import Target, save_targets
@@ -129,7 +129,12 @@ def _check_kind(options: argparse.Namespace) -> None:
             what = f"--{option.replace('_', '-')} is for an archive"
             raise RecordingError(f"{what}; give one with --archive FOLDER_OR_LIST")
     if not options.source:
-        raise RecordingError("there is no SOURCE; give one, or --archive FOLDER_OR_LIST")
+        message = "there is no SOURCE; give one, or --archive FOLDER_OR_LIST"
+        for option in ("detections", "report"):
+            taken = getattr(options, option)
+            if taken not in (None, BESIDE):
+                message += f"; {taken} was taken for --{option}: SOURCE comes first"
+        raise RecordingError(message)
     if options.draw and options.box:
         raise RecordingError("--draw and --box both give the target; allowed: one of them")
     if is_url(options.output):

@@ -225,6 +225,10 @@ def test_what_is_for_one_recording_is_refused(archive, track, tmp_path, argument
     code, _, errors = track("--output", tmp_path / "out")
     assert code == 2
     assert "there is no SOURCE; give one, or --archive" in errors
+    for option in ("--detections", "--report"):
+        code, _, errors = track("--output", tmp_path / "out", option, "drive.mp4")
+        assert code == 2
+        assert f"drive.mp4 was taken for {option}: SOURCE comes first" in errors
 
 
 def test_links_that_lead_in_a_circle_are_told_and_stop_nothing(
