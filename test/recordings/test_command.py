@@ -132,6 +132,21 @@ def test_without_permission_nothing_is_tracked(
     assert list(locked.iterdir()) == []
 
 
+def test_an_output_that_cannot_be_is_told_in_one_sentence(
+    track, ordinary_user, public_folder, moving_square, write_sequence
+):
+    source = write_sequence("square", moving_square.images, moving_square.boxes, public_folder)
+    # Once by who may read all modules that it takes.
+    assert track(source, "--output", public_folder / "first", *QUICK)[0] == 0
+    closed = public_folder / "closed"
+    closed.mkdir(mode=0o700)
+    for output, expected in ((public_folder / ("n" * 300), 1), (closed / "new", 5)):
+        with ordinary_user():
+            code, said, errors = track(source, "--output", output, *QUICK)
+        assert (code, said) == (expected, "")
+        assert one_sentence(errors).startswith(f"track: error: {output} ")
+
+
 @pytest.mark.parametrize("content", [b"", b"\x00nothing that is a video"])
 def test_a_source_that_cannot_be_read(track, tmp_path, content):
     source = tmp_path / "drive.mp4"
