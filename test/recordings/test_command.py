@@ -179,6 +179,7 @@ def test_a_source_that_breaks_off_keeps_what_came_before(
     [
         (["--box", "1,2,3"], "x,y,width,height in pixels"),
         (["--box", "1,2,0,4"], "width and height above 0"),
+        (["--box", "-1,2,9,9"], "begins with '-' comes behind '=', such as --box=-3,4,50,60"),
         (["--box", "1,2,nan,4"], "width and height above 0"),
         ([*BOX, "--preset", "best"], "no preset 'best'; there are: default"),
         ([*BOX, "--parameter", "particles=none"], "particles"),
