@@ -269,7 +269,7 @@ def _target(path: Path, of: str, document: dict[str, Any], source: Path) -> Targ
         frame=_whole(path, of, document, "frame"),
         image_size=image_size,
         source=f"{path}{of and ','}{of}",
-        label="" if (label := document.get("label")) is None else str(label),
+        label=_label(path, of, document.get("label")),
     )
 
 
@@ -298,6 +298,15 @@ def _check_keys(path: Path, of: str, mapping: dict[str, Any], allowed: set[str])
             f"{path} has {', '.join(unknown)}{of}; allowed: {', '.join(sorted(allowed))}",
             WRONG_TARGET,
         )
+
+
+def _label(path: Path, of: str, value: Any) -> str:
+    label = "" if value is None else str(value)
+    try:
+        label.encode("utf-8")
+    except UnicodeEncodeError:
+        raise _wrong(path, f"'label'{of}", value, "a text of Unicode characters") from None
+    return label
 
 
 def _whole(path: Path, of: str, document: dict[str, Any], name: str) -> int | None:

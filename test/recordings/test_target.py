@@ -112,6 +112,10 @@ def test_the_truth_begins_where_the_target_appears(track, rows, moving_square, w
         (f"target_box: [1, 2, 3, 4]\nimage_size: [{10**400}, 4]", "allowed: two numbers"),
         ("target_box: [1.0e+308, 2, 1.0e+308, 4]", "expected four finite numbers"),
         ("[" * 3000, "cannot be read as YAML (maximum recursion depth exceeded"),
+        (
+            'target_box: [1, 2, 3, 4]\nlabel: "\\ud800"',
+            r"'label' is '\ud800'; allowed: a text of Unicode",
+        ),
         ("label: !!bool perhaps", "cannot be read as YAML"),
         ("label: !!timestamp soon", "cannot be read as YAML"),
     ],
