@@ -105,6 +105,14 @@ def test_an_output_that_exists_is_left_alone(track, moving_square_sequence, tmp_
     assert "is no folder" in one_sentence(errors)
 
 
+def test_a_video_is_refused_where_opencv_would_end_the_process(start_track, long_sequence):
+    folder = os.fsdecode(b"\xe4")
+    process = start_track(long_sequence, "--output", folder, "--video", *QUICK)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert "has a name that OpenCV cannot write a video into" in one_sentence(errors)
+
+
 def test_a_file_that_comes_meanwhile_is_left_alone_and_the_others_are_written(
     start_track, long_sequence, tmp_path
 ):
