@@ -6,7 +6,7 @@ import random
 import re
 import signal
 import time
-from urllib.parse import unquote
+from urllib.parse import unquote, unquote_to_bytes
 
 import pytest
 
@@ -71,6 +71,24 @@ def test_a_report_of_the_archive_leads_to_those_of_its_recordings(reported):
     assert "0002.png cannot be decoded" in page
     assert "2, of which 1 failed" in page
     assert '<td data-figure="tracking" data-value="1.0">100.0 %</td>' in page
+
+
+def test_a_report_leads_to_a_recording_whose_name_is_no_text(
+    write_sequence, moving_square, track, tmp_path
+):
+    pytest.importorskip("jinja2")
+    pytest.importorskip("matplotlib")
+    folder, output = tmp_path / "archive", tmp_path / "out"
+    name = os.fsdecode(b"\xe4")
+    # OpenCV cannot write into a folder of that name.
+    drive = write_sequence("drive", moving_square.images[:2], moving_square.boxes[:2], folder)
+    drive.rename(folder / name)
+    code, said, _ = track("--archive", folder, "--output", output, *QUICK, "--report")
+    assert code == 0
+    assert "\\udce4" in said
+    (address,) = re.findall(r'<a href="([^"]*)">\?</a>', (output / "report.html").read_text())
+    assert unquote_to_bytes(address) == b"\xe4/report.html"
+    assert (output / name / "report.html").exists()
 
 
 def test_the_report_of_an_archive_can_be_sorted_and_is_not_too_wide(reported, browse):
