@@ -108,6 +108,8 @@ def _write(
     canvas: NDArray[Any], text: str, origin: tuple[int, int], color: Color, scale: float
 ) -> None:
     thickness = max(1, round(2 * scale))
+    # OpenCV ends the process where a text cannot be encoded.
+    text = text.encode("utf-8", "replace").decode("utf-8")
     for text_color, width in ((_OUTLINE, thickness + 2), (color, thickness)):
         cv2.putText(
             canvas, text, origin, _FONT, _FONT_SCALE * scale, text_color, width, cv2.LINE_AA

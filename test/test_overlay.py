@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -72,6 +75,18 @@ def test_the_text_stands_at_the_top_left(plain):
     assert len(changed) > 50
     assert changed[:, 0].max() < 40
     assert np.array_equal(draw_overlay(plain, None), plain)
+
+
+def test_a_text_that_cannot_be_encoded_is_drawn_with_a_question_mark():
+    """OpenCV ends the process with it, so that this is asked of another one."""
+    program = """
+import numpy as np
+from pf_tracker_ros.overlay import draw_overlay
+image = np.zeros((48, 160, 3), np.uint8)
+drawn = draw_overlay(image, None, "car \\ud800")
+assert (drawn == draw_overlay(image, None, "car ?")).all()
+"""
+    subprocess.run([sys.executable, "-c", program], check=True)
 
 
 def test_gray_becomes_the_same_gray_in_color():

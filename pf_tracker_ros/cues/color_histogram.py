@@ -113,7 +113,7 @@ class ColorHistogram(Cue):
         """See `Cue.log_likelihood`; source: Li et al. 2007, equation (6)."""
         return -self._sharpness * self.squared_distance(region, boxes, template)
 
-    def match(self, seen: ColorTemplate, template: ColorTemplate) -> Match:
+    def match(self, seen: ColorTemplate, template: ColorTemplate) -> Match | None:
         """See `Cue.match`; the similarity is the Bhattacharyya coefficient."""
         coefficient = min(float(np.sqrt(seen.histogram * template.histogram).sum()), 1.0)
         return Match(-self._sharpness * (1.0 - coefficient), coefficient)
@@ -173,16 +173,19 @@ class ForegroundColorHistogram(ColorHistogram):
 
     needs_foreground = True
 
-    def match(self, seen: ColorTemplate, template: ColorTemplate) -> Match:
+    def match(self, seen: ColorTemplate, template: ColorTemplate) -> Match | None:
         """See `Cue.match`; the similarity is that of the target's colors alone.
 
         It is a share of what a perfect match has: a box full of background is not like the target.
+        Of a target that had nothing but background in its box, no color is known to tell it by.
         """
-        roots = np.sqrt(seen.histogram * template.histogram)
         perfect = float(template.histogram[:-1].sum())
+        if perfect == 0.0:
+            return None
+        roots = np.sqrt(seen.histogram * template.histogram)
         return Match(
             -self._sharpness * (1.0 - min(float(roots.sum()), 1.0)),
-            min(float(roots[:-1].sum()) / perfect, 1.0) if perfect > 0.0 else 1.0,
+            min(float(roots[:-1].sum()) / perfect, 1.0),
         )
 
     @property

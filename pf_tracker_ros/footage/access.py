@@ -66,6 +66,14 @@ def exists(path: Path) -> bool:
         raise unreadable(path, "path", error) from error
 
 
+def is_folder(path: Path) -> bool:
+    """Whether a path is a folder, as far as this user may look; what cannot be one is none."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
+
+
 def resolved(path: Path) -> Path:
     """The absolute path without links in it, but for such as lead in a circle, to nowhere."""
     return Path(os.path.realpath(path))

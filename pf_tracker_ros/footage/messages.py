@@ -32,9 +32,11 @@ def box_corners(box: Sequence[float]) -> list[tuple[float, float]]:
 
 def box_as_sent(box: Sequence[float]) -> Box:
     """A box (x, y, width, height) as the corners of a message, in single precision, tell it."""
-    corners = np.array(box_corners(box), dtype=np.float32).astype(np.float64)
-    (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
-    return float(left), float(top), float(right - left), float(bottom - top)
+    # What is too large for single precision is infinite there, and refused where it is used.
+    with np.errstate(over="ignore"):
+        corners = np.array(box_corners(box), dtype=np.float32).astype(np.float64)
+    (left, top), (right, bottom) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    return left, top, right - left, bottom - top
 
 
 def particle_columns(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import functools
+import io
 import signal
 import sys
 import threading
@@ -81,7 +82,7 @@ def main(arguments: Sequence[str] | None = None, source_name: str | None = None)
     """
     stop = _Stop()
     try:
-        with _noticing_signals(stop), quiet_opencv():
+        with _noticing_signals(stop), quiet_opencv(), _printing_any_name():
             return _run(parser().parse_args(arguments), stop, source_name)
     except FootageError as error:
         return _complain(error, errors.UNREADABLE_SOURCE)
@@ -305,6 +306,20 @@ def _noticing_signals(stop: _Stop) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def _printing_any_name() -> Iterator[None]:
+    """Print names of files that are no text as standard error does, in place of failing."""
+    output = sys.stdout
+    if not isinstance(output, io.TextIOWrapper) or output.errors != "strict":
+        yield
+        return
+    output.reconfigure(errors="backslashreplace")
+    try:
+        yield
+    finally:
+        output.reconfigure(errors="strict")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pf_tracker_ros.footage.access import entries, resolved
+from pf_tracker_ros.footage.access import entries, is_folder, resolved
 
 TARGET_ENDING = ".target.yaml"
 DETECTIONS_ENDING = ".detections.csv"
@@ -14,7 +14,7 @@ ENDINGS = (TARGET_ENDING, DETECTIONS_ENDING)
 def file_beside(source: Path, ending: str) -> Path:
     """Where a file of a recording stands: `drive.target.yaml` beside `drive.mcap`."""
     place = resolved(source)
-    name = place.name if place.is_dir() else place.stem
+    name = place.name if is_folder(place) else place.stem
     return place.with_name(f"{name}{ending}")
 
 

@@ -50,6 +50,9 @@ class _Parser(argparse.ArgumentParser):
     """An argument parser that refuses in one line."""
 
     def error(self, message: str) -> NoReturn:
+        if message.endswith("expected one argument"):
+            # argparse takes a box that begins left of the image for an option.
+            message += "; one that begins with '-' comes behind '=', such as --box=-3,4,50,60"
         self.exit(errors.REFUSED, f"track: error: {message} (track --help tells more)\n")
 
 

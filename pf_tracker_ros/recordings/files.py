@@ -7,6 +7,7 @@ import functools
 from pathlib import Path
 
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
+from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.outputs import MakeWriter, OutputFolder, check_free
 from pf_tracker_ros.recordings.plan import BESIDE, Plan
 from pf_tracker_ros.recordings.report import Known, KnownTarget, RecordingReport
@@ -18,11 +19,13 @@ BOXES, PARQUET, VIDEO, BAG = "boxes.csv", "boxes.parquet", "overlay.mp4", "topic
 
 
 def check_outputs(options: argparse.Namespace) -> None:
-    """Refuse what `open_outputs` would refuse because it is there already.
+    """Refuse what `open_outputs` would refuse because it is there already, or could not write.
 
     Raises:
-        RecordingError: A file is.
+        RecordingError: A file is there, or OpenCV cannot take the name of a video.
     """
+    if options.video:
+        _check_video_folder(options.output)
     for folder, names in _places(options).items():
         check_free(folder, names)
 
@@ -48,6 +51,18 @@ def open_outputs(options: argparse.Namespace, plan: Plan, name: str) -> list[Out
             outputs.discard()
         raise
     return opened
+
+
+def _check_video_folder(folder: Path) -> None:
+    """Refuse a folder with whose name OpenCV would end the process."""
+    name = str(folder)
+    try:
+        name.encode()
+    except UnicodeEncodeError as error:
+        raise RecordingError(
+            f"--output {name!a} has a name that OpenCV cannot write a video into; give a folder "
+            "whose name is UTF-8"
+        ) from error
 
 
 def _places(options: argparse.Namespace) -> dict[Path, list[str]]:

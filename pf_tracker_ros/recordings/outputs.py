@@ -49,10 +49,11 @@ class OutputFolder:
     def __init__(self, folder: Path, makers: dict[str, MakeWriter]) -> None:
         self._folder = folder
         check_free(folder, makers)
-        self._made = _missing(folder)
+        self._made: list[Path] = []
         self._workplace: Path | None = None
         self._writers: dict[str, FrameWriter] = {}
         try:
+            self._made = _missing(folder)
             folder.mkdir(parents=True, exist_ok=True)
             self._workplace = Path(tempfile.mkdtemp(prefix=".track_", dir=folder))
             for name, make in makers.items():

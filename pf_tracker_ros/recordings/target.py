@@ -17,6 +17,7 @@ beside that, for all of them.
 from __future__ import annotations
 
 import math
+import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,6 +36,8 @@ from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
 
 _KEYS = {"target_box", "frame", "stamp", "label", "recording", "image_size"}
 _SHARED_KEYS = {"recording", "image_size"}
+# YAML has whole numbers beyond all floats.
+_LARGEST = sys.float_info.max
 
 
 @dataclass(frozen=True)
@@ -266,7 +269,7 @@ def _target(path: Path, of: str, document: dict[str, Any], source: Path) -> Targ
         frame=_whole(path, of, document, "frame"),
         image_size=image_size,
         source=f"{path}{of and ','}{of}",
-        label=str(document.get("label", "")),
+        label=_label(path, of, document.get("label")),
     )
 
 
@@ -278,7 +281,9 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except FootageError as error:
         raise RecordingError(str(error), WRONG_TARGET) from error
-    except (OSError, ValueError, yaml.YAMLError) as error:
+    except Exception as error:
+        # Besides its own errors PyYAML raises many others: of what is nested too deeply, or has a
+        # tag that does not suit it.
         reason = " ".join(str(error).split())
         raise RecordingError(f"{path} cannot be read as YAML ({reason})", WRONG_TARGET) from error
     if not isinstance(document, dict):
@@ -295,6 +300,15 @@ def _check_keys(path: Path, of: str, mapping: dict[str, Any], allowed: set[str])
         )
 
 
+def _label(path: Path, of: str, value: Any) -> str:
+    label = "" if value is None else str(value)
+    try:
+        label.encode("utf-8")
+    except UnicodeEncodeError:
+        raise _wrong(path, f"'label'{of}", value, "a text of Unicode characters") from None
+    return label
+
+
 def _whole(path: Path, of: str, document: dict[str, Any], name: str) -> int | None:
     value = document.get(name)
     if value is None:
@@ -307,7 +321,7 @@ def _whole(path: Path, of: str, document: dict[str, Any], name: str) -> int | No
 def _numbers(path: Path, what: str, value: Any, count: int, allowed: str) -> list[float]:
     is_list = isinstance(value, list) and len(value) == count
     if not is_list or not all(
-        isinstance(one, (int, float)) and not isinstance(one, bool) and math.isfinite(one)
+        isinstance(one, (int, float)) and not isinstance(one, bool) and abs(one) <= _LARGEST
         for one in value
     ):
         raise _wrong(path, what, value, allowed)

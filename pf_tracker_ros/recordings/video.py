@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.recordings.errors import FAILED, RecordingError
+from pf_tracker_ros.recordings.errors import FAILED, UNREADABLE_SOURCE, RecordingError
 from pf_tracker_ros.recordings.tracking import Tracked
 
 _CODEC = "mp4v"
@@ -41,6 +41,7 @@ class AnnotatedVideo:
         self._frames: queue.Queue[Tracked | None] = queue.Queue(_DEPTH)
         self._error: BaseException | None = None
         self._writer: cv2.VideoWriter | None = None
+        self._problem = ""
         self._size = (0, 0)
         self._thread = threading.Thread(target=self._encode, name="video", daemon=True)
         self._thread.start()
@@ -59,14 +60,19 @@ class AnnotatedVideo:
         """Finish the file.
 
         Raises:
-            RecordingError: OpenCV cannot write the file, or has written less than it was given.
+            RecordingError: OpenCV cannot write the file, or has written less than it was given, or
+                no frame had an image.
             OSError: There is no room for it.
         """
         self.discard()
         if self._error is not None:
             raise self._error
-        if self._writer is not None:
-            self._check()
+        if self._writer is None:
+            raise RecordingError(
+                f"there is no {self._path.name}, as no frame has an image: {self._problem}",
+                UNREADABLE_SOURCE,
+            )
+        self._check()
 
     def discard(self) -> None:
         """Let the thread end and the file go, whatever it holds."""
@@ -86,6 +92,8 @@ class AnnotatedVideo:
                 if picture is not None:
                     self._open(picture).write(picture)
                     self._count += 1
+                else:
+                    self._problem = self._problem or tracked.problem
             except Exception as error:
                 self._error = error
 

@@ -251,6 +251,15 @@ def test_a_box_of_background_is_not_like_the_target_however_much_of_it_the_targe
     assert similarity == 0.0
 
 
+def test_of_a_target_that_was_all_background_no_color_tells_it_from_anything():
+    image, mask = two_tone()
+    boxes = np.array([[4.0, 4.0, 20.0, 10.0], [30.0, 20.0, 20.0, 20.0]])
+    region = region_with_foreground(image, boxes, mask)
+    template, other = (FOREGROUND_CUE.learn(region, box) for box in boxes)
+    assert FOREGROUND_CUE.match(template, template) is None
+    assert FOREGROUND_CUE.match(other, template) is None
+
+
 def test_without_a_mask_every_pixel_has_its_color():
     image, _ = two_tone()
     boxes = np.array([[30.0, 20.0, 20.0, 40.0]])

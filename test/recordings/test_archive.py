@@ -6,7 +6,7 @@ import random
 import re
 import signal
 import time
-from urllib.parse import unquote
+from urllib.parse import unquote, unquote_to_bytes
 
 import pytest
 
@@ -15,6 +15,12 @@ from pf_tracker_ros.recordings import RecordingError
 from pf_tracker_ros.recordings.archives.sources import find_recordings
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
+
+
+def one_sentence(errors):
+    (line,) = errors.splitlines()
+    assert line.startswith("track: error: ")
+    return line
 
 
 def test_each_recording_is_tracked_and_broken_ones_are_told(
@@ -65,6 +71,24 @@ def test_a_report_of_the_archive_leads_to_those_of_its_recordings(reported):
     assert "0002.png cannot be decoded" in page
     assert "2, of which 1 failed" in page
     assert '<td data-figure="tracking" data-value="1.0">100.0 %</td>' in page
+
+
+def test_a_report_leads_to_a_recording_whose_name_is_no_text(
+    write_sequence, moving_square, track, tmp_path
+):
+    pytest.importorskip("jinja2")
+    pytest.importorskip("matplotlib")
+    folder, output = tmp_path / "archive", tmp_path / "out"
+    name = os.fsdecode(b"\xe4")
+    # OpenCV cannot write into a folder of that name.
+    drive = write_sequence("drive", moving_square.images[:2], moving_square.boxes[:2], folder)
+    drive.rename(folder / name)
+    code, said, _ = track("--archive", folder, "--output", output, *QUICK, "--report")
+    assert code == 0
+    assert "\\udce4" in said
+    (address,) = re.findall(r'<a href="([^"]*)">\?</a>', (output / "report.html").read_text())
+    assert unquote_to_bytes(address) == b"\xe4/report.html"
+    assert (output / name / "report.html").exists()
 
 
 def test_the_report_of_an_archive_can_be_sorted_and_is_not_too_wide(reported, browse):
@@ -192,6 +216,40 @@ def test_a_list_names_recordings_beside_it(archive, tmp_path):
     listed.write_text("day_0/drive_0\nday_0/drive_0/img\n")
     with pytest.raises(RecordingError, match=r"is inside of .*drive_0, which is a recording"):
         find_recordings(listed)
+
+
+def test_entries_of_a_list_that_cannot_be_are_told_with_the_others(
+    track, ordinary_user, public_folder, moving_square, write_sequence
+):
+    drive = write_sequence("drive", moving_square.images, moving_square.boxes, public_folder)
+    (public_folder / "closed").mkdir(mode=0o700)
+    wrong = ["n" * 300, "~nobody.of.this.name/x", "http://[::1", "closed/x"]
+    listed = public_folder / "list.txt"
+    listed.write_text("\n".join([*wrong, "drive"]))
+    dry = ("--archive", listed, "--output", public_folder / "out", "--dry-run", *QUICK)
+    # Once by who may read all modules that it takes.
+    assert track(*dry)[0] == 0
+    with ordinary_user():
+        code, said, _ = track(*dry)
+    assert code == 0
+    lines = said.splitlines()
+    for entry, line in zip(wrong, lines, strict=False):
+        assert line.startswith("would fail: ")
+        assert entry in line
+    assert lines[4] == f"would track: {drive} ({len(moving_square.images)} frames)"
+
+
+def test_a_list_that_is_no_text_is_refused(track, tmp_path):
+    (tmp_path / "list.txt").write_bytes(b"drive\0\n")
+    code, _, errors = track("--archive", tmp_path / "list.txt", "--output", tmp_path / "out")
+    assert code == 3
+    assert "has characters of code 0; allowed: UTF-8 text" in one_sentence(errors)
+
+
+def test_results_cannot_go_to_an_address_that_is_none(track, archive):
+    code, _, errors = track("--archive", archive, "--output", "http://[::1")
+    assert code == 2
+    assert "results cannot go to http://" in one_sentence(errors)
 
 
 def test_an_archive_without_recordings_says_what_they_need(tmp_path):

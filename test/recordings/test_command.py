@@ -105,6 +105,14 @@ def test_an_output_that_exists_is_left_alone(track, moving_square_sequence, tmp_
     assert "is no folder" in one_sentence(errors)
 
 
+def test_a_video_is_refused_where_opencv_would_end_the_process(start_track, long_sequence):
+    folder = os.fsdecode(b"\xe4")
+    process = start_track(long_sequence, "--output", folder, "--video", *QUICK)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert "has a name that OpenCV cannot write a video into" in one_sentence(errors)
+
+
 def test_a_file_that_comes_meanwhile_is_left_alone_and_the_others_are_written(
     start_track, long_sequence, tmp_path
 ):
@@ -130,6 +138,21 @@ def test_without_permission_nothing_is_tracked(
         assert (code, said) == (5, "")
         assert "may not be written by this user (Permission denied)" in one_sentence(errors)
     assert list(locked.iterdir()) == []
+
+
+def test_an_output_that_cannot_be_is_told_in_one_sentence(
+    track, ordinary_user, public_folder, moving_square, write_sequence
+):
+    source = write_sequence("square", moving_square.images, moving_square.boxes, public_folder)
+    # Once by who may read all modules that it takes.
+    assert track(source, "--output", public_folder / "first", *QUICK)[0] == 0
+    closed = public_folder / "closed"
+    closed.mkdir(mode=0o700)
+    for output, expected in ((public_folder / ("n" * 300), 1), (closed / "new", 5)):
+        with ordinary_user():
+            code, said, errors = track(source, "--output", output, *QUICK)
+        assert (code, said) == (expected, "")
+        assert one_sentence(errors).startswith(f"track: error: {output} ")
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00nothing that is a video"])
@@ -164,6 +187,7 @@ def test_a_source_that_breaks_off_keeps_what_came_before(
     [
         (["--box", "1,2,3"], "x,y,width,height in pixels"),
         (["--box", "1,2,0,4"], "width and height above 0"),
+        (["--box", "-1,2,9,9"], "begins with '-' comes behind '=', such as --box=-3,4,50,60"),
         (["--box", "1,2,nan,4"], "width and height above 0"),
         ([*BOX, "--preset", "best"], "no preset 'best'; there are: default"),
         ([*BOX, "--parameter", "particles=none"], "particles"),

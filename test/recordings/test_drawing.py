@@ -23,6 +23,7 @@ from pf_tracker_ros.recordings.target import Target
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 BOX = [20.0, 30.0, 24.0, 24.0]
+FIRST = {"frame": 0, "box": BOX}
 DEADLINE = 60
 WITHOUT_ROS = """
 import sys
@@ -329,11 +330,22 @@ def test_what_cannot_be_tracked_is_refused_and_may_be_put_right(ask_for_target, 
     status, text = desk.draw_all({"frame": 0, "box": BOX}, {"frame": 0, "box": [1, 2, 3, 0]})
     assert (status, text.startswith("target 2: ")) == (422, True)
     assert desk.ask("/frame?number=-1")[0] == 400
+    assert desk.ask(f"/frame?number={'9' * 5000}")[0] == 400
     assert desk.ask("/frame?number=20")[0] == 404
     status, headers, _ = desk.ask("/frame?number=19")
     assert (status, headers["X-Frame"], headers["X-Size"]) == (200, "19", "160 120")
     assert desk.draw(BOX)[0] == 200
     assert desk.end()[0] == 0
+
+
+def test_a_request_is_read_to_its_end_however_many_pieces_it_comes_in(
+    ask_for_target, rows, images, tmp_path
+):
+    desk = ask_for_target(images, "--output", tmp_path / "out")
+    status, text = desk.send("/targets", " " * 2**18 + json.dumps({"targets": [FIRST]}))
+    assert (status, text) == (200, "tracking begins; this page can be closed")
+    assert desk.end()[0] == 0
+    assert rows(tmp_path / "out")[0]["state"] == "tracking"
 
 
 def test_a_target_file_is_never_overwritten(ask_for_target, rows, images, tmp_path):

@@ -259,6 +259,7 @@ def test_detections_of_a_file_start_and_correct_targets(
         ("1,-1,2,3,4,5,62.1", "the score is 62.1; allowed: 0 to 1"),
         ("1,-1,2,3,4,5,high", "the score is 'high'"),
         ("\x00\xff", "line 1: the frame is"),
+        ('1,-1,2,3,4,5,0.9,"car\n2,-1,2,3,4,5,0.9\n', "cannot be read (unexpected end of data)"),
     ],
 )
 def test_a_file_of_detections_that_is_wrong(track, source, tmp_path, text, said):
@@ -326,6 +327,23 @@ def test_every_output_tells_of_several_targets(
     for number, told in ids.items():
         own = [int(row["id"]) for row in found if row["frame"] == str(number) and row["x"]]
         assert told == own
+
+
+def test_a_video_without_any_picture_says_why_there_is_none(
+    track, rows, make_stamped, write_bag, tmp_path
+):
+    message = make_stamped(
+        "sensor_msgs/msg/Image", at(0), height=2, width=2, encoding="64FC1", is_bigendian=0,
+        step=16, data=np.zeros(32, np.uint8),
+    )  # fmt: skip
+    bag = write_bag(tmp_path / "drive", [("/eye", "sensor_msgs/msg/Image", at(0), message)])
+    output = tmp_path / "out"
+    code, _, errors = track(bag, "--output", output, "--detector", "motion", "--video", *QUICK)
+    assert code == 3
+    assert "there is no overlay.mp4, as no frame has an image: " in one_sentence(errors)
+    assert "64FC1" in errors
+    assert [path.name for path in output.iterdir()] == ["boxes.csv"]
+    assert [row["state"] for row in rows(output)] == ["skipped"]
 
 
 def test_nothing_found_at_all_is_a_result(track, rows, source, tmp_path):

@@ -1,6 +1,7 @@
 """The target of a recording: the box given, the file beside it, its truth."""
 
 import math
+import warnings
 
 import cv2
 import numpy as np
@@ -107,6 +108,16 @@ def test_the_truth_begins_where_the_target_appears(track, rows, moving_square, w
         ("- 1", "it is [1]; allowed: a mapping"),
         ("target_box: [", "cannot be read as YAML"),
         ("target_box: [900, 2, 3, 4]", "target refused"),
+        (f"target_box: [{10**400}, 2, 3, 4]", "allowed: four numbers"),
+        (f"target_box: [1, 2, 3, 4]\nimage_size: [{10**400}, 4]", "allowed: two numbers"),
+        ("target_box: [1.0e+308, 2, 1.0e+308, 4]", "expected four finite numbers"),
+        ("[" * 3000, "cannot be read as YAML (maximum recursion depth exceeded"),
+        (
+            'target_box: [1, 2, 3, 4]\nlabel: "\\ud800"',
+            r"'label' is '\ud800'; allowed: a text of Unicode",
+        ),
+        ("label: !!bool perhaps", "cannot be read as YAML"),
+        ("label: !!timestamp soon", "cannot be read as YAML"),
     ],
 )
 def test_a_file_that_is_wrong_or_of_another_recording(track, write_target, tmp_path, text, said):
@@ -120,6 +131,11 @@ def test_a_file_that_is_wrong_or_of_another_recording(track, write_target, tmp_p
     assert not (tmp_path / "out").exists()
 
 
+def test_a_label_that_is_left_empty_is_none(moving_square_sequence, write_target):
+    write_target("target_box: [1, 2, 3, 4]\nlabel:")
+    assert choose_target(open_recording(moving_square_sequence), None).label == ""
+
+
 def test_boxes_are_those_that_a_message_can_tell(moving_square_sequence):
     recording = open_recording(moving_square_sequence)
     frame = next(recording.frames())
@@ -128,6 +144,15 @@ def test_boxes_are_those_that_a_message_can_tell(moving_square_sequence):
     assert box == (
         corners[0], corners[1], corners[2] - corners[0], corners[3] - corners[1]
     )  # fmt: skip
+
+
+def test_a_box_beyond_single_precision_is_refused_without_a_warning(moving_square_sequence):
+    recording = open_recording(moving_square_sequence)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        box = choose_target(recording, (1e308, 2, 1e308, 4)).box_in(next(recording.frames()))
+    assert box is not None
+    assert not np.isfinite(box).all()
 
 
 def test_a_truth_without_any_box_is_no_target(write_sequence, moving_square):

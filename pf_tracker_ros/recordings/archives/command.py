@@ -154,7 +154,7 @@ def _write_report(
         rows=[
             {
                 "name": entry.name,
-                "address": quote(f"{entry.name}/{REPORT_FILE}"),
+                "address": quote(f"{entry.name}/{REPORT_FILE}", errors="surrogateescape"),
                 "frames": entry.frames,
                 "states": entry.states,
                 "error": entry.error,

@@ -19,7 +19,6 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
-from urllib.parse import urlsplit
 
 from pf_tracker_ros.recordings.archives.scratch import scratch_folder
 from pf_tracker_ros.recordings.archives.sources import Place
@@ -98,7 +97,7 @@ def results_at(place: Place) -> Results:
     """
     if not is_url(place):
         return ResultsFolder(Path(place).absolute())
-    scheme = urlsplit(str(place)).scheme
+    scheme = str(place).partition("://")[0].lower()
     if scheme not in _OBJECT_STORES:
         raise RecordingError(
             f"results cannot go to {scheme}://; allowed: a folder, {', '.join(_OBJECT_STORES)}"

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pf_tracker_ros.footage import FootageError, is_bag
-from pf_tracker_ros.footage.access import entries, exists, resolved
+from pf_tracker_ros.footage.access import entries, exists, is_folder, resolved
 from pf_tracker_ros.footage.ground_truth import ground_truth_file
 from pf_tracker_ros.recordings.archives.detected import DetectedRecordings
 from pf_tracker_ros.recordings.archives.scratch import scratch_folder
@@ -95,7 +95,7 @@ def state_of(source: Place, *, with_detections: bool = False) -> list[list[Any]]
         return _state_in_store(str(source), with_detections)
     path = Path(source)
     files = [path, target_file(path), *([detections_file(path)] if with_detections else [])]
-    if path.is_dir():
+    if is_folder(path):
         files += sorted(each for each in path.rglob("*") if each.is_file())
     state = []
     for file in files:
@@ -156,6 +156,8 @@ def _in_folder(archive: Path, detected: DetectedRecordings | None) -> tuple[Plac
         text = archive.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         raise FootageError(f"the list {archive} cannot be read ({error})") from error
+    if "\0" in text:
+        raise FootageError(f"the list {archive} has characters of code 0; allowed: UTF-8 text")
     # One that is not there is told of with the others that fail.
     base = resolved(archive.parent)
     return base, list(_listed(text, base))
@@ -214,7 +216,8 @@ def _named_in(path: Path) -> str | None:
 
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, yaml.YAMLError):
+    except Exception:
+        # Told of when it is tracked; PyYAML raises more than its own errors.
         return None
     named = document.get("recording") if isinstance(document, dict) else None
     return named if isinstance(named, str) else None
@@ -231,7 +234,10 @@ def _listed(text: str, base: Place) -> Iterator[Place]:
             url = f"{base}/{entry}".rstrip("/")
             yield _normal(url) if ".." in url.split("/") else url
         elif isinstance(place, Path):
-            path = (base / place.expanduser()).absolute()
+            # A home that nobody has is told of with what is missing otherwise.
+            with contextlib.suppress(RuntimeError):
+                place = place.expanduser()
+            path = (base / place).absolute()
             # What is above a link is not what its path looks like.
             yield resolved(path) if ".." in path.parts else path
         else:

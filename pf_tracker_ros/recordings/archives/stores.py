@@ -16,7 +16,11 @@ def as_place(text: str) -> Path | str:
     """A path, or the URL of a place that is not of the file system, without a slash at its end."""
     if not is_url(text):
         return Path(text)
-    parts = urlsplit(text)
+    try:
+        parts = urlsplit(text)
+    except ValueError:
+        # Such as of an address without its bracket, which is told of where it is opened.
+        return text.rstrip("/")
     if parts.scheme in ("file", "local"):
         return Path(unquote(parts.netloc + parts.path))
     return text.rstrip("/")

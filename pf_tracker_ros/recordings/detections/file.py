@@ -104,7 +104,8 @@ def _cells(path: Path) -> Iterator[tuple[int, list[str]]]:
     try:
         check_file(path, "file of detections")
         with path.open(newline="", encoding="utf-8-sig") as file:
-            for cells in (reader := csv.reader(file, skipinitialspace=True)):
+            # Strict, as a quotation mark that is not closed would swallow all lines below it.
+            for cells in (reader := csv.reader(file, skipinitialspace=True, strict=True)):
                 if any(cell.strip() for cell in cells):
                     yield reader.line_num, [cell.strip() for cell in cells]
     except FootageError as error:

@@ -25,9 +25,9 @@ _PAGE = Path(__file__).with_name("page")
 _HOST = "127.0.0.1"
 # That of the console, so that one tunnel serves both; another one where it is taken.
 _PORT = 8642
-# A request is a list of boxes, never more than this.
-_LARGEST_REQUEST = 2**16
 _LONGEST_LABEL = 100
+# Digits of a frame's number; Python refuses to read thousands of them.
+_LONGEST_NUMBER = 20
 
 
 def draw_targets(
@@ -149,7 +149,7 @@ class _Desk:
 
     async def _on_frame(self, request: web.Request) -> web.Response:
         number = request.query.get("number", "")
-        if not number.isdecimal():
+        if not number.isdecimal() or len(number) > _LONGEST_NUMBER:
             raise web.HTTPBadRequest(text="'number' is none; allowed: whole numbers from 0")
         try:
             picture = await self._find(int(number))
@@ -165,7 +165,7 @@ class _Desk:
     async def _on_targets(self, request: web.Request) -> web.Response:
         self._site.check_origin(request)
         try:
-            self._targets = await self._drawn(await request.content.read(_LARGEST_REQUEST))
+            self._targets = await self._drawn(await request.read())
         except (ValueError, LookupError) as error:
             raise web.HTTPUnprocessableEntity(text=str(error)) from error
         return self._decided("tracking begins; this page can be closed")
