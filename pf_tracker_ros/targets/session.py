@@ -318,7 +318,9 @@ class MultiSession:
         """
         most = self._tracker.parameters["targets.most"]
         if count == most:
-            raise ValueError(f"there are {most} targets, as many as there may be; stop one first")
+            raise ValueError(
+                f"there are {most} targets, as many as there may be; stop one first, or allow more"
+            )
         if count > most:
             raise ValueError(
                 f"there are {count} targets, and there may be {most}; stop {count - most + 1} first"
