@@ -185,7 +185,10 @@ def test_of_too_many_overlays_the_newest_are_drawn(one, listener, overlays, slow
     assert begun.acquire(timeout=DEADLINE)
     for number in range(14):
         one.show(str(number))
-    go_on.release(15)
+    # As many messages wait for a listener as overlays for the one who draws: one is heard before.
+    go_on.release(1)
+    listener.wait_for(lambda: len(overlays) == 1)
+    go_on.release(14)
     listener.wait_for(lambda: len(overlays) == 11)
     heard = [message.header.frame_id for message in overlays]
     assert heard == ["first", *(str(number) for number in range(4, 14))]
