@@ -69,7 +69,7 @@ def heard_tracker(preset: str, seed: int) -> tuple[Tracker, HeardConfidence]:
 
     def judge(confidence: Confidence, *others: object) -> Judge:
         heard.append(HeardConfidence(confidence))
-        return Judge(heard[-1], *others)  # type: ignore[arg-type]
+        return Judge(heard[-1], *others)
 
     with patch("pf_tracker_ros.tracking.follower.Judge", judge):
         tracker = Tracker.from_preset(preset, seed)
