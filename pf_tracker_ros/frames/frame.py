@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.background import BackgroundState
 from pf_tracker_ros.frames.gray_range import GrayRange, gray_range, to_8_bit
-from pf_tracker_ros.frames.light import relit_levels
+from pf_tracker_ros.frames.light import UNCHANGED, Light, relit_levels
 from pf_tracker_ros.frames.tiles import Part, TiledImage
 
 Map = TypeVar("Map")
@@ -47,12 +47,12 @@ class Frame:
         stamp: When it was taken, in nanoseconds; 0 means unknown.
         span: Values of a 16-bit or 32-bit image that the 8-bit view spans; None takes the image's
             own.
-        light: Brightness of an 8-bit image against that of the images before it, above 0; the
-            8-bit view is divided by it.
+        light: Of an 8-bit image; the 8-bit view is divided by its gain.
 
     Attributes:
         image: As given.
         stamp: As given.
+        light: As given.
         foreground: What a background model says of it; None where there is no model, or where it
             says nothing.
         background: What the model is worth in this frame; None where there is none.
@@ -63,14 +63,15 @@ class Frame:
         image: NDArray[np.generic],
         stamp: int = 0,
         span: GrayRange | None = None,
-        light: float = 1.0,
+        light: Light = UNCHANGED,
     ) -> None:
         self.image = image
         self.stamp = stamp
+        self.light = light
         self.foreground: Foreground | None = None
         self.background: BackgroundState | None = None
         self._span = span
-        self._levels = None if light == 1.0 else relit_levels(light)
+        self._levels = None if light.gain == 1.0 else relit_levels(light.gain)
         self._views: dict[int, TiledImage] = {}
         self._shared: dict[object, object] = {}
 

@@ -26,6 +26,8 @@ _MOST_UNEXPLAINED = 0.5
 # Seconds in which what was taken out of the light is given back, by a factor of e: slow beside the
 # templates, which follow.
 _TIME = 10.0
+# A factor from one image to the next that is more than a cloud before the sun.
+_JUMP = 1.2
 # What is multiplied by more, or less than one part of it, has too few levels left to tell colors.
 _MOST = 4.0
 
@@ -41,10 +43,17 @@ class Light:
         gain: The brightness, 1 is as before.
         thumbnail: Of the last image; None before the first, and for images of more than 8 bits,
             which have a gain control.
+        change: The brightness against that of the image before.
     """
 
     gain: float = 1.0
     thumbnail: Thumbnail | None = None
+    change: float = 1.0
+
+    @property
+    def has_jumped(self) -> bool:
+        """Whether all became so much brighter or darker with this image that levels are lost."""
+        return abs(math.log(self.change)) > math.log(_JUMP)
 
     def follow(self, image: NDArray[np.generic], interval: float) -> Light:
         """The light of this image.
@@ -56,11 +65,14 @@ class Light:
         if image.dtype != np.uint8:
             return self
         thumbnail = _thumbnail(image)
-        gain = self.gain ** math.exp(-interval / _TIME)
-        if self.thumbnail is not None:
-            gain *= _change(self.thumbnail, thumbnail)
+        change = 1.0 if self.thumbnail is None else _change(self.thumbnail, thumbnail)
+        gain = change * self.gain ** math.exp(-interval / _TIME)
         gain = min(max(gain, 1.0 / _MOST), _MOST)
-        return Light(1.0 if abs(math.log(gain)) < _LEAST_CHANGE else gain, thumbnail)
+        return Light(1.0 if abs(math.log(gain)) < _LEAST_CHANGE else gain, thumbnail, change)
+
+
+UNCHANGED = Light()
+"""That of a stream's first image."""
 
 
 def relit_levels(gain: float) -> NDArray[np.uint8]:

@@ -59,7 +59,7 @@ class Camera:
         """
         self._next_gain = self._gain.follow(image, interval)
         self._next_light = self._light.follow(image, interval) if follow_light else Light()
-        frame = Frame(image, span=self._next_gain.span, light=self._next_light.gain)
+        frame = Frame(image, span=self._next_gain.span, light=self._next_light)
         if background:
             self.observe_background(frame, boxes, background)
         return frame

@@ -184,6 +184,10 @@ class Follower:
         Source: Li et al. 2007, equations (9) and (10), and w_Th; Zhang Bo, section 3.3.
         """
         templates, foresight = target.templates, prediction.foresight
+        is_hidden = judged.track.state != "tracking"
+        if measured.frame.light.has_jumped and target.track.state == "tracking" and is_hidden:
+            # What was seen until now is still there, and only looks like nothing that was learned.
+            return _Learned(self._measurer.templates(measured.frame, measured.box), foresight)
         if not judged.learns:
             return _Learned(templates, foresight)
         rules, match = self.parameters.template, measured.match

@@ -50,6 +50,24 @@ def test_pixels_that_are_cut_off_do_not_count(gain):
     assert followed([image, lit(image, gain)]) == pytest.approx(gain, rel=0.03)
 
 
+@pytest.mark.parametrize(
+    ("gains", "has_jumped"),
+    [
+        ([1.0], False),
+        ([1.0, 1.0], False),
+        ([1.0, 1.7], True),
+        ([1.0, 0.5], True),
+        ([1.0, 1.7, 1.7], False),
+        ([1.0, 1.1, 1.2, 1.3, 1.4], False),
+    ],
+)
+def test_a_jump_is_of_one_image(gains, has_jumped):
+    light = Light()
+    for gain in gains:
+        light = light.follow(lit(scene(), gain), INTERVAL)
+    assert light.has_jumped is has_jumped
+
+
 def test_a_light_that_comes_and_goes_leaves_nothing():
     image = scene()
     assert followed([image, lit(image, 0.5), image]) == 1.0
@@ -111,7 +129,7 @@ def test_images_of_more_bits_have_a_gain_control_instead(kind):
 def test_a_frame_is_seen_in_the_light_of_before():
     """In full, in parts and reduced."""
     image = scene()
-    dark = Frame(lit(image, 0.5), light=0.5)
+    dark = Frame(lit(image, 0.5), light=Light(0.5))
     part = Part(10, 50, 20, 90)
     assert np.abs(dark.pixels.astype(int) - image).max() <= 1
     np.testing.assert_array_equal(dark.view(part), dark.pixels[part.slices])

@@ -68,6 +68,21 @@ def test_light_that_jumps_leaves_the_target_where_it_is(gain, seed):
     assert estimate.state == "tracking"
 
 
+@pytest.mark.parametrize("pattern", [5, 6])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_target_that_the_light_makes_white_is_followed_as_white(pattern, seed):
+    """Nothing is left of its texture, and what was learned of it would fit anything."""
+    ground = texture(4, HEIGHT, WIDTH, 40, 200)
+    target = texture(pattern, SIDE + 16, SIDE + 16, 150)[8:-8, 8:-8]
+    tracker = Tracker.from_preset("default", seed)
+    tracker.start(shown(20, 60, ground, target), box(20, 60))
+    for index in range(1, 80):
+        drawn = shown(20 + 2 * index, 60, ground, target)
+        lit = cv2.convertScaleAbs(drawn, alpha=1.0 if index < 20 else 1.7)
+        estimate = tracker.update(lit, INTERVAL)
+        assert overlap_with(estimate, 20 + 2 * index, 60) > 0.6, index
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_another_scene_is_not_the_target(seed):
     tracker = walked(seed)
