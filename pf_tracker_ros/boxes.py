@@ -3,13 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 # (x, y, width, height) in pixels, (x, y) the top-left corner counted from 0; it covers
 # [x, x + width) and [y, y + height).
 Box = tuple[float, float, float, float]
+
+# Sides.
+_SAME_PLACE = 0.5
 
 
 def as_box(values: Iterable[float]) -> Box:
     """Four numbers as a box."""
     x, y, width, height = (float(value) for value in values)
     return x, y, width, height
+
+
+def sides_apart(boxes: ArrayLike, place: ArrayLike) -> NDArray[Any]:
+    """How far boxes are from another one.
+
+    Args:
+        boxes: (..., 4) in pixels.
+        place: (4,) in pixels.
+
+    Returns:
+        (...,) distances of the centers along that axis on which they are further apart, in the
+        place's sides: boxes of its size are clear of it from 1 on.
+    """
+    boxes, place = np.asarray(boxes), np.asarray(place)
+    offsets = boxes[..., :2] + boxes[..., 2:] / 2 - place[:2] - place[2:] / 2
+    apart: NDArray[Any] = (np.abs(offsets) / place[2:]).max(axis=-1)
+    return apart
+
+
+def are_at(boxes: ArrayLike, place: ArrayLike) -> NDArray[Any]:
+    """(...,) whether boxes, (..., 4), are where another one is, (4,), and not beside it."""
+    is_there: NDArray[Any] = sides_apart(boxes, place) <= _SAME_PLACE
+    return is_there

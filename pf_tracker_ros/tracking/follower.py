@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pf_tracker_ros.background import BackgroundParameters
-from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.cues.fusion import Templates
 from pf_tracker_ros.filter import KalmanForesight, build_resampler
@@ -149,6 +149,8 @@ class Follower:
             distraction=distraction,
             track=judged.track,
             seen_box=first_box,
+            rival=None,
+            look_alike=None,
             hidden_frames=0,
             followed_frames=0,
             randomness=Randomness.of(draw),
@@ -229,6 +231,8 @@ class Follower:
             distraction=measured.distraction,
             track=judged.track,
             seen_box=estimate.box if is_seen else target.seen_box,
+            rival=None if measured.rival is None else as_box(measured.rival),
+            look_alike=judged.look_alike,
             hidden_frames=0 if is_seen else target.hidden_frames + 1,
             followed_frames=target.followed_frames + 1,
             randomness=Randomness.of(draw),

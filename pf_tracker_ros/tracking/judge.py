@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pf_tracker_ros.boxes import as_box
+from pf_tracker_ros.boxes import are_at, as_box, sides_apart
 from pf_tracker_ros.tracking.beginning import Beginning
 from pf_tracker_ros.tracking.confidence import Confidence
 from pf_tracker_ros.tracking.hiding import WhileHidden
@@ -59,9 +59,15 @@ class Judge:
         """
         thresholds = self._thresholds
         now = self._confidence.judge(target, measured.seen, measured.match, lambda: measured.spread)
-        confidence = self._confidence.update(target.estimate.confidence, now)
         # While it looks as it did last, it is not lost, whatever it looked like first.
         glimpse = max(now, measured.match.similarity)
+        look_alike = target.look_alike
+        if now >= thresholds.occluded_below and _is_of_the_rival(target, measured):
+            look_alike = as_box(measured.box)
+        if look_alike is not None and are_at(measured.box, look_alike):
+            # Whatever it looks like.
+            now = glimpse = 0.0
+        confidence = self._confidence.update(target.estimate.confidence, now)
         track = target.track.advance(confidence, glimpse, interval, thresholds)
         if self._redetector is None and track.probation:
             # Nobody looks for another.
@@ -74,6 +80,9 @@ class Judge:
         if track.is_settled:
             return judged
         is_seen, box = track.state == "tracking", None
+        if self._redetector:
+            known = self._redetector.look_alike(target, measured, look_alike, is_seen)
+            judged = replace(judged, look_alike=known)
         if not is_seen:
             judged = self._while_hidden.judge(target, measured, judged)
             box = self._while_hidden.begin_anew(target, judged)
@@ -99,7 +108,7 @@ class Judge:
         if self._redetector is None:
             return None
         everywhere = judged.track.state != "occluded"
-        return self._redetector.find(target, measured, judged.box, everywhere, rival)
+        return self._redetector.find(target, measured, judged, everywhere, rival)
 
     def _believe(self, found: Found, judged: Judgment) -> Judgment:
         """What is told once the target is found elsewhere.
@@ -113,3 +122,16 @@ class Judge:
         if track.state == "occluded" and not track.probation:
             return replace(judged, confidence=found.confidence, track=Track())
         return judged
+
+
+def _is_of_the_rival(target: Target, measured: Measurement) -> bool:
+    """Whether the estimate has jumped to what was seen beside the target a frame before.
+
+    Where it is not clear of where the target was, that may have moved so far.
+    """
+    return (
+        target.track.state == "tracking"
+        and target.rival is not None
+        and bool(are_at(measured.box, target.rival))
+        and bool(sides_apart(measured.box, target.estimate.box) >= 1.0)
+    )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import as_box
+from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.cues.fusion import Powers
 from pf_tracker_ros.filter import ParticleSet
 from pf_tracker_ros.frames import Frame
@@ -26,6 +26,7 @@ class Judgment:
         particles: Told with the box.
         boxes: (N, 4) of them, pixels.
         learns: Whether what is in the box may be learned.
+        look_alike: See `Target.look_alike`.
     """
 
     box: NDArray[np.float64]
@@ -34,6 +35,7 @@ class Judgment:
     particles: ParticleSet
     boxes: NDArray[np.float64]
     learns: bool = True
+    look_alike: Box | None = None
 
     def estimate(self, frame: Frame, powers: Powers, covariance: NDArray[np.float64]) -> Estimate:
         """As it is told to the outside; its arrays are read-only from then on.

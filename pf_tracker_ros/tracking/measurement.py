@@ -48,6 +48,7 @@ class Measurement:
         match: How well that fits the templates.
         distraction: How much of what is around has looked like the target lately.
         search: Where the target was looked for; None without a search.
+        rival: (4,) likeliest box beside the target's, pixels; None without a search.
     """
 
     frame: Frame
@@ -60,6 +61,7 @@ class Measurement:
     match: Match
     distraction: Distraction
     search: Search | None = None
+    rival: NDArray[np.float64] | None = None
 
     @property
     def spread(self) -> float:
@@ -214,10 +216,10 @@ class SearchingMeasurer(Measurer):
             # Cues that were just chosen have no template yet, and can't search in this frame.
             return super().measure(target, frame, prediction, draw, evidence)
         centers = motion.center_prior(target.particles.states, prediction.interval)
-        likelihood = self._fusion.search(found, templates, powers)
+        searched = self._fusion.search(found, templates, powers)
         if evidence:
-            likelihood += evidence(search.boxes)
-        predicted, log_prior = search.propose(predicted, motion, centers, likelihood, draw)
+            searched += evidence(search.boxes)
+        predicted, log_prior = search.propose(predicted, motion, centers, searched, draw)
         boxes = motion.boxes(predicted.states)
         likelihood = self._fusion.log_likelihood(region, boxes, templates, powers)
         if evidence:
@@ -230,8 +232,9 @@ class SearchingMeasurer(Measurer):
         match = self._fusion.match(seen, templates)
         now = self._distraction(region, search, found, box, templates)
         distraction = smooth_distraction(target.distraction, now)
+        rival = search.rival(box, searched)
         return Measurement(
-            frame, predicted, weighed, boxes, box, powers, seen, match, distraction, search
+            frame, predicted, weighed, boxes, box, powers, seen, match, distraction, search, rival
         )
 
     def covariance(

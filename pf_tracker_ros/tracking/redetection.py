@@ -9,9 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import Box, are_at, as_box, sides_apart
 from pf_tracker_ros.cues import CueFusion
 from pf_tracker_ros.parameters import declared
 from pf_tracker_ros.tracking.confidence import Confidence
+from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 from pf_tracker_ros.tracking.target import Target
 
@@ -115,7 +117,7 @@ class Redetector:
         self,
         target: Target,
         measured: Measurement,
-        box: NDArray[np.float64],
+        judged: Judgment,
         everywhere: bool,
         rival: float = 0.0,
     ) -> Found | None:
@@ -124,14 +126,14 @@ class Redetector:
         Args:
             target: As it was before this frame.
             measured: In this frame.
-            box: (4,) that was looked around already.
+            judged: The box that was looked around already, and what is known to be something else.
             everywhere: Look all over the image, and not only where the target was last seen.
             rival: Confidence that it is in that box, which has to be exceeded elsewhere; 0 where it
                 is not.
         """
         if self._windows == 0:
             return None
-        seen = np.array(target.seen_box)
+        box, seen = judged.box, np.array(target.seen_box)
         size = seen[2:]
         centers: NDArray[np.float64] = np.empty((0, 2))
         is_elsewhere = (np.abs(box[:2] - seen[:2]) > size / 2).any()
@@ -145,22 +147,73 @@ class Redetector:
         needed = max(_ACCEPT_ABOVE, rival)
         best = Found(seen, needed)
         for center in centers:
-            look = self._look(target, measured, np.hstack([center - size / 2, size]))
+            place, known = np.hstack([center - size / 2, size]), judged.look_alike
+            look = self._look(target, measured, place, known)
             if look.confidence >= self._doubtful_below:
-                look = self._look(target, measured, look.box)
+                look = self._look(target, measured, look.box, known)
                 if rival and (np.abs(look.box[:2] - box[:2]) <= size / 2).all():
                     continue
                 best = max(best, look, key=lambda one: one.confidence)
         return best if best.confidence > needed else None
 
-    def _look(self, target: Target, measured: Measurement, place: NDArray[np.float64]) -> Found:
-        """What is likeliest in a window around a (4,) box, and how likely it is the target."""
+    def look_alike(
+        self, target: Target, measured: Measurement, known: Box | None, is_seen: bool
+    ) -> Box | None:
+        """See `Target.look_alike`; it is followed from time to time.
+
+        Args:
+            target: As it was before this frame.
+            measured: In this frame.
+            known: Where it was last, None where there was none.
+            is_seen: Whether the target is.
+        """
+        if self._windows == 0:
+            return known
+        if known is None:
+            went_now = target.track.state == "tracking" and not is_seen
+            return self._recognize(target, measured) if went_now else None
+        if target.followed_frames % _REVISIT_INTERVAL:
+            return known
+        look = self._look(target, measured, np.array(known))
+        is_there = look.confidence >= self._doubtful_below and are_at(look.box, known)
+        return as_box(look.box) if is_there else known
+
+    def _recognize(self, target: Target, measured: Measurement) -> Box | None:
+        """What was the target's rival in the last frame, if it would be taken for the target now.
+
+        Not if it is more like the target than what was followed, or not clear of that: then it may
+        be the target.
+        """
+        if target.rival is None:
+            return None
+        look = self._look(target, measured, np.array(target.rival))
+        if not self._doubtful_below <= look.confidence < target.estimate.confidence:
+            return None
+        is_clear = sides_apart(look.box, target.estimate.box) >= 1.0
+        return as_box(look.box) if is_clear and are_at(look.box, target.rival) else None
+
+    def _look(
+        self,
+        target: Target,
+        measured: Measurement,
+        place: NDArray[np.float64],
+        but: Box | None = None,
+    ) -> Found:
+        """What is likeliest in a window around a (4,) box, and how likely it is the target.
+
+        What is where `but` is is passed over.
+        """
         search, region = self._measurer.look(measured.frame, place)
         strengths = self._fusion.strengths(region, search.boxes, target.templates)
         if not strengths:
             return Found(place, 0.0)
         likelihood = self._fusion.search(strengths, target.templates, measured.powers)
-        box = search.boxes[int(np.argmax(likelihood))]
+        if but is not None:
+            likelihood[are_at(search.boxes, but)] = -np.inf
+        best = int(np.argmax(likelihood))
+        if likelihood[best] == -np.inf:
+            return Found(place, 0.0)
+        box = search.boxes[best]
         seen = self._fusion.observe(region, box)
         match = self._fusion.match(seen, target.templates)
         return Found(box, self._confidence.judge(target, seen, match))

@@ -145,13 +145,31 @@ class Search:
             own: Name of a cue to its (1,) strength there.
             strengths: Name of a cue to its (M,) strengths at `boxes`.
         """
-        middle, reach = box[:2] + box[2:] / 2, box[2:] / 2
-        across, down = np.abs(self._centers - middle[:, None]) > reach[:, None]
-        beside = (down[:, None] | across).ravel()
+        beside = self._beside(box, 0.5)
         return measure_distraction(
             {name: float(strength[0]) for name, strength in own.items()},
             {name: strength[beside] for name, strength in strengths.items()},
         )
+
+    def rival(
+        self, box: NDArray[np.float64], log_likelihood: NDArray[np.float64]
+    ) -> NDArray[np.float64] | None:
+        """(4,) likeliest of `boxes` that does not overlap a (4,) box; None where all do.
+
+        Args:
+            box: Of the target.
+            log_likelihood: (M,) of `boxes`.
+        """
+        beside = self._beside(box, 1.0)
+        if not beside.any():
+            return None
+        return self.boxes[np.argmax(np.where(beside, log_likelihood, -np.inf))]
+
+    def _beside(self, box: NDArray[np.float64], reach: float) -> NDArray[np.bool_]:
+        """(M,) whether `boxes` are further from a (4,) one than so many of its sides."""
+        middle = box[:2] + box[2:] / 2
+        across, down = np.abs(self._centers - middle[:, None]) > reach * box[2:, None]
+        return (down[:, None] | across).ravel()
 
 
 def covariance_about(particles: ParticleSet, center: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -29,6 +29,9 @@ class Target:
         distraction: How much of what is around it looks like it.
         track: Whether it is seen, and for how long it has not been.
         seen_box: Its last box while it was tracked.
+        rival: Likeliest box beside it in the last frame, pixels; None without a search.
+        look_alike: Box of what is known not to be it, pixels, since both were seen at once; kept
+            while it is out of sight.
         hidden_frames: Frames in a row in which it was not tracked.
         followed_frames: Frames since the first one.
         randomness: Where its own source of random numbers stands.
@@ -44,6 +47,8 @@ class Target:
     distraction: Distraction
     track: Track
     seen_box: Box
+    rival: Box | None
+    look_alike: Box | None
     hidden_frames: int
     followed_frames: int
     randomness: Randomness

@@ -36,12 +36,12 @@ def overlap_with(estimate, x, y):
     return float(overlap(np.array([estimate.box]), np.array([box(x, y)]))[0])
 
 
-def walked(seed=0, frames=30):
+def walked(seed=0, frames=30, ground=GROUND):
     """A tracker whose target has walked from (40, 40) to the right, 2 px a frame."""
     tracker = Tracker.from_preset("default", seed)
-    tracker.start(shown(40, 40), box(40, 40))
+    tracker.start(shown(40, 40, ground), box(40, 40))
     for frame in range(1, frames):
-        estimate = tracker.update(shown(40 + 2 * frame, 40), INTERVAL)
+        estimate = tracker.update(shown(40 + 2 * frame, 40, ground), INTERVAL)
     assert estimate.state == "tracking"
     assert overlap_with(estimate, 40 + 2 * (frames - 1), 40) > 0.8
     return tracker
@@ -137,3 +137,19 @@ def test_a_look_alike_is_left_for_the_target_itself(seed):
         estimate = tracker.update(shown(20, 110, decoy), INTERVAL)
     assert estimate.state == "tracking"
     assert overlap_with(estimate, 20, 110) > 0.5
+
+
+@pytest.mark.parametrize("apart", [34, 44])
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("look_alike", [TARGET, np.roll(TARGET, 6, axis=1)])
+def test_what_stood_beside_the_target_is_never_taken_for_it(look_alike, apart, seed):
+    """Not when the target goes, not as long as it is gone; and then it is found beside it."""
+    ground = shown(98 + apart, 40, sprite=look_alike)
+    tracker = walked(seed, ground=ground)
+    for _ in range(100):
+        estimate = tracker.update(ground, INTERVAL)
+        assert estimate.state != "tracking"
+    for _ in range(30):
+        estimate = tracker.update(shown(98, 40, ground), INTERVAL)
+    assert estimate.state == "tracking"
+    assert overlap_with(estimate, 98, 40) > 0.6
