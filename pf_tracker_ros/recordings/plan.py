@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pf_tracker_ros.evaluation.command_line import parse_parameters
-from pf_tracker_ros.footage.access import exists
+from pf_tracker_ros.footage.access import is_there
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.recordings.beside import detections_file
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS, RecordingError
@@ -217,7 +217,7 @@ def _hearing(recording: Recording, options: argparse.Namespace) -> Hearing:
         if options.detections is not BESIDE:
             return DetectionFile(options.detections)
         path = detections_file(recording.path)
-        if not exists(path):
+        if not is_there(path):
             raise RecordingError(
                 f"no detections for {recording.path}: write {path.name} beside it, or give "
                 "--detections FILE",

@@ -27,7 +27,7 @@ from typing import Any
 
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.footage.access import check_file, exists, resolved
+from pf_tracker_ros.footage.access import check_file, is_there, resolved
 from pf_tracker_ros.footage.messages import box_as_sent
 from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_TARGET, RecordingError
@@ -133,7 +133,7 @@ def choose_targets(
     if boxes:
         return tuple(Target(as_box(box), source="--box") for box in boxes)
     path = target_file(recording.path)
-    if exists(path):
+    if is_there(path):
         return read_targets(path, recording.path)
     if detected:
         return ()
@@ -261,7 +261,10 @@ def _target(path: Path, of: str, document: dict[str, Any], source: Path) -> Targ
     image_size = None
     if (size := document.get("image_size")) is not None:
         what = f"'image_size'{of}"
-        width, height = _numbers(path, what, size, 2, "two numbers, width and height")
+        allowed = "two numbers, width and height, both whole"
+        width, height = _numbers(path, what, size, 2, allowed)
+        if not (width.is_integer() and height.is_integer()):
+            raise _wrong(path, what, size, allowed)
         image_size = (int(width), int(height))
     return Target(
         as_box(box),
@@ -301,7 +304,9 @@ def _check_keys(path: Path, of: str, mapping: dict[str, Any], allowed: set[str])
 
 
 def _label(path: Path, of: str, value: Any) -> str:
-    label = "" if value is None else str(value)
+    label = "" if value is None else value
+    if not isinstance(label, str):
+        raise _wrong(path, f"'label'{of}", value, "one text, such as car or '7'")
     try:
         label.encode("utf-8")
     except UnicodeEncodeError:

@@ -199,7 +199,8 @@ class TrackedRun:
         left = []
         if pictured is not None and (picture := self._picture(pictured)) is not None:
             path = self.reports / f"frame_{pictured:05d}.png"
-            cv2.imwrite(str(path), picture)
+            # Not by its name, which OpenCV takes as UTF-8 alone.
+            path.write_bytes(cv2.imencode(path.suffix, picture)[1].tobytes())
             left.append(f"frame {pictured}: {path}")
         if find_spec("jinja2") and find_spec("matplotlib"):
             has_reference = bool(np.isfinite(self.reference).any())

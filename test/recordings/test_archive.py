@@ -315,3 +315,19 @@ def test_links_that_lead_in_a_circle_are_told_and_stop_nothing(
     assert code != 0
     (line,) = errors.splitlines()
     assert line.startswith("track: error: ")
+
+
+def test_a_target_that_is_a_link_to_nothing_is_told_and_stops_nothing(
+    track, write_sequence, moving_square, tmp_path
+):
+    folder = tmp_path / "archive"
+    write_sequence("drive", moving_square.images, moving_square.boxes, folder)
+    images = write_sequence("other", moving_square.images, moving_square.boxes, tmp_path)
+    (images / "img").rename(folder / "images")
+    target = folder / "images.target.yaml"
+    target.symlink_to(target.name)
+    code, said, errors = track("--archive", folder, "--output", tmp_path / "out", *QUICK)
+    assert code == 1
+    (line,) = errors.splitlines()
+    assert f"target file {target} cannot be read (Too many levels" in line
+    assert "1 tracked, 0 done before, 1 failed" in said

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.footage.access import exists
+from pf_tracker_ros.footage.access import is_there
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
 from pf_tracker_ros.node.running import spin_until_shutdown
@@ -190,4 +190,4 @@ class Recording:
         raise target.missed()
 
     def _look_for_target(self) -> None:
-        self._has_target = exists(self._target_file)
+        self._has_target = is_there(self._target_file)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pf_tracker_ros.footage import is_bag
-from pf_tracker_ros.footage.access import entries, exists
+from pf_tracker_ros.footage.access import entries, exists, is_there
 from pf_tracker_ros.footage.images import IMAGE_SUFFIXES
 from pf_tracker_ros.recordings.beside import DETECTIONS_ENDING, detections_file, is_only_one
 from pf_tracker_ros.recordings.files import BAG, BOXES, VIDEO
@@ -74,7 +74,7 @@ def _is_footage(path: Path) -> bool:
 
 def _is_footage_or_detected(path: Path) -> bool:
     return _is_footage(path) or (
-        path.is_file() and exists(detections_file(path)) and is_only_one(path)
+        path.is_file() and is_there(detections_file(path)) and is_only_one(path)
     )
 
 
