@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.stores import as_place
 from pf_tracker_ros.recordings.plan import BESIDE, DETECTORS
@@ -133,9 +134,8 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--frame-rate",
         type=_rate,
-        default=25.0,
         metavar="HZ",
-        help="of a folder of images, which does not tell (default: %(default)g)",
+        help=f"of a folder of images, which does not tell (default: {DEFAULT_FRAME_RATE:g})",
     )
     parser.add_argument(
         "--archive",

@@ -92,7 +92,10 @@ class Target:
     def missed(self) -> RecordingError:
         """The error of a recording that has not the frame that the target was drawn on."""
         if self.box is None:
-            return RecordingError("there is no true box in any frame; give --box x,y,w,h")
+            return RecordingError(
+                "there is no true box in any frame; write a target file beside the recording, or "
+                "give --box x,y,w,h where it is tracked alone"
+            )
         known = [f"number {self.frame}"] if self.frame is not None else []
         known += [f"stamped {self.stamp} ns"] if self.stamp else []
         return RecordingError(
@@ -117,7 +120,11 @@ def choose_target(recording: Recording, box: Sequence[float] | None) -> Target:
 
 
 def choose_targets(
-    recording: Recording, boxes: Sequence[Sequence[float]] = (), *, detected: bool = False
+    recording: Recording,
+    boxes: Sequence[Sequence[float]] = (),
+    *,
+    detected: bool = False,
+    is_archived: bool = False,
 ) -> tuple[Target, ...]:
     """The targets of a recording: the boxes that are given, else its target file, else its truth.
 
@@ -126,6 +133,7 @@ def choose_targets(
         boxes: (x, y, width, height) in the first frame, in pixels.
         detected: Whether a detector starts targets: then there need be no other, and the truth,
             which is of one target, is none.
+        is_archived: Whether it is one of an archive, for what is advised where there is none.
 
     Raises:
         RecordingError: There is none, or the target file is wrong or of another recording.
@@ -139,10 +147,11 @@ def choose_targets(
         return ()
     if recording.has_ground_truth:
         return (Target(None, source="the ground truth"),)
-    raise RecordingError(
-        f"no target for {recording.path}: give --box x,y,w,h for the first frame, or write "
-        f"{path.name} beside it, or draw the target with --draw"
-    )
+    write = f"write {path.name} beside it"
+    advice = f"give --box x,y,w,h for the first frame, or {write}, or draw the target with --draw"
+    if is_archived:
+        advice = f"{write}, or find targets with --detections, --detections-topic or --detector"
+    raise RecordingError(f"no target for {recording.path}: {advice}")
 
 
 def read_target_file(path: Path, source: Path) -> Target:

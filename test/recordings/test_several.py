@@ -254,7 +254,11 @@ def test_what_a_built_in_detector_finds_does_not_hang_on_the_machine(
     assert eyes.seen == [0, 5, 10, 15]
     heard = {number + 1: [(library.said(number), number)] for number in (0, 5)}
     assert library.as_told(found) == library.track((), heard)
-    assert "frame 11: the detector 'motion' failed: blind" in errors
+    (line,) = errors.splitlines()
+    assert line == (
+        "track: of 1 remark on detections and targets the first is: frame 11: the detector "
+        "'motion' failed in frame 10: blind (frames count from 0)"
+    )
 
 
 def test_without_detections_beside_it_says_where_they_would_be(track, source, tmp_path):
@@ -264,6 +268,16 @@ def test_without_detections_beside_it_says_where_they_would_be(track, source, tm
         f"no detections for {source}: write img.detections.csv beside it, or give --detections FILE"
     )
     assert not (tmp_path / "out").exists()
+
+
+def test_a_built_in_detector_that_finds_nothing_says_so(tracked, source):
+    code, errors, found = tracked(source, "--detector", "motion", "--detector-rate", "5")
+    assert code == 0
+    (line,) = errors.splitlines()
+    assert line.startswith("track: the detector 'motion' found nothing in 4 frames that it was ")
+    assert "before a camera that stands still" in line
+    assert "--detector-rate shows it more frames" in line
+    assert [(row["id"], row["state"]) for row in found] == [("", "idle")] * COUNT
 
 
 @pytest.mark.parametrize(

@@ -81,7 +81,12 @@ def test_an_archive_may_have_a_detector(track, walkers, write_sequence, tmp_path
     source = write_sequence("pair", images, np.array(boxes)[:, 0])
     (tmp_path / "list.txt").write_text(f"{source.name}/img\n")
     given = ("--archive", tmp_path / "list.txt", "--output", tmp_path / "out", *QUICK)
-    assert track(*given, "--detector", "motion", "--detector-rate", "25")[0] == 0
+    code, _, errors = track(*given, "--detector", "motion", "--detector-rate", "25")
+    assert code == 0
+    (line,) = errors.splitlines()
+    name = f"{source.name}/img"
+    said = "track: in 1 of 1 recording there was no target in any frame, such as in "
+    assert line == said + name
     with (tmp_path / "out" / source.name / "img" / "boxes.csv").open() as file:
         assert {row["frame"] for row in csv.DictReader(file)} == {str(n) for n in range(COUNT)}
     # With another detector it is not the same work.
@@ -100,13 +105,12 @@ def test_an_archive_is_labeled_from_the_detections_beside_its_recordings(
     assert code == 0
     lines = said.splitlines()
     none = f"no detections for {detected_archive / 'none'}: write none.detections.csv beside it"
-    assert [line for line in lines if "would fail" in line] == [
-        f"would fail: {none}, or give --detections FILE"
-    ]
+    # Without the advice to give a file, which is for one recording.
+    assert [line for line in lines if "would fail" in line] == [f"would fail: {none}"]
     assert lines[-1].startswith("3 of 3 recordings, 32 frames; about ")
     code, said, errors = track(*given)
     assert code == 1
-    assert none in one_sentence(errors)
+    assert one_sentence(errors).endswith(none)
     assert "3 recordings: 2 tracked, 0 done before, 1 failed" in said
     manifest = json.loads((output / "archive.json").read_text())
     assert {entry["name"]: entry["exit_code"] for entry in manifest} == {

@@ -73,7 +73,9 @@ def find_recordings(archive: Place, detected: DetectedRecordings | None = None) 
         found[name] = place
     _check_names(found)
     if not found:
-        others = f"; detections are looked for in {detected.named}" if detected else ""
+        others = "; without targets, --detections, --detections-topic or --detector finds them"
+        if detected:
+            others = f"; detections are looked for in {detected.named}"
         raise RecordingError(
             f"no recording in {archive}; each needs its target beside it, such as drive"
             f"{TARGET_ENDING} for drive.mcap, or a ground truth in its folder{others}"
