@@ -203,6 +203,7 @@ def test_a_dry_run_writes_nothing_and_tells_how_long(archive, track, tmp_path):
     assert lines[-1].startswith("13 of 13 recordings, 220 frames; about 0:00:")
     cores = "2 cores" if os.cpu_count() > 1 else "1 core"
     assert f" on {cores}, at " in lines[-1]
+    assert lines[-1].endswith("; 2 cannot be tracked")
     assert not (tmp_path / "out").exists()
 
 
@@ -219,7 +220,10 @@ def test_without_targets_it_says_what_a_recording_of_an_archive_may_have(
     )
     code, said, _ = track(*given, "--dry-run")
     assert code == 0
-    assert said.splitlines() == [f"would fail: {advice}", "1 of 1 recording, 0 frames"]
+    assert said.splitlines() == [
+        f"would fail: {advice}",
+        "1 of 1 recording, 0 frames; 1 cannot be tracked",
+    ]
     code, said, errors = track(*given)
     assert code == 1
     assert errors == f"track: error: {advice}\n"

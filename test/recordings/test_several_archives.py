@@ -194,6 +194,18 @@ def test_a_detector_is_asked_about_every_recording_of_a_folder(track, walkers, s
     assert "2 recordings: 0 tracked, 2 done before" in track(*given)[1]
 
 
+def test_a_dry_run_tells_of_what_has_no_target(track, detected_archive, tmp_path):
+    (detected_archive / "none.target.yaml").write_text("target_box: [30, 20, 24, 40]")
+    given = ("--archive", detected_archive, "--output", tmp_path / "out", "--dry-run", *QUICK)
+    code, said, _ = track(*given)
+    assert code == 0
+    assert said.splitlines()[-1] == (
+        "2 recordings without a target are left out, such as day_0/pair: --detections, "
+        "--detections-topic or --detector finds targets"
+    )
+    assert "left out" not in track(*given, "--detector", "motion")[1]
+
+
 def test_where_nothing_can_be_detected_it_says_in_what(track, tmp_path):
     (tmp_path / "archive").mkdir()
     (tmp_path / "archive" / "notes.txt").write_text("no recording")

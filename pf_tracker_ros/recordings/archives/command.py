@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from datetime import timedelta
 from itertools import islice
@@ -16,7 +17,7 @@ from pf_tracker_ros.evaluation.reports.page import REPORT_FILE, fill
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
 from pf_tracker_ros.plurals import counted
-from pf_tracker_ros.recordings.archives.detected import detected_recordings
+from pf_tracker_ros.recordings.archives.detected import any_footage, detected_recordings
 from pf_tracker_ros.recordings.archives.executors import Executor, choose_executor
 from pf_tracker_ros.recordings.archives.memory import needed_memory
 from pf_tracker_ros.recordings.archives.overlaps import check_apart
@@ -73,6 +74,7 @@ def run_archive(options: argparse.Namespace) -> int:
     with choose_executor(options.ray, options.jobs, needed_memory) as executor:
         if options.dry_run:
             _print_plan(make_tasks(recordings, results, _arguments(options)), executor, options)
+            _print_untargeted(options, recordings)
             return DONE
         with results.alone() as place:
             tasks = make_tasks(recordings, place, _arguments(options))
@@ -208,6 +210,7 @@ def _print_plan(
 ) -> None:
     """What would be done, and how long it would take, from a sample."""
     plan = _Plan(options)
+    failing = 0
     done = done_entries(tasks, tasks[0].results)
     waiting = [task for task in tasks if task.name not in done]
     for task in waiting:
@@ -215,6 +218,7 @@ def _print_plan(
             count = plan.look_into(task.source)
         except (FootageError, RecordingError) as error:
             print(f"would fail: {error}")
+            failing += 1
         else:
             frames = "an unknown number of frames" if count is None else counted(count, "frame")
             print(f"would track: {task.source} ({frames})")
@@ -227,7 +231,22 @@ def _print_plan(
         left = timedelta(seconds=round(plan.frames * seconds / workers))
         cores = f"{counted(workers, 'core')}, at {1 / seconds:.0f} frames/s"
         text += f"; about {left} on {cores}{' each' if workers > 1 else ''}"
-    print(text)
+    print(f"{text}; {failing} cannot be tracked" if failing else text)
+
+
+def _print_untargeted(options: argparse.Namespace, recordings: Mapping[str, Place]) -> None:
+    """Tell of what is left out of a folder for want of targets."""
+    if is_url(options.archive) or detected_recordings(options) is not None:
+        return
+    # What two rules together would refuse is no reason to fail here.
+    with contextlib.suppress(FootageError, RecordingError):
+        others = find_recordings(options.archive, any_footage()).keys() - recordings.keys()
+        if others:
+            verb = "is" if len(others) == 1 else "are"
+            print(
+                f"{counted(len(others), 'recording')} without a target {verb} left out, such as "
+                f"{min(others)}: --detections, --detections-topic or --detector finds targets"
+            )
 
 
 class _Plan:

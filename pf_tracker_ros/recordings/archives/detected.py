@@ -51,7 +51,7 @@ def detected_recordings(options: argparse.Namespace) -> DetectedRecordings | Non
     if options.detections_topic:
         return DetectedRecordings("bags", _is_bag, with_images=False)
     if options.detector:
-        return DetectedRecordings("bags, videos and folders of images", _is_footage, True)
+        return any_footage()
     if options.detections:
         beside = f"drive{DETECTIONS_ENDING} for drive.mcap"
         return DetectedRecordings(
@@ -60,6 +60,11 @@ def detected_recordings(options: argparse.Namespace) -> DetectedRecordings | Non
             with_images=True,
         )
     return None
+
+
+def any_footage() -> DetectedRecordings:
+    """Every bag, video and folder of images."""
+    return DetectedRecordings("bags, videos and folders of images", _is_footage, with_images=True)
 
 
 def _is_bag(path: Path) -> bool:
