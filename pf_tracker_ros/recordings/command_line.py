@@ -28,7 +28,7 @@ max_targets above 1, which here is the parameter targets.most.
 _EXIT_CODES = f"""\
 boxes.csv has a row a frame: frame (from 0), stamp (ns), id, x, y, width, height (px; empty while
 there is no box), state and confidence (0 to 1), in full precision. Of several targets each has a
-row in a frame, and a frame without any one row without an id.
+row in a frame, with its label in a last column, and a frame without any one row without an id.
 
 exit codes:
   {errors.DONE}    all went well

@@ -26,7 +26,7 @@ from pf_tracker_ros.overlay import COLORS, draw_overlay
 from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.report import recording_page
 from pf_tracker_ros.recordings.summaries import ABSENT, FrameSummary, summary_of
-from pf_tracker_ros.recordings.tables import COLUMNS
+from pf_tracker_ros.recordings.tables import COLUMNS, LABELED_COLUMNS
 from pf_tracker_ros.recordings.target import Target
 from pf_tracker_ros.recordings.tracking import track_recording
 from pf_tracker_ros.stamps import NANOSECONDS
@@ -299,7 +299,7 @@ def _read_boxes(path: Path) -> NDArray[np.float64]:
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
             rows = list(reader)
-        if tuple(reader.fieldnames or ()) != COLUMNS:
+        if tuple(reader.fieldnames or ()) not in (COLUMNS, LABELED_COLUMNS):
             raise ValueError(f"its columns are not {', '.join(COLUMNS)}")
         names = ("x", "y", "width", "height")
         boxes = [[float(row[name] or math.nan) for name in names] for row in rows]

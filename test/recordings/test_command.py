@@ -230,6 +230,17 @@ def test_options_for_another_kind_of_recording_are_refused(
     assert track("--archive", tmp_path / "list.txt", "--output", output, *asked)[0] == 0
 
 
+def test_the_columns_of_one_target_are_those_whatever_it_is_called(
+    track, moving_square_sequence, tmp_path
+):
+    target = moving_square_sequence.with_name(f"{moving_square_sequence.name}.target.yaml")
+    target.write_text("target_box: [20, 30, 24, 24]\nlabel: car")
+    output = tmp_path / "out"
+    assert track(moving_square_sequence, "--output", output, *QUICK)[0] == 0
+    heading = (output / "boxes.csv").read_text().splitlines()[0]
+    assert heading == "frame,stamp,id,x,y,width,height,state,confidence"
+
+
 def test_a_box_outside_the_image_is_refused(track, moving_square_sequence, tmp_path):
     code, _, errors = track(
         moving_square_sequence, "--output", tmp_path / "out", "--box", "900,30,24,24"

@@ -59,6 +59,7 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
     assert next(row["frame"] for row in found if row["id"] == "2") == "6"
     first = next(row for row in found if row["id"] == "1")
     assert (first["frame"], [float(first[n]) for n in NAMES]) == ("2", list(boxes[2][0]))
+    assert {(row["id"], row["label"]) for row in found} == {("", ""), ("1", "red"), ("2", "blue")}
     page = (output / "report.html").read_text()
     assert page.count("<section") == 2
     assert "target 1 red" in page
@@ -177,6 +178,8 @@ def test_every_output_tells_of_several_targets(
     file = write_detections((3, 7, 11), label=",<b>person")
     code, _, found = tracked(source, "--detections", file, *asked)
     assert code == 0
+    assert [*found[0]][-2:] == ["confidence", "label"]
+    assert {(row["id"] != "", row["label"]) for row in found} == {(False, ""), (True, "<b>person")}
     table = parquet.read_table(output / "boxes.parquet").to_pylist()
     texts = [{n: "" if v is None else str(v) for n, v in row.items()} for row in table]
     assert texts == found
@@ -199,6 +202,14 @@ def test_every_output_tells_of_several_targets(
     for number, told in ids.items():
         own = [int(row["id"]) for row in found if row["frame"] == str(number) and row["x"]]
         assert told == own
+
+
+def test_a_label_stays_in_its_row_and_cell(tracked, source, write_detections, tmp_path):
+    file = write_detections((0,), count=1, label=',"car, ""red""\r\nor\tnot\x7f"')
+    code, _, found = tracked(source, "--detections", file)
+    assert code == 0
+    assert {row["label"] for row in found} == {'car, "red"  or not '}
+    assert len((tmp_path / "out" / "boxes.csv").read_text().splitlines()) == 1 + COUNT
 
 
 def test_a_video_without_any_picture_says_why_there_is_none(

@@ -61,6 +61,16 @@ def test_a_sound_tracker_passes_against_truth_and_stored_result(
     assert again.overlap == pytest.approx(1.0, abs=1e-5)
 
 
+def test_a_result_with_labels_is_compared_with_too(
+    tracked_recording, moving_square_sequence, stored
+):
+    heading, *lines = stored.read_text().splitlines()
+    stored.write_text("\n".join([f"{heading},label", *(f"{line},car" for line in lines)]) + "\n")
+    run = tracked_recording(moving_square_sequence, stored=stored, **QUICK)
+    run.check(**ASKED)
+    assert run.overlap == 1.0
+
+
 def test_both_ways_see_the_same(tracked_recording, moving_square_sequence, ros_domain):
     runs = [
         tracked_recording(moving_square_sequence, seed=3, through=through, **QUICK)
