@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.parameters import build
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.targets.clock import Clock, age_of, is_due
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.drawn import Drawn
@@ -319,7 +320,8 @@ class MultiSession:
         most = self._tracker.parameters["targets.most"]
         if count == most:
             raise ValueError(
-                f"there are {most} targets, as many as there may be; stop one first, or allow more"
+                f"there {'is' if most == 1 else 'are'} {counted(most, 'target')}, as many as there "
+                "may be; stop one first, or allow more"
             )
         if count > most:
             raise ValueError(

@@ -23,6 +23,7 @@ from pf_tracker_ros.evaluation import metrics
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE, is_bag, open_bag
 from pf_tracker_ros.overlay import COLORS, draw_overlay
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.report import recording_page
 from pf_tracker_ros.recordings.summaries import ABSENT, FrameSummary, summary_of
@@ -85,8 +86,9 @@ class TrackedRun:
         boxes = _read_boxes(self.stored)
         if len(boxes) != len(self.frames):
             pytest.fail(
-                f"{self.stored} holds {len(boxes)} frames, and {self.recording.path} has "
-                f"{len(self.frames)}: it is of another recording; pytest --update stores it anew",
+                f"{self.stored} holds {counted(len(boxes), 'frame')}, and {self.recording.path} "
+                f"has {len(self.frames)}: it is of another recording; pytest --update stores it "
+                "anew",
                 pytrace=False,
             )
         return boxes

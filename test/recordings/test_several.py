@@ -302,7 +302,7 @@ def test_a_built_in_detector_that_finds_nothing_says_so(tracked, source):
         (["--box", "1,2,30,40", "--parameter", "targets.most=3"], "targets.most"),
         (
             ["--box", "1,2,30,40", "--box", "50,2,30,40", "--parameter", "targets.most=1"],
-            "box from --box: there are 1 targets, as many as there may be",
+            "box from --box: there is 1 target, as many as there may be",
         ),
     ],
 )

@@ -43,6 +43,7 @@ from pf_tracker_ros.node.replay.replay_source import (
 )
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.parameters import build
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS, stamp_of
 
 # Deep enough that a subscriber may be busy for a third of a second, shallow enough for memory.
@@ -190,9 +191,8 @@ class ReplayNode(Node):
         self._playback.paused = request.data
         self._played_stamps.follow_clock()
         response.success = True
-        response.message = (
-            f"{'paused' if request.data else 'playing'}, {self._published} frames published"
-        )
+        published = counted(self._published, "frame")
+        response.message = f"{'paused' if request.data else 'playing'}, {published} published"
         return response
 
     def _on_step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -200,7 +200,7 @@ class ReplayNode(Node):
         if response.success:
             self._playback.step()
         response.message = (
-            f"one more after {self._published} frames"
+            f"one more after {counted(self._published, 'frame')}"
             if response.success
             else "it plays; the service ~/pause with true pauses it, and then there are steps"
         )
@@ -222,9 +222,10 @@ class ReplayNode(Node):
         self.context.try_shutdown()
 
     def _play_source(self) -> None:
-        count = "an unknown number of" if self._source.count is None else self._source.count
+        count = self._source.count
+        frames = "an unknown number of frames" if count is None else counted(count, "frame")
         self._log.info(
-            f"replaying {self._source.name}: {count} frames on {self._image_publisher.topic_name}"
+            f"replaying {self._source.name}: {frames} on {self._image_publisher.topic_name}"
         )
         self._wait_for_tracker()
         first: int | None = 0
@@ -238,7 +239,7 @@ class ReplayNode(Node):
         self._wait_for_acknowledgment(self._image_publisher)
         if self._ground_truth_publisher is not None:
             self._wait_for_acknowledgment(self._ground_truth_publisher)
-        self._log.info(f"published {self._published} frames of {self._source.name}")
+        self._log.info(f"published {counted(self._published, 'frame')} of {self._source.name}")
 
     def _play_on(self, first: int) -> int | None:
         """Play to the end, and tell where to go on from then, None if that is all.
@@ -380,7 +381,7 @@ class ReplayNode(Node):
     def _check_count(self, published: int) -> None:
         if self._source.count is not None and published < self._source.count:
             self._log.warning(
-                f"{self._source.name} announces {self._source.count} frames, "
+                f"{self._source.name} announces {counted(self._source.count, 'frame')}, "
                 f"but only {published} could be read"
             )
 
