@@ -214,19 +214,7 @@ class MultiSession:
         return self.process_unread(lambda: image, stamp)
 
     def process_unread(self, read: Callable[[], NDArray[np.generic]], stamp: int) -> MultiOutcome:
-        """Take one frame, and read its image unless the stamp alone tells that it is dropped.
-
-        Args:
-            read: Gives the image, as for `process`.
-            stamp: When it was taken.
-
-        Returns:
-            What became of it.
-
-        Raises:
-            ValueError: As `process`.
-            Exception: Whatever `read` raises; the targets are kept.
-        """
+        """As `process`, with an image that is read only if it is needed; see `Session`."""
         place = self._clock.place(stamp, self.time_policy.late_within)
         if place in ("duplicate", "late"):
             self._checked = None
