@@ -80,6 +80,7 @@ class ReplayNode(Node):
         self.exit_code = 0
         self._published = 0
         self._position = -1
+        self._hindrance = ""
         self._indices: dict[int, int] = {}
         self._played_stamps = PlayedStamps(lambda: self.get_clock().now().nanoseconds)
         self._thread: threading.Thread | None = None
@@ -168,6 +169,16 @@ class ReplayNode(Node):
     def frame_count(self) -> int | None:
         """Of the source, as far as it tells, once it has begun."""
         return self._source.count
+
+    @property
+    def image_topic(self) -> str:
+        """Full name of the topic of the images, once it has begun."""
+        return str(self._image_publisher.topic_name)
+
+    @property
+    def hindrance(self) -> str:
+        """What it waits for and why it does not go on, as the log has it; empty if it does."""
+        return self._hindrance
 
     def index_of(self, stamp: int) -> int | None:
         """Index of a frame that has been published.
@@ -327,8 +338,10 @@ class ReplayNode(Node):
         images = self._image_publisher
         self._playback.wait_for(lambda: images.get_subscription_count() > 0, _DISCOVERY_TIMEOUT)
         while missing := self._missing():
+            self._hindrance = f"waiting for {' and '.join(missing)}"
             if not self._playback.wait_for(lambda: not self._missing(), _WARNING_INTERVAL):
-                self._log.warning(f"waiting for {' and '.join(missing)}")
+                self._log.warning(self._hindrance)
+        self._hindrance = ""
 
     def _missing(self) -> list[str]:
         missing = []
@@ -350,14 +363,15 @@ class ReplayNode(Node):
         while True:
             timeout = self._binding.values["lockstep_timeout"]
             if self._playback.wait_for_answer(item.stamp, timeout):
+                self._hindrance = ""
                 return
             stamp = item.stamp / NANOSECONDS
-            self._log.warning(
+            self._hindrance = (
                 f"no status for frame {self._published - 1} (stamp {stamp:.9f}) on "
                 f"{self._status_subscription.topic_name} within {timeout:g} s; "
-                f"publishing it again{self._lockstep_hint()}",
-                throttle_duration_sec=_WARNING_INTERVAL,
+                f"publishing it again{self._lockstep_hint()}"
             )
+            self._log.warning(self._hindrance, throttle_duration_sec=_WARNING_INTERVAL)
             self._publish(item)
 
     def _lockstep_hint(self) -> str:
