@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import math
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -103,10 +104,12 @@ def check_applies(options: argparse.Namespace, recording: Recording) -> None:
     path = recording.path
     if options.bag_topic and not is_bag(path):
         raise RecordingError(f"--bag-topic is for a bag, and {path} is none; leave it out")
-    if options.frame_rate and recording.interval != 1.0 / options.frame_rate:
+    rate = 1.0 / recording.interval
+    # Where it tells the same, nothing is disregarded.
+    if options.frame_rate and not math.isclose(rate, options.frame_rate, rel_tol=1e-3):
         raise RecordingError(
-            f"--frame-rate is for a folder of images, and {path} tells its own, about "
-            f"{1.0 / recording.interval:.4g} frames a second; leave it out"
+            f"--frame-rate is for a folder of images, and {path} tells its own, about {rate:.4g} "
+            "frames a second; leave it out"
         )
 
 

@@ -281,12 +281,16 @@ def test_without_detections_beside_it_says_where_they_would_be(track, source, tm
     assert not (tmp_path / "out").exists()
 
 
-def test_a_built_in_detector_that_finds_nothing_says_so(tracked, source):
-    code, errors, found = tracked(source, "--detector", "motion", "--detector-rate", "5")
+@pytest.mark.parametrize(
+    ("name", "finds"),
+    [("motion", "moves before a camera that stands still"), ("people", "at least 100 px high")],
+)
+def test_a_built_in_detector_that_finds_nothing_says_so(tracked, source, name, finds):
+    code, errors, found = tracked(source, "--detector", name, "--detector-rate", "5")
     assert code == 0
     (line,) = errors.splitlines()
-    assert line.startswith("track: the detector 'motion' found nothing in 4 frames that it was ")
-    assert "before a camera that stands still" in line
+    assert line.startswith(f"track: the detector '{name}' found nothing in 4 frames that it was ")
+    assert finds in line
     assert "--detector-rate shows it more frames" in line
     assert [(row["id"], row["state"]) for row in found] == [("", "idle")] * COUNT
 
