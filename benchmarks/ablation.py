@@ -31,7 +31,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import arguments as options_of
 import carry_over
 import intervals
-from outcomes import Outcome, counted, figure, write_csv
+from outcomes import Outcome, figure, write_csv
 from tables import Table, bold
 
 from pf_tracker_ros import Tracker
@@ -40,6 +40,7 @@ from pf_tracker_ros.evaluation.command_line import parse_parameters
 from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 PARTICLES = (30, 60, 100, 200, 300, 600, 1000)
@@ -226,8 +227,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         groups = carry_over.grouped(names, options.group) if options.group else {}
         options.output.mkdir(parents=True, exist_ok=True)
         outcomes = run(options.preset, compared, sequences, options.seeds, options.jobs)
-        seeds = counted(options.seeds, "seed", "seeds")
-        footage = counted(len(sequences), "sequence", "sequences")
+        seeds = counted(options.seeds, "seed")
+        footage = counted(len(sequences), "sequence")
         table = summary(outcomes, f"Ablation of preset {options.preset}: {footage}, {seeds}")
         table.show()
         left_out = carry_over.summary(outcomes, groups) if groups else None

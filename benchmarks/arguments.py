@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 from pf_tracker_ros.tracking.presets import PRESETS
@@ -28,6 +28,14 @@ def sequence_parser(description: str | None, seeds: int = 3) -> argparse.Argumen
     )
     add_seeds(made, seeds)
     add_folder(made)
+    return made
+
+
+def parts_parser(description: str | None, parts: Collection[str]) -> argparse.ArgumentParser:
+    """A parser of `--only` for parts of a measurement and `--output` for its tables."""
+    made = parser(description)
+    made.add_argument("--only", action="append", choices=parts, help="may be repeated")
+    made.add_argument("--output", type=Path, help="Markdown file for the tables")
     return made
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,8 +49,20 @@ def bars_table(bars: Sequence[Bar]) -> Table:
     return Table("What must hold", ["", "measured", "bar", ""], [rows])
 
 
-def write_markdown(path: Path, tables: Sequence[Table], command: str) -> None:
-    """Write tables with their titles, and the command that makes them."""
+def save_tables(
+    path: Path | None, tables: Sequence[Table], script: str, arguments: Sequence[str] | None
+) -> None:
+    """Write tables with their titles, and the command that makes them.
+
+    Args:
+        path: A Markdown file; None for none.
+        tables: In their order.
+        script: Name of the benchmark's file.
+        arguments: Of its command line; None takes the process'.
+    """
+    if path is None:
+        return
+    command = shlex.join(["python", f"benchmarks/{script}", *(arguments or sys.argv[1:])])
     lines = [f"`{command}`", ""]
     for table in tables:
         lines += [f"**{table.title}**", "", *table.markdown(), ""]

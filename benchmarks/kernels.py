@@ -21,7 +21,6 @@ from __future__ import annotations
 import argparse
 import math
 import os
-import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,7 +31,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import arguments as options_of
 import cv2
 from arguments import at_least
-from bars import bars_table, write_markdown
+from bars import bars_table, save_tables
 from kernel_stages.growth import AXES, Cost, along, draw_growth, exponent, measure_stages
 from kernel_stages.li2007 import CLOUDS, Row, measure_li2007
 from kernel_stages.must_hold import measure_bars
@@ -155,11 +154,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Args:
         arguments: Command line without the program's name; None takes the process'.
     """
-    parser = options_of.parser(__doc__)
-    parser.add_argument("--only", action="append", choices=PARTS, help="may be repeated")
+    parser = options_of.parts_parser(__doc__, PARTS)
     parser.add_argument("--turns", type=at_least(1), default=10, help="of what is compared [10]")
     parser.add_argument("--plot", type=Path, help="image file for how the stages grow")
-    parser.add_argument("--output", type=Path, help="Markdown file for the tables")
     given = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     tables = []
@@ -167,9 +164,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for table in PARTS[part](given):
             table.show()
             tables.append(table)
-    if given.output:
-        command = shlex.join(["python", "benchmarks/kernels.py", *(arguments or sys.argv[1:])])
-        write_markdown(given.output, tables, command)
+    save_tables(given.output, tables, "kernels.py", arguments)
     return 0
 
 

@@ -25,7 +25,6 @@ from __future__ import annotations
 import argparse
 import math
 import os
-import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -37,7 +36,7 @@ from typing import NamedTuple
 import arguments as options_of
 import numpy as np
 from arguments import at_least
-from bars import Bar, bars_table, write_markdown
+from bars import Bar, bars_table, save_tables
 from domain_coordinator import domain_id
 from node_runs.camera import (
     SIZES,
@@ -328,8 +327,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Args:
         arguments: Command line without the program's name; None takes the process'.
     """
-    parser = options_of.parser(__doc__)
-    parser.add_argument("--only", action="append", choices=PARTS, help="may be repeated")
+    parser = options_of.parts_parser(__doc__, PARTS)
     parser.add_argument("--seconds", type=at_least(1), default=10, help="of each turn [10]")
     parser.add_argument("--rounds", type=at_least(1), default=3, help="turns of each [3]")
     parser.add_argument(
@@ -339,7 +337,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--rate", action="append", type=at_least(1), help="for the latency")
     parser.add_argument("--quality", action="append", choices=QUALITIES, help="for the latency")
     parser.add_argument("--preset", choices=PRESETS, default="default", help="for the latency")
-    parser.add_argument("--output", type=Path, help="Markdown file for the tables")
     given = parser.parse_args(arguments)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     tables, bars = [], []
@@ -354,9 +351,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if bars:
         tables.append(bars_table(bars))
         tables[-1].show()
-    if given.output:
-        command = shlex.join(["python", "benchmarks/node.py", *(arguments or sys.argv[1:])])
-        write_markdown(given.output, tables, command)
+    save_tables(given.output, tables, "node.py", arguments)
     return 0
 
 

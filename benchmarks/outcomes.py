@@ -93,8 +93,3 @@ def write_csv(path: Path, kind: str, outcomes: Sequence[Outcome], yardstick: str
 def figure(value: float, form: str, unknown: str = "-") -> str:
     """A number as text; NaN as `unknown`."""
     return unknown if np.isnan(value) else format(value, form)
-
-
-def counted(count: int, one: str, more: str) -> str:
-    """A number with its noun."""
-    return f"{count} {one if count == 1 else more}"

@@ -27,7 +27,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import arguments as options_of
 import cv2
 import numpy as np
-from outcomes import Outcome, counted, figure, write_csv
+from outcomes import Outcome, figure, write_csv
 from peer_trackers import PEERS, ChannelSpatialReliability, NanoTrack
 from tables import Table, bold
 
@@ -41,6 +41,7 @@ from pf_tracker_ros.evaluation import (
 from pf_tracker_ros.evaluation.plots import save_success_plot
 from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
 from pf_tracker_ros.footage import Footage, FootageError
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.tracking.presets import PRESETS
 
 YARDSTICK = ChannelSpatialReliability.name
@@ -188,7 +189,7 @@ def write_markdown(
 ) -> None:
     """Write the tables and what they were measured with."""
     frames = sum(len(result.true_boxes) for result in outcomes[0].results)
-    footage = f"{counted(len(outcomes[0].results), 'sequence', 'sequences')}, {frames} frames"
+    footage = f"{counted(len(outcomes[0].results), 'sequence')}, {frames} frames"
     lines = [f"{NOTE} {versions()}; {footage}.", "", *left_out]
     for table in tables:
         lines += ["", f"# {table.title}", "", *table.markdown()]
@@ -222,7 +223,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for sentence in left_out:
             print(sentence)
         outcomes = compare(sequences, trackers, options.seeds)
-        seeds = counted(options.seeds, "seed", "seeds")
+        seeds = counted(options.seeds, "seed")
         table = summary(outcomes, f"Presets and peers, {seeds}")
         table.show()
         write_csv(options.output / "peers.csv", "tracker", outcomes, YARDSTICK)

@@ -23,6 +23,7 @@ from pf_tracker_ros.decoding.jpeg_reading import SIGNATURE as JPEG_SIGNATURE
 from pf_tracker_ros.decoding.jpeg_reading import pixel_data_of_jpeg
 from pf_tracker_ros.decoding.png_reading import SIGNATURE as PNG_SIGNATURE
 from pf_tracker_ros.decoding.png_reading import pixel_data_of_png
+from pf_tracker_ros.plurals import counted
 
 # An image's orientation is that of the camera: the box of a target must not turn with a tag.
 _FLAGS = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
@@ -75,7 +76,7 @@ def decode_compressed(message: CompressedImage, largest: float) -> Pixels:
     except cv2.error as error:
         raise ImageError("data", f"its data cannot be decoded: {error.err}") from error
     if image is None or image.shape[:2] != (height, width):
-        raise ImageError("data", f"its data, {len(data)} bytes, is damaged")
+        raise ImageError("data", f"its data, {counted(len(data), 'byte')}, is damaged")
     if image.ndim == 3 and image.dtype == np.uint16:
         return (image >> 8).astype(np.uint8)
     return image
@@ -90,6 +91,6 @@ def _pixel_data(data: memoryview, image_format: str, check_size: SizeCheck) -> b
     hint = "; subscribe to another transport" if "compressedDepth" in image_format else ""
     raise ImageError(
         "format",
-        f"its data, {len(data)} bytes of the format {quote(image_format)}, begin neither as JPEG "
-        f"nor as PNG; allowed: these two{hint}",
+        f"its data, {counted(len(data), 'byte')} of the format {quote(image_format)}, begin "
+        f"neither as JPEG nor as PNG; allowed: these two{hint}",
     )

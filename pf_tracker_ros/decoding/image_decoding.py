@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.plurals import counted
+
 Pixels = NDArray[Any]
 # Takes a width and a height in pixels; raises ImageError for one that is refused.
 SizeCheck = Callable[[int, int], None]
@@ -236,7 +238,7 @@ def _checked_rows(message: RawImage, encoding: Encoding, pixel_size: int) -> int
     if message.step < row:
         raise ImageError(
             "step",
-            f"its step is {message.step} bytes; allowed: at least {row}, a row of "
+            f"its step is {counted(message.step, 'byte')}; allowed: at least {row}, a row of "
             f"{message.width} px in {message.encoding}",
         )
     rows = round(message.height * (1.0 + encoding.chroma_rows))
@@ -244,7 +246,7 @@ def _checked_rows(message: RawImage, encoding: Encoding, pixel_size: int) -> int
     if len(message.data) < needed:
         raise ImageError(
             "data",
-            f"its data has {len(message.data)} bytes; allowed: at least {needed}, "
-            f"{rows} rows with a step of {message.step} bytes",
+            f"its data has {counted(len(message.data), 'byte')}; allowed: at least {needed}, "
+            f"{counted(rows, 'row')} with a step of {counted(message.step, 'byte')}",
         )
     return rows

@@ -14,6 +14,7 @@ import struct
 import numpy as np
 
 from pf_tracker_ros.decoding.image_decoding import ImageError, SizeCheck
+from pf_tracker_ros.plurals import counted
 
 SIGNATURE = b"\xff\xd8\xff"
 
@@ -63,7 +64,9 @@ def pixel_data_of_jpeg(data: memoryview, check_size: SizeCheck) -> bytes:
         kind, start = marker[1][0], marker.end()
         if kind == _END and scans:
             if scanned < least:
-                raise ImageError("data", f"its data, {len(data)} bytes, is cut off before the end")
+                raise ImageError(
+                    "data", f"its data, {counted(len(data), 'byte')}, is cut off before the end"
+                )
             return b"".join([*kept, bytes((0xFF, _END))])
         end = start + int.from_bytes(data[start : start + 2], "big")
         if end > len(data) or end < start + 2:
@@ -85,7 +88,9 @@ def pixel_data_of_jpeg(data: memoryview, check_size: SizeCheck) -> bytes:
             if name is None or bytes(content[: len(name)]) != name:
                 continue
         kept += [bytes((0xFF, kind)), data[start:position]]
-    raise ImageError("data", f"its data, {len(data)} bytes, has more segments than an image takes")
+    raise ImageError(
+        "data", f"its data, {counted(len(data), 'byte')}, has more segments than an image takes"
+    )
 
 
 def _least_scanned(kind: int, content: memoryview, check_size: SizeCheck, data: memoryview) -> int:
@@ -122,9 +127,9 @@ def _end_of_scan(data: memoryview, start: int) -> int:
         markers = np.flatnonzero(is_kind & (octets[begin : begin + len(after)] == 0xFF))
         if markers.size:
             return begin + int(markers[0])
-    raise ImageError("data", f"its data, {len(data)} bytes, is cut off before the end")
+    raise ImageError("data", f"its data, {counted(len(data), 'byte')}, is cut off before the end")
 
 
 def _unusable(data: memoryview, scans: int) -> ImageError:
     whole = "is damaged" if scans else "is not a whole JPEG image"
-    return ImageError("data", f"its data, {len(data)} bytes, {whole}")
+    return ImageError("data", f"its data, {counted(len(data), 'byte')}, {whole}")

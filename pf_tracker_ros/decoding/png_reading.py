@@ -14,6 +14,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 
 from pf_tracker_ros.decoding.image_decoding import ImageError, SizeCheck
+from pf_tracker_ros.plurals import counted
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
@@ -60,7 +61,9 @@ def pixel_data_of_png(data: memoryview, check_size: SizeCheck) -> bytes:
             less than the header announces.
     """
     if len(data) < len(SIGNATURE) + _HEADER.size + 12 or bytes(data[12:16]) != b"IHDR":
-        raise ImageError("data", f"its data, {len(data)} bytes, is not a whole PNG image")
+        raise ImageError(
+            "data", f"its data, {counted(len(data), 'byte')}, is not a whole PNG image"
+        )
     width, height, depth, color_type, *methods = _HEADER.unpack(data[16 : 16 + _HEADER.size])
     check_size(width, height)
     samples, depths = _COLOR_TYPES.get(color_type, (0, ()))
@@ -102,12 +105,16 @@ def _chunks(data: memoryview) -> Iterator[tuple[bytes, memoryview, int]]:
         end = start + int.from_bytes(data[position : position + 4], "big")
         position = end + 4
         if position > len(data):
-            raise ImageError("data", f"its data, {len(data)} bytes, is cut off before the end")
+            raise ImageError(
+                "data", f"its data, {counted(len(data), 'byte')}, is cut off before the end"
+            )
         kind = bytes(data[start - 4 : start])
         yield kind, data[start:end], int.from_bytes(data[end:position], "big")
         if kind == b"IEND":
             return
-    raise ImageError("data", f"its data, {len(data)} bytes, has more chunks than an image takes")
+    raise ImageError(
+        "data", f"its data, {counted(len(data), 'byte')}, has more chunks than an image takes"
+    )
 
 
 def _chunk(kind: bytes, content: bytes | memoryview) -> Iterator[bytes | memoryview]:
@@ -172,4 +179,4 @@ def _parts(pixels: Sequence[memoryview]) -> Iterator[memoryview]:
 
 
 def _damaged(data: memoryview) -> ImageError:
-    return ImageError("data", f"its data, {len(data)} bytes, is damaged")
+    return ImageError("data", f"its data, {counted(len(data), 'byte')}, is damaged")

@@ -19,7 +19,7 @@ from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
 from pf_tracker_ros.evaluation.report import print_table
 from pf_tracker_ros.evaluation.reports.writing import EvaluationReport
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure, SequenceResult
-from pf_tracker_ros.evaluation.sequences import read_sequences
+from pf_tracker_ros.evaluation.sequences import open_sequences
 from pf_tracker_ros.evaluation.several import evaluate_each
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError
@@ -66,7 +66,11 @@ def _run(options: argparse.Namespace) -> int:
     outputs = Outputs(options.output, options.plot, options.preset, parameters)
     make_tracker = functools.partial(Tracker.from_preset, options.preset, parameters=parameters)
     make_tracker(0)
-    sequences = read_sequences(options.sequences)
+    sequences, unopened = open_sequences(options.sequences)
+    if not sequences:
+        for failure in unopened:
+            _complain(failure.error)
+        return REFUSED
     results: dict[int, SequenceResult] = {}
     with (
         progress_bar(frame_count(sequences)) as on_progress,
@@ -79,15 +83,18 @@ def _run(options: argparse.Namespace) -> int:
                 _complain(result.error)
                 continue
             results[number] = result
-            for failure in outputs.write(_in_order(results)):
-                _complain(failure)
+            for problem in outputs.write(_in_order(results)):
+                _complain(problem)
+    for failure in unopened:
+        _complain(f"{failure.error}; it is left out, and the figures are of the others")
     if not results:
         _complain("no sequence could be evaluated")
         return INCOMPLETE
     evaluated = [(sequences[number], results[number]) for number in sorted(results)]
     is_reported = report is None or _write_report(report, options.preset, parameters, evaluated)
     runs = "1 seed" if options.seeds == 1 else f"mean of {options.seeds} seeds"
-    is_complete = len(results) == len(sequences) and outputs.are_written and is_reported
+    is_evaluated = not unopened and len(results) == len(sequences)
+    is_complete = is_evaluated and outputs.are_written and is_reported
     try:
         print_table(f"preset {options.preset}, {runs}", _in_order(results))
     except BrokenPipeError:

@@ -24,7 +24,8 @@ The files of --output and --plot are written anew whenever a sequence is done, w
 
 exit codes:
   0    all went well
-  1    a sequence failed, or results could not be written; standard error says which
+  1    a sequence failed or could not be opened, which takes no other with it, or results could
+       not be written; standard error says which
   2    the request cannot be carried out; nothing was evaluated
   130  interrupted (Ctrl-C)
   141  nobody reads standard output any more

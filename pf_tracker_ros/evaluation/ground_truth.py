@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.evaluation import metrics
 from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.footage import Footage
+from pf_tracker_ros.plurals import counted
 
 
 def usable_ground_truth(footage: Footage) -> NDArray[np.float64]:
@@ -35,10 +36,11 @@ def usable_ground_truth(footage: Footage) -> NDArray[np.float64]:
             "tracking starts on it; allowed: finite numbers, width and height above 0"
         )
     if footage.frame_count is not None and footage.frame_count != len(true_boxes):
-        raise count_mismatch(footage.name, str(footage.frame_count), len(true_boxes))
+        raise count_mismatch(footage.name, counted(footage.frame_count, "frame"), len(true_boxes))
     return true_boxes
 
 
 def count_mismatch(name: str, frames: str, boxes: int) -> EvaluationError:
     """The error of a sequence that has another number of frames than of true boxes."""
-    return EvaluationError(f"{name}: {frames} frames, but {boxes} true boxes; allowed: as many")
+    true_boxes = counted(boxes, "true box", "true boxes")
+    return EvaluationError(f"{name}: {frames}, but {true_boxes}; allowed: as many")

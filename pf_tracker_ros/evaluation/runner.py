@@ -18,6 +18,7 @@ from pf_tracker_ros.evaluation.ground_truth import count_mismatch, usable_ground
 from pf_tracker_ros.evaluation.results import EvaluationError, FrameDetails, SequenceResult
 from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.opencv import one_opencv_thread
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS
 
 Image = NDArray[Any]
@@ -98,7 +99,7 @@ def evaluate_sequence(
     with one_opencv_thread():
         for index, frame in enumerate(footage.frames()):
             if index >= frames:
-                raise count_mismatch(footage.name, f"more than {frames}", frames)
+                raise count_mismatch(footage.name, f"more than {counted(frames, 'frame')}", frames)
             # The trackers share the image: one that drew into it would change what the next sees.
             image = frame.image.view()
             image.flags.writeable = False
@@ -124,7 +125,7 @@ def evaluate_sequence(
             if on_progress is not None:
                 on_progress(footage.name, 1)
     if done != frames:
-        raise count_mismatch(footage.name, str(done), frames)
+        raise count_mismatch(footage.name, counted(done, "frame"), frames)
     return SequenceResult(
         footage.name, tuple(seeds), true_boxes, boxes, lost, cpu_seconds, _details(told)
     )

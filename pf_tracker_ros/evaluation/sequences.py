@@ -6,14 +6,14 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from pf_tracker_ros.evaluation.ground_truth import usable_ground_truth
-from pf_tracker_ros.evaluation.results import EvaluationError
-from pf_tracker_ros.footage import Footage, read_sequence
+from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure
+from pf_tracker_ros.footage import Footage, FootageError, read_sequence
 from pf_tracker_ros.footage.access import entries, exists
 from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILE, ground_truth_file
 
 
 def read_sequences(folders: Iterable[str | Path]) -> list[Footage]:
-    """Open the sequence folders among `folders` and directly inside them.
+    """Open the sequence folders among `folders` and directly inside them, all of them.
 
     Args:
         folders: As for `find_sequences`.
@@ -22,22 +22,48 @@ def read_sequences(folders: Iterable[str | Path]) -> list[Footage]:
         The sequences with their ground truth, frames not yet read.
 
     Raises:
-        EvaluationError: As for `find_sequences`; two sequences share a name and could not be told
-            apart in the results; or a sequence cannot be evaluated on, for example because its
-            target is absent in the first frame.
+        EvaluationError: As for `open_sequences`; or a sequence cannot be evaluated on, for example
+            because its target is absent in the first frame.
         FootageError: A sequence lacks a part, or its ground truth is broken.
     """
+    sequences, failures = open_sequences(folders)
+    for failure in failures:
+        raise failure.error
+    return sequences
+
+
+def open_sequences(
+    folders: Iterable[str | Path],
+) -> tuple[list[Footage], list[SequenceFailure]]:
+    """Open the sequence folders among `folders` and directly inside them, as far as that works.
+
+    Args:
+        folders: As for `find_sequences`.
+
+    Returns:
+        The sequences with their ground truth, frames not yet read; and why others are not there.
+
+    Raises:
+        EvaluationError: As for `find_sequences`; or two sequences share a name and could not be
+            told apart in the results.
+        FootageError: As for `find_sequences`.
+    """
     sequences: dict[str, Footage] = {}
+    failures = []
     for folder in find_sequences(folders):
-        footage = read_sequence(folder)
+        try:
+            footage = read_sequence(folder)
+            usable_ground_truth(footage)
+        except (EvaluationError, FootageError) as error:
+            failures.append(SequenceFailure(folder.name, error))
+            continue
         if footage.name in sequences:
             raise EvaluationError(
                 f"more than one sequence is named '{footage.name}', the last one in {folder}; "
                 "allowed: different names"
             )
-        usable_ground_truth(footage)
         sequences[footage.name] = footage
-    return list(sequences.values())
+    return list(sequences.values()), failures
 
 
 def find_sequences(folders: Iterable[str | Path]) -> list[Path]:

@@ -66,6 +66,15 @@ def exists(path: Path) -> bool:
         raise unreadable(path, "path", error) from error
 
 
+def is_there(path: Path) -> bool:
+    """Whether there is something at a path, be it a link that leads to nothing.
+
+    Raises:
+        FootageError: This user may not look there.
+    """
+    return exists(path) or path.is_symlink()
+
+
 def is_folder(path: Path) -> bool:
     """Whether a path is a folder, as far as this user may look; what cannot be one is none."""
     try:

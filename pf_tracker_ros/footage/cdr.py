@@ -13,6 +13,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from pf_tracker_ros.footage.base import FootageError
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import join
 
 # Plain CDR of version 1 and 2 (OMG DDS-XTYPES 1.3, table 60): big endian, little endian.
@@ -48,8 +49,9 @@ def header_stamp(message: bytes) -> int:
     layout = _STAMP_LAYOUTS.get(bytes(message[:2]))
     if layout is None or len(message) < _ENCAPSULATION_SIZE + struct.calcsize(layout):
         raise FootageError(
-            f"a message of {len(message)} bytes beginning with {message[:4].hex() or 'nothing'} "
-            "is not CDR; accepted is plain CDR of either byte order"
+            f"a message of {counted(len(message), 'byte')} beginning with "
+            f"{message[:4].hex() or 'nothing'} is not CDR; accepted is plain CDR of either byte "
+            "order"
         )
     seconds, nanoseconds = struct.unpack_from(layout, message, _ENCAPSULATION_SIZE)
     return join(seconds, nanoseconds)

@@ -27,6 +27,7 @@ from pf_tracker_ros.footage.ground_truth import (
 from pf_tracker_ros.footage.images import ImageFolderFootage
 from pf_tracker_ros.footage.videos import VideoFootage
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.plurals import counted
 
 META_FILE = "meta.json"
 IMAGE_FOLDER = "img"
@@ -86,8 +87,9 @@ def read_sequence(path: str | Path, *, frame_rate: float = DEFAULT_FRAME_RATE) -
             f"{META_FILE}"
         )
     if frames.frame_count != len(ground_truth):
+        boxes = counted(len(ground_truth), "box", "boxes")
         raise FootageError(
-            f"sequence {folder} has {frames.frame_count} frames but {len(ground_truth)} boxes in "
+            f"sequence {folder} has {counted(frames.frame_count or 0, 'frame')} but {boxes} in "
             f"{boxes_file.name}; expected one box a frame"
         )
     return SequenceFootage(frames, str(meta.get("name", folder.resolve().name)), ground_truth)

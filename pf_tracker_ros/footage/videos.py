@@ -13,6 +13,7 @@ from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE, FootageError, frame_
 from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILES
 from pf_tracker_ros.footage.texts import is_text
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.plurals import counted
 
 _ACCEPTED = (
     "accepted are video files (mp4, avi, mkv, ...), folders of images, sequence folders and bags"
@@ -121,8 +122,9 @@ class VideoFootage:
         )
 
     def _too_short(self, frames_read: int) -> FootageError:
-        wanted = "some" if self._required_count is None else str(self._required_count)
+        count = self._required_count
+        wanted = "some frames" if count is None else counted(count, "frame")
         return FootageError(
-            f"video {self._path}: {wanted} frames expected from frame {self._first_frame} "
+            f"video {self._path}: {wanted} expected from frame {self._first_frame} "
             f"(counted from 0), only {frames_read} could be decoded"
         )

@@ -21,6 +21,7 @@ from pf_tracker_ros.footage.messages import (
     image_encoding,
     particle_columns,
 )
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 
@@ -44,8 +45,8 @@ def box_of_polygon(message: PolygonStamped) -> Box:
     count = len(points)
     if count < 2:
         raise TargetError(
-            f"target refused: its polygon has {count} points; allowed: at least two, such as "
-            "opposite corners of the box in pixels"
+            f"target refused: its polygon has {counted(count, 'point')}; allowed: at least two, "
+            "such as opposite corners of the box in pixels"
         )
     if not all(math.isfinite(value) for point in points for value in point):
         raise TargetError("target refused: a point of its polygon is not finite")

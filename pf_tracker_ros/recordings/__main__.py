@@ -21,6 +21,7 @@ from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.opencv import quiet_opencv
 from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.command import run_archive
 from pf_tracker_ros.recordings.archives.sources import local_copy, telling_of, told_of
@@ -30,9 +31,17 @@ from pf_tracker_ros.recordings.command_line import parser
 from pf_tracker_ros.recordings.errors import RecordingError, unwritable
 from pf_tracker_ros.recordings.files import check_outputs, open_outputs
 from pf_tracker_ros.recordings.outputs import OutputFolder
-from pf_tracker_ros.recordings.plan import BESIDE, Plan, check_request, plan_for, require
+from pf_tracker_ros.recordings.plan import (
+    BESIDE,
+    Plan,
+    check_applies,
+    check_request,
+    open_asked,
+    plan_for,
+    require,
+)
 from pf_tracker_ros.recordings.progress import progress_bar
-from pf_tracker_ros.recordings.recording import Recording, open_recording
+from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.target import Target, save_targets
 from pf_tracker_ros.recordings.tracking import Tracked
 
@@ -66,7 +75,7 @@ class _Summary:
             f"{count / self.frames:.0%} {state}" for state, count in self.states.most_common()
         )
         rate = self.frames / self.seconds if self.seconds else 0.0
-        return f"{self.frames} frames ({shares}), {rate:.0f} frames/s"
+        return f"{counted(self.frames, 'frame')} ({shares}), {rate:.0f} frames/s"
 
 
 def main(arguments: Sequence[str] | None = None, source_name: str | None = None) -> int:
@@ -74,8 +83,8 @@ def main(arguments: Sequence[str] | None = None, source_name: str | None = None)
 
     Args:
         arguments: Command line without the program's name; None takes this process'.
-        source_name: What the recording is called, and where it is if that is a URL; None takes
-            its path or URL.
+        source_name: Of a recording of an archive what it is called, and where it is if that is a
+            URL; None for one alone, whose path or URL is taken.
 
     Returns:
         Exit code, as `track --help` lists them; for any but 0, a line on standard error says why.
@@ -118,7 +127,7 @@ def _run(options: argparse.Namespace, stop: _Stop, source_name: str | None) -> i
     with local_copy(as_place(options.source)) as path:
         name = source_name or options.source
         with telling_of(name, path):
-            return _run_one(options, path, name, stop)
+            return _run_one(options, path, name, stop, is_archived=source_name is not None)
 
 
 def _check_kind(options: argparse.Namespace) -> None:
@@ -142,11 +151,15 @@ def _check_kind(options: argparse.Namespace) -> None:
         raise RecordingError(f"--output {options.output} is for an archive; allowed: a folder")
 
 
-def _run_one(options: argparse.Namespace, path: Path, name: str, stop: _Stop) -> int:
-    recording = open_recording(path, bag_topic=options.bag_topic, frame_rate=options.frame_rate)
+def _run_one(
+    options: argparse.Namespace, path: Path, name: str, stop: _Stop, *, is_archived: bool
+) -> int:
+    recording = open_asked(path, options)
+    if not is_archived:
+        check_applies(options, recording)
     check_outputs(options)
     draw = functools.partial(_draw, recording, options, stop) if options.draw else None
-    with closing(plan_for(recording, options, draw)) as plan:
+    with closing(plan_for(recording, options, draw, is_archived=is_archived)) as plan:
         return _run_plan(options, plan, name, stop)
 
 
@@ -169,7 +182,8 @@ def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -
         for folder in outputs:
             folder.discard()
         raise
-    return _report(options, summary, stop, failures)
+    remark = plan.hearing.remark if plan.hearing else ""
+    return _report(options, summary, stop, failures, remark)
 
 
 def _draw(
@@ -239,19 +253,34 @@ def _track(
 
 
 def _report(
-    options: argparse.Namespace, summary: _Summary, stop: _Stop, failures: list[Exception]
+    options: argparse.Namespace,
+    summary: _Summary,
+    stop: _Stop,
+    failures: list[Exception],
+    remark: str,
 ) -> int:
-    """Say what came of it, and with which exit code."""
+    """Say what came of it, and with which exit code.
+
+    Args:
+        options: Of the command line.
+        summary: Of the frames.
+        stop: Whether it was asked to end.
+        failures: What went wrong.
+        remark: On the detector, or empty.
+    """
     code = errors.DONE
     # What cannot be written any further can as a rule not be finished either, and is told once.
     for failure in {str(failure): failure for failure in failures}.values():
         found = getattr(failure, "exit_code", errors.UNREADABLE_SOURCE)
         code = code or found
-        kept = f"; {summary.frames} frames were tracked" if summary.frames else ""
+        verb = "was" if summary.frames == 1 else "were"
+        kept = f"; {counted(summary.frames, 'frame')} {verb} tracked" if summary.frames else ""
         _complain(f"{failure}{kept}", found)
     if stop.exit_code:
+        verb = "is" if summary.frames == 1 else "are"
         return _complain(
-            f"{stop.word} after {summary.frames} frames, which are kept", stop.exit_code
+            f"{stop.word} after {counted(summary.frames, 'frame')}, which {verb} kept",
+            stop.exit_code,
         )
     if code == errors.DONE:
         if summary.refused:
@@ -260,10 +289,12 @@ def _report(
             )
         if summary.remark:
             print(
-                f"track: of {summary.remarks} remarks on detections and targets the first is: "
-                f"{summary.remark}",
+                f"track: of {counted(summary.remarks, 'remark')} on detections and targets the "
+                f"first is: {summary.remark} (frames count from 0)",
                 file=sys.stderr,
             )
+        if remark:
+            print(f"track: {remark}", file=sys.stderr)
         print(f"{options.source}: {summary.text}; results in {options.output}")
     return code
 

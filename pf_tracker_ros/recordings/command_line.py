@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.stores import as_place
 from pf_tracker_ros.recordings.plan import BESIDE, DETECTORS
@@ -27,7 +28,7 @@ max_targets above 1, which here is the parameter targets.most.
 _EXIT_CODES = f"""\
 boxes.csv has a row a frame: frame (from 0), stamp (ns), id, x, y, width, height (px; empty while
 there is no box), state and confidence (0 to 1), in full precision. Of several targets each has a
-row in a frame, and a frame without any one row without an id.
+row in a frame, with its label in a last column, and a frame without any one row without an id.
 
 exit codes:
   {errors.DONE}    all went well
@@ -133,9 +134,8 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--frame-rate",
         type=_rate,
-        default=25.0,
         metavar="HZ",
-        help="of a folder of images, which does not tell (default: %(default)g)",
+        help=f"of a folder of images, which does not tell (default: {DEFAULT_FRAME_RATE:g})",
     )
     parser.add_argument(
         "--archive",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import functools
+from collections.abc import Sequence
 from pathlib import Path
 
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
@@ -11,7 +12,7 @@ from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.outputs import MakeWriter, OutputFolder, check_free
 from pf_tracker_ros.recordings.plan import BESIDE, Plan
 from pf_tracker_ros.recordings.report import Known, KnownTarget, RecordingReport
-from pf_tracker_ros.recordings.tables import BoxesCsv, BoxesParquet
+from pf_tracker_ros.recordings.tables import COLUMNS, LABELED_COLUMNS, BoxesCsv, BoxesParquet
 from pf_tracker_ros.recordings.topics import TopicBag
 from pf_tracker_ros.recordings.video import AnnotatedVideo
 
@@ -84,15 +85,17 @@ def _makers(plan: Plan, name: str, seed: str) -> dict[str, MakeWriter]:
     bag: MakeWriter = functools.partial(TopicBag, preset=preset)
     facts = {"recording": name, "preset": preset, "seed": seed}
     known: Known = KnownTarget()
+    columns: Sequence[str] = COLUMNS
     if plan.is_several:
         from pf_tracker_ros.recordings.several_report import KnownTargets
         from pf_tracker_ros.recordings.several_topics import SeveralTopicBag
 
         bag = functools.partial(SeveralTopicBag, preset=preset)
         known = KnownTargets()
+        columns = LABELED_COLUMNS
     return {
-        BOXES: BoxesCsv,
-        PARQUET: BoxesParquet,
+        BOXES: functools.partial(BoxesCsv, columns=columns),
+        PARQUET: functools.partial(BoxesParquet, columns=columns),
         VIDEO: functools.partial(AnnotatedVideo, frame_rate=1.0 / recording.interval),
         BAG: bag,
         REPORT_FILE: functools.partial(

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import math
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pf_tracker_ros.evaluation.command_line import parse_parameters
-from pf_tracker_ros.footage.access import exists
+from pf_tracker_ros.footage import is_bag
+from pf_tracker_ros.footage.access import is_there
+from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.recordings.beside import detections_file
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS, RecordingError
-from pf_tracker_ros.recordings.recording import Recording
+from pf_tracker_ros.recordings.recording import Recording, open_recording
 from pf_tracker_ros.recordings.target import Target, choose_targets
 from pf_tracker_ros.recordings.tracking import Tracked, track_recording
 from pf_tracker_ros.tracking.presets import PresetInForce
@@ -82,10 +85,40 @@ class Plan:
             self.hearing.close()
 
 
+def open_asked(path: Path, options: argparse.Namespace) -> Recording:
+    """Open a recording as the options of `track` ask for.
+
+    Raises:
+        FootageError: It cannot be read.
+    """
+    rate = options.frame_rate or DEFAULT_FRAME_RATE
+    return open_recording(path, bag_topic=options.bag_topic, frame_rate=rate)
+
+
+def check_applies(options: argparse.Namespace, recording: Recording) -> None:
+    """Refuse options that are for another kind of recording.
+
+    Raises:
+        RecordingError: There is one.
+    """
+    path = recording.path
+    if options.bag_topic and not is_bag(path):
+        raise RecordingError(f"--bag-topic is for a bag, and {path} is none; leave it out")
+    rate = 1.0 / recording.interval
+    # Where it tells the same, nothing is disregarded.
+    if options.frame_rate and not math.isclose(rate, options.frame_rate, rel_tol=1e-3):
+        raise RecordingError(
+            f"--frame-rate is for a folder of images, and {path} tells its own, about {rate:.4g} "
+            "frames a second; leave it out"
+        )
+
+
 def plan_for(
     recording: Recording,
     options: argparse.Namespace,
     draw: Callable[[int], tuple[Target, ...]] | None = None,
+    *,
+    is_archived: bool = False,
 ) -> Plan:
     """What the options of `track` ask for.
 
@@ -94,6 +127,7 @@ def plan_for(
         options: Of the command line.
         draw: Asks for up to so many targets in the place of all others, once nothing else is in
             the way.
+        is_archived: Whether it is one of an archive, where some options are not allowed.
 
     Raises:
         RecordingError: There is no target, or one or the detections cannot be used.
@@ -103,8 +137,10 @@ def plan_for(
     detected = is_detected(options)
     targets: tuple[Target, ...] = ()
     if draw is None:
-        targets = choose_targets(recording, options.box or (), detected=detected)
-    hearing = _hearing(recording, options) if detected else None
+        targets = choose_targets(
+            recording, options.box or (), detected=detected, is_archived=is_archived
+        )
+    hearing = _hearing(recording, options, is_archived=is_archived) if detected else None
     try:
         if draw is not None:
             targets = draw(_most_targets(options))
@@ -210,17 +246,17 @@ def _summary(preset: str, parameters: Mapping[str, Any], seed: int, *, several: 
     return PresetInForce.of(values, SeveralTargetsParameters, multi_preset_parameters).summary
 
 
-def _hearing(recording: Recording, options: argparse.Namespace) -> Hearing:
+def _hearing(recording: Recording, options: argparse.Namespace, *, is_archived: bool) -> Hearing:
     if options.detections:
         from pf_tracker_ros.recordings.detections.file import DetectionFile
 
         if options.detections is not BESIDE:
             return DetectionFile(options.detections)
         path = detections_file(recording.path)
-        if not exists(path):
+        if not is_there(path):
+            otherwise = "" if is_archived else ", or give --detections FILE"
             raise RecordingError(
-                f"no detections for {recording.path}: write {path.name} beside it, or give "
-                "--detections FILE",
+                f"no detections for {recording.path}: write {path.name} beside it{otherwise}",
                 WRONG_DETECTIONS,
             )
         return DetectionFile(path)

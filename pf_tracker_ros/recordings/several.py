@@ -72,7 +72,7 @@ def row_of(target: TrackedTarget) -> TargetRow:
     """What is known of a target."""
     estimate = target.estimate
     box = None if estimate.state == "lost" else estimate.box
-    return TargetRow(target.id, estimate.state, box, estimate.confidence)
+    return TargetRow(target.id, estimate.state, box, estimate.confidence, target.label)
 
 
 def track_targets(

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable
+import unicodedata
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from pf_tracker_ros.recordings.tracking import Tracked
 
 COLUMNS = ("frame", "stamp", "id", "x", "y", "width", "height", "state", "confidence")
+LABELED_COLUMNS = (*COLUMNS, "label")
+"""Those of several targets."""
+# Control characters, line and paragraph separators, halves of characters.
+_NOT_ON_A_LINE = {"Cc", "Zl", "Zp", "Cs"}
 _ROWS_AT_ONCE = 4096
 
 
 def rows(tracked: Tracked) -> list[tuple[Any, ...]]:
-    """A row for each target in a frame, at least one, with a value for each of `COLUMNS`.
+    """A row for each target in a frame, at least one, with a value for each of `LABELED_COLUMNS`.
 
     None stands for what is unknown. Frames count from 0, stamps are in nanoseconds, boxes in
     pixels. There is no box while a target is lost, and nothing of it in a frame that was not
@@ -30,9 +35,17 @@ def rows(tracked: Tracked) -> list[tuple[Any, ...]]:
             *(None if value is None else float(value) for value in each.box or (None,) * 4),
             each.state,
             None if each.confidence is None else float(each.confidence),
+            _on_a_line(each.label) or None,
         )
         for each in tracked.rows
     ]
+
+
+def _on_a_line(label: str) -> str:
+    """A label without what would break a line, or is no text at all."""
+    return "".join(
+        " " if unicodedata.category(letter) in _NOT_ON_A_LINE else letter for letter in label
+    )
 
 
 class BoxesCsv:
@@ -40,20 +53,22 @@ class BoxesCsv:
 
     Args:
         path: The file, made anew.
+        columns: The first ones of `LABELED_COLUMNS`.
 
     Raises:
         OSError: It cannot be written.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, columns: Sequence[str] = COLUMNS) -> None:
+        self._count = len(columns)
         # Without a buffer: what was written before the disk was full stays, up to a whole line.
         self._file = path.open("wb", buffering=0)
         self._whole = 0
-        self._write([COLUMNS])
+        self._write([columns])
 
     def write(self, tracked: Tracked) -> None:
         """Write a frame's rows."""
-        self._write(rows(tracked))
+        self._write([row[: self._count] for row in rows(tracked)])
 
     def close(self) -> None:
         """Finish the file."""
@@ -63,7 +78,7 @@ class BoxesCsv:
         """Give the file up."""
         self._file.close()
 
-    def _write(self, rows: Iterable[tuple[Any, ...]]) -> None:
+    def _write(self, rows: Iterable[Sequence[Any]]) -> None:
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows(rows)
         octets = text.getvalue().encode()
@@ -82,19 +97,21 @@ class BoxesParquet:
 
     Args:
         path: The file, made anew.
+        columns: As for `BoxesCsv`.
 
     Raises:
         OSError: It cannot be written.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, columns: Sequence[str] = COLUMNS) -> None:
         import pyarrow
         from pyarrow import parquet
 
-        types = {"frame": "int64", "stamp": "int64", "id": "int32", "state": "string"}
+        types = {"frame": "int64", "stamp": "int64", "id": "int32"}
+        types |= dict.fromkeys(("state", "label"), "string")
         self._library = pyarrow
         self._schema = pyarrow.schema(
-            [(name, getattr(pyarrow, types.get(name, "float64"))()) for name in COLUMNS]
+            [(name, getattr(pyarrow, types.get(name, "float64"))()) for name in columns]
         )
         self._file = path.open("wb")
         self._writer = parquet.ParquetWriter(self._file, self._schema)
@@ -102,7 +119,7 @@ class BoxesParquet:
 
     def write(self, tracked: Tracked) -> None:
         """Write a frame's rows."""
-        self._rows += rows(tracked)
+        self._rows += [row[: len(self._schema)] for row in rows(tracked)]
         if len(self._rows) >= _ROWS_AT_ONCE:
             self._write_rows()
 
@@ -125,7 +142,7 @@ class BoxesParquet:
         self._writer.is_open = False
 
     def _write_rows(self) -> None:
-        columns = zip(*self._rows, strict=True) if self._rows else [()] * len(COLUMNS)
+        columns = zip(*self._rows, strict=True) if self._rows else [()] * len(self._schema)
         arrays = [
             self._library.array(list(values), field.type)
             for values, field in zip(columns, self._schema, strict=True)

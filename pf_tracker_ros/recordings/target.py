@@ -27,7 +27,7 @@ from typing import Any
 
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.footage.access import check_file, exists, resolved
+from pf_tracker_ros.footage.access import check_file, is_there, resolved
 from pf_tracker_ros.footage.messages import box_as_sent
 from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_TARGET, RecordingError
@@ -92,7 +92,10 @@ class Target:
     def missed(self) -> RecordingError:
         """The error of a recording that has not the frame that the target was drawn on."""
         if self.box is None:
-            return RecordingError("there is no true box in any frame; give --box x,y,w,h")
+            return RecordingError(
+                "there is no true box in any frame; write a target file beside the recording, or "
+                "give --box x,y,w,h where it is tracked alone"
+            )
         known = [f"number {self.frame}"] if self.frame is not None else []
         known += [f"stamped {self.stamp} ns"] if self.stamp else []
         return RecordingError(
@@ -117,7 +120,11 @@ def choose_target(recording: Recording, box: Sequence[float] | None) -> Target:
 
 
 def choose_targets(
-    recording: Recording, boxes: Sequence[Sequence[float]] = (), *, detected: bool = False
+    recording: Recording,
+    boxes: Sequence[Sequence[float]] = (),
+    *,
+    detected: bool = False,
+    is_archived: bool = False,
 ) -> tuple[Target, ...]:
     """The targets of a recording: the boxes that are given, else its target file, else its truth.
 
@@ -126,6 +133,7 @@ def choose_targets(
         boxes: (x, y, width, height) in the first frame, in pixels.
         detected: Whether a detector starts targets: then there need be no other, and the truth,
             which is of one target, is none.
+        is_archived: Whether it is one of an archive, for what is advised where there is none.
 
     Raises:
         RecordingError: There is none, or the target file is wrong or of another recording.
@@ -133,16 +141,17 @@ def choose_targets(
     if boxes:
         return tuple(Target(as_box(box), source="--box") for box in boxes)
     path = target_file(recording.path)
-    if exists(path):
+    if is_there(path):
         return read_targets(path, recording.path)
     if detected:
         return ()
     if recording.has_ground_truth:
         return (Target(None, source="the ground truth"),)
-    raise RecordingError(
-        f"no target for {recording.path}: give --box x,y,w,h for the first frame, or write "
-        f"{path.name} beside it, or draw the target with --draw"
-    )
+    write = f"write {path.name} beside it"
+    advice = f"give --box x,y,w,h for the first frame, or {write}, or draw the target with --draw"
+    if is_archived:
+        advice = f"{write}, or find targets with --detections, --detections-topic or --detector"
+    raise RecordingError(f"no target for {recording.path}: {advice}")
 
 
 def read_target_file(path: Path, source: Path) -> Target:
@@ -261,7 +270,10 @@ def _target(path: Path, of: str, document: dict[str, Any], source: Path) -> Targ
     image_size = None
     if (size := document.get("image_size")) is not None:
         what = f"'image_size'{of}"
-        width, height = _numbers(path, what, size, 2, "two numbers, width and height")
+        allowed = "two numbers, width and height, both whole"
+        width, height = _numbers(path, what, size, 2, allowed)
+        if not (width.is_integer() and height.is_integer()):
+            raise _wrong(path, what, size, allowed)
         image_size = (int(width), int(height))
     return Target(
         as_box(box),
@@ -301,7 +313,9 @@ def _check_keys(path: Path, of: str, mapping: dict[str, Any], allowed: set[str])
 
 
 def _label(path: Path, of: str, value: Any) -> str:
-    label = "" if value is None else str(value)
+    label = "" if value is None else value
+    if not isinstance(label, str):
+        raise _wrong(path, f"'label'{of}", value, "one text, such as car or '7'")
     try:
         label.encode("utf-8")
     except UnicodeEncodeError:

@@ -34,12 +34,14 @@ class TargetRow(NamedTuple):
         state: As the status has it, of a frame without a target that of the frame.
         box: (x, y, width, height) in pixels; None where the node publishes none.
         confidence: 0 to 1, None where it is unknown.
+        label: What it is, as far as anybody said so, or empty.
     """
 
     id: int | None
     state: str
     box: Box | None
     confidence: float | None
+    label: str = ""
 
 
 class Tracked(Protocol):

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.targets.appearance import Look, look_at
 from pf_tracker_ros.targets.geometry import overlaps
 
@@ -76,9 +77,9 @@ class Detections:
             raise ValueError(f"scores have the shape {each.shape}; expected ({count},), one a box")
         texts = ("",) * count if labels is None else tuple(labels)
         if isinstance(labels, str) or not all(isinstance(text, str) for text in texts):
-            raise ValueError(f"labels are {labels!r}; expected {count} texts, one a box")
+            raise ValueError(f"labels are {labels!r}; expected {counted(count, 'text')}, one a box")
         if len(texts) != count:
-            raise ValueError(f"there are {len(texts)} labels; expected {count}, one a box")
+            raise ValueError(f"given {counted(len(texts), 'label')}; expected {count}, one a box")
         if isinstance(age, bool) or not isinstance(age, int | float | np.number):
             raise ValueError(f"age is {age!r}; allowed: a finite number of seconds from 0 up")
         if not 0.0 <= float(age) < math.inf:
@@ -144,7 +145,7 @@ def usable(
         has_area = (boxes[:, 2:] >= _SMALLEST_SIDE).all(axis=1)
         has_area &= (ends - starts >= _SMALLEST_SIDE).all(axis=1) | ~inside
     reasons = [
-        f"{count} of {len(boxes)} detections left out: {reason}"
+        f"{count} of {counted(len(boxes), 'detection')} left out: {reason}"
         for count, reason in (
             (int((~finite).sum()), "a box or score is not finite"),
             (int((finite & ~has_area).sum()), "a box is smaller than 2 px"),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.parameters import build
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.targets.clock import Clock, age_of, is_due
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.drawn import Drawn
@@ -213,19 +214,7 @@ class MultiSession:
         return self.process_unread(lambda: image, stamp)
 
     def process_unread(self, read: Callable[[], NDArray[np.generic]], stamp: int) -> MultiOutcome:
-        """Take one frame, and read its image unless the stamp alone tells that it is dropped.
-
-        Args:
-            read: Gives the image, as for `process`.
-            stamp: When it was taken.
-
-        Returns:
-            What became of it.
-
-        Raises:
-            ValueError: As `process`.
-            Exception: Whatever `read` raises; the targets are kept.
-        """
+        """As `process`, with an image that is read only if it is needed; see `Session`."""
         place = self._clock.place(stamp, self.time_policy.late_within)
         if place in ("duplicate", "late"):
             self._checked = None
@@ -319,7 +308,8 @@ class MultiSession:
         most = self._tracker.parameters["targets.most"]
         if count == most:
             raise ValueError(
-                f"there are {most} targets, as many as there may be; stop one first, or allow more"
+                f"there {'is' if most == 1 else 'are'} {counted(most, 'target')}, as many as there "
+                "may be; stop one first, or allow more"
             )
         if count > most:
             raise ValueError(

@@ -23,10 +23,11 @@ from pf_tracker_ros.evaluation import metrics
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE, is_bag, open_bag
 from pf_tracker_ros.overlay import COLORS, draw_overlay
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.report import recording_page
 from pf_tracker_ros.recordings.summaries import ABSENT, FrameSummary, summary_of
-from pf_tracker_ros.recordings.tables import COLUMNS
+from pf_tracker_ros.recordings.tables import COLUMNS, LABELED_COLUMNS
 from pf_tracker_ros.recordings.target import Target
 from pf_tracker_ros.recordings.tracking import track_recording
 from pf_tracker_ros.stamps import NANOSECONDS
@@ -85,8 +86,9 @@ class TrackedRun:
         boxes = _read_boxes(self.stored)
         if len(boxes) != len(self.frames):
             pytest.fail(
-                f"{self.stored} holds {len(boxes)} frames, and {self.recording.path} has "
-                f"{len(self.frames)}: it is of another recording; pytest --update stores it anew",
+                f"{self.stored} holds {counted(len(boxes), 'frame')}, and {self.recording.path} "
+                f"has {len(self.frames)}: it is of another recording; pytest --update stores it "
+                "anew",
                 pytrace=False,
             )
         return boxes
@@ -199,7 +201,8 @@ class TrackedRun:
         left = []
         if pictured is not None and (picture := self._picture(pictured)) is not None:
             path = self.reports / f"frame_{pictured:05d}.png"
-            cv2.imwrite(str(path), picture)
+            # Not by its name, which OpenCV takes as UTF-8 alone.
+            path.write_bytes(cv2.imencode(path.suffix, picture)[1].tobytes())
             left.append(f"frame {pictured}: {path}")
         if find_spec("jinja2") and find_spec("matplotlib"):
             has_reference = bool(np.isfinite(self.reference).any())
@@ -298,7 +301,7 @@ def _read_boxes(path: Path) -> NDArray[np.float64]:
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
             rows = list(reader)
-        if tuple(reader.fieldnames or ()) != COLUMNS:
+        if tuple(reader.fieldnames or ()) not in (COLUMNS, LABELED_COLUMNS):
             raise ValueError(f"its columns are not {', '.join(COLUMNS)}")
         names = ("x", "y", "width", "height")
         boxes = [[float(row[name] or math.nan) for name in names] for row in rows]

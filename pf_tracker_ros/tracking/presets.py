@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from pf_tracker_ros.parameters import ParameterError, build, declarations, flatten
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 _OUTLINE_SHARPNESS = 300.0
@@ -145,7 +146,7 @@ class PresetInForce:
         count = len(self.changes)
         if count == 0:
             return self.name
-        return f"{self.name}, {count} value{'' if count == 1 else 's'} changed"
+        return f"{self.name}, {counted(count, 'value')} changed"
 
     @property
     def described(self) -> str:

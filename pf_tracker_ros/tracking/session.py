@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import build
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.frame_history import FrameHistory, PastFrame
@@ -290,8 +291,9 @@ class Session:
         if behind > _SUBSTITUTE_WITHIN or is_dropped:
             raise ValueError(
                 f"it was drawn on a frame from {behind / NANOSECONDS:.3f} s before the oldest one "
-                f"here; allowed: one of the last {len(kept) + 1} frames, back to {reach:.3f} s ago "
-                "(parameters 'history_frames' and 'history_megabytes'), or stamp 0 for the next one"
+                f"here; allowed: one of the last {counted(len(kept) + 1, 'frame')}, back to "
+                f"{reach:.3f} s ago (parameters 'history_frames' and 'history_megabytes'), or "
+                "stamp 0 for the next one"
             )
         steps = min(len(frames) - 1, _MOST_CAUGHT_UP)
         chosen = np.linspace(0, len(frames) - 1, steps + 1).round().astype(int)

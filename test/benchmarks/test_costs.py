@@ -68,6 +68,8 @@ def test_the_smallest_update_makes_the_same_calls(tmp_path):
     output = tmp_path / "new" / "python.md"
     command = [sys.executable, str(BENCHMARKS / "kernels.py"), "--only", "python", "--turns", "1"]
     subprocess.run([*command, "--output", str(output)], check=True, capture_output=True)
+    told = "`python benchmarks/kernels.py --only python --turns 1 --output "
+    assert output.read_text().startswith(told)
     rows = [line.strip("| ").split(" | ") for line in output.read_text().splitlines()]
     (usual,) = (int(row[-1]) for row in rows if row[0] == "an update")
     (least,) = (int(row[-1]) for row in rows if row[0].startswith("the same calls"))

@@ -47,6 +47,39 @@ def test_a_sequence_that_fails_takes_no_other_with_it(
     assert cv2.imread(str(tmp_path / "p.png")) is not None
 
 
+def test_a_sequence_that_cannot_be_opened_takes_no_other_with_it(
+    start_evaluate, write_short, document
+):
+    _, broken, empty, _ = map(write_short, ("a", "broken", "empty", "c"))
+    (broken / "groundtruth.txt").write_text("1,2,3,4\n5,6,seven,8\n")
+    (empty / "groundtruth.txt").write_text("nan,nan,nan,nan\n" * 5)
+    process = start_evaluate(".", *RUN, PYTHONIOENCODING="utf-8")
+    output, errors = process.communicate(timeout=120)
+    assert process.returncode == 1
+    first, second = errors.decode().splitlines()
+    assert "broken/groundtruth.txt, line 2" in first
+    assert second.startswith("evaluate: error: empty: the first true box is missing")
+    for line in (first, second):
+        assert line.endswith("; it is left out, and the figures are of the others")
+    assert list(document()["sequences"]) == ["a", "c"]
+    assert document()["mean"]["frames"] == 5
+    assert all(f"│ {name} " in output.decode() for name in ("a", "c", "mean"))
+
+
+def test_without_any_sequence_that_can_be_opened_nothing_is_evaluated(
+    start_evaluate, write_short, tmp_path
+):
+    for name in "ab":
+        (write_short(name) / "groundtruth.txt").write_text("nan,nan,nan,nan\n" * 5)
+    process = start_evaluate(".", *RUN)
+    output, errors = process.communicate(timeout=120)
+    assert (process.returncode, output) == (2, b"")
+    lines = errors.decode().splitlines()
+    starts = [f"evaluate: error: {name}: the first true box is missing" for name in "ab"]
+    assert [line[: len(start)] for line, start in zip(lines, starts, strict=True)] == starts
+    assert not (tmp_path / "r.json").exists()
+
+
 def test_without_any_success_there_is_no_result(start_evaluate, short_sequence, tmp_path):
     (short_sequence / "groundtruth.txt").write_text("900,900,20,20\n" * 5)
     (tmp_path / "r.json").write_text("of last time")

@@ -105,7 +105,7 @@ def test_a_shared_video_is_read_from_the_first_frame_on(tmp_path, pictures, writ
 
 def test_a_box_is_needed_for_each_frame(image_sequence):
     (image_sequence / "groundtruth.txt").write_text("1,2,3,4\n")
-    with pytest.raises(FootageError, match="3 frames but 1 boxes"):
+    with pytest.raises(FootageError, match="3 frames but 1 box in"):
         read_sequence(image_sequence)
 
 

@@ -51,7 +51,8 @@ def test_a_stretch_past_the_end_is_refused(
 ):
     path = write_video(tmp_path / "noise.avi", pictures)
     footage = VideoFootage(path, first_frame=first_frame, frame_count=frame_count)
-    with pytest.raises(FootageError, match=rf"{frame_count} frames expected.*could be decoded"):
+    wanted = "1 frame" if frame_count == 1 else f"{frame_count} frames"
+    with pytest.raises(FootageError, match=rf"{wanted} expected.*could be decoded"):
         list(footage.frames())
 
 

@@ -85,7 +85,7 @@ def test_a_target_is_the_bounding_rectangle_of_its_points(points):
     ("points", "reason"),
     [
         ([], "0 points"),
-        ([(1, 2)], "1 points"),
+        ([(1, 2)], "its polygon has 1 point;"),
         ([(1, 2), (1, 2)], "0 x 0 px"),
         ([(1, 2), (1, 9), (1, 5)], "0 x 7 px"),
         ([(1, 2), (9, 2)], "8 x 0 px"),

@@ -1,7 +1,10 @@
 """The documents name files, classes, functions and parameters that there are."""
 
 import ast
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -13,6 +16,8 @@ from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
+README = (ROOT / "README.md").read_text()
+EXAMPLES = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
 PAPERS = (ROOT / "docs" / "papers.md").read_text()
 
 
@@ -69,3 +74,36 @@ def test_the_parameters_named_in_the_papers_are_there():
     }
     assert len(named) > 10
     assert sorted(named - known) == []
+
+
+@pytest.mark.parametrize("number", range(len(EXAMPLES)))
+def test_the_examples_of_the_library_run_as_they_are_written(number, moving_square, tmp_path):
+    assert len(EXAMPLES) == 2
+    if "MultiTracker" in EXAMPLES[number]:
+        pytest.importorskip("scipy", reason="needs the extra 'targets'")
+    # In place of the demo's clip.
+    (clip,) = re.findall(r"demo/cache/\w+\.mp4", EXAMPLES[number])
+    path = tmp_path / clip
+    path.parent.mkdir(parents=True)
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 25.0, (160, 120))
+    for image in moving_square.images:
+        video.write(image)
+    video.release()
+    done = subprocess.run(
+        [sys.executable, "-c", EXAMPLES[number]],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(done.stdout.splitlines()) >= len(moving_square.images) - 1
+
+
+def test_the_clip_of_the_examples_is_one_that_the_demo_leaves():
+    clips = (ROOT / "demo" / "clips.py").read_text()
+    assert 'CACHE = FOLDER / "cache"' in (ROOT / "demo" / "run.py").read_text()
+    for name in re.findall(r"demo/cache/(\w+\.mp4)", README):
+        assert f"/{name}" in clips

@@ -13,10 +13,33 @@ import numpy as np
 import pytest
 
 import pf_tracker_ros
+from pf_tracker_ros import Detections
 from pf_tracker_ros.recordings.__main__ import main
+from pf_tracker_ros.targets.parameters import multi_preset_parameters
+from pf_tracker_ros.targets.session import MultiSession
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
+_COUNT = 16
+_INTERVAL = 40_000_000
+_NAMES = ("x", "y", "width", "height")
+# As the repository of vision_msgs has them.
+_DEFINITIONS = {
+    "vision_msgs/msg/Point2D": "float64 x\nfloat64 y",
+    "vision_msgs/msg/Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
+    "vision_msgs/msg/BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
+    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
+    "vision_msgs/msg/ObjectHypothesisWithPose": (
+        "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"
+    ),
+    "vision_msgs/msg/Detection2D": (
+        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
+        "vision_msgs/BoundingBox2D bbox\nstring id"
+    ),
+    "vision_msgs/msg/Detection2DArray": (
+        "std_msgs/Header header\nvision_msgs/Detection2D[] detections"
+    ),
+}
 
 
 @pytest.fixture
@@ -161,3 +184,196 @@ def _read(pid, name):
         return Path(f"/proc/{pid}/{name}").read_text()
     except OSError:
         return ""
+
+
+@pytest.fixture(scope="session")
+def walkers():
+    """(images, boxes (frames, 2, 4)) of two colored walkers on a textured ground."""
+    rng = np.random.default_rng(4)
+    ground = rng.integers(90, 150, (160, 240, 3)).astype(np.uint8)
+    sprites = [rng.integers(0, 120, (40, 24, 3)).astype(np.uint8) for _ in range(2)]
+    sprites[0][..., 2] = 240
+    sprites[1][..., 0] = 240
+    images, boxes = [], []
+    for frame in range(_COUNT):
+        image = ground.copy()
+        corners = [(30 + 3 * frame, 20), (180 - 3 * frame, 100)]
+        for (x, y), sprite in zip(corners, sprites, strict=True):
+            image[y : y + 40, x : x + 24] = sprite
+        images.append(image)
+        boxes.append([(float(x), float(y), 24.0, 40.0) for x, y in corners])
+    return images, boxes
+
+
+@pytest.fixture
+def source(walkers, write_sequence):
+    """The walkers as a folder of images, without any truth."""
+    images, boxes = walkers
+    return write_sequence("walkers", images, np.array(boxes)[:, 0]) / "img"
+
+
+@pytest.fixture
+def write_detections(walkers, tmp_path):
+    """Writes what a detector finds in some frames, of so many of the walkers."""
+
+    def write(numbers, count=2, label=""):
+        lines = []
+        for number in numbers:
+            for x, y, width, height in walkers[1][number][:count]:
+                lines.append(f"{number + 1},-1,{x + 1},{y + 1},{width},{height},0.9{label}\n")
+        path = tmp_path / "detections.csv"
+        path.write_text("".join(lines))
+        return path
+
+    return write
+
+
+class Library:
+    """What the library alone makes of the walkers.
+
+    Attributes:
+        boxes: (frames, 2, 4) where they are.
+    """
+
+    def __init__(self, images, boxes):
+        self.boxes = boxes
+        self._images = images
+
+    @staticmethod
+    def at(number):
+        """The stamp of a frame."""
+        return 10**9 + number * _INTERVAL
+
+    @staticmethod
+    def as_told(rows):
+        """Rows of boxes.csv with targets, as values."""
+        return [
+            (int(row["frame"]), int(row["stamp"]), int(row["id"]), *(float(row[n]) for n in _NAMES),
+             row["state"], float(row["confidence"]))
+            for row in rows if row["id"]
+        ]  # fmt: skip
+
+    def said(self, number):
+        """What a detector says of them in a frame."""
+        return Detections(self.boxes[number], [0.9, 0.9], ["walker"] * 2)
+
+    def track(self, boxes=(), heard=None, seed=0):
+        """The rows for boxes in the first frame, and what is heard before each frame of which."""
+        session = MultiSession(multi_preset_parameters("default"), seed)
+        session.history.limit(120, 64.0)
+        found = []
+        for number, image in enumerate(self._images):
+            for detections, seen in (heard or {}).get(number, ()):
+                session.add_detections(detections, self.at(seen))
+            for box in boxes if number == 0 else ():
+                session.request(box, self.at(0))
+            found += [
+                (number, self.at(number), target.id, *target.estimate.box, target.estimate.state,
+                 target.estimate.confidence)
+                for target in session.process(image, self.at(number)).targets
+            ]  # fmt: skip
+        return found
+
+
+@pytest.fixture
+def library(walkers):
+    """The library, shown the walkers."""
+    return Library(*walkers)
+
+
+@pytest.fixture
+def tracked(track, rows, tmp_path):
+    """Runs the command into a folder `out`; its exit code, errors and rows."""
+
+    def run(*arguments):
+        code, _, errors = track(*arguments, "--output", tmp_path / "out")
+        return code, errors, rows(tmp_path / "out")
+
+    return run
+
+
+@pytest.fixture
+def vision(typestore):
+    """The message types of rosbags with those of vision_msgs."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = {}
+    for name, text in _DEFINITIONS.items():
+        types |= get_types_from_msg(text, name)
+    store.register(types)
+    return store
+
+
+@pytest.fixture
+def detections_message(vision):
+    """Serializes detections as a vision_msgs/Detection2DArray, without the code under test."""
+    types = vision.types
+
+    def header(stamp):
+        seconds, nanoseconds = divmod(stamp, 10**9)
+        time = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
+        return types["std_msgs/msg/Header"](stamp=time, frame_id="lens")
+
+    def make(stamp, boxes, *, little_endian=True):
+        pose = types["geometry_msgs/msg/Pose"](
+            position=types["geometry_msgs/msg/Point"](x=0.0, y=0.0, z=0.0),
+            orientation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
+        )
+        pose = types["geometry_msgs/msg/PoseWithCovariance"](pose=pose, covariance=np.zeros(36))
+        detections = []
+        for number, (x, y, width, height) in enumerate(boxes):
+            results = [
+                types["vision_msgs/msg/ObjectHypothesisWithPose"](
+                    hypothesis=types["vision_msgs/msg/ObjectHypothesis"](
+                        class_id=label, score=score
+                    ),
+                    pose=pose,
+                )
+                for label, score in (("tree", 0.1), ("walker", 0.9))
+            ]
+            point = types["vision_msgs/msg/Point2D"](x=x + width / 2, y=y + height / 2)
+            bbox = types["vision_msgs/msg/BoundingBox2D"](
+                center=types["vision_msgs/msg/Pose2D"](position=point, theta=0.0),
+                size_x=width,
+                size_y=height,
+            )
+            detections.append(
+                types["vision_msgs/msg/Detection2D"](
+                    header=header(stamp), results=results, bbox=bbox, id="x" * number
+                )
+            )
+        kind = "vision_msgs/msg/Detection2DArray"
+        message = types[kind](header=header(stamp), detections=detections)
+        return bytes(vision.serialize_cdr(message, kind, little_endian=little_endian))
+
+    return make
+
+
+@pytest.fixture
+def write_walkers(walkers, vision, make_stamped, tmp_path):
+    """Writes a bag of the walkers and of messages of a detector (log time, octets)."""
+
+    def write(answers, kind="vision_msgs/msg/Detection2DArray"):
+        from rosbags.rosbag2 import StoragePlugin, Writer
+
+        rows = [(moment, 0, kind, octets) for moment, octets in answers]
+        for number, image in enumerate(walkers[0]):
+            height, width = image.shape[:2]
+            octets = make_stamped(
+                "sensor_msgs/msg/Image", Library.at(number), height=height, width=width,
+                encoding="bgr8", is_bigendian=0, step=3 * width, data=image.reshape(-1),
+            )  # fmt: skip
+            rows.append((Library.at(number) + 1000, 1, "sensor_msgs/msg/Image", octets))
+        path = tmp_path / "drive"
+        with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            topics = {}
+            for moment, which, message_type, octets in sorted(rows):
+                if message_type not in topics:
+                    topics[message_type] = writer.add_connection(
+                        ("/found", "/eye")[which], message_type, typestore=vision
+                    )
+                writer.write(topics[message_type], moment, octets)
+        return path
+
+    return write

@@ -201,9 +201,56 @@ def test_a_dry_run_writes_nothing_and_tells_how_long(archive, track, tmp_path):
     assert sum(line.startswith("would track: ") for line in lines) == 11
     assert sum(line.startswith("would fail: ") for line in lines) == 2
     assert lines[-1].startswith("13 of 13 recordings, 220 frames; about 0:00:")
-    cores = min(2, os.cpu_count())
-    assert f" on {cores} cores, at " in lines[-1]
+    cores = "2 cores" if os.cpu_count() > 1 else "1 core"
+    assert f" on {cores}, at " in lines[-1]
+    assert lines[-1].endswith("; 2 cannot be tracked")
     assert not (tmp_path / "out").exists()
+
+
+def test_without_targets_it_says_what_a_recording_of_an_archive_may_have(
+    track, moving_square_sequence, tmp_path
+):
+    images = moving_square_sequence / "img"
+    listed = tmp_path / "list.txt"
+    listed.write_text(f"{images}\n")
+    given = ("--archive", listed, "--output", tmp_path / "out", *QUICK)
+    advice = (
+        f"no target for {images}: write img.target.yaml beside it, or find targets with "
+        "--detections, --detections-topic or --detector"
+    )
+    code, said, _ = track(*given, "--dry-run")
+    assert code == 0
+    assert said.splitlines() == [
+        f"would fail: {advice}",
+        "1 of 1 recording, 0 frames; 1 cannot be tracked",
+    ]
+    code, said, errors = track(*given)
+    assert code == 1
+    assert errors == f"track: error: {advice}\n"
+    assert "\n1 recording: 0 tracked, 0 done before, 1 failed" in said
+    (tmp_path / "empty").mkdir()
+    for dry in ([], ["--dry-run"]):
+        code, _, errors = track(
+            *("--archive", tmp_path / "empty", "--output", tmp_path / "out", *dry)
+        )
+        assert code == 2
+        assert "--detections, --detections-topic or --detector finds them" in errors
+
+
+def test_one_recording_of_one_frame_on_one_core(track, write_sequence, moving_square, tmp_path):
+    images, boxes = moving_square.images[:1], moving_square.boxes[:1]
+    source = write_sequence("still", images, boxes)
+    (tmp_path / "list.txt").write_text(f"{source}\n")
+    given = ("--archive", tmp_path / "list.txt", "--output", tmp_path / "out", *QUICK)
+    code, said, _ = track(*given, "--dry-run", "--jobs", 1)
+    assert code == 0
+    first, last = said.splitlines()
+    assert first == f"would track: {source} (1 frame)"
+    assert last.startswith("1 of 1 recording, 1 frame; about 0:00:0")
+    assert " on 1 core, at " in last
+    assert last.endswith(" frames/s")
+    assert "\n1 recording: 1 tracked, 0 done before" in track(*given)[1]
+    assert ": 1 frame (100% tracking), " in track(source, "--output", tmp_path / "alone", *QUICK)[1]
 
 
 def test_a_list_names_recordings_beside_it(archive, tmp_path):
@@ -315,3 +362,19 @@ def test_links_that_lead_in_a_circle_are_told_and_stop_nothing(
     assert code != 0
     (line,) = errors.splitlines()
     assert line.startswith("track: error: ")
+
+
+def test_a_target_that_is_a_link_to_nothing_is_told_and_stops_nothing(
+    track, write_sequence, moving_square, tmp_path
+):
+    folder = tmp_path / "archive"
+    write_sequence("drive", moving_square.images, moving_square.boxes, folder)
+    images = write_sequence("other", moving_square.images, moving_square.boxes, tmp_path)
+    (images / "img").rename(folder / "images")
+    target = folder / "images.target.yaml"
+    target.symlink_to(target.name)
+    code, said, errors = track("--archive", folder, "--output", tmp_path / "out", *QUICK)
+    assert code == 1
+    (line,) = errors.splitlines()
+    assert f"target file {target} cannot be read (Too many levels" in line
+    assert "1 tracked, 0 done before, 1 failed" in said

@@ -204,6 +204,43 @@ def test_a_request_that_cannot_be_carried_out(
     assert not (tmp_path / "out").exists()
 
 
+def test_options_for_another_kind_of_recording_are_refused(
+    track, moving_square, moving_square_sequence, tmp_path
+):
+    path = tmp_path / "drive.avi"
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (160, 120))
+    for image in moving_square.images:
+        video.write(image)
+    video.release()
+    output = tmp_path / "out"
+    code, _, errors = track(path, "--output", output, *BOX, "--frame-rate", "50")
+    assert code == 2
+    assert one_sentence(errors).endswith(
+        f"--frame-rate is for a folder of images, and {path} tells its own, about 25 frames a "
+        "second; leave it out"
+    )
+    code, _, errors = track(moving_square_sequence, "--output", output, "--bag-topic", "/eye")
+    assert code == 2
+    assert "--bag-topic is for a bag, and" in one_sentence(errors)
+    assert not output.exists()
+    # It is for those of an archive that do not tell.
+    path.with_name("drive.target.yaml").write_text("target_box: [20, 30, 24, 24]")
+    (tmp_path / "list.txt").write_text(f"{path}\n{moving_square_sequence}\n")
+    asked = ("--frame-rate", "50", *QUICK)
+    assert track("--archive", tmp_path / "list.txt", "--output", output, *asked)[0] == 0
+
+
+def test_the_columns_of_one_target_are_those_whatever_it_is_called(
+    track, moving_square_sequence, tmp_path
+):
+    target = moving_square_sequence.with_name(f"{moving_square_sequence.name}.target.yaml")
+    target.write_text("target_box: [20, 30, 24, 24]\nlabel: car")
+    output = tmp_path / "out"
+    assert track(moving_square_sequence, "--output", output, *QUICK)[0] == 0
+    heading = (output / "boxes.csv").read_text().splitlines()[0]
+    assert heading == "frame,stamp,id,x,y,width,height,state,confidence"
+
+
 def test_a_box_outside_the_image_is_refused(track, moving_square_sequence, tmp_path):
     code, _, errors = track(
         moving_square_sequence, "--output", tmp_path / "out", "--box", "900,30,24,24"

@@ -148,6 +148,33 @@ def first_box(rows, folder):
     return int(row["frame"]), [float(row[name]) for name in ("x", "y", "width", "height")]
 
 
+def test_the_note_tells_of_another_target_and_of_a_box_that_is_missing(
+    ask_for_target, open_desk, images
+):
+    desk = ask_for_target(images, "--output", images.parents[1] / "out")
+    page = open_desk(desk)
+    note = page.locator("#note")
+    assert note.inner_text().endswith("; A keeps it and asks for another target")
+    page.keyboard.press("Enter")
+    missing = page.get_by_text("there is no box yet: drag one around the target, or press R")
+    missing.wait_for()
+    assert note.get_attribute("data-level") == "error"
+    page.keyboard.press("r")
+    page.get_by_text("drag a box around the target").wait_for()
+    assert note.inner_text().endswith("; A keeps it and asks for another target")
+    assert note.get_attribute("data-level") == "ok"
+
+
+def test_where_there_may_be_one_target_the_note_tells_of_no_other(
+    ask_for_target, open_desk, images
+):
+    desk = ask_for_target(
+        images, "--output", images.parents[1] / "out", "--parameter", "targets.most=1"
+    )
+    note = open_desk(desk).locator("#note")
+    assert note.inner_text().endswith("Enter starts, Escape drops it")
+
+
 def test_a_box_is_drawn_put_right_by_a_corner_and_tracked(
     ask_for_target, open_desk, rows, track, images
 ):

@@ -130,8 +130,7 @@ def test_detections_in_a_store_are_found_beside_their_recordings(memory, archive
     assert found == watch.boxes(output)
     assert set(found) == {"drive_0", "drive_2"}
     assert entries["drive_4"].error == (
-        "no detections for memory://fleet/day_0/drive_4: write drive_4.detections.csv beside it, "
-        "or give --detections FILE"
+        "no detections for memory://fleet/day_0/drive_4: write drive_4.detections.csv beside it"
     )
     memory.pipe_file("/fleet/day_0/drive_2.detections.csv", b"2,-1,25,33,24,24,0.9,square\n")
     _, done = run("memory://fleet/day_0", arguments=given)

@@ -110,6 +110,12 @@ def test_the_truth_begins_where_the_target_appears(track, rows, moving_square, w
         ("target_box: [900, 2, 3, 4]", "target refused"),
         (f"target_box: [{10**400}, 2, 3, 4]", "allowed: four numbers"),
         (f"target_box: [1, 2, 3, 4]\nimage_size: [{10**400}, 4]", "allowed: two numbers"),
+        (
+            "target_box: [1, 2, 3, 4]\nimage_size: [320.7, 240]",
+            "'image_size' is [320.7, 240]; allowed: two numbers, width and height, both whole",
+        ),
+        ("target_box: [1, 2, 3, 4]\nlabel: [a, b]", "'label' is ['a', 'b']; allowed: one text"),
+        ("target_box: [1, 2, 3, 4]\nlabel: no", "'label' is False; allowed: one text"),
         ("target_box: [1.0e+308, 2, 1.0e+308, 4]", "expected four finite numbers"),
         ("[" * 3000, "cannot be read as YAML (maximum recursion depth exceeded"),
         (
@@ -129,6 +135,17 @@ def test_a_file_that_is_wrong_or_of_another_recording(track, write_target, tmp_p
     assert said in line
     assert path.read_text() == text
     assert not (tmp_path / "out").exists()
+
+
+def test_a_file_that_is_a_link_to_nothing_cannot_be_read(track, moving_square_sequence, tmp_path):
+    path = target_file(moving_square_sequence)
+    for leads_to, reason in ((path.name, "Too many levels"), ("nowhere", "No such file")):
+        path.symlink_to(leads_to)
+        code, _, errors = track(moving_square_sequence, "--output", tmp_path / "out", *QUICK)
+        (line,) = errors.splitlines()
+        assert code == WRONG_TARGET
+        assert f"target file {path} cannot be read ({reason}" in line
+        path.unlink()
 
 
 def test_a_label_that_is_left_empty_is_none(moving_square_sequence, write_target):

@@ -61,6 +61,16 @@ def test_a_sound_tracker_passes_against_truth_and_stored_result(
     assert again.overlap == pytest.approx(1.0, abs=1e-5)
 
 
+def test_a_result_with_labels_is_compared_with_too(
+    tracked_recording, moving_square_sequence, stored
+):
+    heading, *lines = stored.read_text().splitlines()
+    stored.write_text("\n".join([f"{heading},label", *(f"{line},car" for line in lines)]) + "\n")
+    run = tracked_recording(moving_square_sequence, stored=stored, **QUICK)
+    run.check(**ASKED)
+    assert run.overlap == 1.0
+
+
 def test_both_ways_see_the_same(tracked_recording, moving_square_sequence, ros_domain):
     runs = [
         tracked_recording(moving_square_sequence, seed=3, through=through, **QUICK)
@@ -206,6 +216,7 @@ def run_pytest(tmp_path, moving_square_sequence):
             env={**os.environ, "PYTHONPATH": str(PACKAGES)},
             capture_output=True,
             text=True,
+            errors="surrogateescape",
             timeout=120,
             check=False,
         )
@@ -234,6 +245,14 @@ def test_a_users_test_stores_its_result_and_compares_with_it(run_pytest, tmp_pat
     (folder,) = (tmp_path / "kept").iterdir()
     assert folder.name == "test_square.py_test_the_square_is_followed"
     assert "report.html" in {path.name for path in folder.iterdir()}
+
+    folder = os.fsdecode(os.fsencode(tmp_path) + b"/k\xe4pt")
+    outcome = run_pytest("--tracking-reports", folder)
+    assert outcome.returncode == 1
+    assert "expected at least 0.9" in outcome.stdout
+    assert "UnicodeEncodeError" not in outcome.stdout
+    names = {path.name for path in Path(folder).glob("*/*")}
+    assert names == {"frame_00000.png", "report.html"}
 
     stored.write_text("\n".join(lines[:10]) + "\n")
     outcome = run_pytest()

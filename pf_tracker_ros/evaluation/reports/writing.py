@@ -18,6 +18,7 @@ from pf_tracker_ros.evaluation.reports.page import (
 from pf_tracker_ros.evaluation.reports.pictures import take_pictures
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceResult, mean_scores
 from pf_tracker_ros.footage import Footage
+from pf_tracker_ros.plurals import counted
 
 
 class EvaluationReport:
@@ -73,8 +74,7 @@ class EvaluationReport:
             "seeds": f"{seeds}" + ("; plots by frame and pictures are of the first" * (seeds > 1)),
         }
         report = Report(
-            title=f"Evaluation of {preset} on {len(sections)} "
-            + ("sequence" if len(sections) == 1 else "sequences"),
+            title=f"Evaluation of {preset} on {counted(len(sections), 'sequence')}",
             preset=preset,
             facts=facts,
             sections=sections,

@@ -62,10 +62,10 @@ class Health:
             )
             return {"type": "health", "tracker": "silent", "level": "error", "text": text}
         values, text, level = said["values"], str(said["message"]), said["level"]
-        if now - self._fault_at < _FAULT_SHOWN:
-            text, level = f"{text}; the console: {self._fault}", "error"
         if stands_still and text.startswith("no image for"):
             # No fault of anybody.
             text, level = text.partition("; ")[2], "ok"
+        if now - self._fault_at < _FAULT_SHOWN:
+            text, level = f"{text}; the console: {self._fault}", "error"
         told = {"type": "health", "tracker": "heard", "level": level, "text": text}
         return told | {name: values.get(name) for name in _SHOWN}

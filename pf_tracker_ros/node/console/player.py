@@ -61,12 +61,17 @@ class Player:
     @property
     def state(self) -> Json:
         """What the page shows of the recording."""
-        return {"type": "recording", "saves": self.picked is not None, **self._recording.state}
+        return {
+            "type": "recording",
+            "saves": self.picked is not None,
+            "problem": self._recording.hindrance(self._link.image_topic),
+            **self._recording.state,
+        }
 
     @property
     def stands_still(self) -> bool:
         """Whether no images are to be expected."""
-        return self._recording.paused
+        return self._recording.paused and not self._recording.hindrance("")
 
     async def look(self, now: float, *, has_picture: bool) -> None:
         """Tell the browsers what is new.

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.footage.access import exists
+from pf_tracker_ros.footage.access import is_there
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
 from pf_tracker_ros.node.running import spin_until_shutdown
@@ -107,6 +107,26 @@ class Recording:
             "target": self._target_file.name if self._has_target else "",
         }
 
+    def hindrance(self, image_topic: str) -> str:
+        """Why it does not go on, and what to do where it and the tracker use other topics.
+
+        Args:
+            image_topic: That the tracker takes its images from, empty while that is not known.
+
+        Returns:
+            A sentence, empty if nothing is in the way.
+        """
+        said = self._replay.hindrance
+        own, other = (
+            topic.removesuffix("/compressed") for topic in (self._replay.image_topic, image_topic)
+        )
+        if not said or not other or own == other:
+            return said
+        return (
+            f"{said}; the tracker takes its images from {other}: start the console with -r "
+            f"image:={other}"
+        )
+
     @property
     def paused(self) -> bool:
         """Whether it stands still; may be set."""
@@ -190,4 +210,4 @@ class Recording:
         raise target.missed()
 
     def _look_for_target(self) -> None:
-        self._has_target = exists(self._target_file)
+        self._has_target = is_there(self._target_file)

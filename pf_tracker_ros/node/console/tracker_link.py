@@ -85,6 +85,11 @@ class TrackerLink:
         """Subscribe to the likelihood around the target, which costs the tracker time."""
         self._do(partial(self._watch_likelihood, watched))
 
+    @property
+    def image_topic(self) -> str:
+        """The topic that the tracker takes its images from, empty while that is not known."""
+        return self._image_topic
+
     def follow_images(self, topic: str) -> None:
         """Take the images from the topic that the tracker takes them from.
 

@@ -43,6 +43,7 @@ from pf_tracker_ros.node.replay.replay_source import (
 )
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.parameters import build
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS, stamp_of
 
 # Deep enough that a subscriber may be busy for a third of a second, shallow enough for memory.
@@ -79,6 +80,7 @@ class ReplayNode(Node):
         self.exit_code = 0
         self._published = 0
         self._position = -1
+        self._hindrance = ""
         self._indices: dict[int, int] = {}
         self._played_stamps = PlayedStamps(lambda: self.get_clock().now().nanoseconds)
         self._thread: threading.Thread | None = None
@@ -168,6 +170,16 @@ class ReplayNode(Node):
         """Of the source, as far as it tells, once it has begun."""
         return self._source.count
 
+    @property
+    def image_topic(self) -> str:
+        """Full name of the topic of the images, once it has begun."""
+        return str(self._image_publisher.topic_name)
+
+    @property
+    def hindrance(self) -> str:
+        """What it waits for and why it does not go on, as the log has it; empty if it does."""
+        return self._hindrance
+
     def index_of(self, stamp: int) -> int | None:
         """Index of a frame that has been published.
 
@@ -190,9 +202,8 @@ class ReplayNode(Node):
         self._playback.paused = request.data
         self._played_stamps.follow_clock()
         response.success = True
-        response.message = (
-            f"{'paused' if request.data else 'playing'}, {self._published} frames published"
-        )
+        published = counted(self._published, "frame")
+        response.message = f"{'paused' if request.data else 'playing'}, {published} published"
         return response
 
     def _on_step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -200,7 +211,7 @@ class ReplayNode(Node):
         if response.success:
             self._playback.step()
         response.message = (
-            f"one more after {self._published} frames"
+            f"one more after {counted(self._published, 'frame')}"
             if response.success
             else "it plays; the service ~/pause with true pauses it, and then there are steps"
         )
@@ -222,9 +233,10 @@ class ReplayNode(Node):
         self.context.try_shutdown()
 
     def _play_source(self) -> None:
-        count = "an unknown number of" if self._source.count is None else self._source.count
+        count = self._source.count
+        frames = "an unknown number of frames" if count is None else counted(count, "frame")
         self._log.info(
-            f"replaying {self._source.name}: {count} frames on {self._image_publisher.topic_name}"
+            f"replaying {self._source.name}: {frames} on {self._image_publisher.topic_name}"
         )
         self._wait_for_tracker()
         first: int | None = 0
@@ -238,7 +250,7 @@ class ReplayNode(Node):
         self._wait_for_acknowledgment(self._image_publisher)
         if self._ground_truth_publisher is not None:
             self._wait_for_acknowledgment(self._ground_truth_publisher)
-        self._log.info(f"published {self._published} frames of {self._source.name}")
+        self._log.info(f"published {counted(self._published, 'frame')} of {self._source.name}")
 
     def _play_on(self, first: int) -> int | None:
         """Play to the end, and tell where to go on from then, None if that is all.
@@ -326,8 +338,10 @@ class ReplayNode(Node):
         images = self._image_publisher
         self._playback.wait_for(lambda: images.get_subscription_count() > 0, _DISCOVERY_TIMEOUT)
         while missing := self._missing():
+            self._hindrance = f"waiting for {' and '.join(missing)}"
             if not self._playback.wait_for(lambda: not self._missing(), _WARNING_INTERVAL):
-                self._log.warning(f"waiting for {' and '.join(missing)}")
+                self._log.warning(self._hindrance)
+        self._hindrance = ""
 
     def _missing(self) -> list[str]:
         missing = []
@@ -349,14 +363,15 @@ class ReplayNode(Node):
         while True:
             timeout = self._binding.values["lockstep_timeout"]
             if self._playback.wait_for_answer(item.stamp, timeout):
+                self._hindrance = ""
                 return
             stamp = item.stamp / NANOSECONDS
-            self._log.warning(
+            self._hindrance = (
                 f"no status for frame {self._published - 1} (stamp {stamp:.9f}) on "
                 f"{self._status_subscription.topic_name} within {timeout:g} s; "
-                f"publishing it again{self._lockstep_hint()}",
-                throttle_duration_sec=_WARNING_INTERVAL,
+                f"publishing it again{self._lockstep_hint()}"
             )
+            self._log.warning(self._hindrance, throttle_duration_sec=_WARNING_INTERVAL)
             self._publish(item)
 
     def _lockstep_hint(self) -> str:
@@ -380,7 +395,7 @@ class ReplayNode(Node):
     def _check_count(self, published: int) -> None:
         if self._source.count is not None and published < self._source.count:
             self._log.warning(
-                f"{self._source.name} announces {self._source.count} frames, "
+                f"{self._source.name} announces {counted(self._source.count, 'frame')}, "
                 f"but only {published} could be read"
             )
 

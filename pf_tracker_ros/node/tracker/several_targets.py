@@ -21,6 +21,7 @@ from pf_tracker_ros.node.tracker.several_outputs import SeveralOutputs
 from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED
 from pf_tracker_ros.node.tracker.state_log import TargetsLog
 from pf_tracker_ros.parameters import declarations
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 from pf_tracker_ros.targets.detecting import DetectingThread
@@ -133,7 +134,7 @@ class SeveralTargets:
         self._log.tell(())
         if count == 0:
             return "there was no target"
-        return f"stopped {count} target{'' if count == 1 else 's'}; waiting for a target"
+        return f"stopped {counted(count, 'target')}; waiting for a target"
 
     def begin_frame(self) -> None:
         """Take what detectors have said before the frame."""

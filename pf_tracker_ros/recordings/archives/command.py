@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from datetime import timedelta
 from itertools import islice
@@ -14,7 +15,9 @@ from urllib.parse import quote
 
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE, fill
 from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.recordings.archives.detected import detected_recordings
+from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
+from pf_tracker_ros.plurals import counted
+from pf_tracker_ros.recordings.archives.detected import any_footage, detected_recordings
 from pf_tracker_ros.recordings.archives.executors import Executor, choose_executor
 from pf_tracker_ros.recordings.archives.memory import needed_memory
 from pf_tracker_ros.recordings.archives.overlaps import check_apart
@@ -37,9 +40,8 @@ from pf_tracker_ros.recordings.archives.tasks import (
 )
 from pf_tracker_ros.recordings.beside import DETECTIONS_ENDING
 from pf_tracker_ros.recordings.errors import DONE, FAILED, RecordingError
-from pf_tracker_ros.recordings.plan import BESIDE, plan_for
+from pf_tracker_ros.recordings.plan import BESIDE, open_asked, plan_for
 from pf_tracker_ros.recordings.progress import progress_bar
-from pf_tracker_ros.recordings.recording import open_recording
 
 # What a dry run tracks to tell how long the rest would take.
 _SAMPLED_RECORDINGS = 3
@@ -72,6 +74,7 @@ def run_archive(options: argparse.Namespace) -> int:
     with choose_executor(options.ray, options.jobs, needed_memory) as executor:
         if options.dry_run:
             _print_plan(make_tasks(recordings, results, _arguments(options)), executor, options)
+            _print_untargeted(options, recordings)
             return DONE
         with results.alone() as place:
             tasks = make_tasks(recordings, place, _arguments(options))
@@ -119,7 +122,7 @@ def _arguments(options: argparse.Namespace) -> list[str]:
     """The arguments of `track` that are the same for every recording."""
     arguments = [f"--preset={options.preset}", f"--seed={options.seed}"]
     arguments += [f"--parameter={each}" for each in options.parameter]
-    arguments += [f"--frame-rate={options.frame_rate}"]
+    arguments += [f"--frame-rate={options.frame_rate or DEFAULT_FRAME_RATE}"]
     if options.bag_topic:
         arguments.append(f"--bag-topic={options.bag_topic}")
     if options.detections:
@@ -184,11 +187,22 @@ def _print_table(entries: Sequence[ArchiveEntry], tracked: int, results: Results
         # Names go in as Text: square brackets in a plain string are markup to Rich.
         table.add_row(Text(entry.name), frames, *shares, Text(entry.error))
     Console().print(table)
+    if idle := [entry.name for entry in entries if _is_idle(entry)]:
+        print(
+            f"track: in {len(idle)} of {counted(len(entries), 'recording')} there was no target in "
+            f"any frame, such as in {idle[0]}",
+            file=sys.stderr,
+        )
     failed = sum(bool(entry.error) for entry in entries)
     print(
-        f"{len(entries)} recordings: {tracked - failed} tracked, {len(entries) - tracked} done "
-        f"before, {failed} failed; results in {results.name}"
+        f"{counted(len(entries), 'recording')}: {tracked - failed} tracked, "
+        f"{len(entries) - tracked} done before, {failed} failed; results in {results.name}"
     )
+
+
+def _is_idle(entry: ArchiveEntry) -> bool:
+    """Whether a recording was tracked to its end without any target."""
+    return not entry.error and entry.states.keys() <= {"idle", "skipped"}
 
 
 def _print_plan(
@@ -196,6 +210,7 @@ def _print_plan(
 ) -> None:
     """What would be done, and how long it would take, from a sample."""
     plan = _Plan(options)
+    failing = 0
     done = done_entries(tasks, tasks[0].results)
     waiting = [task for task in tasks if task.name not in done]
     for task in waiting:
@@ -203,16 +218,35 @@ def _print_plan(
             count = plan.look_into(task.source)
         except (FootageError, RecordingError) as error:
             print(f"would fail: {error}")
+            failing += 1
         else:
-            print(f"would track: {task.source} ({count or 'an unknown number of'} frames)")
-    text = f"{len(waiting)} of {len(tasks)} recordings, {sum(plan.known)} frames"
+            frames = "an unknown number of frames" if count is None else counted(count, "frame")
+            print(f"would track: {task.source} ({frames})")
+    text = f"{len(waiting)} of {counted(len(tasks), 'recording')}, "
+    text += counted(sum(plan.known), "frame")
     if plan.unknown:
         text += f" and those of {plan.unknown} that do not tell"
     if seconds := plan.seconds_a_frame:
         workers = executor.workers
         left = timedelta(seconds=round(plan.frames * seconds / workers))
-        text += f"; about {left} on {workers} cores, at {1 / seconds:.0f} frames/s each"
-    print(text)
+        cores = f"{counted(workers, 'core')}, at {1 / seconds:.0f} frames/s"
+        text += f"; about {left} on {cores}{' each' if workers > 1 else ''}"
+    print(f"{text}; {failing} cannot be tracked" if failing else text)
+
+
+def _print_untargeted(options: argparse.Namespace, recordings: Mapping[str, Place]) -> None:
+    """Tell of what is left out of a folder for want of targets."""
+    if is_url(options.archive) or detected_recordings(options) is not None:
+        return
+    # What two rules together would refuse is no reason to fail here.
+    with contextlib.suppress(FootageError, RecordingError):
+        others = find_recordings(options.archive, any_footage()).keys() - recordings.keys()
+        if others:
+            verb = "is" if len(others) == 1 else "are"
+            print(
+                f"{counted(len(others), 'recording')} without a target {verb} left out, such as "
+                f"{min(others)}: --detections, --detections-topic or --detector finds targets"
+            )
 
 
 class _Plan:
@@ -263,8 +297,8 @@ class _Plan:
 
     def _look_into_copy(self, path: Path, sample: int) -> int | None:
         options = self._options
-        recording = open_recording(path, bag_topic=options.bag_topic, frame_rate=options.frame_rate)
-        with closing(plan_for(recording, options)) as plan:
+        recording = open_asked(path, options)
+        with closing(plan_for(recording, options, is_archived=True)) as plan:
             if sample:
                 began = time.monotonic()
                 with closing(plan.track()) as tracked:

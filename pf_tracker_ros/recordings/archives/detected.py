@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pf_tracker_ros.footage import is_bag
-from pf_tracker_ros.footage.access import entries, exists
+from pf_tracker_ros.footage.access import entries, exists, is_there
 from pf_tracker_ros.footage.images import IMAGE_SUFFIXES
 from pf_tracker_ros.recordings.beside import DETECTIONS_ENDING, detections_file, is_only_one
 from pf_tracker_ros.recordings.files import BAG, BOXES, VIDEO
@@ -51,7 +51,7 @@ def detected_recordings(options: argparse.Namespace) -> DetectedRecordings | Non
     if options.detections_topic:
         return DetectedRecordings("bags", _is_bag, with_images=False)
     if options.detector:
-        return DetectedRecordings("bags, videos and folders of images", _is_footage, True)
+        return any_footage()
     if options.detections:
         beside = f"drive{DETECTIONS_ENDING} for drive.mcap"
         return DetectedRecordings(
@@ -60,6 +60,11 @@ def detected_recordings(options: argparse.Namespace) -> DetectedRecordings | Non
             with_images=True,
         )
     return None
+
+
+def any_footage() -> DetectedRecordings:
+    """Every bag, video and folder of images."""
+    return DetectedRecordings("bags, videos and folders of images", _is_footage, with_images=True)
 
 
 def _is_bag(path: Path) -> bool:
@@ -74,7 +79,7 @@ def _is_footage(path: Path) -> bool:
 
 def _is_footage_or_detected(path: Path) -> bool:
     return _is_footage(path) or (
-        path.is_file() and exists(detections_file(path)) and is_only_one(path)
+        path.is_file() and is_there(detections_file(path)) and is_only_one(path)
     )
 
 

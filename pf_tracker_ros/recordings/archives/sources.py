@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pf_tracker_ros.footage import FootageError, is_bag
-from pf_tracker_ros.footage.access import entries, exists, is_folder, resolved
+from pf_tracker_ros.footage.access import entries, exists, is_folder, is_there, resolved
 from pf_tracker_ros.footage.ground_truth import ground_truth_file
 from pf_tracker_ros.recordings.archives.detected import DetectedRecordings
 from pf_tracker_ros.recordings.archives.scratch import scratch_folder
@@ -73,7 +73,9 @@ def find_recordings(archive: Place, detected: DetectedRecordings | None = None) 
         found[name] = place
     _check_names(found)
     if not found:
-        others = f"; detections are looked for in {detected.named}" if detected else ""
+        others = "; without targets, --detections, --detections-topic or --detector finds them"
+        if detected:
+            others = f"; detections are looked for in {detected.named}"
         raise RecordingError(
             f"no recording in {archive}; each needs its target beside it, such as drive"
             f"{TARGET_ENDING} for drive.mcap, or a ground truth in its folder{others}"
@@ -193,7 +195,7 @@ def _below(folder: Path, detected: DetectedRecordings | None) -> list[Path]:
     for path in entries(folder):
         if path.name.startswith("."):
             continue
-        has_target = not path.name.endswith(TARGET_ENDING) and exists(target_file(path))
+        has_target = not path.name.endswith(TARGET_ENDING) and is_there(target_file(path))
         is_targeted = has_target and _is_recording(path)
         if is_targeted or (detected is not None and detected.includes(path)):
             found.append(resolved(path))

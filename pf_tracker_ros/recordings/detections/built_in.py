@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.recordings.detections.hearing import Answer
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame
@@ -11,6 +12,14 @@ from pf_tracker_ros.recordings.tracking import SKIPPED
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 from pf_tracker_ros.targets.detecting import DetectingThread
 from pf_tracker_ros.targets.session import MultiOutcome
+
+_FINDS = {
+    "people": "people who are at least 100 px high",
+    "motion": (
+        "what moves before a camera that stands still, once the first frames that it is shown have "
+        "taught it the background"
+    ),
+}
 
 
 class BuiltInDetector:
@@ -28,24 +37,42 @@ class BuiltInDetector:
 
     def __init__(self, name: str, rate: float) -> None:
         self._name = name
+        self._shown = self._last_shown = self._found = 0
         try:
             self._thread = DetectingThread(DETECTORS[name](), rate)
         except ValueError as error:
             raise RecordingError(str(error)) from error
+
+    @property
+    def remark(self) -> str:
+        """That it found nothing at all, or empty."""
+        if self._found:
+            return ""
+        return (
+            f"the detector '{self._name}' found nothing in {counted(self._shown, 'frame')} that it "
+            f"was shown; it finds {_FINDS[self._name]}; --detector-rate shows it more frames, "
+            "--box gives a target without it"
+        )
 
     def before(self, frame: RecordedFrame) -> Iterator[Answer]:  # noqa: D102
         try:
             found = self._thread.take(wait=True)
         except Exception as error:
             # Whatever the detector raised: the frame at hand has no part in it.
-            yield Answer(None, refused=f"the detector '{self._name}' failed: {error}")
+            yield Answer(
+                None,
+                refused=f"the detector '{self._name}' failed in frame {self._last_shown}: {error}",
+            )
         else:
             if found is not None:
+                self._found += len(found.detections)
                 yield Answer(found.detections, found.stamp)
 
     def after(self, frame: RecordedFrame, outcome: MultiOutcome) -> None:  # noqa: D102
         if frame.image is not None and outcome.frame not in SKIPPED:
-            self._thread.offer(frame.image, frame.stamp)
+            is_shown = self._thread.offer(frame.image, frame.stamp)
+            if is_shown:
+                self._shown, self._last_shown = self._shown + 1, frame.index
 
     def finish(self, frame_count: int) -> None:
         """What it found in the last frame counts nowhere."""

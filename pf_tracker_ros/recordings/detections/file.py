@@ -39,6 +39,7 @@ class DetectionFile:
     """
 
     def __init__(self, path: Path) -> None:
+        self.remark = ""
         self._path = path
         self._found: dict[int, list[_Line]] = defaultdict(list)
         for number, cells in _cells(path):

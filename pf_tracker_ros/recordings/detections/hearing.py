@@ -25,7 +25,14 @@ class Answer(NamedTuple):
 
 
 class Hearing(Protocol):
-    """Hears what a detector says, once through a recording."""
+    """Hears what a detector says, once through a recording.
+
+    Attributes:
+        remark: What there is to tell of the detector at the end, or empty.
+    """
+
+    @property
+    def remark(self) -> str: ...  # noqa: D102
 
     def before(self, frame: RecordedFrame) -> Iterator[Answer]:
         """What was said since the frame before this one.

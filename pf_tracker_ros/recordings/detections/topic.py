@@ -31,7 +31,7 @@ class DetectionTopic:
         if not is_bag(path):
             raise RecordingError(
                 f"--detections-topic is for a bag, and {path} is none; allowed here: --detections "
-                "FILE or --detector NAME",
+                "or --detector NAME",
                 REFUSED,
             )
         there = topics_of_type(path, DETECTIONS_TYPE)
@@ -41,6 +41,7 @@ class DetectionTopic:
                 f"{', '.join(there) or 'none'}",
                 WRONG_DETECTIONS,
             )
+        self.remark = ""
         self._name = f"bag {path}, topic {topic}"
         self._messages = read_topic(path, topic)
         self._next = next(self._messages, None)

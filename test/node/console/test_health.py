@@ -35,6 +35,14 @@ def test_a_fault_of_the_console_stands_beside_the_nodes_words_for_a_while(health
     assert health.told(20.5, stands_still=False)["text"] == "tracking"
 
 
+def test_a_fault_of_the_console_is_one_while_a_recording_stands_still(health):
+    missing = {"level": "warn", "message": "no image for 5.0 s; waiting for a target", "values": {}}
+    health.take_diagnostics(missing, 10.0)
+    health.take_fault("no match", 10.0)
+    told = health.told(10.5, stands_still=True)
+    assert (told["text"], told["level"]) == ("waiting for a target; the console: no match", "error")
+
+
 def test_images_are_not_missed_while_a_recording_stands_still(health):
     missing = {"level": "warn", "message": "no image for 5.0 s; waiting for a target", "values": {}}
     health.take_diagnostics(missing, 10.0)

@@ -272,6 +272,24 @@ def test_without_a_tracker_it_waits_for_one(start_console, open_page, bag, graph
     at_frame(page, 0)
 
 
+def test_a_tracker_on_another_topic_is_told_with_what_to_do(start_console, open_page, bag, graph):
+    page = open_page(start_console(source=str(bag)).link)
+    remapped = ["--ros-args", "-r", "image:=/camera/image_raw"]
+    elsewhere = graph.tracker(cli_args=remapped, stale_after=0.5)
+    page.wait_until(lambda: "start the console" in page.text("problem"), "what to do")
+    assert page.text("problem").endswith(
+        "waiting for a subscriber of /image; the tracker takes its images from "
+        "/camera/image_raw: start the console with -r image:=/camera/image_raw"
+    )
+    assert page.text("topic").startswith("/camera/image_raw ")
+    # It is paused, and yet the images that are missing are.
+    page.wait_until(lambda: page.text("health").startswith("no image for"), "what is missing")
+    elsewhere.context.try_shutdown()
+    graph.tracker()
+    page.wait_until(lambda: page.text("problem") == "", "end of it")
+    assert page.locator("#problem").is_hidden()
+
+
 def test_a_source_that_cannot_be_played_is_told(start_console, capfd):
     node = start_console(source="/nowhere.mcap")
     assert node.exit_code == 1

@@ -188,7 +188,7 @@ def test_a_target_waits_for_the_frame_that_its_stamp_names(graph, client, images
 
 REFUSED_TARGETS = {
     "no points": ([], "0 points"),
-    "one point": ([(10, 10)], "1 points"),
+    "one point": ([(10, 10)], "its polygon has 1 point;"),
     "one point twice": ([(10, 10), (10, 10)], "0 x 0 px"),
     "not a number": ([(10, 10), (math.nan, 30)], "not finite"),
     "infinite": ([(10, 10), (math.inf, 30)], "not finite"),

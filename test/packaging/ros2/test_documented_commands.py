@@ -66,6 +66,9 @@ INSTALLED = "test_installations.py installs in this way without the network"
 POLYGON = (
     'geometry_msgs/msg/PolygonStamped "{polygon: {points: [{x: 62, y: 31}, {x: 115, y: 101}]}}"'
 )
+BOW_TIE = (
+    'geometry_msgs/msg/PolygonStamped "{polygon: {points: [{x: 81, y: 101}, {x: 128, y: 120}]}}"'
+)
 RUN, LAUNCH = "ros2 run pf_tracker_ros", "ros2 launch pf_tracker_ros"
 TARGET_TAKEN = "tracking a target from the box (62, 31, 53, 70) on"
 SHARE = "$(ros2 pkg prefix --share pf_tracker_ros)"
@@ -91,7 +94,7 @@ README = [
         box="/pf_tracker/box",
     ),
     Ends("ros2 topic echo --once /pf_tracker/box", "points:"),
-    Ends(f"ros2 topic pub --once /pf_tracker/target {POLYGON}", "publishing #1"),
+    Ends(f"ros2 topic pub --once /pf_tracker/target {BOW_TIE}", "publishing #1"),
     Ends("ros2 param set /pf_tracker preset li2007", "Set parameter successful"),
     GoesOn(
         f'{LAUNCH} replay.launch.py source:=drive.mcap target_box:="[62, 31, 53, 70]"',

@@ -108,7 +108,7 @@ function showHealth() {
   at("connection").dataset.level = heard ? "ok" : "error";
   text("health", health.text);
   at("health").dataset.level = health.level;
-  text("topic", heard && health.image_topic ? `${health.image_topic} · ${health.image_reliability ?? ""}`.replace("_", " ") : "");
+  text("topic", heard && health.image_topic ? `${health.image_topic} · ${(health.image_reliability ?? "").replace("_", " ")}` : "");
   // Without images, only the diagnostics tell how the target is.
   const isOld = performance.now() - lastStatus > 1000 || lastStatus === null;
   if (!heard || isOld) showState(health.state, health.confidence);

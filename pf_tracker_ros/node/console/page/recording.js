@@ -16,6 +16,8 @@ export function show(next) {
   at("save").disabled = !next.saves;
   at("load").disabled = !next.target;
   at("load").title = next.target;
+  at("problem").hidden = !next.problem;
+  if (at("problem").textContent !== next.problem) at("problem").textContent = next.problem;
 }
 
 export function toggle() { send({ type: "play", playing: !state.playing }); }

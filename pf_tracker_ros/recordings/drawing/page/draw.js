@@ -4,6 +4,8 @@ import * as drawing from "./drawing.js";
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay"), picture = at("picture"), seek = at("seek");
 const HOW = "drag a box around the target; then its corners, or the arrow keys (with shift its size, with alt by a pixel), put it right; Enter starts, Escape drops it";
+const MORE = "; A keeps it and asks for another target";
+const NOTHING = "there is no box yet: drag one around the target, or press R for one in the middle";
 const NEXT = "drag a box around the next target, also in another frame; Enter starts, U takes back the last one";
 
 let frame = null;        // { number, width, height } as shown
@@ -95,15 +97,17 @@ async function put(answer) {
   showKept();
 }
 
+const how = () => HOW + (kept.length + 1 < most ? MORE : "");
+
 function edit(box) {
   setMode("editing", box);
-  note(HOW);
+  note(how());
 }
 
 function drop() {
   setMode("looking", null);
   at("label").value = "";
-  note(kept.length ? NEXT : HOW);
+  note(kept.length ? NEXT : how());
 }
 
 const edited = () => ({ frame: frame.number, box: drawing.box(), label: at("label").value.trim() });
@@ -132,7 +136,9 @@ async function decide(path, body) {
 
 function send() {
   const targets = mode === "editing" ? [...kept, edited()] : kept;
-  if (canChoose() && targets.length) decide("/targets", JSON.stringify({ targets }));
+  if (!canChoose()) return;
+  if (targets.length) decide("/targets", JSON.stringify({ targets }));
+  else note(NOTHING, false);
 }
 
 const canChoose = () => mode === "looking" || mode === "editing";

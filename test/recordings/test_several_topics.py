@@ -1,0 +1,78 @@
+"""Detections of a bag's topic with the command `track`: when they are heard, what is refused."""
+
+import pytest
+
+from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS
+
+COUNT = 16
+
+
+def one_sentence(errors):
+    (line,) = errors.splitlines()
+    assert line.startswith("track: error: ")
+    return line
+
+
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_detections_of_a_bag_count_by_their_stamps_when_they_were_heard(
+    tracked, write_walkers, detections_message, library, little_endian
+):
+    boxes = library.boxes
+    # Of frame 0 as that came, of frame 4 two frames late, of frame 9 together with frame 10.
+    heard = ((0, 0), (4, 6), (9, 10))
+    bag = write_walkers(
+        [
+            (
+                library.at(told) + 1000,
+                detections_message(library.at(seen), boxes[seen], little_endian=little_endian),
+            )
+            for seen, told in heard
+        ]
+    )
+    code, errors, found = tracked(bag, "--detections-topic", "/found", "--seed", 2)
+    assert (code, errors) == (0, "")
+    expected = {told: [(library.said(seen), seen)] for seen, told in heard}
+    assert library.as_told(found) == library.track((), expected, seed=2)
+    assert len(found) == 2 * COUNT
+
+
+def test_a_detector_of_another_clock_is_told_of_and_left_out(
+    tracked, write_walkers, detections_message, library
+):
+    boxes = library.boxes
+    bag = write_walkers(
+        [
+            (library.at(0), detections_message(library.at(0), boxes[0])),
+            (library.at(5), detections_message(library.at(5) + 3600 * 10**9, boxes[5])),
+            (library.at(6), detections_message(library.at(6), [boxes[6][0]] * 1500)),
+        ]
+    )
+    code, errors, found = tracked(bag, "--detections-topic", "/found")
+    assert code == 0
+    (line,) = errors.splitlines()
+    assert "of 2 remarks" in line
+    assert line.endswith(" (frames count from 0)")
+    assert "frame 5: detections refused: its stamp is 3600 s after" in line
+    assert len(found) == 2 * COUNT
+
+
+def test_topics_that_are_no_detections(track, write_walkers, detections_message, source, library):
+    octets = detections_message(library.at(0), [(1.0, 2.0, 30.0, 40.0)])
+    bag = write_walkers([(library.at(0), octets), (library.at(8), octets[:-30])])
+    output = bag.parent / "out"
+    code, _, errors = track(bag, "--output", output, "--detections-topic", "/none")
+    assert code == WRONG_DETECTIONS
+    assert "has no topic /none of type vision_msgs/msg/Detection2DArray; there are: /found" in (
+        one_sentence(errors)
+    )
+    code, _, errors = track(bag, "--output", output, "--detections-topic", "/eye")
+    assert code == WRONG_DETECTIONS
+    code, _, errors = track(source, "--output", output, "--detections-topic", "/eye")
+    assert code == 2
+    assert "is for a bag" in one_sentence(errors)
+    assert not output.exists()
+    code, _, errors = track(bag, "--output", output, "--detections-topic", "/found")
+    assert code == 3
+    line = one_sentence(errors)
+    assert "topic /found, message 1: a message of" in line
+    assert line.endswith("; 8 frames were tracked")
