@@ -120,16 +120,8 @@ def departure(
         seconds: For which it is in view, gone, and in view again.
         interval: Seconds between frames.
     """
-    x, y, width, height = (round(side) for side in target.boxes[0])
-    sprite = target.images[0][max(y, 0) : y + height, max(x, 0) : x + width].astype(np.float32)
-    scale = background.images[0].shape[0] / 8.0 / math.sqrt(sprite.shape[0] * sprite.shape[1])
-    sprite = cv2.resize(sprite, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    sprite, mask = _cut_out(target, background)
     height, width = sprite.shape[:2]
-    down, across = np.mgrid[:height, :width]
-    distance = np.hypot((across + 0.5) / width * 2 - 1, (down + 0.5) / height * 2 - 1)
-    mask = np.clip((1.0 - distance) * min(width, height) / 4, 0.0, 1.0)[..., None]
-    mask = mask.astype(np.float32)
-
     counts = [round(duration / interval) for duration in seconds]
     images, boxes = [], []
     image_height, image_width = background.images[0].shape[:2]
@@ -148,6 +140,50 @@ def departure(
         images.append(image if is_gone else _pasted(image, sprite, mask, x, y))
     name = f"{target.name} over {background.name}"
     return Clip(name, tuple(images), np.array(boxes), interval)
+
+
+def beside_its_like(
+    target: Clip, background: Clip, seconds: tuple[float, float, float], interval: float
+) -> Clip:
+    """A cut-out of a target that walks up to another of the same, vanishes there and comes back.
+
+    The other one stays where it is, half of its width beside it.
+
+    Args:
+        target: What is in its first box is cut out.
+        background: Played back and forth, behind both.
+        seconds: For which it is in view, gone, and in view again.
+        interval: Seconds between frames.
+    """
+    sprite, mask = _cut_out(target, background)
+    height, width = sprite.shape[:2]
+    image_height, image_width = background.images[0].shape[:2]
+    end, y = image_width * 0.5, image_height / 2
+    speed = min(end, 4.0 * width) / (seconds[0] / interval)
+    counts = [round(duration / interval) for duration in seconds]
+    images, boxes = [], []
+    for index in range(sum(counts)):
+        image = background.images[_back_and_forth(index, len(background.images))]
+        image = _pasted(image, sprite, mask, end + 1.5 * width, y)
+        x = end - max(counts[0] - index, 0) * speed
+        is_gone = counts[0] <= index < counts[0] + counts[1]
+        boxes.append([math.nan] * 4 if is_gone else [x, y, width, height])
+        images.append(image if is_gone else _pasted(image, sprite, mask, x, y))
+    name = f"{target.name} beside its like over {background.name}"
+    return Clip(name, tuple(images), np.array(boxes), interval)
+
+
+def _cut_out(target: Clip, background: Clip) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """A target as an eighth of a background's height, and how opaque its pixels are, 0 to 1."""
+    x, y, width, height = (round(side) for side in target.boxes[0])
+    sprite = target.images[0][max(y, 0) : y + height, max(x, 0) : x + width].astype(np.float32)
+    scale = background.images[0].shape[0] / 8.0 / math.sqrt(sprite.shape[0] * sprite.shape[1])
+    sprite = cv2.resize(sprite, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    height, width = sprite.shape[:2]
+    down, across = np.mgrid[:height, :width]
+    distance = np.hypot((across + 0.5) / width * 2 - 1, (down + 0.5) / height * 2 - 1)
+    mask = np.clip((1.0 - distance) * min(width, height) / 4, 0.0, 1.0)[..., None]
+    return sprite, mask.astype(np.float32)
 
 
 def _pasted(

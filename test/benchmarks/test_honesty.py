@@ -72,6 +72,29 @@ def test_a_target_leaves_and_comes_back_from_the_other_side(footage):
     np.testing.assert_array_equal(gone.images[15], clip(footage, 1).images[5])
 
 
+def test_a_target_vanishes_beside_its_like_which_stays(footage):
+    over = clip(footage, 1)
+    gone = footage.beside_its_like(clip(footage), over, (1.0, 2.0, 1.0), 0.1)
+    is_there = np.isfinite(gone.boxes[:, 0])
+    assert is_there.tolist() == [True] * 10 + [False] * 20 + [True] * 10
+    assert (np.diff(gone.boxes[:10, 0]) > 0).all()
+    np.testing.assert_array_equal(gone.boxes[30:], gone.boxes[30:31].repeat(10, axis=0))
+    x, y, width, height = np.rint(gone.boxes[30]).astype(int)
+    places = {"target": x, "other": x + round(1.5 * width)}
+    for index, expected in ((15, {"other"}), (35, {"target", "other"})):
+        plain = over.images[(0, 1, 2, 3, 4, 5, 4, 3, 2, 1)[index % 10]]
+        changed = np.abs(gone.images[index].astype(int) - plain).max(axis=2) > 5
+        seen = {
+            name
+            for name, left in places.items()
+            if changed[y + height // 4 : y + 3 * height // 4, left + width // 4 :][
+                :, : width // 2
+            ].mean()
+            > 0.5
+        }
+        assert seen == expected
+
+
 def test_one_place_is_told_from_another(footage):
     assert footage.same_place(clip(footage), clip(footage))
     assert not footage.same_place(clip(footage), clip(footage, 1))
@@ -95,9 +118,10 @@ def test_the_tables_by_hand(honesty):
         ["other places", "a to b 30", "2", "15.0%"],
         ["the same place at another time", "a to a 90", "1", "90.0%"],
     ]
-    gone = [run("gone", "a", 0, 11, 0.5), run("gone", "b", 0, 10, 2.5), run("gone", "c", 0, 0)]
-    gone[2] = run("gone", "c", 0, 0, math.inf)
-    assert [row[1] for row in honesty.away_table(gone).groups[0]] == ["1", "1"]
+    kind, other = honesty.DEPARTURES
+    gone = [run(kind, "a", 0, 11, 0.5), run(kind, "b", 0, 10, 2.5), run(kind, "c", 0, 0, math.inf)]
+    gone.append(run(other, "a", 0, 0, 2.0))
+    assert honesty.away_table(gone).groups[0] == [[kind, "3", "1", "1"], [other, "1", "0", "1"]]
 
 
 def test_the_command_writes_its_files(honesty, tmp_path, capsys):
@@ -116,7 +140,7 @@ def test_the_command_writes_its_files(honesty, tmp_path, capsys):
     with (tmp_path / "new" / "honesty.csv").open() as file:
         kinds = [row["kind"] for row in csv.DictReader(file)]
     # Two sequences in each light; one is the scene and background of the other.
-    assert len(kinds) == 2 * len(honesty.LIGHTS) + 2
+    assert len(kinds) == 2 * len(honesty.LIGHTS) + 1 + len(honesty.DEPARTURES)
     assert "Cut to another scene" in capsys.readouterr().out
 
 
