@@ -57,6 +57,11 @@ class Initiator:
         look = look_at(frame, np.array(box))
         return self._life(frame, np.array(box), key, look).voted(label, 1.0)
 
+    def begin_rival(self, frame: Frame, box: NDArray[np.float64], key: Key, host: Life) -> Life:
+        """What looks like a target beside it, in a (4,) box: no detector has found it so far."""
+        life = self._life(frame, box, key, look_at(frame, box)).voted(host.label, 0.0)
+        return replace(life, belief=0.0, confirmations=0, is_rival=True)
+
     def start(self, crowd: Crowd, frame: Frame, rest: Sequence[tuple[int, Sighting]]) -> Crowd:
         """The crowd with new targets, or ones that were gone.
 
@@ -66,10 +71,12 @@ class Initiator:
             rest: The detections that are of none of the targets, with their places among all.
         """
         lives, gone = list(crowd.lives), list(crowd.gone)
-        unconfirmed = [life.box for life in lives if life.unconfirmed_for > 0.0]
+        unconfirmed = [
+            life.box for life in lives if life.unconfirmed_for > 0.0 and not life.is_rival
+        ]
         boxes = np.array(unconfirmed).reshape(-1, 4)
         for place, one in rest:
-            if len(lives) >= self._most:
+            if sum(not life.is_rival for life in lives) >= self._most:
                 break
             if overlaps(one.box[None], boxes).max(initial=0.0) > _TAKEN_ABOVE:
                 continue
@@ -90,6 +97,7 @@ class Initiator:
                     confirmations=before.confirmations + 1,
                     votes=before.votes,
                 ).voted(one.label, one.score)
+            lives = [other for other in lives if not (other.is_rival and _is_on(life, other))]
             lives.append(life)
         return replace(crowd, lives=tuple(lives), gone=tuple(gone))
 
@@ -107,7 +115,7 @@ class Initiator:
         needed = 1 + round(_CONFIRMED_WITHIN / max(crowd.rhythm, 1e-3))
         lives = tuple(
             replace(life, is_confirmed=True)
-            if life.confirmations >= needed + _is_cut(life.box, image_size)
+            if life.confirmations >= needed + is_cut(life.box, image_size)
             else life
             for life in crowd.lives
         )
@@ -122,7 +130,12 @@ class Initiator:
         return Life(key, target, look, course, np.log(box[2:]), _FIRST_BELIEF)
 
 
-def _is_cut(box: NDArray[np.float64], image_size: tuple[int, int]) -> bool:
+def _is_on(one: Life, other: Life) -> bool:
+    """Whether the boxes of two targets are on the same object."""
+    return bool(overlaps(one.box[None], other.box[None])[0, 0] > _TAKEN_ABOVE)
+
+
+def is_cut(box: NDArray[np.float64], image_size: tuple[int, int]) -> bool:
     """Whether a (4,) box goes to the border of the image."""
     ends = box[:2] + box[2:]
     return bool((box[:2] < _CUT_WITHIN).any() or (ends > np.array(image_size) - _CUT_WITHIN).any())

@@ -36,6 +36,20 @@ class Key(NamedTuple):
     place: int
 
 
+class Glimpse(NamedTuple):
+    """What looks like a target beside it.
+
+    Attributes:
+        box: (4,) in the last frame, pixels.
+        course: Where it goes.
+        frames: In a row that showed it.
+    """
+
+    box: NDArray[np.float64]
+    course: Course
+    frames: int
+
+
 @dataclass(frozen=True, eq=False)
 class Life:
     """A target, and what is known of it beside its place and its templates; a value.
@@ -51,12 +65,16 @@ class Life:
         belief: Logarithm of the odds that there is such a target.
         votes: Label to the sum of the scores with which it was given.
         age: Seconds since it began.
-        confirmations: Detections that were taken for it, the first one too.
+        confirmations: Detections that were taken for it, the first one too; that it was followed
+            as a rival before counts as one.
         unconfirmed_for: Seconds since the last of them.
         learned_for: Seconds since it was learned anew.
         is_confirmed: Whether it was confirmed often enough to be told.
         is_hidden: Whether another target is in front of it.
         is_doubled: Whether its box, then, is as good as that of the other one.
+        is_rival: Whether it only looks like another target beside it, so that it is followed to be
+            told apart, and not told.
+        glimpse: What looks like it beside it; None where nothing does.
         gone_for: Seconds since it ended; None while it is followed.
     """
 
@@ -76,6 +94,8 @@ class Life:
     is_confirmed: bool = False
     is_hidden: bool = False
     is_doubled: bool = False
+    is_rival: bool = False
+    glimpse: Glimpse | None = None
     gone_for: float | None = None
 
     @property

@@ -61,12 +61,13 @@ class Follower:
 
     Args:
         parameters: Every tunable.
+        finds_rivals: Whether targets tell what looks like them beside them, where the search is on.
 
     Raises:
         ParameterError: The parameters contradict each other.
     """
 
-    def __init__(self, parameters: TrackerParameters) -> None:
+    def __init__(self, parameters: TrackerParameters, *, finds_rivals: bool = False) -> None:
         self.parameters = parameters
         powers = {name: of_cue.power for name, of_cue in parameters.of_powers.items()}
         self._fusion = CueFusion(
@@ -85,7 +86,13 @@ class Follower:
             self._predictor = KalmanPredictor(own)
         elif method == "search":
             adaptation = parameters.of_search["fusion"].adaptation
-            measurer = SearchingMeasurer(self._fusion, parameters.working_size, own, adaptation)
+            measurer = SearchingMeasurer(
+                self._fusion,
+                parameters.working_size,
+                own,
+                adaptation,
+                finds_rivals=finds_rivals,
+            )
             self._measurer = measurer
             redetector = Redetector(
                 measurer,
@@ -229,6 +236,7 @@ class Follower:
             followed_frames=target.followed_frames + 1,
             randomness=Randomness.of(draw),
             estimate=estimate,
+            rival=measured.rival,
         )
 
     def reconfigure(self, target: Target) -> Target:

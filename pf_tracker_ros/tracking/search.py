@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +29,10 @@ from pf_tracker_ros.filter import (
 _SPACING = 0.075
 # Particles so near to the likeliest, in box sizes, belong to the same mode.
 _MODE_REACH = 0.25
+# What is so far from the target, in its own sides, along one axis at least, is something else.
+_ELSEWHERE = 0.6
+# A place of the grid and its neighbors.
+_AROUND = np.ones((3, 3), np.uint8)
 
 
 class Search:
@@ -152,6 +157,36 @@ class Search:
             {name: float(strength[0]) for name, strength in own.items()},
             {name: strength[beside] for name, strength in strengths.items()},
         )
+
+    def rival(
+        self, box: NDArray[np.float64], own: Strengths, strengths: Strengths, least: float
+    ) -> NDArray[np.float64] | None:
+        """What looks most like the target beside it, to all cues together, as a (4,) box.
+
+        Args:
+            box: (4,) of the target.
+            own: Name of a cue to its (1,) strength there; at least one.
+            strengths: Name of a cue to its (M,) strengths at `boxes`.
+            least: How much it must look like the target, 0 (nothing in common) to 1 (the same).
+
+        Returns:
+            None where nothing does: what rises towards the target, or towards the end of what was
+            searched, has its peak elsewhere.
+        """
+        cells = self._grid.count
+        alike = np.ones((cells, cells))
+        for name, strength in own.items():
+            share = strengths[name].reshape(cells, cells) / max(float(strength[0]), 1e-3)
+            alike *= np.minimum(np.maximum(share, 0.0), 1.0)
+        middle, reach = box[:2] + box[2:] / 2, _ELSEWHERE * box[2:]
+        across, down = np.abs(self._centers - middle[:, None]) > reach[:, None]
+        is_peak = alike >= cv2.dilate(alike, _AROUND)
+        is_peak &= (alike >= least ** len(own)) & (down[:, None] | across)
+        is_peak[[0, -1]] = is_peak[:, [0, -1]] = False
+        if not is_peak.any():
+            return None
+        best: NDArray[np.float64] = self.boxes[int(np.argmax(np.where(is_peak, alike, -1.0)))]
+        return best
 
 
 def covariance_about(particles: ParticleSet, center: NDArray[np.float64]) -> NDArray[np.float64]:

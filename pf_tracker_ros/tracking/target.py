@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.cues.fusion import Distraction, Templates
 from pf_tracker_ros.filter import KalmanForesight, MotionModel, ParticleSet
@@ -33,6 +36,8 @@ class Target:
         followed_frames: Frames since the first one.
         randomness: Where its own source of random numbers stands.
         estimate: As told in the last frame.
+        rival: (4,) box, pixels, of what looked like it beside it in the last frame; None where
+            nothing did, or nobody looked for it.
     """
 
     first_box: Box
@@ -48,3 +53,4 @@ class Target:
     followed_frames: int
     randomness: Randomness
     estimate: Estimate
+    rival: NDArray[np.float64] | None = None

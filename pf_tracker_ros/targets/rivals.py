@@ -1,0 +1,136 @@
+"""What looks like a target beside it, and is none: followed too, so that both can be told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.targets.associator import CENTER_SPREAD
+from pf_tracker_ros.targets.course import Course
+from pf_tracker_ros.targets.crowd import Crowd
+from pf_tracker_ros.targets.detections import Sighting
+from pf_tracker_ros.targets.geometry import overlaps
+from pf_tracker_ros.targets.initiator import Initiator, is_cut
+from pf_tracker_ros.targets.life import Glimpse, Key, Life
+
+# Frames in a row that show it, so that it is no flicker, and how far it may be from where it was
+# expected, in its sides.
+_FRAMES, _NEAR = 2, 0.5
+# What overlaps a target by more than this is part of it.
+_APART_BELOW = 0.3
+# Two that will be within half a side of each other in so many seconds may be taken for each other.
+_MEET, _SOON = 0.5, 1.0
+# Farther from all targets, in its own sides, it is taken for none of them.
+_FAR = 2.0
+# Seconds for which one that is hidden is carried on.
+_HIDDEN_FOR = 2.0
+# Each costs as much as a target.
+_MOST = 2
+# Their places among what begins in a frame are above those of detections.
+_FIRST_PLACE = 1_000_000
+
+
+class Rivals:
+    """Starts and ends rivals: targets that nobody asked for and that are not told.
+
+    A target that walks past its like could leave with it. So what looks like a target beside it is
+    followed as well: then it explains its own pixels, and a detection of it is not taken for the
+    target's. The first detection makes it a target like others; until then it ends as soon as it
+    is far from all targets, or not seen.
+
+    Args:
+        initiator: Begins them.
+        most: Targets at a time, rivals too.
+    """
+
+    def __init__(self, initiator: Initiator, most: int) -> None:
+        self._initiator = initiator
+        self._most = most
+
+    def start(self, crowd: Crowd, frame: Frame, interval: float, *, is_seen: bool) -> Crowd:
+        """The crowd with what was seen beside the targets in several frames.
+
+        Args:
+            crowd: In this frame.
+            frame: At hand.
+            interval: Seconds since the last one.
+            is_seen: Whether a detector saw the frame: then it is that which tells what is there.
+        """
+        lives = [_glimpsed(life, interval) for life in crowd.lives]
+        if is_seen:
+            return replace(crowd, lives=tuple(lives))
+        rivals = sum(life.is_rival for life in lives)
+        for host in tuple(lives):
+            glimpse = host.glimpse
+            if glimpse is None or glimpse.frames < _FRAMES or not _will_meet(host, glimpse):
+                continue
+            if rivals >= _MOST or len(lives) >= self._most:
+                break
+            others = np.array([life.box for life in lives])
+            is_part = overlaps(glimpse.box[None], others).max() > _APART_BELOW
+            if is_part or is_cut(glimpse.box, frame.size):
+                continue
+            key = Key(crowd.frame, _FIRST_PLACE + rivals)
+            life = self._initiator.begin_rival(frame, glimpse.box, key, host)
+            lives.append(replace(life, course=glimpse.course))
+            rivals += 1
+        return replace(crowd, lives=tuple(lives))
+
+    def end(self, crowd: Crowd) -> Crowd:
+        """The crowd without the rivals that are of no use any more."""
+        targets = [life for life in crowd.lives if not life.is_rival]
+        if len(targets) == len(crowd.lives):
+            return crowd
+        boxes = np.array([life.box for life in targets]).reshape(-1, 4)
+        lives = tuple(life for life in crowd.lives if not life.is_rival or _is_of_use(life, boxes))
+        return replace(crowd, lives=lives)
+
+    def adopt(self, crowd: Crowd, own: Sequence[Sighting | None]) -> Crowd:
+        """The crowd in which the rivals that a detection shows are targets like others.
+
+        Args:
+            crowd: In this frame, corrected.
+            own: The detection of each, None where there is none.
+        """
+        lives = tuple(
+            replace(life, is_rival=False, confirmations=life.confirmations + 1)
+            if one and life.is_rival
+            else life
+            for life, one in zip(crowd.lives, own, strict=True)
+        )
+        return replace(crowd, lives=lives)
+
+
+def _glimpsed(life: Life, interval: float) -> Life:
+    """A target with what was seen beside it lately, this frame included."""
+    box, before = life.target.rival, life.glimpse
+    if box is None or life.is_rival or life.is_hidden:
+        return life if before is None else replace(life, glimpse=None)
+    center, deviation = box[:2] + box[2:] / 2, CENTER_SPREAD * box[2:]
+    if before is not None:
+        course = before.course.predict(interval, box[3])
+        if (np.abs(course.center - center) < _NEAR * box[2:]).all():
+            course = course.correct(center, deviation)
+            return replace(life, glimpse=Glimpse(box, course, before.frames + 1))
+    return replace(life, glimpse=Glimpse(box, Course.begin(box, deviation), 1))
+
+
+def _will_meet(host: Life, glimpse: Glimpse) -> bool:
+    """Whether a target and what was seen beside it are about to cross."""
+    apart = glimpse.course.center - host.course.center
+    speed = glimpse.course.velocity - host.course.velocity
+    when = np.clip(-(apart @ speed) / max(speed @ speed, 1e-9), 0.0, _SOON)
+    return bool((np.abs(apart + when * speed) < _MEET * glimpse.box[2:]).all())
+
+
+def _is_of_use(life: Life, targets: NDArray[np.float64]) -> bool:
+    """Whether a rival is seen, or hidden for a while, near one of the (K, 4) targets."""
+    box, track = life.box, life.target.track
+    if track.state != "tracking" and not (life.is_hidden and track.hidden_for < _HIDDEN_FOR):
+        return False
+    apart = np.abs(targets[:, :2] + targets[:, 2:] / 2 - box[:2] - box[2:] / 2)
+    return bool((apart < _FAR * box[2:]).all(axis=1).any())
