@@ -25,6 +25,8 @@ from pf_tracker_ros.tracking.follower import Follower
 _TAKEN_ABOVE = 0.45
 # Belief in a target of a detection with a score of 1; with less, it is as much below that.
 _FIRST_BELIEF = 1.0
+# That in a rival: it ends once a slow detector sees the frame and does not find it.
+_RIVAL_BELIEF = -0.45
 # Seconds over which a detector that runs often must confirm a target.
 _CONFIRMED_WITHIN = 0.25
 # A box that ends within so many pixels of the image's border is cut by it.
@@ -60,7 +62,7 @@ class Initiator:
     def begin_rival(self, frame: Frame, box: NDArray[np.float64], key: Key, host: Life) -> Life:
         """What looks like a target beside it, in a (4,) box: no detector has found it so far."""
         life = self._life(frame, box, key, look_at(frame, box)).voted(host.label, 0.0)
-        return replace(life, belief=0.0, confirmations=0, is_rival=True)
+        return replace(life, belief=_RIVAL_BELIEF, confirmations=0, host=host.key)
 
     def start(self, crowd: Crowd, frame: Frame, rest: Sequence[tuple[int, Sighting]]) -> Crowd:
         """The crowd with new targets, or ones that were gone.

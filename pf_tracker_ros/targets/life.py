@@ -42,12 +42,12 @@ class Glimpse(NamedTuple):
     Attributes:
         box: (4,) in the last frame, pixels.
         course: Where it goes.
-        frames: In a row that showed it.
+        seconds: From the first to the last of the frames in a row that showed it.
     """
 
     box: NDArray[np.float64]
     course: Course
-    frames: int
+    seconds: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +72,8 @@ class Life:
         is_confirmed: Whether it was confirmed often enough to be told.
         is_hidden: Whether another target is in front of it.
         is_doubled: Whether its box, then, is as good as that of the other one.
-        is_rival: Whether it only looks like another target beside it, so that it is followed to be
-            told apart, and not told.
+        host: The target that it looks like and is beside of, where only that is known of it: a
+            rival, which is followed to be told apart, and not told. None for all others.
         glimpse: What looks like it beside it; None where nothing does.
         gone_for: Seconds since it ended; None while it is followed.
     """
@@ -94,7 +94,7 @@ class Life:
     is_confirmed: bool = False
     is_hidden: bool = False
     is_doubled: bool = False
-    is_rival: bool = False
+    host: Key | None = None
     glimpse: Glimpse | None = None
     gone_for: float | None = None
 
@@ -102,6 +102,11 @@ class Life:
     def by_hand(self) -> bool:
         """Whether somebody asked for it, so that only they end it."""
         return self.key.place < 0
+
+    @property
+    def is_rival(self) -> bool:
+        """Whether it is only known to look like another."""
+        return self.host is not None
 
     @property
     def label(self) -> str:

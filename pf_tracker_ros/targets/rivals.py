@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
@@ -17,14 +16,16 @@ from pf_tracker_ros.targets.geometry import overlaps
 from pf_tracker_ros.targets.initiator import Initiator, is_cut
 from pf_tracker_ros.targets.life import Glimpse, Key, Life
 
-# Frames in a row that show it, so that it is no flicker, and how far it may be from where it was
+# Seconds for which it is seen, so that it is no flicker, and how far it may be from where it was
 # expected, in its sides.
-_FRAMES, _NEAR = 2, 0.5
+_SHOWN_FOR, _NEAR = 0.1, 0.5
 # What overlaps a target by more than this is part of it.
 _APART_BELOW = 0.3
+# What overlaps another target by more than this is that one.
+_SAME_ABOVE = 0.5
 # Two that will be within half a side of each other in so many seconds may be taken for each other.
 _MEET, _SOON = 0.5, 1.0
-# Farther from all targets, in its own sides, it is taken for none of them.
+# Farther from its target, in its own sides, it is not taken for it.
 _FAR = 2.0
 # Seconds for which one that is hidden is carried on.
 _HIDDEN_FOR = 2.0
@@ -66,7 +67,7 @@ class Rivals:
         rivals = sum(life.is_rival for life in lives)
         for host in tuple(lives):
             glimpse = host.glimpse
-            if glimpse is None or glimpse.frames < _FRAMES or not _will_meet(host, glimpse):
+            if glimpse is None or glimpse.seconds < _SHOWN_FOR or not _will_meet(host, glimpse):
                 continue
             if rivals >= _MOST or len(lives) >= self._most:
                 break
@@ -85,8 +86,9 @@ class Rivals:
         targets = [life for life in crowd.lives if not life.is_rival]
         if len(targets) == len(crowd.lives):
             return crowd
-        boxes = np.array([life.box for life in targets]).reshape(-1, 4)
-        lives = tuple(life for life in crowd.lives if not life.is_rival or _is_of_use(life, boxes))
+        lives = tuple(
+            life for life in crowd.lives if not life.is_rival or _is_of_use(life, targets)
+        )
         return replace(crowd, lives=lives)
 
     def adopt(self, crowd: Crowd, own: Sequence[Sighting | None]) -> Crowd:
@@ -97,7 +99,7 @@ class Rivals:
             own: The detection of each, None where there is none.
         """
         lives = tuple(
-            replace(life, is_rival=False, confirmations=life.confirmations + 1)
+            replace(life, host=None)
             if one and life.is_rival
             else life
             for life, one in zip(crowd.lives, own, strict=True)
@@ -115,8 +117,8 @@ def _glimpsed(life: Life, interval: float) -> Life:
         course = before.course.predict(interval, box[3])
         if (np.abs(course.center - center) < _NEAR * box[2:]).all():
             course = course.correct(center, deviation)
-            return replace(life, glimpse=Glimpse(box, course, before.frames + 1))
-    return replace(life, glimpse=Glimpse(box, Course.begin(box, deviation), 1))
+            return replace(life, glimpse=Glimpse(box, course, before.seconds + interval))
+    return replace(life, glimpse=Glimpse(box, Course.begin(box, deviation), 0.0))
 
 
 def _will_meet(host: Life, glimpse: Glimpse) -> bool:
@@ -127,10 +129,14 @@ def _will_meet(host: Life, glimpse: Glimpse) -> bool:
     return bool((np.abs(apart + when * speed) < _MEET * glimpse.box[2:]).all())
 
 
-def _is_of_use(life: Life, targets: NDArray[np.float64]) -> bool:
-    """Whether a rival is seen, or hidden for a while, near one of the (K, 4) targets."""
+def _is_of_use(life: Life, targets: Sequence[Life]) -> bool:
+    """Whether a rival is seen, or hidden for a while, near its target and on no other one."""
     box, track = life.box, life.target.track
     if track.state != "tracking" and not (life.is_hidden and track.hidden_for < _HIDDEN_FOR):
         return False
-    apart = np.abs(targets[:, :2] + targets[:, 2:] / 2 - box[:2] - box[2:] / 2)
-    return bool((apart < _FAR * box[2:]).all(axis=1).any())
+    hosts = [one for one in targets if one.key == life.host]
+    others = np.array([one.box for one in targets if one.key != life.host]).reshape(-1, 4)
+    if not hosts or overlaps(box[None], others).max(initial=0.0) > _SAME_ABOVE:
+        return False
+    apart = np.abs(hosts[0].box[:2] + hosts[0].box[2:] / 2 - box[:2] - box[2:] / 2)
+    return bool((apart < _FAR * box[2:]).all())

@@ -146,6 +146,8 @@ class Updater:
             evidence.append(_of_detection(own.box))
         else:
             evidence.append(_of_course(life))
+        # What is taken for a rival may be none: only what it looks like yields to it.
+        front = [one for one in front if one.host in (None, life.key)]
         boxes = np.array([one.box for one in front]).reshape(-1, 4)
         are_near = _are_near(boxes, predicted)
         front, boxes = list(compress(front, are_near)), boxes[are_near]
