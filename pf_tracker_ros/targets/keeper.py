@@ -32,7 +32,8 @@ class CrowdKeeper:
         self._updater = Updater(follower, parameters.detector.recall)
         self.initiator = Initiator(follower, seed, parameters.targets.most)
         self._deleter = Deleter(parameters.track.remember)
-        self._rivals = Rivals(self.initiator, parameters.targets.most)
+        track = parameters.track
+        self._rivals = Rivals(self.initiator, parameters.targets.most, track.lost_after)
 
     def advance(
         self, crowd: Crowd, frame: Frame, interval: float, seen: Sequence[Sighting] | None
@@ -59,7 +60,7 @@ class CrowdKeeper:
         lives = self._updater.update(lives, frame, interval, own)
         if seen is not None:
             lives = self._updater.count_misses(lives, own, rhythm)
-        crowd = self._rivals.adopt(replace(crowd, lives=lives), own)
+        crowd = self.initiator.adopt(replace(crowd, lives=lives), own)
         crowd = self._rivals.end(self._deleter.end(crowd, frame.size, interval))
         if seen is not None:
             taken = set(given.values())

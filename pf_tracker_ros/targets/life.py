@@ -29,7 +29,8 @@ class Key(NamedTuple):
 
     Attributes:
         frame: Number of the frame that it began in.
-        place: Among those that began there: from 0 up by a detection, from -1 down by hand.
+        place: Among those that began there: from 0 up by a detection, from -1 down by hand; for
+            rivals from 1,000,000 up.
     """
 
     frame: int
@@ -65,8 +66,7 @@ class Life:
         belief: Logarithm of the odds that there is such a target.
         votes: Label to the sum of the scores with which it was given.
         age: Seconds since it began.
-        confirmations: Detections that were taken for it, the first one too; that it was followed
-            as a rival before counts as one.
+        confirmations: Detections that were taken for it, the first one too.
         unconfirmed_for: Seconds since the last of them.
         learned_for: Seconds since it was learned anew.
         is_confirmed: Whether it was confirmed often enough to be told.

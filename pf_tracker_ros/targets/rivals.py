@@ -11,7 +11,6 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.targets.crowd import Crowd
-from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.geometry import overlaps
 from pf_tracker_ros.targets.initiator import Initiator, is_cut
 from pf_tracker_ros.targets.life import Glimpse, Key, Life
@@ -39,18 +38,20 @@ class Rivals:
     """Starts and ends rivals: targets that nobody asked for and that are not told.
 
     A target that walks past its like could leave with it. So what looks like a target beside it is
-    followed as well: then it explains its own pixels, and a detection of it is not taken for the
-    target's. The first detection makes it a target like others; until then it ends as soon as it
-    is far from all targets, or not seen.
+    followed as well, as soon as the two are about to cross: then it explains its own pixels, and a
+    detection of it is not taken for the target's. The first detection makes it a target like
+    others; until then it ends once it is far from its target, or not seen.
 
     Args:
         initiator: Begins them.
         most: Targets at a time, rivals too.
+        lost_after: Seconds for which targets count as hidden at most.
     """
 
-    def __init__(self, initiator: Initiator, most: int) -> None:
+    def __init__(self, initiator: Initiator, most: int, lost_after: float) -> None:
         self._initiator = initiator
         self._most = most
+        self._hidden_for = min(_HIDDEN_FOR, lost_after)
 
     def start(self, crowd: Crowd, frame: Frame, interval: float, *, is_seen: bool) -> Crowd:
         """The crowd with what was seen beside the targets in several frames.
@@ -67,13 +68,13 @@ class Rivals:
         rivals = sum(life.is_rival for life in lives)
         for host in tuple(lives):
             glimpse = host.glimpse
-            if glimpse is None or glimpse.seconds < _SHOWN_FOR or not _will_meet(host, glimpse):
+            if glimpse is None or glimpse.seconds < _SHOWN_FOR or not host.is_told:
                 continue
             if rivals >= _MOST or len(lives) >= self._most:
                 break
             others = np.array([life.box for life in lives])
             is_part = overlaps(glimpse.box[None], others).max() > _APART_BELOW
-            if is_part or is_cut(glimpse.box, frame.size):
+            if is_part or is_cut(glimpse.box, frame.size) or not _will_meet(host, glimpse):
                 continue
             key = Key(crowd.frame, _FIRST_PLACE + rivals)
             life = self._initiator.begin_rival(frame, glimpse.box, key, host)
@@ -87,24 +88,22 @@ class Rivals:
         if len(targets) == len(crowd.lives):
             return crowd
         lives = tuple(
-            life for life in crowd.lives if not life.is_rival or _is_of_use(life, targets)
+            life for life in crowd.lives if not life.is_rival or self._is_of_use(life, targets)
         )
         return replace(crowd, lives=lives)
 
-    def adopt(self, crowd: Crowd, own: Sequence[Sighting | None]) -> Crowd:
-        """The crowd in which the rivals that a detection shows are targets like others.
-
-        Args:
-            crowd: In this frame, corrected.
-            own: The detection of each, None where there is none.
-        """
-        lives = tuple(
-            replace(life, host=None)
-            if one and life.is_rival
-            else life
-            for life, one in zip(crowd.lives, own, strict=True)
-        )
-        return replace(crowd, lives=lives)
+    def _is_of_use(self, life: Life, targets: Sequence[Life]) -> bool:
+        """Whether a rival is seen, or hidden for a while, near its target and on no other one."""
+        box, track = life.box, life.target.track
+        is_carried_on = life.is_hidden and track.hidden_for < self._hidden_for
+        if track.state != "tracking" and not is_carried_on:
+            return False
+        boxes = np.array([one.box for one in targets]).reshape(-1, 4)
+        is_host = np.array([one.key == life.host for one in targets], dtype=bool)
+        if overlaps(box[None], boxes[~is_host]).max(initial=0.0) > _SAME_ABOVE:
+            return False
+        apart = np.abs(boxes[:, :2] + boxes[:, 2:] / 2 - box[:2] - box[2:] / 2)
+        return bool((is_host & (apart < _FAR * box[2:]).all(axis=1)).any())
 
 
 def _glimpsed(life: Life, interval: float) -> Life:
@@ -125,18 +124,5 @@ def _will_meet(host: Life, glimpse: Glimpse) -> bool:
     """Whether a target and what was seen beside it are about to cross."""
     apart = glimpse.course.center - host.course.center
     speed = glimpse.course.velocity - host.course.velocity
-    when = np.clip(-(apart @ speed) / max(speed @ speed, 1e-9), 0.0, _SOON)
+    when = np.clip(-(apart @ speed) / np.maximum(speed @ speed, 1e-9), 0.0, _SOON)
     return bool((np.abs(apart + when * speed) < _MEET * glimpse.box[2:]).all())
-
-
-def _is_of_use(life: Life, targets: Sequence[Life]) -> bool:
-    """Whether a rival is seen, or hidden for a while, near its target and on no other one."""
-    box, track = life.box, life.target.track
-    if track.state != "tracking" and not (life.is_hidden and track.hidden_for < _HIDDEN_FOR):
-        return False
-    hosts = [one for one in targets if one.key == life.host]
-    others = np.array([one.box for one in targets if one.key != life.host]).reshape(-1, 4)
-    if not hosts or overlaps(box[None], others).max(initial=0.0) > _SAME_ABOVE:
-        return False
-    apart = np.abs(hosts[0].box[:2] + hosts[0].box[2:] / 2 - box[:2] - box[2:] / 2)
-    return bool((apart < _FAR * box[2:]).all())
