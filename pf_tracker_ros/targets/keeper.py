@@ -32,8 +32,7 @@ class CrowdKeeper:
         self._updater = Updater(follower, parameters.detector.recall)
         self.initiator = Initiator(follower, seed, parameters.targets.most)
         self._deleter = Deleter(parameters.track.remember)
-        track = parameters.track
-        self._rivals = Rivals(self.initiator, parameters.targets.most, track.lost_after)
+        self._rivals = Rivals(self.initiator, follower.steering, parameters.targets.most)
 
     def advance(
         self, crowd: Crowd, frame: Frame, interval: float, seen: Sequence[Sighting] | None
@@ -61,7 +60,7 @@ class CrowdKeeper:
         if seen is not None:
             lives = self._updater.count_misses(lives, own, rhythm)
         crowd = self.initiator.adopt(replace(crowd, lives=lives), own)
-        crowd = self._rivals.end(self._deleter.end(crowd, frame.size, interval))
+        crowd = self._rivals.move(self._deleter.end(crowd, frame.size, interval), interval)
         if seen is not None:
             taken = set(given.values())
             rest = [(place, one) for place, one in enumerate(seen) if place not in taken]

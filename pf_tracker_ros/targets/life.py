@@ -74,6 +74,7 @@ class Life:
         is_doubled: Whether its box, then, is as good as that of the other one.
         host: The target that it looks like and is beside of, where only that is known of it: a
             rival, which is followed to be told apart, and not told. None for all others.
+        unseen_for: Seconds for which a rival was not seen; more where it should have been.
         glimpse: What looks like it beside it; None where nothing does.
         gone_for: Seconds since it ended; None while it is followed.
     """
@@ -95,6 +96,7 @@ class Life:
     is_hidden: bool = False
     is_doubled: bool = False
     host: Key | None = None
+    unseen_for: float = 0.0
     glimpse: Glimpse | None = None
     gone_for: float | None = None
 

@@ -95,14 +95,19 @@ class Updater:
         lower = predicted[:, 1] + predicted[:, 3]
         unseen = np.array([one is None for one in own], dtype=np.float64)
         for place in np.lexsort((-lower, unseen)).tolist():
-            life = self._follow(
-                lives[place],
-                predicted[place],
-                frame,
-                interval,
-                own=own[place],
-                front=front,
-            )
+            life = lives[place]
+            if life.is_rival and own[place] is None:
+                target = self._follower.steering.move(life.target, as_box(predicted[place]))
+                life = replace(life, target=target)
+            else:
+                life = self._follow(
+                    life,
+                    predicted[place],
+                    frame,
+                    interval,
+                    own=own[place],
+                    front=front,
+                )
             updated[place] = life
             if not _is_guess(life):
                 front.append(life)

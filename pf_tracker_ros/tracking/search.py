@@ -180,9 +180,10 @@ class Search:
             alike *= np.minimum(np.maximum(share, 0.0), 1.0)
         middle, reach = box[:2] + box[2:] / 2, _ELSEWHERE * box[2:]
         across, down = np.abs(self._centers - middle[:, None]) > reach[:, None]
-        is_peak = alike >= cv2.dilate(alike, _AROUND)
-        is_peak &= (alike >= least ** len(own)) & (down[:, None] | across)
+        is_peak = (alike >= least ** len(own)) & (down[:, None] | across)
         is_peak[[0, -1]] = is_peak[:, [0, -1]] = False
+        if is_peak.any():
+            is_peak &= alike >= cv2.dilate(alike, _AROUND)
         if not is_peak.any():
             return None
         best: NDArray[np.float64] = self.boxes[int(np.argmax(np.where(is_peak, alike, -1.0)))]
