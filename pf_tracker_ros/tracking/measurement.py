@@ -31,7 +31,7 @@ from pf_tracker_ros.tracking.target import Target
 # What is known of a frame beside its pixels: (N,) log likelihoods of (N, 4) boxes.
 Evidence = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 # What looks so much like the target, 0 to 1, is a rival: the mean of what the cues say, multiplied.
-_ALIKE_ABOVE = 0.35
+_ALIKE_ABOVE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
