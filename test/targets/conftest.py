@@ -118,7 +118,7 @@ def lookalikes():
         ]
         return draw(ways, colors=[(20, 20, 230)] * 2, textures=(10, 10))
 
-    return {"who stands": drawn(80, 4, 0), "who comes": drawn(90, 3, 3)}
+    return {"who stands": drawn(80, 4, 0), "who comes": drawn(110, 2, 2)}
 
 
 @pytest.fixture(scope="session")
