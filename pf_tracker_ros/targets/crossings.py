@@ -54,4 +54,5 @@ def _with_filter(life: Life, other: Life) -> Life:
         log_size=other.log_size,
         learned_for=other.learned_for,
         is_hidden=other.is_hidden,
+        glimpse=other.glimpse,
     )

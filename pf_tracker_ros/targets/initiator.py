@@ -25,8 +25,10 @@ from pf_tracker_ros.tracking.follower import Follower
 _TAKEN_ABOVE = 0.45
 # Belief in a target of a detection with a score of 1; with less, it is as much below that.
 _FIRST_BELIEF = 1.0
-# Seconds over which a detector that runs often must confirm a target.
-_CONFIRMED_WITHIN = 0.25
+# That in a rival: it ends once a slow detector sees the frame and does not find it.
+_RIVAL_BELIEF = -0.45
+# Seconds; what a detector says in as many of its answers as come within them is confirmed.
+_CONFIRMED_WITHIN = 0.3
 # A box that ends within so many pixels of the image's border is cut by it.
 _CUT_WITHIN = 2.0
 # Which child of the seed the targets' randomness comes from; others are the camera's.
@@ -57,6 +59,11 @@ class Initiator:
         look = look_at(frame, np.array(box))
         return self._life(frame, np.array(box), key, look).voted(label, 1.0)
 
+    def begin_rival(self, frame: Frame, box: NDArray[np.float64], key: Key, host: Life) -> Life:
+        """What looks like a target beside it, in a (4,) box: no detector has found it so far."""
+        life = self._life(frame, box, key, look_at(frame, box)).voted(host.label, 0.0)
+        return replace(life, belief=_RIVAL_BELIEF, confirmations=0, host=host.key)
+
     def start(self, crowd: Crowd, frame: Frame, rest: Sequence[tuple[int, Sighting]]) -> Crowd:
         """The crowd with new targets, or ones that were gone.
 
@@ -66,48 +73,52 @@ class Initiator:
             rest: The detections that are of none of the targets, with their places among all.
         """
         lives, gone = list(crowd.lives), list(crowd.gone)
-        unconfirmed = [life.box for life in lives if life.unconfirmed_for > 0.0]
+        unconfirmed = [
+            life.box for life in lives if life.unconfirmed_for > 0.0 and not life.is_rival
+        ]
         boxes = np.array(unconfirmed).reshape(-1, 4)
         for place, one in rest:
-            if len(lives) >= self._most:
+            if sum(not life.is_rival for life in lives) >= self._most:
                 break
             if overlaps(one.box[None], boxes).max(initial=0.0) > _TAKEN_ABOVE:
                 continue
             key = Key(crowd.frame, place)
             life = self._life(frame, one.box, key, one.look).voted(one.label, one.score)
             life = replace(life, belief=_FIRST_BELIEF + 2.0 * (one.score - 1.0))
-            before = _recognize(one, gone)
-            if before:
-                gone.remove(before)
-                life = replace(
-                    life,
-                    key=before.key,
-                    look=before.look,
-                    varies=before.varies,
-                    looks=before.looks,
-                    belief=max(life.belief, 0.5),
-                    age=before.age + (before.gone_for or 0.0),
-                    confirmations=before.confirmations + 1,
-                    votes=before.votes,
-                ).voted(one.label, one.score)
+            life = _come_back(life, one, gone)
+            lives = [other for other in lives if not (other.is_rival and _is_on(life, other))]
             lives.append(life)
+        return replace(crowd, lives=tuple(lives), gone=tuple(gone))
+
+    def adopt(self, crowd: Crowd, own: Sequence[Sighting | None]) -> Crowd:
+        """The crowd in which the rivals that detections show are targets, new ones or ones gone.
+
+        Args:
+            crowd: In this frame.
+            own: The detection of each, None where there is none.
+        """
+        lives, gone = list(crowd.lives), list(crowd.gone)
+        for place, one in enumerate(own):
+            if one and lives[place].is_rival:
+                lives[place] = _come_back(replace(lives[place], host=None), one, gone)
         return replace(crowd, lives=tuple(lives), gone=tuple(gone))
 
     def confirm(self, crowd: Crowd, image_size: tuple[int, int]) -> Crowd:
         """The crowd with those targets confirmed that were so often enough.
 
-        A fast detector has said it within a moment several times; a slow one is believed at once,
-        since the next word would come too late. What the border cuts has to be said once more: half
-        an object looks like others, and detectors are wrong there more often.
+        A fast detector has to say it in as many answers as a moment holds; a slow one is believed
+        at once, since the next word would come too late. What the border cuts has to be said once
+        more: half an object looks like others, and detectors are wrong there more often.
 
         Args:
             crowd: In this frame.
             image_size: (width, height), pixels.
         """
-        needed = 1 + round(_CONFIRMED_WITHIN / max(crowd.rhythm, 1e-3))
+        answers = math.ceil(_CONFIRMED_WITHIN / max(crowd.rhythm, 1e-3) - 1e-6)
+        needed = max(answers, 1)
         lives = tuple(
             replace(life, is_confirmed=True)
-            if life.confirmations >= needed + _is_cut(life.box, image_size)
+            if life.confirmations >= needed + is_cut(life.box, image_size)
             else life
             for life in crowd.lives
         )
@@ -122,10 +133,34 @@ class Initiator:
         return Life(key, target, look, course, np.log(box[2:]), _FIRST_BELIEF)
 
 
-def _is_cut(box: NDArray[np.float64], image_size: tuple[int, int]) -> bool:
+def _is_on(one: Life, other: Life) -> bool:
+    """Whether the boxes of two targets are on the same object."""
+    return bool(overlaps(one.box[None], other.box[None])[0, 0] > _TAKEN_ABOVE)
+
+
+def is_cut(box: NDArray[np.float64], image_size: tuple[int, int]) -> bool:
     """Whether a (4,) box goes to the border of the image."""
     ends = box[:2] + box[2:]
     return bool((box[:2] < _CUT_WITHIN).any() or (ends > np.array(image_size) - _CUT_WITHIN).any())
+
+
+def _come_back(life: Life, one: Sighting, gone: list[Life]) -> Life:
+    """A target, or who it was before if it is one of those that are gone: that leaves these."""
+    before = _recognize(one, gone)
+    if before is None:
+        return life
+    gone.remove(before)
+    return replace(
+        life,
+        key=before.key,
+        look=before.look,
+        varies=before.varies,
+        looks=before.looks,
+        belief=max(life.belief, 0.5),
+        age=before.age + (before.gone_for or 0.0),
+        confirmations=before.confirmations + 1,
+        votes=before.votes,
+    ).voted(one.label, one.score)
 
 
 def _recognize(one: Sighting, gone: Sequence[Life]) -> Life | None:

@@ -13,6 +13,7 @@ from pf_tracker_ros.targets.deleter import Deleter
 from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.initiator import Initiator
 from pf_tracker_ros.targets.parameters import MultiTrackerParameters
+from pf_tracker_ros.targets.rivals import Rivals
 from pf_tracker_ros.targets.updater import Updater
 from pf_tracker_ros.tracking.follower import Follower
 
@@ -31,6 +32,7 @@ class CrowdKeeper:
         self._updater = Updater(follower, parameters.detector.recall)
         self.initiator = Initiator(follower, seed, parameters.targets.most)
         self._deleter = Deleter(parameters.track.remember)
+        self._rivals = Rivals(self.initiator, follower.steering, parameters.targets.most)
 
     def advance(
         self, crowd: Crowd, frame: Frame, interval: float, seen: Sequence[Sighting] | None
@@ -57,10 +59,11 @@ class CrowdKeeper:
         lives = self._updater.update(lives, frame, interval, own)
         if seen is not None:
             lives = self._updater.count_misses(lives, own, rhythm)
-        crowd = self._deleter.end(replace(crowd, lives=lives), frame.size, interval)
+        crowd = self.initiator.adopt(replace(crowd, lives=lives), own)
+        crowd = self._rivals.move(self._deleter.end(crowd, frame.size, interval), interval)
         if seen is not None:
             taken = set(given.values())
             rest = [(place, one) for place, one in enumerate(seen) if place not in taken]
             crowd = self.initiator.start(crowd, frame, rest)
             crowd = self.initiator.confirm(crowd, frame.size)
-        return crowd
+        return self._rivals.start(crowd, frame, interval, is_seen=seen is not None)

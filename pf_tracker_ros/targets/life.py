@@ -29,11 +29,26 @@ class Key(NamedTuple):
 
     Attributes:
         frame: Number of the frame that it began in.
-        place: Among those that began there: from 0 up by a detection, from -1 down by hand.
+        place: Among those that began there: from 0 up by a detection, from -1 down by hand; for
+            rivals from 1,000,000 up.
     """
 
     frame: int
     place: int
+
+
+class Glimpse(NamedTuple):
+    """What looks like a target beside it.
+
+    Attributes:
+        box: (4,) in the last frame, pixels.
+        course: Where it goes.
+        seconds: From the first to the last of the frames in a row that showed it.
+    """
+
+    box: NDArray[np.float64]
+    course: Course
+    seconds: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +72,10 @@ class Life:
         is_confirmed: Whether it was confirmed often enough to be told.
         is_hidden: Whether another target is in front of it.
         is_doubled: Whether its box, then, is as good as that of the other one.
+        host: The target that it looks like and is beside of, where only that is known of it: a
+            rival, which is followed to be told apart, and not told. None for all others.
+        unseen_for: Seconds for which a rival was not seen; more where it should have been.
+        glimpse: What looks like it beside it; None where nothing does.
         gone_for: Seconds since it ended; None while it is followed.
     """
 
@@ -76,12 +95,20 @@ class Life:
     is_confirmed: bool = False
     is_hidden: bool = False
     is_doubled: bool = False
+    host: Key | None = None
+    unseen_for: float = 0.0
+    glimpse: Glimpse | None = None
     gone_for: float | None = None
 
     @property
     def by_hand(self) -> bool:
         """Whether somebody asked for it, so that only they end it."""
         return self.key.place < 0
+
+    @property
+    def is_rival(self) -> bool:
+        """Whether it is only known to look like another."""
+        return self.host is not None
 
     @property
     def label(self) -> str:

@@ -63,7 +63,7 @@ class MultiTracker:
         self._parameters = parameters
         self._seed = seed
         with usual_arithmetic():
-            self._follower = Follower(parameters)
+            self._follower = Follower(parameters, finds_rivals=True)
         self._keeper = CrowdKeeper(self._follower, parameters, seed)
         self._camera = Camera(seed)
         self._crowd = Crowd()

@@ -142,7 +142,10 @@ def resized(memory: Memory, follower: Follower, like: NDArray[np.generic]) -> Cr
 def _scaled(life: Life, factors: NDArray[np.float64]) -> Life:
     """What is known of a target beside the filter, by how many pixels one becomes on each axis."""
     return replace(
-        life, log_size=life.log_size + np.log(factors), course=life.course.scale(factors)
+        life,
+        log_size=life.log_size + np.log(factors),
+        course=life.course.scale(factors),
+        glimpse=None,
     )
 
 

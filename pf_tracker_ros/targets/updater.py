@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,23 +89,28 @@ class Updater:
         """
         updated = list(lives)
         predicted = np.array([life.expected for life in lives]).reshape(-1, 4)
-        front: list[NDArray[np.float64]] = []
+        front: list[Life] = []
         # What was just confirmed explains its pixels first; of the others, what stands lower in the
         # image, since it is nearer to the camera.
         lower = predicted[:, 1] + predicted[:, 3]
         unseen = np.array([one is None for one in own], dtype=np.float64)
         for place in np.lexsort((-lower, unseen)).tolist():
-            life = self._follow(
-                lives[place],
-                predicted[place],
-                frame,
-                interval,
-                own=own[place],
-                front=np.array(front),
-            )
+            life = lives[place]
+            if life.is_rival and own[place] is None:
+                target = self._follower.steering.move(life.target, as_box(predicted[place]))
+                life = replace(life, target=target)
+            else:
+                life = self._follow(
+                    life,
+                    predicted[place],
+                    frame,
+                    interval,
+                    own=own[place],
+                    front=front,
+                )
             updated[place] = life
             if not _is_guess(life):
-                front.append(life.box)
+                front.append(life)
         return tuple(updated)
 
     def count_misses(
@@ -136,24 +142,28 @@ class Updater:
         interval: float,
         *,
         own: Sighting | None,
-        front: NDArray[np.float64],
+        front: Sequence[Life],
     ) -> Life:
-        """One target, behind those in (K, 4) boxes."""
+        """One target, behind others."""
         target, evidence = life.target, []
         is_hidden = False
         if own:
             evidence.append(_of_detection(own.box))
         else:
             evidence.append(_of_course(life))
-        front = front[_are_near(front, predicted)] if len(front) else front
-        if len(front):
-            expected = covered(predicted[None], front)[0]
-            evidence.append(_of_others(front, expected))
+        # What is taken for a rival may be none: only what it looks like yields to it.
+        front = [one for one in front if one.host in (None, life.key)]
+        boxes = np.array([one.box for one in front]).reshape(-1, 4)
+        are_near = _are_near(boxes, predicted)
+        front, boxes = list(compress(front, are_near)), boxes[are_near]
+        if len(boxes):
+            expected = covered(predicted[None], boxes)[0]
+            evidence.append(_of_others(boxes, expected))
             is_hidden = own is None and bool(expected.max() > _HIDDEN_ABOVE)
         if not is_hidden:
             followed = self._follower.follow(target, frame, interval, _all_of(evidence))
-            if own is None and len(front):
-                is_hidden = _is_on_one(np.array(followed.estimate.box), front)
+            if own is None and len(boxes):
+                is_hidden = _is_on_one(np.array(followed.estimate.box), boxes)
         course = life.course
         if is_hidden:
             target = self._follower.steering.coast(target, frame, interval)
@@ -164,7 +174,9 @@ class Updater:
             if own is None:
                 course = course.correct(box[:2] + box[2:] / 2, _IMAGE_SPREAD * box[2:])
         is_doubled = is_hidden and life.unconfirmed_for > _DOUBLED_AFTER
-        is_doubled = is_doubled and _is_on_one(np.array(target.estimate.box), front)
+        if is_doubled:
+            are_told = [not one.is_rival for one in front]
+            is_doubled = _is_on_one(np.array(target.estimate.box), boxes[are_told])
         life = replace(
             life,
             target=target,

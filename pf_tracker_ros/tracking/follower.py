@@ -61,12 +61,13 @@ class Follower:
 
     Args:
         parameters: Every tunable.
+        finds_rivals: Whether targets tell what looks like them beside them, where the search is on.
 
     Raises:
         ParameterError: The parameters contradict each other.
     """
 
-    def __init__(self, parameters: TrackerParameters) -> None:
+    def __init__(self, parameters: TrackerParameters, *, finds_rivals: bool = False) -> None:
         self.parameters = parameters
         powers = {name: of_cue.power for name, of_cue in parameters.of_powers.items()}
         self._fusion = CueFusion(
@@ -85,7 +86,13 @@ class Follower:
             self._predictor = KalmanPredictor(own)
         elif method == "search":
             adaptation = parameters.of_search["fusion"].adaptation
-            measurer = SearchingMeasurer(self._fusion, parameters.working_size, own, adaptation)
+            measurer = SearchingMeasurer(
+                self._fusion,
+                parameters.working_size,
+                own,
+                adaptation,
+                finds_rivals=finds_rivals,
+            )
             self._measurer = measurer
             redetector = Redetector(
                 measurer,
@@ -149,7 +156,7 @@ class Follower:
             distraction=distraction,
             track=judged.track,
             seen_box=first_box,
-            rival=None,
+            runner_up=None,
             look_alike=None,
             hidden_frames=0,
             followed_frames=0,
@@ -231,12 +238,13 @@ class Follower:
             distraction=measured.distraction,
             track=judged.track,
             seen_box=estimate.box if is_seen else target.seen_box,
-            rival=None if measured.rival is None else as_box(measured.rival),
+            runner_up=None if measured.runner_up is None else as_box(measured.runner_up),
             look_alike=judged.look_alike,
             hidden_frames=0 if is_seen else target.hidden_frames + 1,
             followed_frames=target.followed_frames + 1,
             randomness=Randomness.of(draw),
             estimate=estimate,
+            rival=measured.rival,
         )
 
     def reconfigure(self, target: Target) -> Target:

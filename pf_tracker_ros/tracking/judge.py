@@ -62,7 +62,7 @@ class Judge:
         # While it looks as it did last, it is not lost, whatever it looked like first.
         glimpse = max(now, measured.match.similarity)
         look_alike = target.look_alike
-        if now >= thresholds.occluded_below and _is_of_the_rival(target, measured):
+        if now >= thresholds.occluded_below and _is_of_the_runner_up(target, measured):
             look_alike = as_box(measured.box)
         if look_alike is not None and are_at(measured.box, look_alike):
             # Whatever it looks like.
@@ -124,14 +124,14 @@ class Judge:
         return judged
 
 
-def _is_of_the_rival(target: Target, measured: Measurement) -> bool:
+def _is_of_the_runner_up(target: Target, measured: Measurement) -> bool:
     """Whether the estimate has jumped to what was seen beside the target a frame before.
 
     Where it is not clear of where the target was, that may have moved so far.
     """
     return (
         target.track.state == "tracking"
-        and target.rival is not None
-        and bool(are_at(measured.box, target.rival))
+        and target.runner_up is not None
+        and bool(are_at(measured.box, target.runner_up))
         and bool(sides_apart(measured.box, target.estimate.box) >= 1.0)
     )

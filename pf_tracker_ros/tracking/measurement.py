@@ -18,7 +18,6 @@ from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import (
     Distraction,
     Powers,
-    Strengths,
     Templates,
     smooth_distraction,
 )
@@ -31,6 +30,8 @@ from pf_tracker_ros.tracking.target import Target
 
 # What is known of a frame beside its pixels: (N,) log likelihoods of (N, 4) boxes.
 Evidence = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+# What looks so much like the target, 0 to 1, is a rival: the mean of what the cues say, multiplied.
+_ALIKE_ABOVE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,9 @@ class Measurement:
         match: How well that fits the templates.
         distraction: How much of what is around has looked like the target lately.
         search: Where the target was looked for; None without a search.
-        rival: (4,) likeliest box beside the target's, pixels; None without a search.
+        runner_up: (4,) likeliest box beside the target's, pixels; None without a search.
+        rival: (4,) box of what looks like the target beside it; None where nothing does, or nobody
+            looks for it.
     """
 
     frame: Frame
@@ -61,6 +64,7 @@ class Measurement:
     match: Match
     distraction: Distraction
     search: Search | None = None
+    runner_up: NDArray[np.float64] | None = None
     rival: NDArray[np.float64] | None = None
 
     @property
@@ -169,6 +173,7 @@ class SearchingMeasurer(Measurer):
         working_size: See `TrackerParameters`.
         parameters: Where to look, and the share.
         adaptation: How strongly the powers move, see `FusionParameters`.
+        finds_rivals: Whether to tell what looks like the target beside it.
     """
 
     def __init__(
@@ -177,17 +182,21 @@ class SearchingMeasurer(Measurer):
         working_size: int,
         parameters: SearchProposalParameters,
         adaptation: float,
+        *,
+        finds_rivals: bool = False,
     ) -> None:
         super().__init__(fusion, working_size)
         self._parameters = parameters
         self._adaptation = adaptation
+        self._finds_rivals = finds_rivals
 
     def learn(self, frame: Frame, box: NDArray[np.float64]) -> tuple[Templates, Distraction]:
         """See `Measurer.learn`."""
         search, region = self.look(frame, box)
         templates = self._fusion.learn(region, box)
         found = self._fusion.strengths(region, search.boxes, templates)
-        return templates, self._distraction(region, search, found, box, templates)
+        own = self._fusion.strengths(region, box[None], templates)
+        return templates, search.distraction(box, own, found)
 
     def look(self, frame: Frame, place: NDArray[np.float64]) -> tuple[Search, Region]:
         """A search around a (4,) box, and the region that it reads."""
@@ -230,11 +239,27 @@ class SearchingMeasurer(Measurer):
 
         seen = self._fusion.observe(region, box)
         match = self._fusion.match(seen, templates)
-        now = self._distraction(region, search, found, box, templates)
+        own = self._fusion.strengths(region, box[None], templates)
+        now = search.distraction(box, own, found)
         distraction = smooth_distraction(target.distraction, now)
-        rival = search.rival(box, searched)
+        runner_up = search.runner_up(box, searched)
+        rival = None
+        # The most that single cues find bounds what all of them can find at one place.
+        if self._finds_rivals and math.prod(now.values()) >= _ALIKE_ABOVE ** len(now):
+            rival = search.rival(box, own, found, _ALIKE_ABOVE)
         return Measurement(
-            frame, predicted, weighed, boxes, box, powers, seen, match, distraction, search, rival
+            frame,
+            predicted,
+            weighed,
+            boxes,
+            box,
+            powers,
+            seen,
+            match,
+            distraction,
+            search,
+            runner_up,
+            rival,
         )
 
     def covariance(
@@ -248,15 +273,3 @@ class SearchingMeasurer(Measurer):
         is_hidden = judged.track.state != "tracking"
         walk = cast(SearchableMotion, target.motion).walk(hidden_for) if is_hidden else None
         return measured.search.covariance(within_mode, judged.confidence, walk)
-
-    def _distraction(
-        self,
-        region: Region,
-        search: Search,
-        found: Strengths,
-        box: NDArray[np.float64],
-        templates: Templates,
-    ) -> Distraction:
-        """How much of what was found beside a (4,) box looks like what is in it."""
-        own = self._fusion.strengths(region, box[None], templates)
-        return search.distraction(box, own, found)

@@ -179,18 +179,18 @@ class Redetector:
         return as_box(look.box) if is_there else known
 
     def _recognize(self, target: Target, measured: Measurement) -> Box | None:
-        """What was the target's rival in the last frame, if it would be taken for the target now.
+        """What was likeliest beside the target in the last frame, if it would be taken for the target now.
 
         Not if it is more like the target than what was followed, or not clear of that: then it may
         be the target.
         """
-        if target.rival is None:
+        if target.runner_up is None:
             return None
-        look = self._look(target, measured, np.array(target.rival))
+        look = self._look(target, measured, np.array(target.runner_up))
         if not self._doubtful_below <= look.confidence < target.estimate.confidence:
             return None
         is_clear = sides_apart(look.box, target.estimate.box) >= 1.0
-        return as_box(look.box) if is_clear and are_at(look.box, target.rival) else None
+        return as_box(look.box) if is_clear and are_at(look.box, target.runner_up) else None
 
     def _look(
         self,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +29,10 @@ from pf_tracker_ros.filter import (
 _SPACING = 0.075
 # Particles so near to the likeliest, in box sizes, belong to the same mode.
 _MODE_REACH = 0.25
+# What is so far from the target, in its own sides, along one axis at least, is something else.
+_ELSEWHERE = 0.6
+# A place of the grid and its neighbors.
+_AROUND = np.ones((3, 3), np.uint8)
 
 
 class Search:
@@ -151,7 +156,7 @@ class Search:
             {name: strength[beside] for name, strength in strengths.items()},
         )
 
-    def rival(
+    def runner_up(
         self, box: NDArray[np.float64], log_likelihood: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
         """(4,) likeliest of `boxes` that does not overlap a (4,) box; None where all do.
@@ -164,6 +169,35 @@ class Search:
         if not beside.any():
             return None
         return self.boxes[np.argmax(np.where(beside, log_likelihood, -np.inf))]
+
+    def rival(
+        self, box: NDArray[np.float64], own: Strengths, strengths: Strengths, least: float
+    ) -> NDArray[np.float64] | None:
+        """What looks most like the target beside it, to all cues together, as a (4,) box.
+
+        Args:
+            box: (4,) of the target.
+            own: Name of a cue to its (1,) strength there; at least one.
+            strengths: Name of a cue to its (M,) strengths at `boxes`.
+            least: How much it must look like the target, 0 (nothing in common) to 1 (the same).
+
+        Returns:
+            None where nothing does: what rises towards the target, or towards the end of what was
+            searched, has its peak elsewhere.
+        """
+        cells = self._grid.count
+        alike = np.ones((cells, cells))
+        for name, strength in own.items():
+            share = strengths[name].reshape(cells, cells) / max(float(strength[0]), 1e-3)
+            alike *= np.minimum(np.maximum(share, 0.0), 1.0)
+        is_peak = (alike >= least ** len(own)) & self._beside(box, _ELSEWHERE).reshape(cells, cells)
+        is_peak[[0, -1]] = is_peak[:, [0, -1]] = False
+        if is_peak.any():
+            is_peak &= alike >= cv2.dilate(alike, _AROUND)
+        if not is_peak.any():
+            return None
+        best: NDArray[np.float64] = self.boxes[int(np.argmax(np.where(is_peak, alike, -1.0)))]
+        return best
 
     def _beside(self, box: NDArray[np.float64], reach: float) -> NDArray[np.bool_]:
         """(M,) whether `boxes` are further from a (4,) one than so many of its sides."""

@@ -66,6 +66,7 @@ class Steering:
             followed_frames=target.followed_frames + 1,
             randomness=Randomness.of(draw),
             estimate=judged.estimate(frame, target.estimate.powers, covariance),
+            rival=None,
         )
 
     def move(self, target: Target, box: Box) -> Target:

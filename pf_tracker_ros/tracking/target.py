@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.cues.fusion import Distraction, Templates
 from pf_tracker_ros.filter import KalmanForesight, MotionModel, ParticleSet
@@ -29,13 +32,15 @@ class Target:
         distraction: How much of what is around it looks like it.
         track: Whether it is seen, and for how long it has not been.
         seen_box: Its last box while it was tracked.
-        rival: Likeliest box beside it in the last frame, pixels; None without a search.
+        runner_up: Likeliest box beside it in the last frame, pixels; None without a search.
         look_alike: Box of what is known not to be it, pixels, since both were seen at once; kept
             while it is out of sight.
         hidden_frames: Frames in a row in which it was not tracked.
         followed_frames: Frames since the first one.
         randomness: Where its own source of random numbers stands.
         estimate: As told in the last frame.
+        rival: (4,) box, pixels, of what looked like it beside it in the last frame; None where
+            nothing did, or nobody looked for it.
     """
 
     first_box: Box
@@ -47,9 +52,10 @@ class Target:
     distraction: Distraction
     track: Track
     seen_box: Box
-    rival: Box | None
+    runner_up: Box | None
     look_alike: Box | None
     hidden_frames: int
     followed_frames: int
     randomness: Randomness
     estimate: Estimate
+    rival: NDArray[np.float64] | None = None

@@ -37,12 +37,12 @@ class Drawn:
         return Detections(boxes, np.full(len(boxes), 0.95), labels, age)
 
 
-def draw(paths, colors=None):
+def draw(paths, colors=None, textures=(10, 11, 12)):
     """Sprites of 24 x 40 px along paths of (frames, 2) centers, a later one in front."""
     ground = texture(1, HEIGHT, WIDTH, 100, 150)
     sprites = [
         cv2.addWeighted(
-            texture(10 + number, int(SIZE[1]), int(SIZE[0]), 0, 250),
+            texture(textures[number], int(SIZE[1]), int(SIZE[0]), 0, 250),
             0.5,
             np.full((int(SIZE[1]), int(SIZE[0]), 3), color, np.uint8),
             0.5,
@@ -104,6 +104,21 @@ def passage():
             np.stack([140 + 0 * steps, 96 + 0 * steps], 1),
         ]
     )
+
+
+@pytest.fixture(scope="session")
+def lookalikes():
+    """By name: one that passes behind its like, who stands, or comes towards it."""
+    steps = np.arange(40)
+
+    def drawn(start, speed, of_other):
+        ways = [
+            np.stack([start + speed * steps, 90 + 0 * steps], 1),
+            np.stack([150 - of_other * (steps - 20), 94 + 0 * steps], 1),
+        ]
+        return draw(ways, colors=[(20, 20, 230)] * 2, textures=(10, 10))
+
+    return {"who stands": drawn(80, 4, 0), "who comes": drawn(110, 2, 2)}
 
 
 @pytest.fixture(scope="session")

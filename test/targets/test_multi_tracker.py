@@ -54,6 +54,13 @@ def test_a_fast_detector_has_to_say_it_more_than_once(walkers, make_tracker):
     assert counts == [0, 0, 0, 0, 3, 3, 3, 3]
 
 
+def test_a_detector_that_runs_twice_a_second_is_believed_at_once(walkers, make_tracker):
+    tracker = make_tracker()
+    for number, seen in enumerate((Detections([]), None, walkers.detections(2))):
+        told = tracker.update(walkers.images[number], 0.24, seen)
+    assert len(told) == 3
+
+
 @pytest.mark.parametrize("offset", [(-36, 0), (0, -38), (276, 0), (0, 138)])
 def test_what_the_border_cuts_has_to_be_found_twice(walkers, make_tracker, offset):
     image = np.roll(walkers.images[0], offset, axis=(1, 0))

@@ -222,6 +222,44 @@ def test_what_is_covered_holds_every_box_that_can_be_looked_at():
         assert (looked_at[:, :2] + looked_at[:, 2:] <= last).all()
 
 
+def hills(search, *places_and_heights):
+    """Strengths of the boxes of a search: hills around (x, y) of the given heights."""
+    centers = search.boxes[:, :2] + search.boxes[:, 2:] / 2
+    return np.max(
+        [
+            height * np.exp(-np.square(centers - (x, y)).sum(axis=1) / 200.0)
+            for x, y, height in places_and_heights
+        ],
+        axis=0,
+    )
+
+
+def test_the_rival_is_the_peak_beside_the_target_that_all_cues_find():
+    search = Search(PLACE, SearchProposalParameters(window=3.0), (320, 240))
+    own = {"first": np.array([0.8]), "second": np.array([0.5])}
+    strengths = {
+        "first": hills(search, (120, 100, 0.8), (160, 105, 0.6), (90, 70, 0.7)),
+        "second": hills(search, (120, 100, 0.5), (160, 105, 0.4), (90, 130, 0.5)),
+    }
+    rival = search.rival(PLACE, own, strengths, 0.5)
+    np.testing.assert_allclose(rival[:2] + rival[2:] / 2, [160.0, 105.0], atol=2.0)
+    np.testing.assert_allclose(rival[2:], PLACE[2:])
+    assert search.rival(PLACE, own, strengths, 0.9) is None
+
+
+@pytest.mark.parametrize("place", [(120, 100), (130, 108), (180, 100)])
+def test_what_rises_towards_the_target_or_the_end_of_the_search_is_no_rival(place):
+    search = Search(PLACE, SearchProposalParameters(window=3.0), (320, 240))
+    strengths = {"one": hills(search, (120, 100, 1.0), (*place, 1.0))}
+    assert search.rival(PLACE, {"one": np.array([1.0])}, strengths, 0.3) is None
+
+
+def test_a_target_that_nothing_speaks_for_has_no_rival():
+    search = Search(PLACE, SearchProposalParameters(window=3.0), (320, 240))
+    nothing = {"one": np.full(len(search.boxes), -0.2)}
+    assert search.rival(PLACE, {"one": np.array([-0.2])}, nothing, 0.3) is None
+
+
 def test_covariance_by_hand():
     search = Search(PLACE, SearchProposalParameters(window=3.0), (320, 240))
     anywhere = 120.0**2 / 12.0

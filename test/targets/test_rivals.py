@@ -1,0 +1,150 @@
+"""What looks like a target beside it, and what that is good for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Detections
+from pf_tracker_ros.targets.keeper import CrowdKeeper
+from pf_tracker_ros.tracking.follower import Follower
+
+INTERVAL = 0.1
+NOTHING = Detections(np.empty((0, 4)))
+
+
+def rivals(tracker):
+    return [life for life in tracker._crowd.lives if life.is_rival]
+
+
+def begun(tracker, drawn):
+    """Follow the first target until there is a rival; the number of that frame."""
+    tracker.start(drawn.images[0], drawn.boxes[0][0])
+    for number, image in enumerate(drawn.images[1:], 1):
+        tracker.update(image, INTERVAL)
+        if rivals(tracker):
+            return number
+    raise AssertionError("no rival began")
+
+
+@pytest.fixture
+def passing(lookalikes):
+    return lookalikes["who stands"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("other", ["who stands", "who comes"])
+def test_a_target_that_passes_behind_its_like_does_not_stay_with_it(
+    lookalikes, make_tracker, iou, other, seed
+):
+    drawn, tracker = lookalikes[other], make_tracker(seed)
+    name = tracker.start(drawn.images[0], drawn.boxes[0][0])
+    for number, image in enumerate(drawn.images[1:], 1):
+        told = tracker.update(image, INTERVAL)
+        # What it is told apart from is not told itself.
+        assert [target.id for target in told] == [name]
+        if number > 34:
+            assert iou(told[0].estimate.box, drawn.boxes[number][0]) > 0.6, number
+
+
+def test_a_rival_is_where_the_look_alike_is_and_ends_once_it_is_far(passing, make_tracker, iou):
+    tracker = make_tracker()
+    first = begun(tracker, passing)
+    (rival,) = rivals(tracker)
+    assert iou(rival.box, passing.boxes[first][1]) > 0.6
+    for image in passing.images[first + 1 :]:
+        tracker.update(image, INTERVAL)
+    assert not rivals(tracker)
+    # It has had no id.
+    assert tracker.start(passing.images[-1], passing.boxes[-1][1]) == 2
+
+
+def test_what_the_detector_finds_of_a_rival_is_a_target_of_its_own(passing, make_tracker, iou):
+    tracker = make_tracker()
+    number = begun(tracker, passing) + 1
+    (rival,) = rivals(tracker)
+    only_other = passing.detections(number, targets=[1], labels=["person"])
+    told = tracker.update(passing.images[number], INTERVAL, only_other)
+    assert [target.id for target in told] == [1, 2]
+    for target, truth in zip(told, passing.boxes[number], strict=True):
+        assert iou(target.estimate.box, truth) > 0.6
+    assert told[1].label == "person"
+    assert told[1].age == pytest.approx(rival.age + INTERVAL)
+    assert not rivals(tracker)
+
+
+def test_a_rival_that_is_one_who_was_gone_comes_back_with_its_id(passing, make_tracker, iou):
+    tracker = make_tracker()
+    for number in range(3):
+        tracker.update(
+            passing.images[number], INTERVAL, passing.detections(number, labels=["p", "p"])
+        )
+    (one,) = (one.id for one in tracker.targets if iou(one.estimate.box, passing.boxes[2][1]) > 0.5)
+    crowd = tracker._crowd
+    ended = next(life for life in crowd.lives if tracker._names[life.key] == one)
+    gone = (replace(ended, gone_for=0.0),)
+    lives = tuple(life for life in crowd.lives if life is not ended)
+    tracker._crowd = replace(crowd, lives=lives, gone=gone)
+    for number in range(3, 20):
+        seen = passing.detections(number, targets=[1], labels=["p"]) if rivals(tracker) else None
+        told = tracker.update(passing.images[number], INTERVAL, seen)
+        if seen:
+            break
+    assert one in [target.id for target in told]
+
+
+def test_a_rival_ends_once_the_detector_does_not_find_it(passing, make_tracker):
+    tracker = make_tracker()
+    number = begun(tracker, passing) + 1
+    told = tracker.update(passing.images[number], INTERVAL, NOTHING)
+    assert [target.id for target in told] == [1]
+    assert not rivals(tracker)
+
+
+def test_rivals_keep_no_detection_from_starting_a_target(passing, make_tracker):
+    tracker = make_tracker(targets__most=2)
+    number = begun(tracker, passing) + 1
+    far = Detections([[250.0, 20.0, 24.0, 40.0]])
+    told = tracker.update(passing.images[number], INTERVAL, far)
+    assert [target.id for target in told] == [1, 2]
+    assert told[1].estimate.box[0] > 200
+
+
+def test_no_more_rivals_begin_than_there_is_room_for(passing, make_tracker):
+    tracker = make_tracker(targets__most=1)
+    with pytest.raises(AssertionError, match="no rival began"):
+        begun(tracker, passing)
+
+
+def test_where_nothing_looks_like_a_target_it_has_the_same_bits(walkers, make_tracker, as_told):
+    parts = []
+    for finds_rivals in (True, False):
+        tracker = make_tracker()
+        follower = Follower(tracker._parameters, finds_rivals=finds_rivals)
+        tracker._keeper = CrowdKeeper(follower, tracker._parameters, seed=0)
+        tracker.start(walkers.images[0], walkers.boxes[0][0])
+        parts.append([as_told(tracker.update(one, INTERVAL)) for one in walkers.images[1:]])
+    assert parts[0] == parts[1]
+
+
+def test_rivals_are_the_same_when_frames_are_worked_out_again(passing, make_tracker, as_told):
+    answers = []
+    for late in (0, 3):
+        tracker = make_tracker()
+        number = begun(tracker, passing)
+        for place in range(number + 1, number + 9):
+            seen = None
+            if place == number + 5 + late:
+                seen = passing.detections(number + 5, targets=[0], age=late * INTERVAL)
+            told = tracker.update(passing.images[place], INTERVAL, seen)
+        answers.append((as_told(told), [(one.key, one.box.tolist()) for one in rivals(tracker)]))
+    assert answers[0] == answers[1]
+
+
+def test_a_crowd_with_a_rival_takes_images_of_another_size(passing, make_tracker):
+    tracker = make_tracker()
+    number = begun(tracker, passing) + 1
+    assert tracker.resize(passing.images[number][::2, ::2])
+    told = tracker.update(passing.images[number][::2, ::2], INTERVAL)
+    assert [target.id for target in told] == [1]
+    assert told[0].estimate.box[0] < passing.boxes[number][0][0]
