@@ -179,7 +179,7 @@ class Redetector:
         return as_box(look.box) if is_there else known
 
     def _recognize(self, target: Target, measured: Measurement) -> Box | None:
-        """What was likeliest beside the target in the last frame, if it would be taken for the target now.
+        """What was likeliest beside the target a frame ago, if it would be taken for that now.
 
         Not if it is more like the target than what was followed, or not clear of that: then it may
         be the target.
