@@ -30,7 +30,6 @@ import numpy as np
 import odds_carry_over
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from outcomes import counted
 from tables import Table
 
 from pf_tracker_ros import Estimate, Tracker
@@ -44,6 +43,7 @@ from pf_tracker_ros.evaluation import (
 from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.plurals import counted
 
 RIGHT_ABOVE = 0.5
 # The target is lost, whatever is told, where the overlap has been below this for so many seconds.
@@ -372,8 +372,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             name: together([parts[number] for number in numbers])
             for name, numbers in members.items()
         }
-        runs = f"{counted(len(sequences), 'sequence', 'sequences')}, "
-        runs += counted(options.seeds, "seed", "seeds")
+        runs = f"{counted(len(sequences), 'sequence')}, "
+        runs += counted(options.seeds, "seed")
         title = f"Uncertainty of preset {options.preset}: {runs}"
         carried = carried_over(sequences, options.preset, members, told, heard)
         tables = [summary(frames, title, groups, carried.frames if carried else None)]
