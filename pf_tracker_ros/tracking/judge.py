@@ -80,9 +80,10 @@ class Judge:
         if track.is_settled:
             return judged
         is_seen, box = track.state == "tracking", None
-        if self._redetector:
-            known = self._redetector.look_alike(target, measured, look_alike, is_seen)
-            judged = replace(judged, look_alike=known)
+        goes_now = target.track.state == "tracking" and not is_seen
+        if self._redetector and look_alike is None and goes_now:
+            look_alike = self._redetector.look_alike(target, measured)
+        judged = replace(judged, look_alike=look_alike)
         if not is_seen:
             judged = self._while_hidden.judge(target, measured, judged)
             box = self._while_hidden.begin_anew(target, judged)

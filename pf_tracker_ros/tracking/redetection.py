@@ -156,35 +156,18 @@ class Redetector:
                 best = max(best, look, key=lambda one: one.confidence)
         return best if best.confidence > needed else None
 
-    def look_alike(
-        self, target: Target, measured: Measurement, known: Box | None, is_seen: bool
-    ) -> Box | None:
-        """See `Target.look_alike`; it is followed from time to time.
+    def look_alike(self, target: Target, measured: Measurement) -> Box | None:
+        """See `Target.look_alike`, in the frame in which the target goes out of sight.
+
+        It is what was likeliest beside the target a frame ago, if it would be taken for that now.
+        Not if it is more like the target than what was followed, or not clear of that: then it may
+        be the target.
 
         Args:
             target: As it was before this frame.
             measured: In this frame.
-            known: Where it was last, None where there was none.
-            is_seen: Whether the target is.
         """
-        if self._windows == 0:
-            return known
-        if known is None:
-            went_now = target.track.state == "tracking" and not is_seen
-            return self._recognize(target, measured) if went_now else None
-        if target.followed_frames % _REVISIT_INTERVAL:
-            return known
-        look = self._look(target, measured, np.array(known))
-        is_there = look.confidence >= self._doubtful_below and are_at(look.box, known)
-        return as_box(look.box) if is_there else known
-
-    def _recognize(self, target: Target, measured: Measurement) -> Box | None:
-        """What was likeliest beside the target a frame ago, if it would be taken for that now.
-
-        Not if it is more like the target than what was followed, or not clear of that: then it may
-        be the target.
-        """
-        if target.runner_up is None:
+        if self._windows == 0 or target.runner_up is None:
             return None
         look = self._look(target, measured, np.array(target.runner_up))
         if not self._doubtful_below <= look.confidence < target.estimate.confidence:

@@ -153,3 +153,20 @@ def test_what_stood_beside_the_target_is_never_taken_for_it(look_alike, apart, s
         estimate = tracker.update(shown(98, 40, ground), INTERVAL)
     assert estimate.state == "tracking"
     assert overlap_with(estimate, 98, 40) > 0.6
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_target_that_comes_into_view_before_its_look_alike_is_found_once_clear_of_it(seed):
+    """It goes behind a post, beside which the other one stands."""
+    ground = shown(110, 40, sprite=np.ascontiguousarray(TARGET[:, ::-1]))
+    tracker = Tracker.from_preset("default", seed)
+    for index in range(40):
+        x = 20 + 4 * index
+        image = shown(x, 40, ground)
+        image[:, 70:100] = GROUND[:, 70:100]
+        if tracker.started:
+            estimate = tracker.update(image, INTERVAL)
+        else:
+            tracker.start(image, box(x, 40))
+    assert estimate.state == "tracking"
+    assert overlap_with(estimate, x, 40) > 0.6
