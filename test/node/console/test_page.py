@@ -182,13 +182,13 @@ def test_without_a_tracker_the_page_says_so_and_finds_it_when_it_comes(page, gra
     assert page.locator("#missing").is_visible()
     graph.tracker()
     page.wait_until(lambda: page.text("health").endswith("waiting for a target"), "its words")
-    assert page.text("state") == "idle"
+    page.wait_until(lambda: page.text("state") == "idle", "its state")
 
 
 def test_without_images_the_page_says_so_in_the_nodes_words(graph, page):
     graph.tracker(stale_after=0.5)
     page.wait_until(lambda: "no image for" in page.text("health"), "what is missing")
-    assert page.text("topic").startswith("/image")
+    page.wait_until(lambda: page.text("topic").startswith("/image"), "the topic")
 
 
 def test_a_tracker_that_is_killed_is_missed_and_found_again(graph, page):
@@ -284,7 +284,7 @@ class StandIn(Node):
 def test_hostile_names_are_shown_as_text(graph, page):
     graph.run(StandIn(graph.context()))
     page.wait_until(lambda: page.text("health") == HOSTILE, "the text")
-    assert page.text("state") == HOSTILE
+    page.wait_until(lambda: page.text("state") == HOSTILE, "the state")
     assert page.locator("img, script:not([src])").count() == 0
 
 

@@ -129,7 +129,7 @@ def test_a_tracker_that_is_slow_for_once_is_waited_for(
     at_frame(page, 1)
     page.keyboard.press("n")
     at_frame(page, 2)
-    assert page.text("state") == "tracking"
+    page.wait_until(lambda: page.text("state") == "tracking", "the state of that frame")
 
 
 def test_the_box_is_back_with_a_tracker_that_was_silent_for_a_while(
@@ -276,12 +276,12 @@ def test_a_tracker_on_another_topic_is_told_with_what_to_do(start_console, open_
     page = open_page(start_console(source=str(bag)).link)
     remapped = ["--ros-args", "-r", "image:=/camera/image_raw"]
     elsewhere = graph.tracker(cli_args=remapped, stale_after=0.5)
-    page.wait_until(lambda: "start the console" in page.text("problem"), "what to do")
-    assert page.text("problem").endswith(
+    what_to_do = (
         "waiting for a subscriber of /image; the tracker takes its images from "
         "/camera/image_raw: start the console with -r image:=/camera/image_raw"
     )
-    assert page.text("topic").startswith("/camera/image_raw ")
+    page.wait_until(lambda: page.text("problem").endswith(what_to_do), "what to do")
+    page.wait_until(lambda: page.text("topic").startswith("/camera/image_raw "), "its topic")
     # It is paused, and yet the images that are missing are.
     page.wait_until(lambda: page.text("health").startswith("no image for"), "what is missing")
     elsewhere.context.try_shutdown()
