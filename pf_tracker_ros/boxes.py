@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,28 @@ Box = tuple[float, float, float, float]
 
 # Sides.
 _SAME_PLACE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class BoxGrid:
+    """Boxes of one size in rows and columns.
+
+    Attributes:
+        left: (columns,) left edge of each column's boxes, pixels.
+        top: (rows,) upper edge of each row's boxes, pixels.
+        size: (2,) width and height, pixels.
+    """
+
+    left: NDArray[np.float64]
+    top: NDArray[np.float64]
+    size: NDArray[np.float64]
+
+    @cached_property
+    def boxes(self) -> NDArray[np.float64]:
+        """(rows * columns, 4) boxes, row by row."""
+        boxes = np.empty((len(self.top), len(self.left), 4))
+        boxes[..., 0], boxes[..., 1], boxes[..., 2:] = self.left, self.top[:, None], self.size
+        return boxes.reshape(-1, 4)
 
 
 def as_box(values: Iterable[float]) -> Box:

@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import BoxGrid
 from pf_tracker_ros.cues.cue import CUES, Match, SearchableCue, declared_keep
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
@@ -117,7 +118,8 @@ class ColorContrast(SearchableCue):
         """See `Cue.learn`."""
         bins = region.color_bins(self._levels)
         top, _, left, _ = region.padding
-        edges = self._edges(region.region_boxes(box[None]))[..., 0]
+        region_box = region.region_boxes(box[None]).T
+        edges = self._edges(region_box[:2], region_box[2:])[..., 0]
         inner, outer = np.maximum(edges - (left, top), 0).tolist()
         inside, whole = (
             self._counts(bins[top:bottom, left:right])
@@ -130,11 +132,24 @@ class ColorContrast(SearchableCue):
         self, region: Region, boxes: NDArray[np.float64], template: ContrastTemplate
     ) -> NDArray[np.float64]:
         """See `SearchableCue.strength`: the contrast."""
-        size = region.place[2:]
-        resized = boxes.copy()
-        resized[:, :2] += (boxes[:, 2:] - size) / 2
-        resized[:, 2:] = size
-        return self.contrast(region, resized, template)
+        return self.contrast(region, _in_expected_size(region, boxes), template)
+
+    def strength_on_grid(
+        self, region: Region, grid: BoxGrid, template: ContrastTemplate
+    ) -> NDArray[np.float64]:
+        """See `SearchableCue.strength_on_grid`."""
+        integral = self._integral(region, template)
+        row, column = (
+            region.region_boxes(_in_expected_size(region, boxes)).T
+            for boxes in (grid.boxes[: len(grid.left)], grid.boxes[:: len(grid.left)])
+        )
+        columns, rows = self._edges(row[0], row[2]), self._edges(column[1], column[3])
+        inside, outer = (
+            _sums_on_grid(integral, *edges) for edges in zip(columns, rows, strict=True)
+        )
+        widths, heights = columns[:, 1] - columns[:, 0], rows[:, 1] - rows[:, 0]
+        area, outer_area = heights[:, :, None] * widths[:, None]
+        return _contrast(inside, outer, area, outer_area).ravel()
 
     def log_likelihood_of(
         self, strength: NDArray[np.float64], template: ContrastTemplate
@@ -167,17 +182,13 @@ class ColorContrast(SearchableCue):
         self, region: Region, boxes: NDArray[np.float64], template: ContrastTemplate
     ) -> NDArray[np.float64]:
         """(N,) contrasts, -1 to 1, of (N, 4) boxes; pixels outside the image have probability 0."""
-
-        def integrate() -> NDArray[np.float64]:
-            probabilities = template.probabilities.take(region.color_bins(self._levels))
-            return cv2.integral(region.pad(probabilities), sdepth=cv2.CV_64F)
-
-        integral = region.share(template, integrate)
-        edges = self._edges(region.region_boxes(boxes))
-        inside, outer = _sums(integral, edges)
+        # In memory as it is read, each of x, y, width and height in a row.
+        region_boxes = np.ascontiguousarray(region.region_boxes(boxes).T)
+        edges = self._edges(region_boxes[:2], region_boxes[2:])
         sides = edges[:, 1] - edges[:, 0]
         area, outer_area = sides[:, 0] * sides[:, 1]
-        return inside / area - (outer - inside) / np.maximum(outer_area - area, 1)
+        inside, outer = _sums(self._integral(region, template), edges)
+        return _contrast(inside, outer, area, outer_area)
 
     def blend(self, template: ContrastTemplate, seen: ContrastTemplate) -> ContrastTemplate:
         """See `Cue.blend`."""
@@ -193,15 +204,25 @@ class ColorContrast(SearchableCue):
     def _counts(self, bins: NDArray[np.intp]) -> NDArray[np.intp]:
         return np.bincount(bins.ravel(), minlength=self._levels**3)
 
-    def _edges(self, region_boxes: NDArray[np.float64]) -> NDArray[np.intp]:
-        """Whole-pixel edges of (N, 4) boxes, and of the rings around them.
+    def _integral(self, region: Region, template: ContrastTemplate) -> NDArray[np.float64]:
+        """(h + 1, w + 1) integral image of the probabilities that a pixel is the target's."""
+
+        def integrate() -> NDArray[np.float64]:
+            probabilities = template.probabilities.take(region.color_bins(self._levels))
+            return cv2.integral(region.pad(probabilities), sdepth=cv2.CV_64F)
+
+        return region.share(template, integrate)
+
+    def _edges(self, starts: NDArray[np.float64], sides: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Whole-pixel edges of boxes and of the rings around them, in region pixels.
+
+        Args:
+            starts: (..., N) left or upper edges of the boxes.
+            sides: (..., N) widths or heights.
 
         Returns:
-            (2, 2, 2, N): of the boxes, then of the rings; left and top, then right and bottom.
+            (2, 2, ..., N): of the boxes, then of the rings; where they start, then where they end.
         """
-        # In memory as it is read, each of x, y, width and height in a row.
-        boxes = np.ascontiguousarray(region_boxes.T)
-        starts, sides = boxes[:2], boxes[2:]
         edges = np.empty((2, 2, *starts.shape))
         edges[0, 0] = starts
         np.add(starts, sides, out=edges[0, 1])
@@ -216,9 +237,37 @@ def _shares(counts: NDArray[np.intp]) -> NDArray[np.float32]:
     return (counts / max(int(counts.sum()), 1)).astype(np.float32)
 
 
+def _in_expected_size(region: Region, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 4) boxes in the size of `Region.place`, around the same centers."""
+    size = region.place[2:]
+    resized = boxes.copy()
+    resized[:, :2] += (boxes[:, 2:] - size) / 2
+    resized[:, 2:] = size
+    return resized
+
+
+def _contrast(
+    inside: NDArray[np.float64],
+    outer: NDArray[np.float64],
+    area: NDArray[np.intp],
+    outer_area: NDArray[np.intp],
+) -> NDArray[np.float64]:
+    """What the mean over boxes has above that over their rings, from the sums over both."""
+    return inside / area - (outer - inside) / np.maximum(outer_area - area, 1)
+
+
 def _sums(integral: NDArray[np.float64], edges: NDArray[np.intp]) -> NDArray[np.float64]:
     """(2, N) sums over boxes, and over their rings with them, given by their edges."""
     columns, rows = edges[:, :, 0], edges[:, :, 1] * integral.shape[1]
     corners = integral.ravel().take(rows[:, :, None] + columns[:, None])
     across = corners[:, :, 1] - corners[:, :, 0]
     return across[:, 1] - across[:, 0]
+
+
+def _sums_on_grid(
+    integral: NDArray[np.float64], columns: NDArray[np.intp], rows: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """(R, C) sums over boxes in rows and columns, given by (2, C) and (2, R) edges."""
+    down = integral.take(rows[1], axis=0)
+    down -= integral.take(rows[0], axis=0)
+    return down.take(columns[1], axis=1) - down.take(columns[0], axis=1)

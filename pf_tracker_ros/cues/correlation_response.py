@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import BoxGrid
 from pf_tracker_ros.cues.correlation_filter import (
     response,
     response_at_center,
@@ -232,20 +233,28 @@ class CorrelationResponse(SearchableCue):
         interpolated; beyond them it is that of the next.
         """
         answers = self._answers(region, template)
-        # A view may answer more than the one that was learned; still no place beats the best.
-        full = max(template.reference, answers.largest)
         centers = boxes[:, :2] + boxes[:, 2:] / 2
-        at_boxes = answers.read(centers, self._shares(boxes, region.place))
-        return np.minimum(np.maximum(at_boxes / full, 0.0), 1.0)
+        responses = answers.read(centers, self._shares(boxes[:, 2:], region.place))
+        return _of_the_best(responses, answers, template)
+
+    def strength_on_grid(
+        self, region: Region, grid: BoxGrid, template: CorrelationTemplate
+    ) -> NDArray[np.float64]:
+        """See `SearchableCue.strength_on_grid`."""
+        answers = self._answers(region, template)
+        width, height = grid.size
+        share = self._shares(grid.size[None], region.place)
+        responses = answers.read_grid(grid.left + width / 2, grid.top + height / 2, share)
+        return _of_the_best(responses.ravel(), answers, template)
 
     def _shares(
-        self, boxes: NDArray[np.float64], place: NDArray[np.float64]
+        self, sizes: NDArray[np.float64], place: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """(N,) places of (N, 4) boxes' sizes between the smaller (0) and the larger window (1)."""
+        """(N,) where (N, 2) sizes are between the smaller (0) and the larger window (1)."""
         if not self._log_span:
-            return np.zeros(len(boxes))
-        sizes = boxes[:, 2] * boxes[:, 3] / (place[2] * place[3])
-        return np.minimum(np.maximum(np.log(sizes) / (2 * self._log_span) + 0.5, 0.0), 1.0)
+            return np.zeros(len(sizes))
+        areas = sizes[:, 0] * sizes[:, 1] / (place[2] * place[3])
+        return np.minimum(np.maximum(np.log(areas) / (2 * self._log_span) + 0.5, 0.0), 1.0)
 
     def _answers(self, region: Region, template: CorrelationTemplate) -> Answers:
         def answer() -> Answers:
@@ -296,6 +305,15 @@ class CorrelationResponse(SearchableCue):
 
     def _side(self, box: NDArray[np.float64], factor: float = 1.0) -> float:
         return self._window * factor * math.sqrt(box[2] * box[3])
+
+
+def _of_the_best(
+    responses: NDArray[np.float64], answers: Answers, template: CorrelationTemplate
+) -> NDArray[np.float64]:
+    """(N,) responses as shares, 0 to 1, of the one that was learned."""
+    # A view may answer more than the one that was learned; still no place beats the best.
+    full = max(template.reference, answers.largest)
+    return np.minimum(np.maximum(responses / full, 0.0), 1.0)
 
 
 def _reference(trained: Spectrum, seen: Spectrum) -> float:

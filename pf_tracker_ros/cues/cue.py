@@ -10,6 +10,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import BoxGrid
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import declared
 from pf_tracker_ros.registry import Registry
@@ -159,6 +160,10 @@ class SearchableCue(Cue, Protocol):
         self, region: Region, boxes: NDArray[np.float64], template: Any
     ) -> NDArray[np.float64]:
         """(N,) how much of the target there is at (N, 4) boxes, at most 1."""
+
+    def strength_on_grid(self, region: Region, grid: BoxGrid, template: Any) -> NDArray[np.float64]:
+        """(M,) the same of the boxes of a grid; for a cue that does rows and columns at once."""
+        return self.strength(region, grid.boxes, template)
 
     @abstractmethod
     def log_likelihood_of(

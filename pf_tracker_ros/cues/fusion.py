@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import BoxGrid
 from pf_tracker_ros.cues.cue import CUES, Cue, Match, SearchableCue
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import ParameterError, declared
@@ -191,6 +192,14 @@ class CueFusion:
         """Name of each searchable cue to its (N,) strengths at (N, 4) boxes."""
         return {
             name: cue.strength(region, boxes, templates[name])
+            for name, cue in self._searchable.items()
+            if name in templates
+        }
+
+    def strengths_on_grid(self, region: Region, grid: BoxGrid, templates: Templates) -> Strengths:
+        """Name of each searchable cue to its (M,) strengths at the boxes of a grid."""
+        return {
+            name: cue.strength_on_grid(region, grid, templates[name])
             for name, cue in self._searchable.items()
             if name in templates
         }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeVar
 
 import cv2
@@ -62,23 +62,58 @@ class Answers(NamedTuple):
             centers: (N, 2) in image pixels.
             shares: (N,) of the largest window in the response, 0 to 1; the rest is the smallest's.
         """
-        smallest = self._read(0, centers).astype(np.float64)
+
+        def read_one(number: int) -> NDArray[np.float32]:
+            values = self.maps[number]
+            places = self._places(number, centers, self.windows.center)
+            if len(places) <= _READ_AT_ONCE:
+                return _interpolate(values, places[None])[0]
+            parts = np.split(places, range(_READ_AT_ONCE, len(places), _READ_AT_ONCE))
+            return np.concatenate([_interpolate(values, part[None])[0] for part in parts])
+
+        return self._between(read_one, shares)
+
+    def read_grid(
+        self, x: NDArray[np.float64], y: NDArray[np.float64], share: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(rows, columns) the same of a grid, whose sides are below 2^15.
+
+        Args:
+            x: (columns,) of the centers, image pixels.
+            y: (rows,) of the centers, image pixels.
+            share: (1,) as in `read`.
+        """
+        center = self.windows.center
+
+        def read_one(number: int) -> NDArray[np.float32]:
+            places = np.empty((len(y), len(x), 2), dtype=np.float32)
+            places[..., 0] = self._places(number, x, center[0])
+            places[..., 1] = self._places(number, y, center[1])[:, None]
+            return _interpolate(self.maps[number], places)
+
+        return self._between(read_one, share)
+
+    def _places(
+        self, number: int, positions: NDArray[np.float64], center: NDArray[np.float64] | np.float64
+    ) -> NDArray[np.float32]:
+        """Positions in image pixels as those in a window's map."""
+        samples = len(self.maps[number])
+        scale = samples / self.windows.sides[number]
+        return ((positions - center) * scale + samples // 2).astype(np.float32)
+
+    def _between(
+        self, read_one: Callable[[int], NDArray[np.float32]], shares: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """What is read of the smallest and of the largest window, by the shares of the latter."""
+        smallest = read_one(0).astype(np.float64)
         if len(self.maps) == 1:
             return smallest
-        return smallest + shares * (self._read(-1, centers) - smallest)
+        return smallest + shares * (read_one(-1) - smallest)
 
-    def _read(self, number: int, centers: NDArray[np.float64]) -> NDArray[np.float32]:
-        """(N,) responses of a window at (N, 2) centers in image pixels, 0 outside of it."""
-        values = self.maps[number]
-        samples = len(values)
-        scale = samples / self.windows.sides[number]
-        places = ((centers - self.windows.center) * scale + samples // 2).astype(np.float32)
-        if len(places) <= _READ_AT_ONCE:
-            return cv2.remap(values, places[None], None, cv2.INTER_CUBIC)[0]
-        parts = np.split(places, range(_READ_AT_ONCE, len(places), _READ_AT_ONCE))
-        return np.concatenate(
-            [cv2.remap(values, part[None], None, cv2.INTER_CUBIC)[0] for part in parts]
-        )
+
+def _interpolate(values: NDArray[np.float32], places: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(rows, columns) values of a map at (rows, columns, 2) places in it, 0 outside of it."""
+    return cv2.remap(values, places, None, cv2.INTER_CUBIC)
 
 
 def mean_of(windows: NDArray[Value]) -> NDArray[Value]:
@@ -88,7 +123,7 @@ def mean_of(windows: NDArray[Value]) -> NDArray[Value]:
 
 def deviation_of(values: NDArray[np.float32]) -> float:
     """Standard deviation of a response map, above 0."""
-    return max(float(values.std()), SMALLEST_RESPONSE)
+    return max(float(cv2.meanStdDev(values)[1][0, 0]), SMALLEST_RESPONSE)
 
 
 def peak_near(

@@ -240,8 +240,8 @@ def _of_detection(box: NDArray[np.float64]) -> Evidence:
     center, spread = box[:2] + box[2:] / 2, CENTER_SPREAD * box[2:]
 
     def log_likelihood(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-        apart = (boxes[:, :2] + boxes[:, 2:] / 2 - center) / spread
-        return np.log(_WRONG + (1.0 - _WRONG) * np.exp(-0.5 * np.square(apart).sum(axis=1)))
+        x, y = np.square((boxes[:, :2] + boxes[:, 2:] / 2 - center) / spread).T
+        return np.log(_WRONG + (1.0 - _WRONG) * np.exp(-0.5 * (x + y)))
 
     return log_likelihood
 
@@ -253,8 +253,8 @@ def _of_course(life: Life) -> Evidence:
 
     def log_likelihood(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         apart = boxes[:, :2] + boxes[:, 2:] / 2 - course.center
-        squared = (np.square(apart) / variance).sum(axis=1)
-        return -(_TAIL + 2.0) / 2.0 * np.log1p(squared / _TAIL)
+        x, y = (np.square(apart) / variance).T
+        return -(_TAIL + 2.0) / 2.0 * np.log1p((x + y) / _TAIL)
 
     return log_likelihood
 

@@ -194,7 +194,7 @@ class SearchingMeasurer(Measurer):
         """See `Measurer.learn`."""
         search, region = self.look(frame, box)
         templates = self._fusion.learn(region, box)
-        found = self._fusion.strengths(region, search.boxes, templates)
+        found = self._fusion.strengths_on_grid(region, search.grid, templates)
         own = self._fusion.strengths(region, box[None], templates)
         return templates, search.distraction(box, own, found)
 
@@ -220,7 +220,7 @@ class SearchingMeasurer(Measurer):
         last_box = np.asarray(target.estimate.box)
         region = self._region(frame, search.cover(boxes), last_box, search.place)
 
-        found = self._fusion.strengths(region, search.boxes, templates)
+        found = self._fusion.strengths_on_grid(region, search.grid, templates)
         if not found:
             # Cues that were just chosen have no template yet, and can't search in this frame.
             return super().measure(target, frame, prediction, draw, evidence)

@@ -187,7 +187,7 @@ class Redetector:
         What is where `but` is is passed over.
         """
         search, region = self._measurer.look(measured.frame, place)
-        strengths = self._fusion.strengths(region, search.boxes, target.templates)
+        strengths = self._fusion.strengths_on_grid(region, search.grid, target.templates)
         if not strengths:
             return Found(place, 0.0)
         likelihood = self._fusion.search(strengths, target.templates, measured.powers)

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import BoxGrid
 from pf_tracker_ros.cues.fusion import Distraction, Strengths, measure_distraction
 from pf_tracker_ros.filter import (
     CenterPrior,
@@ -21,7 +22,6 @@ from pf_tracker_ros.filter import (
     ParticleSet,
     SearchGrid,
     SearchProposalParameters,
-    on_grid,
     propose_from_search,
 )
 
@@ -45,7 +45,8 @@ class Search:
 
     Attributes:
         place: As given.
-        boxes: (M, 4) boxes of the place's size, pixels.
+        grid: Boxes of the place's size.
+        boxes: (M, 4) the same, pixels.
     """
 
     def __init__(
@@ -58,20 +59,20 @@ class Search:
         self._side = parameters.window * math.sqrt(size[0] * size[1])
         self.place = place
         cells = round(parameters.window / _SPACING)
-        self._grid = SearchGrid(place[:2] + size / 2, self._side / cells, cells)
+        self._cells = SearchGrid(place[:2] + size / 2, self._side / cells, cells)
         self._parameters = parameters
         self._image_size = image_size
         # Of the boxes, along each axis.
-        self._centers = np.minimum(np.maximum(self._grid.axes, 0.0), np.array(image_size)[:, None])
-        self.boxes = np.empty((cells * cells, 4))
-        self.boxes[:, :2] = on_grid(*(self._centers - size[:, None] / 2))
-        self.boxes[:, 2:] = size
+        self._centers = np.minimum(np.maximum(self._cells.axes, 0.0), np.array(image_size)[:, None])
+        left, top = self._centers - size[:, None] / 2
+        self.grid = BoxGrid(left, top, size)
+        self.boxes = self.grid.boxes
 
     def cover(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(K, 4) boxes that cover all that can be looked at, given the (N, 4) predicted ones."""
         largest = np.maximum(boxes[:, 2:].max(axis=0), self.place[2:])
-        spacing = self._grid.spacing
-        ends = self._grid.axes[:, [0, -1]].T + [[-spacing], [spacing]]
+        spacing = self._cells.spacing
+        ends = self._cells.axes[:, [0, -1]].T + [[-spacing], [spacing]]
         ends = np.minimum(np.maximum(ends, 0.0), self._image_size)
         covering = np.empty((len(boxes) + 2, 4))
         covering[:-2] = boxes
@@ -103,7 +104,7 @@ class Search:
         searched = propose_from_search(
             predicted.states[:, :2],
             centers,
-            GridDensity(self._grid, log_likelihood),
+            GridDensity(self._cells, log_likelihood),
             self._parameters.share,
             generator,
         )
@@ -185,7 +186,7 @@ class Search:
             None where nothing does: what rises towards the target, or towards the end of what was
             searched, has its peak elsewhere.
         """
-        cells = self._grid.count
+        cells = self._cells.count
         alike = np.ones((cells, cells))
         for name, strength in own.items():
             share = strengths[name].reshape(cells, cells) / max(float(strength[0]), 1e-3)

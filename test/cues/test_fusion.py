@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pf_tracker_ros.cues import Cue, CueFusion, Match
+from pf_tracker_ros.boxes import BoxGrid
+from pf_tracker_ros.cues import Cue, CueFusion, Match, SearchableCue
 from pf_tracker_ros.cues.fusion import measure_distraction, smooth_distraction
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.parameters import ParameterError
@@ -37,7 +38,7 @@ class ScriptedCue(Cue):
         return self.keep * template + (1 - self.keep) * seen
 
 
-class SearchingCue(ScriptedCue):
+class SearchingCue(ScriptedCue, SearchableCue):
     """Its strength is 1 / x."""
 
     def strength(self, region, boxes, template):
@@ -175,6 +176,10 @@ def test_a_search_asks_the_cues_that_can():
     np.testing.assert_allclose(strengths["searching"], [1.0, 0.5])
     likelihood = fusion.search(strengths, templates, {"plain": 0.2, "searching": 0.8})
     np.testing.assert_allclose(likelihood, [0.0, -0.8 * 6.0 * 0.5])
+    grid = BoxGrid(np.array([1.0, 2.0, 4.0]), np.array([5.0, 6.0]), np.array([3.0, 3.0]))
+    on_grid = fusion.strengths_on_grid(REGION, grid, templates)
+    assert list(on_grid) == ["searching"]
+    np.testing.assert_allclose(on_grid["searching"], [1.0, 0.5, 0.25] * 2)
 
 
 def test_given_powers_take_the_place_of_the_configured_ones():

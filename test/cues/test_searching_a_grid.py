@@ -1,0 +1,64 @@
+"""The cues that can search: a grid at once, and its boxes one by one, are the same to the bit."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros.boxes import BoxGrid
+from pf_tracker_ros.cues.color_contrast import ColorContrast, ColorContrastParameters
+from pf_tracker_ros.cues.correlation_response import (
+    CorrelationResponse,
+    CorrelationResponseParameters,
+)
+from pf_tracker_ros.frames import Frame, Region
+
+BOX = np.array([60.0, 40.0, 30.0, 20.0])
+CUES = {
+    "contrast": ColorContrast(ColorContrastParameters()),
+    "response": CorrelationResponse(CorrelationResponseParameters()),
+    "response in one size": CorrelationResponse(CorrelationResponseParameters(), size_span=1.0),
+}
+
+
+@pytest.fixture(scope="module")
+def image():
+    noise = np.random.default_rng(0).normal(size=(120, 160, 3))
+    return cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 2.0), None, 0, 255, cv2.NORM_MINMAX)
+
+
+@pytest.mark.parametrize("cue", CUES.values(), ids=CUES)
+@pytest.mark.parametrize("reduction", [1, 2])
+@pytest.mark.parametrize(
+    ("corner", "size"),
+    [((50.3, 31.7), (30.0, 20.0)), ((-9.6, -7.2), (30.0, 20.0)), ((110.1, 88.8), (33.3, 17.1))],
+    ids=["inside", "across the corner", "in another size"],
+)
+def test_a_grid_reads_what_its_boxes_read(image, cue, reduction, corner, size):
+    """More columns than rows, unevenly, as where a grid is held back at the image's end."""
+    left = corner[0] + np.array([0.0, 2.3, 4.6, 6.9, 9.2, 9.2, 9.2])
+    top = corner[1] + np.array([0.0, 0.0, 1.9, 3.8])
+    grid = BoxGrid(left, top, np.array(size))
+    place = np.array([*corner, *BOX[2:]])
+    frame = Frame(image.astype(np.uint8))
+    learned = Region(frame, BOX[None], reduction, cue.reach, place=BOX)
+    template = cue.learn(learned, BOX)
+    region = Region(frame, grid.boxes, reduction, cue.reach, place=place)
+    strengths = cue.strength_on_grid(region, grid, template)
+    assert strengths.shape == (28,)
+    assert len(np.unique(strengths)) > 5
+    np.testing.assert_array_equal(strengths, cue.strength(region, grid.boxes, template))
+
+
+def test_the_boxes_of_a_grid_are_in_rows():
+    grid = BoxGrid(np.array([1.0, 3.0]), np.array([10.0, 20.0, 30.0]), np.array([5.0, 6.0]))
+    np.testing.assert_array_equal(
+        grid.boxes,
+        [
+            [1, 10, 5, 6],
+            [3, 10, 5, 6],
+            [1, 20, 5, 6],
+            [3, 20, 5, 6],
+            [1, 30, 5, 6],
+            [3, 30, 5, 6],
+        ],
+    )
