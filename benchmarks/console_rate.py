@@ -1,8 +1,9 @@
 """What the console's page shows of a camera at 30 Hz, and what that costs the tracker.
 
 Camera, tracker, console and a headless Chromium are processes of their own, on the loopback. The
-same tracker is measured by turns without a console, with one, with a browser that shows its page,
-and with one behind a relay that lets 5 Mbit/s through; each figure is the median over the rounds.
+same tracker is measured by turns without a console, with one, with somebody who takes its pictures
+as a page on another machine would, with a browser here that shows its page, and with one behind a
+relay that lets 5 Mbit/s through; each figure is the median over the rounds.
 Shown is what the page has drawn when its next animation frame begins; the age counts from the
 stamp, which the camera takes as it publishes. The browser gets the time that the others leave (the
 idle scheduling policy), as it would run on another machine.
@@ -13,7 +14,10 @@ idle scheduling policy), as it would run on another machine.
 from __future__ import annotations
 
 import argparse
+import asyncio
 import contextlib
+import json
+import multiprocessing
 import os
 import shutil
 import signal
@@ -26,9 +30,11 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import aiohttp
 import numpy as np
 import rclpy
 from arguments import at_least
@@ -43,9 +49,12 @@ PORT = 8647
 RELAY_PORT = 8648
 LINK_BYTES = 5e6 / 8
 RATE = 30.0
-NO_CONSOLE, NO_BROWSER, BROWSER, SLOW = (
+# Seconds that a page takes to draw a picture.
+DRAWING = 0.02
+NO_CONSOLE, NO_BROWSER, ELSEWHERE, BROWSER, SLOW = (
     "no console",
     "no browser",
+    "a browser elsewhere",
     "a browser",
     "a browser at 5 Mbit/s",
 )
@@ -158,6 +167,43 @@ def wait_for_server() -> None:
         time.sleep(0.1)
 
 
+def take_pictures(port: int, taken: Synchronized[int]) -> None:
+    """Take and count every picture as the page does, and draw none."""
+
+    async def take() -> None:
+        origin = f"http://127.0.0.1:{port}"
+        async with (
+            aiohttp.ClientSession() as session,
+            session.ws_connect(f"{origin}/socket", origin=origin) as page,
+        ):
+            async for message in page:
+                if message.type == aiohttp.WSMsgType.BINARY:
+                    taken.value += 1
+                    await asyncio.sleep(DRAWING)
+                    await page.send_json({"type": "shown"})
+                elif json.loads(message.data)["type"] == "welcome":
+                    await page.send_json({"type": "welcomed"})
+                    await page.send_json({"type": "view", "width": 1280})
+
+    asyncio.run(take())
+
+
+@contextmanager
+def taker(port: int) -> Iterator[None]:
+    """Somebody who takes the pictures, in a process of its own."""
+    context = multiprocessing.get_context("spawn")
+    taken = context.Value("l", 0)
+    process = context.Process(target=take_pictures, args=(port, taken))
+    process.start()
+    try:
+        yield
+    finally:
+        process.kill()
+        process.join()
+    if not taken.value:
+        raise RuntimeError("the console sent no pictures")
+
+
 @contextmanager
 def launcher_of(chromium: str) -> Iterator[Path]:
     """A script that starts the browser such that it takes no time from others."""
@@ -239,7 +285,7 @@ def print_table(rows: dict[str, list[Row]]) -> None:
         ]
         print(f"| {name} | {' | '.join('-' if 'nan' in cell else cell for cell in cells)} |")
     without = np.array(rows[NO_CONSOLE])
-    for name in (NO_BROWSER, BROWSER, SLOW):
+    for name in (NO_BROWSER, ELSEWHERE, BROWSER, SLOW):
         more = Row(*np.median(np.array(rows[name]) - without, axis=0))
         print(
             f"\n{name}, beside the turn without a console: processing {more.processing:+.2f} / "
@@ -279,6 +325,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             with node("console.console_node", f"port:={PORT}") as console:
                 wait_for_server()
                 rows[NO_BROWSER].append(measure(frames, given.seconds, tracker, console))
+                with taker(PORT):
+                    rows[ELSEWHERE].append(measure(frames, given.seconds, tracker, console))
                 for name, port in ((BROWSER, PORT), (SLOW, RELAY_PORT)):
                     with page_of(browser, port) as page:
                         rows[name].append(measure(frames, given.seconds, tracker, console, page))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -90,10 +91,7 @@ def _points_message(
         header=header,
         height=1,
         width=len(columns),
-        fields=[
-            PointField(name=name, offset=index * _FLOAT_SIZE, datatype=PointField.FLOAT32, count=1)
-            for index, name in enumerate(names)
-        ],
+        fields=list(_point_fields(tuple(names))),
         is_bigendian=sys.byteorder == "big",
         point_step=point_step,
         row_step=point_step * len(columns),
@@ -101,6 +99,15 @@ def _points_message(
     )
     _fill(message, columns)
     return message
+
+
+@cache
+def _point_fields(names: tuple[str, ...]) -> tuple[PointField, ...]:
+    """What the floats of a point are; the same messages each time, as they take long to make."""
+    return tuple(
+        PointField(name=name, offset=index * _FLOAT_SIZE, datatype=PointField.FLOAT32, count=1)
+        for index, name in enumerate(names)
+    )
 
 
 def image_message(image: NDArray[np.generic], header: Header) -> Image:
