@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,15 @@ Box = tuple[float, float, float, float]
 
 # Sides.
 _SAME_PLACE = 0.5
+
+
+class BoxesByAxis(NamedTuple):
+    """Boxes, pixels, as four arrays of any shapes that NumPy brings together to one."""
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    width: NDArray[np.float64]
+    height: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +45,14 @@ class BoxGrid:
     def boxes(self) -> NDArray[np.float64]:
         """(rows * columns, 4) boxes, row by row."""
         boxes = np.empty((len(self.top), len(self.left), 4))
-        boxes[..., 0], boxes[..., 1], boxes[..., 2:] = self.left, self.top[:, None], self.size
+        for number, values in enumerate(self.by_axis):
+            boxes[..., number] = values
         return boxes.reshape(-1, 4)
+
+    @property
+    def by_axis(self) -> BoxesByAxis:
+        """The same, that NumPy brings together to (rows, columns)."""
+        return BoxesByAxis(self.left, self.top[:, None], self.size[0], self.size[1])
 
 
 def as_box(values: Iterable[float]) -> Box:

@@ -206,7 +206,8 @@ class SearchGrid:
     @cached_property
     def centers(self) -> NDArray[np.float64]:
         """(count^2, 2) centers of the cells, row by row."""
-        return on_grid(*self.axes)
+        x, y = self.axes
+        return np.column_stack([np.tile(x, self.count), np.repeat(y, self.count)])
 
     def cells_of(self, places: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
         """(N,) number of the cell that each of (N, 2) places is in, and whether it is in any.
@@ -217,13 +218,6 @@ class SearchGrid:
         column, row = np.floor(offsets.T).astype(np.intp)
         inside = (column >= 0) & (column < self.count) & (row >= 0) & (row < self.count)
         return np.where(inside, row * self.count + column, 0), inside
-
-
-def on_grid(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(rows * columns, 2) places of a grid, row by row, from those along its axes."""
-    places = np.empty((len(y), len(x), 2))
-    places[..., 0], places[..., 1] = x, y[:, None]
-    return places.reshape(-1, 2)
 
 
 class GridDensity:
@@ -243,7 +237,9 @@ class GridDensity:
         """(count, 2) places, pixels."""
         cells = np.searchsorted(np.cumsum(self._shares), generator.random(count) * (1.0 - 1e-12))
         within = (generator.random((count, 2)) - 0.5) * self.grid.spacing
-        return self.grid.centers[np.minimum(cells, len(self._shares) - 1)] + within
+        rows, columns = np.divmod(np.minimum(cells, len(self._shares) - 1), self.grid.count)
+        x, y = self.grid.axes
+        return np.column_stack([x[columns], y[rows]]) + within
 
     def log_densities(
         self, places: NDArray[np.float64]

@@ -8,12 +8,10 @@ from numpy.typing import NDArray
 
 def intersections(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, M) px^2 that each of (N, 4) boxes shares with each of (M, 4)."""
-    # In memory as it is computed, x and y apart, and each of the other boxes in a row.
-    starts, other_starts = np.ascontiguousarray(one[:, :2].T), other[:, :2].T[..., None]
-    ends, other_ends = starts + one[:, 2:].T, other_starts + other[:, 2:].T[..., None]
-    sides = np.minimum(ends[:, None], other_ends) - np.maximum(starts[:, None], other_starts)
+    ends, other_ends = one[:, :2] + one[:, 2:], other[:, :2] + other[:, 2:]
+    sides = np.minimum(ends[:, None], other_ends) - np.maximum(one[:, None, :2], other[:, :2])
     np.maximum(sides, 0.0, out=sides)
-    return (sides[0] * sides[1]).T
+    return sides[..., 0] * sides[..., 1]
 
 
 def overlaps(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:

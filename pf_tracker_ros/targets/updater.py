@@ -11,7 +11,7 @@ from itertools import compress
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import as_box
+from pf_tracker_ros.boxes import BoxesByAxis, as_box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
 from pf_tracker_ros.targets.detections import Sighting
@@ -239,22 +239,25 @@ def _of_detection(box: NDArray[np.float64]) -> Evidence:
     """The factor of a detection: near it a box is likelier, up to that it may be wrong."""
     center, spread = box[:2] + box[2:] / 2, CENTER_SPREAD * box[2:]
 
-    def log_likelihood(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-        x, y = np.square((boxes[:, :2] + boxes[:, 2:] / 2 - center) / spread).T
-        return np.log(_WRONG + (1.0 - _WRONG) * np.exp(-0.5 * (x + y)))
+    def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
+        x, y, width, height = boxes
+        across = np.square((x + width / 2 - center[0]) / spread[0])
+        down = np.square((y + height / 2 - center[1]) / spread[1])
+        return np.log(_WRONG + (1.0 - _WRONG) * np.exp(-0.5 * (across + down)))
 
     return log_likelihood
 
 
 def _of_course(life: Life) -> Evidence:
     """The factor of how a target has moved: it seldom jumps aside."""
-    course, size = life.course, life.box[2:]
-    variance = course.spread + np.square(_IMAGE_SPREAD * size)
+    center, size = life.course.center, life.box[2:]
+    variance = life.course.spread + np.square(_IMAGE_SPREAD * size)
 
-    def log_likelihood(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-        apart = boxes[:, :2] + boxes[:, 2:] / 2 - course.center
-        x, y = (np.square(apart) / variance).T
-        return -(_TAIL + 2.0) / 2.0 * np.log1p((x + y) / _TAIL)
+    def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
+        x, y, width, height = boxes
+        across = np.square(x + width / 2 - center[0]) / variance[0]
+        down = np.square(y + height / 2 - center[1]) / variance[1]
+        return -(_TAIL + 2.0) / 2.0 * np.log1p((across + down) / _TAIL)
 
     return log_likelihood
 
@@ -263,22 +266,38 @@ def _of_others(front: NDArray[np.float64], expected: NDArray[np.float64]) -> Evi
     """The factor of (K, 4) boxes in front: what is in them is explained by others.
 
     Args:
-        front: Boxes.
+        front: Boxes, at least one.
         expected: (K,) share of the target that each was expected to cover.
     """
     free = np.maximum(expected, _EXPLAINED_FREELY)
 
-    def log_likelihood(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-        return -_EXPLAINED * np.maximum(covered(boxes, front) - free, 0.0).sum(axis=1)
+    def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
+        x, y, width, height = boxes
+        area = np.maximum(width * height, 1e-9)
+        explained = (
+            np.maximum(
+                _shared(x, width, left, across) * _shared(y, height, top, down) / area - freely, 0.0
+            )
+            for (left, top, across, down), freely in zip(front, free, strict=True)
+        )
+        return -_EXPLAINED * reduce(np.add, explained)
 
     return log_likelihood
+
+
+def _shared(
+    start: NDArray[np.float64], side: NDArray[np.float64], other_start: float, other_side: float
+) -> NDArray[np.float64]:
+    """How much of sides along one axis is on another one, pixels."""
+    end = np.minimum(start + side, other_start + other_side)
+    return np.maximum(end - np.maximum(start, other_start), 0.0)
 
 
 def _all_of(evidence: Sequence[Evidence]) -> Evidence | None:
     if not evidence:
         return None
 
-    def log_likelihood(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
         return reduce(np.add, (one(boxes) for one in evidence))
 
     return log_likelihood

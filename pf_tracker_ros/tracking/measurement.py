@@ -14,6 +14,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import BoxesByAxis
 from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import (
     Distraction,
@@ -28,8 +29,8 @@ from pf_tracker_ros.tracking.prediction import Prediction
 from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
 from pf_tracker_ros.tracking.target import Target
 
-# What is known of a frame beside its pixels: (N,) log likelihoods of (N, 4) boxes.
-Evidence = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+# What is known of a frame beside its pixels: log likelihoods of boxes, in their one shape.
+Evidence = Callable[[BoxesByAxis], NDArray[np.float64]]
 # What looks so much like the target, 0 to 1, is a rival: the mean of what the cues say, multiplied.
 _ALIKE_ABOVE = 0.5
 
@@ -120,7 +121,7 @@ class Measurer:
         region = self._region(frame, boxes, np.asarray(target.estimate.box))
         likelihood = self._fusion.log_likelihood(region, boxes, templates, powers)
         if evidence:
-            likelihood += evidence(boxes)
+            likelihood += evidence(BoxesByAxis(*boxes.T))
         weighed = predicted.reweight(likelihood)
         box = target.motion.boxes(weighed.mean[None])[0]
         seen = self._fusion.observe(region, box)
@@ -227,12 +228,12 @@ class SearchingMeasurer(Measurer):
         centers = motion.center_prior(target.particles.states, prediction.interval)
         searched = self._fusion.search(found, templates, powers)
         if evidence:
-            searched += evidence(search.boxes)
+            searched += evidence(search.grid.by_axis).ravel()
         predicted, log_prior = search.propose(predicted, motion, centers, searched, draw)
         boxes = motion.boxes(predicted.states)
         likelihood = self._fusion.log_likelihood(region, boxes, templates, powers)
         if evidence:
-            likelihood += evidence(boxes)
+            likelihood += evidence(BoxesByAxis(*boxes.T))
         weighed = predicted.reweight(likelihood)
         mean = mean_around(weighed, boxes, int(np.argmax(log_prior + likelihood)))
         box = motion.boxes(mean[None])[0]
