@@ -46,6 +46,13 @@ class Shell:
         while name not in self.run("ros2 node list").stdout.split():
             assert time.monotonic() < end, f"no node {name} within {deadline} s"
 
+    def run_until_answered(self, command, deadline=40.0):
+        """Run a command that asks a node; one that has just begun may not see its services yet."""
+        end = time.monotonic() + deadline
+        while (asked := self.run(command)).returncode != 0 or not asked.stdout.strip():
+            assert time.monotonic() < end, asked.stderr
+        return asked.stdout
+
     @contextlib.contextmanager
     def started(self, command):
         """A command that goes on, ended with the block as Ctrl-C does."""

@@ -260,7 +260,7 @@ def test_a_detector_is_heard_with_what_was_given(shell):
         launch.wait_for("detections on /yolo/detections")
         launch.wait_for("targets on /left/pf_tracker/target")
         shell.wait_for_node("/left/pf_tracker")
-        dumped = shell.run("ros2 param dump /left/pf_tracker").stdout
+        dumped = shell.run_until_answered("ros2 param dump /left/pf_tracker")
         for told in ("max_targets: 5", "score_above: 0.4", "- person", "- car"):
             assert told in dumped
         assert launch.end() == 0
@@ -308,7 +308,7 @@ def test_shipped_files_can_be_loaded_over_each_other(shell):
         for preset in [*presets, "default"]:
             outcome = shell.run(f"ros2 param load /pf_tracker {share}/config/{preset}.yaml")
             assert outcome.returncode == 0, outcome.stderr
-            dumped = shell.run("ros2 param dump /pf_tracker").stdout
+            dumped = shell.run_until_answered("ros2 param dump /pf_tracker")
             assert f"preset: {preset}\n" in dumped
             changed = f"preset {preset}, "
             assert changed not in launch.output
