@@ -187,7 +187,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     cv2.setNumThreads(1)
     try:
         windows = [
-            find_window(read_window(folder), read_sequence(people, folder))
+            find_window(read_window(folder), read_sequence(people, folder, also_unscored=True))
             for people, folder in options.window
         ]
         options.output.mkdir(parents=True, exist_ok=True)

@@ -81,8 +81,13 @@ class Annotated:
     detections: tuple[NDArray[np.float64], ...]
 
 
-def read_sequence(folder: Path, frames: Path) -> Annotated:
+def read_sequence(folder: Path, frames: Path, *, also_unscored: bool = False) -> Annotated:
     """Read the files of the MOT challenge; their x and y count from 1.
+
+    Args:
+        folder: With the files.
+        frames: Video or folder of images.
+        also_unscored: Whether the true boxes that the challenge does not score are wanted, too.
 
     Raises:
         OSError: A file is not there.
@@ -95,7 +100,8 @@ def read_sequence(folder: Path, frames: Path) -> Annotated:
     found = np.loadtxt(folder / "det.txt", delimiter=",", ndmin=2)
     for rows in (truth, found):
         rows[:, 2:4] -= 1.0
-    truth = truth[truth[:, 6] != 0]
+    if not also_unscored:
+        truth = truth[truth[:, 6] != 0]
     count = int(max(truth[:, 0].max(), found[:, 0].max()))
     return Annotated(
         folder.name,

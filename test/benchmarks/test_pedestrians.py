@@ -42,6 +42,20 @@ def test_a_window_is_found_by_the_boxes_of_its_target(window):
     assert (window.target, window.first) == (7, FIRST)
 
 
+def test_a_target_that_the_challenge_does_not_score_in_some_frames_is_found(
+    benchmark, folders, tmp_path
+):
+    people, folder = folders
+    scored = f"{FIRST + 2},7,"
+    rows = (people / "gt.txt").read_text().splitlines()
+    rows = [row.replace(",1,0,0,0", ",0,0,0,0") if row.startswith(scored) else row for row in rows]
+    (people / "gt.txt").write_text("\n".join(rows))
+    arguments = ["--window", str(people), str(folder), "--output", str(tmp_path / "results")]
+    assert benchmark("pedestrians").main(arguments) == 0
+    scores = benchmark("targets").read_sequence(people, folder)
+    assert [7 in one.ids for one in scores.truth].count(False) == 1
+
+
 def test_a_window_of_other_footage_is_refused(benchmark, folders):
     people, folder = folders
     boxes = np.loadtxt(folder / "groundtruth.txt", delimiter=",") + 5.0
