@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep
-from pf_tracker_ros.cues.matrix_product import product
+from pf_tracker_ros.cues.matrix_product import ONE_THREAD
 from pf_tracker_ros.cues.repeats import WORTHWHILE, distinct
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
@@ -64,9 +64,10 @@ class GradientOrientation(Cue):
         self._directions = directions
         self._sharpness = parameters.sharpness
         self._keep = parameters.keep
-        self._corner_weights = _corner_weights(cells, gaussian_width)
-        parts = _PARTS * cells
-        self._fractions = np.arange(parts + 1)[:, None, None] / parts
+        self._edge_weights = _edge_weights(cells, gaussian_width)
+        edges = _PARTS * cells + 1
+        self._fractions = np.arange(edges)[:, None, None] / (edges - 1)
+        self._boxes_at_once = max(ONE_THREAD // (cells**2 * edges * directions), 1)
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `Cue.learn`."""
@@ -126,20 +127,27 @@ class GradientOrientation(Cue):
     ) -> NDArray[np.float32]:
         """(cells^2, N, directions) Gaussian-weighted sums of gradient magnitude in N boxes.
 
-        A cell's sum is linear in the values of the integral image at the corners of its parts, so
-        all cells of all boxes are one matrix product.
+        A cell's sum is linear in the values of the integral image at the corners of its parts, and
+        the weights are those along x times those along y: so all cells of all boxes are two matrix
+        products, of so many boxes at once that OpenBLAS computes them on one thread.
         """
         integral = region.gradient_integral(self._directions)
         height, width, _ = integral.shape
-        corners = (rows * width)[:, None] + columns[None]
+        edges, count = columns.shape
         # Whole numbers up to 2^24, more than any region's sum in one direction, stay exact. They
         # are converted before or after they are taken, whichever are fewer.
-        if height * width < corners.size:
+        if height * width < edges**2 * count:
             integral = integral.astype(np.float32)
-        taken = integral.reshape(-1, self._directions).take(corners, axis=0)
-        values = taken.astype(np.float32, copy=False).reshape(self._corner_weights.shape[1], -1)
-        sums = product(self._corner_weights, values)
-        return sums.reshape(self._cells**2, columns.shape[1], self._directions)
+        flat, row_starts = integral.reshape(-1, self._directions), rows * width
+        weights, sums = self._edge_weights, []
+        for start in range(0, count, self._boxes_at_once):
+            part = slice(start, start + self._boxes_at_once)
+            corners = row_starts[:, None, part] + columns[:, part]
+            values = flat.take(corners, axis=0).astype(np.float32, copy=False)
+            across = weights @ values.reshape(edges, edges, -1)
+            both = weights @ across.reshape(edges, -1)
+            sums.append(both.reshape(self._cells**2, -1, self._directions))
+        return sums[0] if len(sums) == 1 else np.concatenate(sums, axis=1)
 
     def blend(
         self, template: NDArray[np.float64], seen: NDArray[np.float64]
@@ -148,18 +156,17 @@ class GradientOrientation(Cue):
         return self._keep * template + (1.0 - self._keep) * seen
 
 
-def _corner_weights(cells: int, gaussian_width: float) -> NDArray[np.float32]:
-    """(cells^2, corners) factors that turn integral image values into weighted cell sums.
+def _edge_weights(cells: int, gaussian_width: float) -> NDArray[np.float32]:
+    """(cells, edges) factors along one axis that turn integral image values into cell sums.
 
     The box is divided into parts, `_PARTS` times `cells` along each axis; each counts with the
-    Gaussian at its center. A part's sum is the integral at its lower right and upper left corners
-    minus the other two.
+    Gaussian at its center. A part's sum is the integral at its end minus that at its start.
     """
     parts = _PARTS * cells
     centers = (np.arange(parts) + 0.5) / parts - 0.5
     gaussian = np.exp(-0.5 * np.square(centers / gaussian_width))
-    along_axis = np.zeros((cells, parts + 1))
+    weights = np.zeros((cells, parts + 1))
     for part, weight in enumerate(gaussian):
-        along_axis[part // _PARTS, part + 1] += weight
-        along_axis[part // _PARTS, part] -= weight
-    return np.kron(along_axis, along_axis).astype(np.float32)
+        weights[part // _PARTS, part + 1] += weight
+        weights[part // _PARTS, part] -= weight
+    return weights.astype(np.float32)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-# Multiplications in a matrix product up to which OpenBLAS starts no threads.
-_ONE_THREAD = 2**18
+ONE_THREAD = 2**18
+"""Multiplications in a matrix product up to which OpenBLAS starts no threads."""
 
 
 def product(matrix: NDArray[np.float32], columns: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -14,7 +14,7 @@ def product(matrix: NDArray[np.float32], columns: NDArray[np.float32]) -> NDArra
 
     Its other threads would keep a processor busy for longer than a whole frame takes.
     """
-    block = max(_ONE_THREAD // matrix.size, 1)
+    block = max(ONE_THREAD // matrix.size, 1)
     result = np.empty((len(matrix), columns.shape[1]), dtype=np.float32)
     for start in range(0, columns.shape[1], block):
         result[:, start : start + block] = matrix @ columns[:, start : start + block]
