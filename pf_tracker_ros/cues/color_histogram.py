@@ -63,17 +63,19 @@ class ColorTemplate:
         """The colors that the histogram holds, up to 255 to a page.
 
         Returns:
-            For each page the labels of its colors, 1, 2, ... and 0 for all others, as many as the
-            histogram has shares, and the (labels,) square roots of their shares.
+            For each page the label of every color, 1, 2, ... for its own and 0 for all others, and
+            the (labels,) square roots of their shares, that of label 0 left out as 0.
         """
         # Of truth values, the nonzero ones are found several times as fast.
-        held = np.flatnonzero(self.histogram > 0.0)
+        held = (self.histogram > 0.0).nonzero()[0]
         pages = []
         for start in range(0, len(held), _COLORS_PER_PAGE):
             page = held[start : start + _COLORS_PER_PAGE]
             labels = np.zeros(len(self.histogram), dtype=np.uint8)
             labels[page] = np.arange(1, len(page) + 1)
-            pages.append((labels, np.sqrt(self.histogram[page])))
+            roots = np.zeros(len(page) + 1, dtype=np.float32)
+            np.sqrt(self.histogram[page], out=roots[1:])
+            pages.append((labels, roots))
         return tuple(pages)
 
 
@@ -139,13 +141,13 @@ class ColorHistogram(Cue):
         """
         samples, repeated = _samples(region.region_boxes(boxes))
         coefficient = np.zeros(len(samples))
-        for number, (labels_of_colors, root) in enumerate(template.pages):
+        for number, (labels_of_colors, roots) in enumerate(template.pages):
 
             def label_pixels(table: NDArray[np.uint8] = labels_of_colors) -> NDArray[np.uint8]:
                 return region.pad(table.take(self._bins(region)))
 
             labels = region.share((template, number), label_pixels)
-            coefficient += _root_coefficient(labels, samples, root)
+            coefficient += _root_coefficient(labels, samples, roots)
         squared = 1.0 - np.minimum(coefficient, 1.0)
         return squared if repeated is None else squared[repeated]
 
@@ -270,8 +272,8 @@ def _samples(
     sizes = region_boxes[:, 2:]
     if not (sizes == sizes[0]).all():
         return _Grids(region_boxes, *_grid(sizes.mean(axis=0))), None
-    columns, rows = _grid(sizes[0])
     width, height = sizes[0].tolist()
+    columns, rows = _grid((width, height))
     left = _first_center(region_boxes[:, 0], width, columns).astype(np.intp)
     top = _first_center(region_boxes[:, 1], height, rows).astype(np.intp)
     if len(region_boxes) < WORTHWHILE:
@@ -281,9 +283,9 @@ def _samples(
 
 
 def _root_coefficient(
-    labels: NDArray[np.uint8], samples: _Windows | _Grids, root: NDArray[np.float32]
+    labels: NDArray[np.uint8], samples: _Windows | _Grids, roots: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """(N,) sums over labels 1, 2, ... of sqrt(share of a box's pixels with that label) * root."""
+    """(N,) sums over all labels of sqrt(share of a box's pixels with that label) * root."""
     coefficient = np.empty(len(samples), dtype=np.float32)
     for start in range(0, len(samples), _BOXES_AT_ONCE):
         part = slice(start, start + _BOXES_AT_ONCE)
@@ -294,10 +296,10 @@ def _root_coefficient(
             [_box_numbers(count, pixels), patches],
             [0, 1],
             None,
-            [count, len(root) + 1],
-            [0, count, 0, len(root) + 1],
+            [count, len(roots)],
+            [0, count, 0, len(roots)],
         )
-        coefficient[part] = np.sqrt(counts[:, 1:]) @ root
+        coefficient[part] = np.sqrt(counts, out=counts) @ roots
     return coefficient / np.float32(math.sqrt(pixels))
 
 
