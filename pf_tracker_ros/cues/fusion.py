@@ -111,6 +111,13 @@ class CueFusion:
         cues: Name to (cue, power); powers of at least 0 are scaled to a sum of 1, and a cue of
             power 0 is left out, so that it costs nothing.
 
+    Attributes:
+        powers: Name of a cue to its power as configured; they sum to 1.
+        can_search: Whether any of the cues can look for the target.
+        reach: How far beyond each side of a box the cues look at most, in box sides.
+        needs_foreground: Whether any of the cues asks for the foreground.
+        looks_in_one_size: Whether any of the cues looks at every box in the size of `Region.place`.
+
     Raises:
         ParameterError: There is no cue, or no power is above 0.
     """
@@ -130,26 +137,10 @@ class CueFusion:
             name: cue for name, cue in self._cues.items() if isinstance(cue, SearchableCue)
         }
         self.powers: Powers = {name: power / total for name, (_, power) in used.items()}
-
-    @property
-    def can_search(self) -> bool:
-        """Whether any of the cues can look for the target."""
-        return bool(self._searchable)
-
-    @property
-    def reach(self) -> float:
-        """How far beyond each side of a box the cues look at most, in box sides."""
-        return max(cue.reach for cue in self._cues.values())
-
-    @property
-    def needs_foreground(self) -> bool:
-        """Whether any of the cues asks for the foreground."""
-        return any(cue.needs_foreground for cue in self._cues.values())
-
-    @property
-    def looks_in_one_size(self) -> bool:
-        """Whether any of the cues looks at every box in the size of `Region.place`."""
-        return any(cue.looks_in_one_size for cue in self._cues.values())
+        self.can_search = bool(self._searchable)
+        self.reach = max(cue.reach for cue in self._cues.values())
+        self.needs_foreground = any(cue.needs_foreground for cue in self._cues.values())
+        self.looks_in_one_size = any(cue.looks_in_one_size for cue in self._cues.values())
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> Templates:
         """Each cue's template of what is in a (4,) box."""

@@ -11,9 +11,28 @@ from numpy.typing import ArrayLike, NDArray
 
 
 def _read_only(values: ArrayLike) -> NDArray[np.float64]:
-    array = np.array(values, dtype=np.float64)
+    """A copy that nobody can write to."""
+    return _frozen(np.array(values, dtype=np.float64))
+
+
+def _frozen(array: NDArray[np.float64]) -> NDArray[np.float64]:
+    """An array that nobody else holds, as one that nobody can write to."""
     array.setflags(write=False)
     return array
+
+
+def _normalized(log_weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) log weights that nobody else holds, made to sum to 1 as weights, and read-only."""
+    largest = float(log_weights.max())
+    if math.isnan(largest):
+        log_weights[np.isnan(log_weights)] = -np.inf
+        largest = float(log_weights.max())
+    if math.isfinite(largest):
+        log_weights -= largest
+        log_weights -= math.log(np.exp(log_weights).sum())
+    else:
+        log_weights[:] = -math.log(len(log_weights))
+    return _frozen(log_weights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,18 +63,8 @@ class ParticleSet:
             raise ValueError(
                 f"log weights have shape {log_weights.shape}; expected ({len(states)},)"
             )
-        largest = float(log_weights.max())
-        if math.isnan(largest):
-            log_weights[np.isnan(log_weights)] = -np.inf
-            largest = float(log_weights.max())
-        if math.isfinite(largest):
-            log_weights -= largest
-            log_weights -= math.log(np.exp(log_weights).sum())
-        else:
-            log_weights[:] = -math.log(len(states))
-        log_weights.setflags(write=False)
         object.__setattr__(self, "states", states)
-        object.__setattr__(self, "log_weights", log_weights)
+        object.__setattr__(self, "log_weights", _normalized(log_weights))
 
     @classmethod
     def uniform(cls, states: ArrayLike) -> ParticleSet:
@@ -64,12 +73,10 @@ class ParticleSet:
         return cls(states, np.zeros(len(states)))
 
     @classmethod
-    def _normalized(
-        cls, states: NDArray[np.float64], log_weights: NDArray[np.float64]
-    ) -> ParticleSet:
-        """Particles whose log weights are known to be normalized and read-only."""
+    def _of(cls, states: NDArray[np.float64], log_weights: NDArray[np.float64]) -> ParticleSet:
+        """Particles of states and normalized log weights that are known to be read-only."""
         particles = object.__new__(cls)
-        object.__setattr__(particles, "states", _read_only(states))
+        object.__setattr__(particles, "states", states)
         object.__setattr__(particles, "log_weights", log_weights)
         return particles
 
@@ -79,7 +86,7 @@ class ParticleSet:
     @cached_property
     def weights(self) -> NDArray[np.float64]:
         """(N,) normalized weights, summing to 1; read-only."""
-        return _read_only(np.exp(self.log_weights))
+        return _frozen(np.exp(self.log_weights))
 
     @cached_property
     def effective_sample_size(self) -> float:
@@ -95,13 +102,13 @@ class ParticleSet:
 
         Source: Zhang et al. 2015, equation (5); Li et al. 2007, section 1.
         """
-        return _read_only(self.weights @ self.states)
+        return _frozen(self.weights @ self.states)
 
     @cached_property
     def covariance(self) -> NDArray[np.float64]:
         """(D, D) weighted covariance of the states about their mean."""
         offsets = self.states - self.mean
-        return _read_only((offsets * self.weights[:, None]).T @ offsets)
+        return _frozen((offsets * self.weights[:, None]).T @ offsets)
 
     def move(self, states: ArrayLike) -> ParticleSet:
         """The same weights at other (N, D) states.
@@ -112,7 +119,7 @@ class ParticleSet:
         moved = np.asarray(states)
         if moved.ndim != 2 or len(moved) != len(self):
             raise ValueError(f"states have shape {moved.shape}; expected ({len(self)}, D)")
-        return self._normalized(moved, self.log_weights)
+        return self._of(_read_only(moved), self.log_weights)
 
     def reweight(self, log_likelihood: ArrayLike) -> ParticleSet:
         """Multiply every weight by a likelihood, given as N logarithms, and normalize.
@@ -125,10 +132,9 @@ class ParticleSet:
         log_weights = self.log_weights + np.asarray(log_likelihood, dtype=np.float64)
         if not (log_weights > -np.inf).any():
             return self
-        return ParticleSet(self.states, log_weights)
+        return self._of(self.states, _normalized(log_weights))
 
     def resample(self, indices: NDArray[np.intp]) -> ParticleSet:
         """Particles of equal weight, copies of the ones that `indices` names."""
         log_weights = np.full(len(indices), -math.log(len(indices)))
-        log_weights.setflags(write=False)
-        return self._normalized(self.states[indices], log_weights)
+        return self._of(_frozen(self.states[indices]), _frozen(log_weights))

@@ -68,13 +68,8 @@ class Region:
             np.maximum(given[:, 2:], place[2:], out=boxes[:, 2:])
             boxes[:, :2] = given[:, :2] + (given[:, 2:] - boxes[:, 2:]) / 2
         x, y, widths, heights = boxes.T
-        (left, right), (top, bottom) = (
-            (
-                math.floor((starts - reach * sides).min() / reduction) - _MARGIN,
-                math.ceil((starts + (1.0 + reach) * sides).max() / reduction) + _MARGIN,
-            )
-            for starts, sides in ((x, widths), (y, heights))
-        )
+        left, right = _covered(x, widths, reach, reduction)
+        top, bottom = _covered(y, heights, reach, reduction)
         inside = Part(
             max(top, 0),
             min(bottom, -(-height // reduction)),
@@ -212,6 +207,19 @@ def nearest_pixel(edges: NDArray[np.float64]) -> NDArray[np.intp]:
     Rounding halves to even numbers would make the edge depend on where the region begins.
     """
     return (edges + 0.5).astype(np.intp)
+
+
+def _covered(
+    starts: NDArray[np.float64], sides: NDArray[np.float64], reach: float, reduction: int
+) -> tuple[int, int]:
+    """First and last edge, in region pixels, of what covers boxes along an axis; see `Region`."""
+    first, last = starts, starts + (1.0 + reach) * sides
+    if reach:
+        first = starts - reach * sides
+    return (
+        math.floor(first.min() / reduction) - _MARGIN,
+        math.ceil(last.max() / reduction) + _MARGIN,
+    )
 
 
 @cache

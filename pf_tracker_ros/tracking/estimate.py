@@ -13,6 +13,9 @@ from pf_tracker_ros.background import BackgroundState
 
 TrackState = Literal["tracking", "occluded", "lost"]
 
+# Of an estimate's fields.
+_ARRAYS = ("covariance", "particles", "particle_boxes", "weights")
+
 
 class FrozenPowers(Mapping[str, float]):
     """A mapping that cannot be changed; unlike a `mappingproxy`, it can be copied and pickled.
@@ -75,12 +78,12 @@ class Estimate:
     background: BackgroundState | None = None
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            value = getattr(self, one.name)
+        for name in _ARRAYS:
+            value = getattr(self, name)
             if isinstance(value, np.ndarray) and value.flags.writeable:
                 value = value.copy()
                 value.setflags(write=False)
-                object.__setattr__(self, one.name, value)
+                object.__setattr__(self, name, value)
         if not isinstance(self.powers, FrozenPowers):
             object.__setattr__(self, "powers", FrozenPowers(self.powers))
 
