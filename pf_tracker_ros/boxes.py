@@ -57,7 +57,7 @@ class BoxGrid:
 
 def as_box(values: Iterable[float]) -> Box:
     """Four numbers as a box."""
-    x, y, width, height = (float(value) for value in values)
+    x, y, width, height = map(float, values)
     return x, y, width, height
 
 

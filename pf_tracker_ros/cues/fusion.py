@@ -163,9 +163,9 @@ class CueFusion:
         template yet, because it was switched on while tracking, says nothing.
         """
         fused = np.zeros(len(boxes))
-        for name, template in self._known(templates):
-            power = (powers or self.powers)[name]
-            fused += power * self._cues[name].log_likelihood(region, boxes, template)
+        powers = powers or self.powers
+        for name, cue, template in self._known(templates):
+            fused += powers[name] * cue.log_likelihood(region, boxes, template)
         return fused
 
     def log_likelihoods(
@@ -173,8 +173,8 @@ class CueFusion:
     ) -> dict[str, NDArray[np.float64]]:
         """Name of each cue that has a template to its (N,) log likelihoods of (N, 4) boxes."""
         return {
-            name: self._cues[name].log_likelihood(region, boxes, template)
-            for name, template in self._known(templates)
+            name: cue.log_likelihood(region, boxes, template)
+            for name, cue, template in self._known(templates)
         }
 
     def strengths(
@@ -228,26 +228,24 @@ class CueFusion:
         similarity is that of the cues that judge, if there are any.
         """
         matches = [
-            (name, self.powers[name], match)
-            for name, template in self._known(templates)
-            if (match := self._cues[name].match(seen[name], template))
+            (cue.judges, self.powers[name], match)
+            for name, cue, template in self._known(templates)
+            if (match := cue.match(seen[name], template))
         ]
-        total = sum(power for _, power, _ in matches)
-        judges = [entry for entry in matches if self._cues[entry[0]].judges] or matches
-        judging = sum(power for _, power, _ in judges)
+        judges = [entry for entry in matches if entry[0]] or matches
+        total = sum([power for _, power, _ in matches])
+        judging = sum([power for _, power, _ in judges])
         return Match(
-            sum(power / total * match.log_likelihood for _, power, match in matches),
-            math.prod(match.similarity ** (power / judging) for _, power, match in judges),
+            sum([power / total * match.log_likelihood for _, power, match in matches]),
+            math.prod([match.similarity ** (power / judging) for _, power, match in judges]),
         )
 
     def log_odds(self, seen: Templates, templates: Templates, first: Templates) -> dict[str, float]:
         """What all cues that can tell say, see `Cue.log_odds`; questions as `cue.question`."""
         return {
             f"{name}.{question}": odds
-            for name, template in self._known(templates)
-            for question, odds in self._cues[name]
-            .log_odds(seen[name], template, first[name])
-            .items()
+            for name, cue, template in self._known(templates)
+            for question, odds in cue.log_odds(seen[name], template, first[name]).items()
         }
 
     def update(self, templates: Templates, seen: Templates) -> Templates:
@@ -264,5 +262,8 @@ class CueFusion:
             for name, cue in self._cues.items()
         }
 
-    def _known(self, templates: Templates) -> list[tuple[str, Any]]:
-        return [(name, templates[name]) for name in self._cues if name in templates]
+    def _known(self, templates: Templates) -> list[tuple[str, Cue, Any]]:
+        """Name, cue and template of each cue that has one."""
+        return [
+            (name, cue, templates[name]) for name, cue in self._cues.items() if name in templates
+        ]

@@ -13,7 +13,7 @@ from pf_tracker_ros.background import BackgroundModel, BackgroundParameters
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Foreground, Frame
 from pf_tracker_ros.frames.gain_control import GainControl
-from pf_tracker_ros.frames.light import Light
+from pf_tracker_ros.frames.light import UNCHANGED
 
 # Which child of the seed the background model draws from.
 _BACKGROUND_KEY = 0
@@ -33,7 +33,7 @@ class Camera:
         self._seed = seed
         self._gain = GainControl()
         self._next_gain = self._gain
-        self._light = self._next_light = Light()
+        self._light = self._next_light = UNCHANGED
         self._background: BackgroundModel | None = None
         self.frame: Frame | None = None
 
@@ -58,7 +58,7 @@ class Camera:
                 the light of those before.
         """
         self._next_gain = self._gain.follow(image, interval)
-        self._next_light = self._light.follow(image, interval) if follow_light else Light()
+        self._next_light = self._light.follow(image, interval) if follow_light else UNCHANGED
         frame = Frame(image, span=self._next_gain.span, light=self._next_light)
         if background:
             self.observe_background(frame, boxes, background)
@@ -71,7 +71,7 @@ class Camera:
 
     def forget_light(self) -> None:
         """See the next frame as it is: nothing has been seen in another light."""
-        self._light = Light()
+        self._light = UNCHANGED
 
     @property
     def has_background(self) -> bool:

@@ -229,8 +229,9 @@ class Follower:
         hidden_for = min(judged.track.hidden_for, parameters.track.lost_after)
         covariance = self._measurer.covariance(target, measured, judged, hidden_for)
         estimate = judged.estimate(measured.frame, measured.powers, covariance)
-        return replace(
-            target,
+        return Target(
+            first_box=target.first_box,
+            motion=target.motion,
             foresight=foresight,
             particles=particles,
             templates=learned.templates,

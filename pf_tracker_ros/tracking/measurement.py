@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +34,7 @@ Evidence = Callable[[BoxesByAxis], NDArray[np.float64]]
 _ALIKE_ABOVE = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class Measurement:
+class Measurement(NamedTuple):
     """The particles of a frame, weighed by it, and what it shows at their estimate.
 
     Attributes:
