@@ -132,13 +132,8 @@ class GradientOrientation(Cue):
         products, of so many boxes at once that OpenBLAS computes them on one thread.
         """
         integral = region.gradient_integral(self._directions)
-        height, width, _ = integral.shape
+        flat, row_starts = integral.reshape(-1, self._directions), rows * integral.shape[1]
         edges, count = columns.shape
-        # Whole numbers up to 2^24, more than any region's sum in one direction, stay exact. They
-        # are converted before or after they are taken, whichever are fewer.
-        if height * width < edges**2 * count:
-            integral = integral.astype(np.float32)
-        flat, row_starts = integral.reshape(-1, self._directions), rows * width
         weights, sums = self._edge_weights, []
         for start in range(0, count, self._boxes_at_once):
             part = slice(start, start + self._boxes_at_once)

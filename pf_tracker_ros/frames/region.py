@@ -28,6 +28,10 @@ _NO_GRADIENT = 255 * 511 + 255
 # Differences of the two neighbors, the gradient of the smallest possible window: that of the rows
 # times 511 plus that of the columns. All such numbers are exact in single precision.
 _DIFFERENCES = np.array([[0, -511, 0], [-1, 0, 1], [0, 511, 0]], dtype=np.float32)
+# Of a gradient, in halves of a gray level.
+_LARGEST_MAGNITUDE = 255
+# Whole numbers that single precision tells apart.
+_EXACT_UP_TO = 2**24
 
 
 class Region:
@@ -183,7 +187,7 @@ class Region:
 
         return self.share(("differences", smoothed), compute)
 
-    def gradient_integral(self, directions: int) -> NDArray[np.int32]:
+    def gradient_integral(self, directions: int) -> NDArray[np.float32] | NDArray[np.int32]:
         """Integral image of the gradient magnitude in each direction.
 
         A pixel's gradient magnitude, in halves of a gray level and at most 255, counts for the
@@ -191,12 +195,15 @@ class Region:
         falls into. Outside the image there is none.
 
         Returns:
-            (h + 1, w + 1, directions) of the padded region: the sum over all pixels above and left.
+            (h + 1, w + 1, directions) of the padded region: the sum over all pixels above and left,
+            exact; in single precision where that is enough for any pixels.
         """
 
-        def compute() -> NDArray[np.int32]:
-            channels = _gradient_table(directions).take(self.differences(), axis=0)
-            return cv2.integral(channels, sdepth=cv2.CV_32S)
+        def compute() -> NDArray[np.float32] | NDArray[np.int32]:
+            differences = self.differences()
+            channels = _gradient_table(directions).take(differences, axis=0)
+            is_small = _LARGEST_MAGNITUDE * differences.size <= _EXACT_UP_TO
+            return cv2.integral(channels, sdepth=cv2.CV_32F if is_small else cv2.CV_32S)
 
         return self.share(("gradient integral", directions), compute)
 
@@ -240,5 +247,6 @@ def _gradient_table(directions: int) -> NDArray[np.uint8]:
     direction = np.floor(angle * (directions / (2 * np.pi)) + 1e-9).astype(np.intp) % directions
     magnitude = np.rint(2 * np.hypot(differences[:, None], differences[None]))
     table = np.zeros((differences.size**2, directions), dtype=np.uint8)
-    table[np.arange(len(table)), direction.ravel()] = np.minimum(magnitude, 255).ravel()
+    magnitude = np.minimum(magnitude, _LARGEST_MAGNITUDE)
+    table[np.arange(len(table)), direction.ravel()] = magnitude.ravel()
     return table
