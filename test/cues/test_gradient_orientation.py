@@ -107,11 +107,13 @@ def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image):
     assert alone[0] == pytest.approx(among[0], rel=1e-5)
 
 
-def test_the_distances_are_those_of_the_vectors(image):
+@pytest.mark.parametrize("count", [30, 500])
+def test_the_distances_are_those_of_the_vectors(image, count):
     """e^2 of many boxes at once equals |h - r|^2 of their vectors, learned one by one."""
     cue = GradientOrientation(GradientOrientationParameters(sharpness=1.0))
     generator = np.random.default_rng(1)
-    boxes = np.column_stack([generator.uniform(0, 80, (30, 2)), generator.uniform(12, 40, (30, 2))])
+    corners, sizes = generator.uniform(0, 80, (count, 2)), generator.uniform(12, 40, (count, 2))
+    boxes = np.column_stack([corners, sizes])
     region = region_of(image, boxes)
     template = cue.learn(region, boxes[0])
     expected = [np.square(cue.learn(region, box) - template).sum() for box in boxes]

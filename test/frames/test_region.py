@@ -88,3 +88,15 @@ def test_the_foreground_of_a_region_is_the_mask_below_each_pixel_s_center(
             assert pixels[row, column] == (below == 255)
     frame.foreground = None
     assert Region(frame, np.array([box])).foreground_pixels is None
+
+
+@pytest.mark.parametrize("side", [60, 400])
+def test_gradient_sums_are_exact_however_large_the_region_is(side):
+    """The larger one has more of the largest gradients than single precision could add up."""
+    stripes = np.zeros((side + 8, side + 8), np.uint8)
+    stripes[:, np.arange(side + 8) % 4 >= 2] = 255
+    region = Region(Frame(stripes), np.array([[4.0, 4.0, side, side]]))
+    padded = cv2.copyMakeBorder(region.gray, 0, 0, 1, 1, cv2.BORDER_REFLECT_101)
+    rising = (padded[:, 2:] > padded[:, :-2]).astype(np.int64)
+    expected = 255 * rising.cumsum(axis=0).cumsum(axis=1)
+    np.testing.assert_array_equal(region.gradient_integral(8)[1:, 1:, 0], expected)
