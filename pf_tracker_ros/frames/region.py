@@ -220,9 +220,10 @@ def _covered(
     starts: NDArray[np.float64], sides: NDArray[np.float64], reach: float, reduction: int
 ) -> tuple[int, int]:
     """First and last edge, in region pixels, of what covers boxes along an axis; see `Region`."""
-    first, last = starts, starts + (1.0 + reach) * sides
     if reach:
-        first = starts - reach * sides
+        first, last = starts - reach * sides, starts + (1.0 + reach) * sides
+    else:
+        first, last = starts, starts + sides
     return (
         math.floor(first.min() / reduction) - _MARGIN,
         math.ceil(last.max() / reduction) + _MARGIN,
