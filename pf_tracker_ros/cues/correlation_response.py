@@ -1,8 +1,8 @@
 """Correlation response cue: how strongly a trained filter answers at each place.
 
-The filter's answers to the window around the prediction, in two sizes of it, are computed once a
-frame, and each particle reads them at its center and size: any number of particles costs nearly the
-same.
+The filter's answers to the window around the prediction, in two sizes of it where the target's size
+is asked for, are computed once a frame, and each particle reads them at its center and size: any
+number of particles costs nearly the same.
 
 Sources: as in `correlation_filter` and in the features.
 """
@@ -129,7 +129,8 @@ class CorrelationResponse(SearchableCue):
             once the window is brought to that resolution.
         size_span: Factor from the smaller to the larger of the two windows that are compared each
             frame, as much smaller and larger than the prediction's; with 1 there is one window,
-            which says nothing about the target's size.
+            which says nothing about the target's size. Nor is there another where nobody asks for
+            that.
         memory: Weight of the filter's change from one frame to the next (mu); more adapts slower.
         training_interval: Frames from one training of the filter to the next, each counting for all
             of them.
@@ -268,10 +269,11 @@ class CorrelationResponse(SearchableCue):
     def _windows(self, region: Region, colored: bool) -> Windows:
         def read() -> Windows:
             place = region.place
+            factors = self._factors if region.looks_for_size else (1.0,)
             spectra = np.stack(
-                [self._spectrum(region, place, colored, factor) for factor in self._factors]
+                [self._spectrum(region, place, colored, factor) for factor in factors]
             )
-            sides = [self._side(place, factor) for factor in self._factors]
+            sides = [self._side(place, factor) for factor in factors]
             return Windows(spectra, mean_of(spectra), place[:2] + place[2:] / 2, sides)
 
         return region.share((self, colored), read)

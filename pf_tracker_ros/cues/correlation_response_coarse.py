@@ -1,6 +1,6 @@
 """Coarse correlation response cue: the correlation response at a third of its cost.
 
-For many targets at a time, of which a detector tells the sizes: it says nothing about them.
+For many targets at a time.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class CoarseCorrelationResponseParameters(CorrelationResponseParameters):
 
 @CUES.register("coarse_correlation_response", CoarseCorrelationResponseParameters)
 class CoarseCorrelationResponse(CorrelationResponse):
-    """The correlation response in fewer, larger cells, and in the expected size alone.
+    """The correlation response in fewer, larger cells, and in sizes further apart.
 
     Args:
         parameters: Features, window and sharpness.
@@ -47,4 +47,4 @@ class CoarseCorrelationResponse(CorrelationResponse):
         cells: int = 24,
         settling_frames: int = 1,
     ) -> None:
-        super().__init__(parameters, cells=cells, size_span=1.0, settling_frames=settling_frames)
+        super().__init__(parameters, cells=cells, size_span=1.1, settling_frames=settling_frames)

@@ -49,11 +49,14 @@ class Region:
         reach: How far beyond each side of a box the region covers, in box sides.
         place: See the property; None for the mean of the boxes. Where it is given, the region
             covers every box in its size too, for the cues that look at it so.
+        looks_for_size: Whether the target's size is asked for, too; a cue that reads the image once
+            for each size reads it only once where it is not.
 
     Attributes:
         frame: As given.
         pixels: The region inside the image, (h, w, 3) or (h, w) uint8, reduced.
         padding: (top, bottom, left, right) region pixels outside the image.
+        looks_for_size: As given.
     """
 
     def __init__(
@@ -64,6 +67,7 @@ class Region:
         reach: float = 0.0,
         *,
         place: NDArray[np.float64] | None = None,
+        looks_for_size: bool = True,
     ) -> None:
         width, height = frame.size
         self._boxes, self._place = boxes, place
@@ -81,6 +85,7 @@ class Region:
             min(right, -(-width // reduction)),
         )
         self.frame = frame
+        self.looks_for_size = looks_for_size
         self.pixels: NDArray[np.uint8] = frame.view(inside, reduction)
         self.padding = (
             inside.top - top,

@@ -106,6 +106,11 @@ class Life:
         return self.key.place < 0
 
     @property
+    def is_on_its_own(self) -> bool:
+        """Whether nobody has told of it since somebody asked for it: no detector knows it."""
+        return self.by_hand and self.confirmations == 1
+
+    @property
     def is_rival(self) -> bool:
         """Whether it is only known to look like another."""
         return self.host is not None

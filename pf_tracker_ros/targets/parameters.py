@@ -89,7 +89,6 @@ _FOR_SEVERAL: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "proposal.window": 2.0,
                 "cues": ("color_contrast", "coarse_correlation_response", "foreground"),
                 "foreground.sharpness": 60.0,
-                "redetection.windows": 0,
             }
         ),
     }

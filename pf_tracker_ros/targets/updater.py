@@ -45,6 +45,11 @@ _SIZES = 3.3
 _DOUBLED_AFTER = 0.2
 # Degrees of freedom of how far the image may show a target from its course.
 _TAIL = 3.0
+# Confidence of a target on its own from which on its place counts fully for its course, and the
+# least that it counts.
+_FULLY_ABOVE, _LEAST_COUNT = 0.5, 0.05
+# Every how many frames the size of a target on its own is looked for: it changes slowly.
+_SIZE_EVERY = 2
 # Seconds from one learning of a confirmed target to the next.
 _LEARN_EVERY = 0.4
 # What a detection adds to the belief in its target, and the most that this can be.
@@ -60,8 +65,9 @@ class Updater:
 
     Targets explain their own pixels: what is in the box of one that is in front counts against
     those behind it, and one that is hidden is carried on by its motion alone. What was
-    started by hand and is lost hides nothing, since nobody knows where it is. A detection is one
-    more factor of the likelihood; it then brings the box along, and is learned from.
+    started by hand and is lost comes last and hides nothing, since nobody knows where it is. A
+    detection is one more factor of the likelihood; it then brings the box along, and is learned
+    from. Without any, the image has to tell the size, too.
 
     Args:
         follower: Follows each target.
@@ -90,11 +96,12 @@ class Updater:
         updated = list(lives)
         predicted = np.array([life.expected for life in lives]).reshape(-1, 4)
         front: list[Life] = []
-        # What was just confirmed explains its pixels first; of the others, what stands lower in the
-        # image, since it is nearer to the camera.
+        # What was just confirmed explains its pixels first, and a guess last; of the others, what
+        # stands lower in the image, since it is nearer to the camera.
         lower = predicted[:, 1] + predicted[:, 3]
-        unseen = np.array([one is None for one in own], dtype=np.float64)
-        for place in np.lexsort((-lower, unseen)).tolist():
+        unseen = np.array([one is None for one in own], dtype=np.bool_)
+        guessed = unseen & np.array([_is_guess(life) for life in lives], dtype=np.bool_)
+        for place in np.lexsort((-lower, guessed, unseen)).tolist():
             life = lives[place]
             if life.is_rival and own[place] is None:
                 target = self._follower.steering.move(life.target, as_box(predicted[place]))
@@ -161,10 +168,17 @@ class Updater:
             evidence.append(_of_others(boxes, expected))
             is_hidden = own is None and bool(expected.max() > _HIDDEN_ABOVE)
         if not is_hidden:
-            followed = self._follower.follow(target, frame, interval, _all_of(evidence))
+            is_sized = own is None and life.is_on_its_own
+            followed = self._follower.follow(
+                target,
+                frame,
+                interval,
+                _all_of(evidence),
+                looks_for_size=is_sized and target.followed_frames % _SIZE_EVERY == 0,
+            )
             if own is None and len(boxes):
                 is_hidden = _is_on_one(np.array(followed.estimate.box), boxes)
-        course = life.course
+        course, log_size = life.course, life.log_size
         if is_hidden:
             target = self._follower.steering.coast(target, frame, interval)
             target = self._follower.steering.move(target, as_box(predicted))
@@ -172,7 +186,13 @@ class Updater:
             target = followed
             box = np.array(target.estimate.box)
             if own is None:
-                course = course.correct(box[:2] + box[2:] / 2, _IMAGE_SPREAD * box[2:])
+                deviation = _IMAGE_SPREAD * box[2:]
+                if life.is_on_its_own:
+                    count = min(target.estimate.confidence / _FULLY_ABOVE, 1.0)
+                    deviation = deviation / max(count, _LEAST_COUNT)
+                    if target.track.state == "tracking":
+                        log_size = np.log(box[2:])
+                course = course.correct(box[:2] + box[2:] / 2, deviation)
         is_doubled = is_hidden and life.unconfirmed_for > _DOUBLED_AFTER
         if is_doubled:
             are_told = [not one.is_rival for one in front]
@@ -181,6 +201,7 @@ class Updater:
             life,
             target=target,
             course=course,
+            log_size=log_size,
             age=life.age + interval,
             unconfirmed_for=life.unconfirmed_for + interval,
             learned_for=life.learned_for + interval,

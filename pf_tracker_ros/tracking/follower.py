@@ -165,7 +165,13 @@ class Follower:
         )
 
     def follow(
-        self, target: Target, frame: Frame, interval: float, evidence: Evidence | None = None
+        self,
+        target: Target,
+        frame: Frame,
+        interval: float,
+        evidence: Evidence | None = None,
+        *,
+        looks_for_size: bool = True,
     ) -> Target:
         """The target one frame later.
 
@@ -174,13 +180,17 @@ class Follower:
             frame: The next one.
             interval: Seconds since the last one.
             evidence: What is known of the frame beside its pixels.
+            looks_for_size: Whether the frame is asked for the target's size, too: not where others
+                tell it, or where last it was asked a moment ago.
 
         Source: the steps of Li et al. 2007, section 3, Zhang et al. 2015, section 3.3, and Zhang
         Bo, section 3.3; `docs/papers.md` names the lines.
         """
         draw = target.randomness.generator()
         prediction = self._predictor.predict(target, interval, frame.size, draw)
-        measured = self._measurer.measure(target, frame, prediction, draw, evidence)
+        measured = self._measurer.measure(
+            target, frame, prediction, draw, evidence, looks_for_size=looks_for_size
+        )
         judged = self._judge.judge(target, measured, interval, draw)
         learned = self._learn(target, prediction, measured, judged)
         return self._advance(target, measured, judged, learned, draw)

@@ -102,6 +102,8 @@ class Measurer:
         prediction: Prediction,
         draw: np.random.Generator,
         evidence: Evidence | None = None,
+        *,
+        looks_for_size: bool = True,
     ) -> Measurement:
         """Weigh the particles, and look at what they stand for.
 
@@ -111,12 +113,14 @@ class Measurer:
             prediction: For this frame.
             draw: Source of randomness.
             evidence: One more factor of the likelihood; None where there is none.
+            looks_for_size: See `Region`.
 
         Source: Li et al. 2007, section 2.2; Zhang et al. 2015, equations (10) and (5).
         """
         predicted, templates, powers = prediction.particles, target.templates, self._fusion.powers
         boxes = target.motion.boxes(predicted.states)
-        region = self._region(frame, boxes, np.asarray(target.estimate.box))
+        last_box = np.asarray(target.estimate.box)
+        region = self._region(frame, boxes, last_box, looks_for_size=looks_for_size)
         likelihood = self._fusion.log_likelihood(region, boxes, templates, powers)
         if evidence:
             likelihood += evidence(BoxesByAxis(*boxes.T))
@@ -153,13 +157,22 @@ class Measurer:
         boxes: NDArray[np.float64],
         target_box: NDArray[np.float64],
         place: NDArray[np.float64] | None = None,
+        *,
+        looks_for_size: bool = True,
     ) -> Region:
         """What covers (N, 4) boxes, reduced as the size of a (4,) box asks for."""
         if place is None and self._fusion.looks_in_one_size:
             place = boxes.mean(axis=0)
         target_size = math.sqrt(target_box[2] * target_box[3])
         reduction = math.ceil(target_size / self._working_size)
-        return Region(frame, boxes, reduction, self._fusion.reach, place=place)
+        return Region(
+            frame,
+            boxes,
+            reduction,
+            self._fusion.reach,
+            place=place,
+            looks_for_size=looks_for_size,
+        )
 
 
 class SearchingMeasurer(Measurer):
@@ -209,6 +222,8 @@ class SearchingMeasurer(Measurer):
         prediction: Prediction,
         draw: np.random.Generator,
         evidence: Evidence | None = None,
+        *,
+        looks_for_size: bool = True,
     ) -> Measurement:
         """See `Measurer.measure`; the weights carry p / q."""
         motion = cast(SearchableMotion, target.motion)
@@ -217,12 +232,16 @@ class SearchingMeasurer(Measurer):
         boxes = motion.boxes(predicted.states)
         search = Search(predicted.weights @ boxes, self._parameters, frame.size)
         last_box = np.asarray(target.estimate.box)
-        region = self._region(frame, search.cover(boxes), last_box, search.place)
+        region = self._region(
+            frame, search.cover(boxes), last_box, search.place, looks_for_size=looks_for_size
+        )
 
         found = self._fusion.strengths_on_grid(region, search.grid, templates)
         if not found:
             # Cues that were just chosen have no template yet, and can't search in this frame.
-            return super().measure(target, frame, prediction, draw, evidence)
+            return super().measure(
+                target, frame, prediction, draw, evidence, looks_for_size=looks_for_size
+            )
         centers = motion.center_prior(target.particles.states, prediction.interval)
         searched = self._fusion.search(found, templates, powers)
         if evidence:

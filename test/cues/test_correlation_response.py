@@ -161,6 +161,14 @@ def test_between_the_sizes_a_response_is_interpolated_and_beyond_them_it_stays(t
     assert (at[-5], at[5]) == pytest.approx((at[-1], at[1]), abs=1e-4)
 
 
+def test_where_the_size_is_not_asked_for_boxes_answer_as_in_the_expected_one(template):
+    region = Region(Frame(zoomed(1.02)), BOX[None], looks_for_size=False)
+    boxes = np.array([sized(1.02**power) for power in (-1, 0, 1)])
+    expected = ONE_SIZE.strength(region_of(zoomed(1.02)), boxes, template)
+    assert np.array_equal(CUE.strength(region, boxes, template), expected)
+    assert np.ptp(expected) < 1e-6
+
+
 def test_as_many_boxes_as_there_may_be_particles_are_read(template):
     few, _ = boxes_around(BOX, 24)
     region = region_of(frame(), few)

@@ -153,6 +153,32 @@ def leaver():
     return draw([path, np.stack([60 + 0 * steps, 120 + 0 * steps], 1)])
 
 
+@pytest.fixture(scope="session")
+def approacher():
+    """A target in the colors of what is around it, which grows by 1.3 % from frame to frame."""
+    ground = texture(1, HEIGHT, WIDTH, 100, 150)
+    sprite = texture(10, int(SIZE[1]), int(SIZE[0]), 100, 150)
+    images, boxes = [], []
+    for step in range(41):
+        width, height = np.rint(SIZE * 1.013**step).astype(int)
+        x, y = 160 - width // 2, 100 - height // 2
+        image = ground.copy()
+        image[y : y + height, x : x + width] = cv2.resize(sprite, (int(width), int(height)))
+        images.append(image)
+        boxes.append([(x, y, width, height)])
+    return Drawn(images, np.array(boxes, dtype=float))
+
+
+@pytest.fixture(scope="session")
+def returner():
+    """A target that is gone for 3 s and then stands far from where it was."""
+    steps = np.arange(120)
+    path = np.stack([60.0 + 0 * steps, 90.0 + 0 * steps], 1)
+    path[(steps >= 10) & (steps < 40)] = np.nan
+    path[steps >= 40] = (250.0, 120.0)
+    return draw([path])
+
+
 @pytest.fixture
 def make_tracker():
     def make(seed=0, **parameters):

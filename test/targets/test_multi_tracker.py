@@ -131,6 +131,29 @@ def test_what_was_stopped_stays_so_when_a_late_detection_comes(walkers, make_tra
     assert number not in [target.id for target in answer]
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_without_a_detector_the_image_tells_the_size(approacher, make_tracker, iou, seed):
+    """The target is 1.7 times as large in the end: in the size that it began with, an IoU of .35."""
+    tracker = make_tracker(seed)
+    tracker.start(approacher.images[0], approacher.boxes[0][0])
+    for image in approacher.images[1:]:
+        (told,) = tracker.update(image, INTERVAL)
+    assert iou(approacher.boxes[-1][0], told.estimate.box) > 0.6
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_one_by_hand_that_was_gone_is_found_elsewhere(returner, make_tracker, iou, seed):
+    tracker = make_tracker(seed)
+    first = tracker.start(returner.images[0], returner.boxes[0][0])
+    states = []
+    for image in returner.images[1:]:
+        (told,) = tracker.update(image, INTERVAL)
+        states.append(told.estimate.state)
+    assert "lost" in states
+    assert (told.id, told.estimate.state) == (first, "tracking")
+    assert iou(returner.boxes[-1][0], told.estimate.box) > 0.5
+
+
 def test_starting_on_another_image_than_the_last_is_refused(walkers, make_tracker):
     tracker = make_tracker()
     tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
