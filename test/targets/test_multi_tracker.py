@@ -133,7 +133,7 @@ def test_what_was_stopped_stays_so_when_a_late_detection_comes(walkers, make_tra
 
 @pytest.mark.parametrize("seed", range(3))
 def test_without_a_detector_the_image_tells_the_size(approacher, make_tracker, iou, seed):
-    """The target is 1.7 times as large in the end: in the size that it began with, an IoU of .35."""
+    """The target is 1.7 times as large in the end: in its first size its IoU would be .35."""
     tracker = make_tracker(seed)
     tracker.start(approacher.images[0], approacher.boxes[0][0])
     for image in approacher.images[1:]:
