@@ -65,7 +65,7 @@ sequences-given:
 			'make bench SEQUENCES="FOLDER ..."' >&2; exit 1; }
 
 generate: $(INSTALLED)  ## write config/*.yaml and docs/parameters.md from the declared parameters
-	PYTHONPATH=. $(VENV)/bin/python tools/generate.py
+	$(VENV)/bin/python tools/generate.py
 
 lock: $(INSTALLED)  ## pin the newest versions that setup.py allows
 	$(VENV)/bin/uv pip compile --quiet --universal --python-version 3.10 --no-python-downloads \
