@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import tempfile
 from contextlib import contextmanager
@@ -24,7 +25,9 @@ CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
 if CASES:
     settings.register_profile("long", max_examples=CASES, deadline=None)
     settings.load_profile("long")
-
+# What a shell starts in the background ignores Ctrl-C, and so would what the tests interrupt.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 BROWSER_FLAGS = [
@@ -238,16 +241,22 @@ def noise():
     return make
 
 
+def chromium_or_skip():
+    """Path of a Chromium from the machine's packages; skips the test where there is none."""
+    found = [path for name in BROWSERS if (path := shutil.which(name))]
+    if not found:
+        pytest.skip("no Chromium to show the page in; install one: apt install chromium")
+    return found[0]
+
+
 @pytest.fixture(scope="session")
 def browser():
     """Headless Chromium from the machine's packages; skips where there is none."""
     playwright = pytest.importorskip("playwright.sync_api", reason="needs the extra 'test'")
-    found = [path for name in BROWSERS if (path := shutil.which(name))]
-    if not found:
-        pytest.skip("no Chromium to show the page in; install one: apt install chromium")
+    path = chromium_or_skip()
     playwright.expect.set_options(timeout=PAGE_DEADLINE)
     with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=found[0], args=BROWSER_FLAGS)
+        browser = driver.chromium.launch(executable_path=path, args=BROWSER_FLAGS)
         yield browser
         browser.close()
 
@@ -255,9 +264,7 @@ def browser():
 @pytest.fixture
 def browse(tmp_path):
     """Opens a page in a frame of a width in Chromium; returns what a script in it reports."""
-    browser = shutil.which("chromium") or shutil.which("chromium-browser")
-    if browser is None:
-        pytest.skip("no Chromium to look at the page with: apt install chromium")
+    browser = chromium_or_skip()
 
     def open_(page, script, width):
         ending = f"<script>parent.postMessage(JSON.stringify((() => {{{script}}})()), '*')</script>"

@@ -1,7 +1,4 @@
-"""Coarse correlation response cue: the correlation response at a third of its cost.
-
-For many targets at a time.
-"""
+"""Coarse correlation response cue: the correlation response in less detail, for many targets."""
 
 from __future__ import annotations
 

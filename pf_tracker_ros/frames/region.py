@@ -225,10 +225,7 @@ def _covered(
     starts: NDArray[np.float64], sides: NDArray[np.float64], reach: float, reduction: int
 ) -> tuple[int, int]:
     """First and last edge, in region pixels, of what covers boxes along an axis; see `Region`."""
-    if reach:
-        first, last = starts - reach * sides, starts + (1.0 + reach) * sides
-    else:
-        first, last = starts, starts + sides
+    first, last = starts - reach * sides, starts + (1.0 + reach) * sides
     return (
         math.floor(first.min() / reduction) - _MARGIN,
         math.ceil(last.max() / reduction) + _MARGIN,

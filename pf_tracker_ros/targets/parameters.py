@@ -78,9 +78,8 @@ class MultiTrackerParameters(SeveralTargetsParameters):
     targets: TargetsParameters = group(TargetsParameters)
 
 
-# What several targets ask of a preset: less work for each, since a detector tells sizes, and a
-# narrower look around, since what looks like the target is often beside it. The foreground keeps
-# them off what they pass.
+# What several targets ask of a preset: less work for each, and a narrower look around, since what
+# looks like the target is often beside it. The foreground keeps them off what they pass.
 _FOR_SEVERAL: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         "default": MappingProxyType(

@@ -181,7 +181,7 @@ class Follower:
             interval: Seconds since the last one.
             evidence: What is known of the frame beside its pixels.
             looks_for_size: Whether the frame is asked for the target's size, too: not where others
-                tell it, or where last it was asked a moment ago.
+                tell it, nor where it was asked a moment ago.
 
         Source: the steps of Li et al. 2007, section 3, Zhang et al. 2015, section 3.3, and Zhang
         Bo, section 3.3; `docs/papers.md` names the lines.

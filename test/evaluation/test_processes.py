@@ -1,6 +1,8 @@
 """Work in several processes, done by functions that any process knows."""
 
 import multiprocessing
+import subprocess
+import sys
 import time
 from contextlib import closing
 
@@ -24,3 +26,14 @@ def test_closing_ends_processes_at_their_work():
         assert next(done) == (0, None)
         assert len(multiprocessing.active_children()) == 2
     assert multiprocessing.active_children() == []
+
+
+def test_signals_that_end_a_program_reach_none_of_its_processes():
+    """Asked in a new interpreter, as the first process that one starts is a special case."""
+    program = """
+from pf_tracker_ros.evaluation.processes import spread
+look = "sorted(one.name for one in __import__('signal').pthread_sigmask(0, ()))"
+answers = dict(spread(eval, [look] * 3, 2))
+assert answers == dict.fromkeys(range(3), ["SIGINT", "SIGTERM"]), answers
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)

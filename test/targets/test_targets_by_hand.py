@@ -1,0 +1,81 @@
+"""Targets by hand: started and stopped by a call, with and without a detector beside them."""
+
+import pytest
+
+from pf_tracker_ros import Detections
+
+INTERVAL = 0.1
+
+
+def test_a_target_by_hand_is_told_until_it_is_stopped(walkers, make_tracker, iou):
+    tracker = make_tracker()
+    first = tracker.start(walkers.images[0], walkers.boxes[0][0], "mine")
+    nothing = Detections([])
+    for number in range(1, 20):
+        answer = tracker.update(walkers.images[number], INTERVAL, nothing)
+        assert [(target.id, target.label) for target in answer] == [(first, "mine")]
+        assert iou(walkers.boxes[number][0], answer[0].estimate.box) > 0.5
+    second = tracker.start(walkers.images[19], walkers.boxes[19][1])
+    assert [target.id for target in tracker.targets] == [first, second]
+    tracker.stop(first)
+    assert [target.id for target in tracker.update(walkers.images[20], INTERVAL)] == [second]
+    third = tracker.start(walkers.images[20], walkers.boxes[20][2])
+    assert len({first, second, third}) == 3
+
+
+def test_what_was_stopped_stays_so_when_a_late_detection_comes(walkers, make_tracker):
+    tracker = make_tracker()
+    number = tracker.start(walkers.images[0], walkers.boxes[0][0])
+    for frame in range(1, 6):
+        tracker.update(walkers.images[frame], INTERVAL)
+    tracker.stop(number)
+    late = walkers.detections(3, targets=[1], age=4 * INTERVAL)
+    tracker.update(walkers.images[6], INTERVAL)
+    answer = tracker.update(walkers.images[7], INTERVAL, late)
+    assert number not in [target.id for target in answer]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_without_a_detector_the_image_tells_the_size(approacher, make_tracker, iou, seed):
+    """The target is 1.7 times as large in the end: in its first size its IoU would be .35."""
+    tracker = make_tracker(seed)
+    tracker.start(approacher.images[0], approacher.boxes[0][0])
+    for image in approacher.images[1:]:
+        (told,) = tracker.update(image, INTERVAL)
+    assert iou(approacher.boxes[-1][0], told.estimate.box) > 0.6
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_one_by_hand_that_was_gone_is_found_elsewhere(returner, make_tracker, iou, seed):
+    tracker = make_tracker(seed)
+    first = tracker.start(returner.images[0], returner.boxes[0][0])
+    states = []
+    for image in returner.images[1:]:
+        (told,) = tracker.update(image, INTERVAL)
+        states.append(told.estimate.state)
+    assert "lost" in states
+    assert (told.id, told.estimate.state) == (first, "tracking")
+    assert iou(returner.boxes[-1][0], told.estimate.box) > 0.5
+
+
+def test_starting_on_another_image_than_the_last_is_refused(walkers, make_tracker):
+    tracker = make_tracker()
+    tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
+    with pytest.raises(ValueError, match="not the one that was given last"):
+        tracker.start(walkers.images[5], walkers.boxes[5][0])
+    assert len(tracker.update(walkers.images[1], INTERVAL)) == 3
+
+
+def test_stopping_what_is_not_there_tells_what_is(walkers, make_tracker):
+    tracker = make_tracker()
+    number = tracker.start(walkers.images[0], walkers.boxes[0][0])
+    for wrong in (number + 1, 0, "1", None, True + 1):
+        with pytest.raises(ValueError, match=f"there are: {number}"):
+            tracker.stop(wrong)
+
+
+def test_a_truth_value_is_no_id(walkers, make_tracker):
+    tracker = make_tracker()
+    tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
+    with pytest.raises(ValueError, match="no target has the id True"):
+        tracker.stop(True)
