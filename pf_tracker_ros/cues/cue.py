@@ -85,12 +85,15 @@ class Cue(Protocol):
         judges: Whether its similarity tells the target from other things, and not only from
             nothing.
         needs_foreground: Whether it reads `Frame.foreground`.
+        joins_search: Whether it has a say in a search that searchable cues lead: many boxes cost it
+            little, but it does not know the target.
         usual_power: Power beside other cues, above 0 up to 1, where none is chosen.
     """
 
     looks_in_one_size: ClassVar[bool] = False
     judges: ClassVar[bool] = True
     needs_foreground: ClassVar[bool] = False
+    joins_search: ClassVar[bool] = False
     usual_power: ClassVar[float] = 0.5
 
     @property

@@ -42,6 +42,7 @@ class ForegroundCue(Cue):
     """
 
     needs_foreground = True
+    joins_search = True
     usual_power = 0.25
 
     def __init__(self, parameters: ForegroundParameters, *, ring: float = 0.3) -> None:

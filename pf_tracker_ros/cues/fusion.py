@@ -196,13 +196,24 @@ class CueFusion:
         }
 
     def search(
-        self, strengths: Strengths, templates: Templates, powers: Powers
+        self,
+        region: Region,
+        grid: BoxGrid,
+        strengths: Strengths,
+        templates: Templates,
+        powers: Powers,
     ) -> NDArray[np.float64]:
-        """(N,) log likelihoods, as far as the searchable cues know; at least one has strengths."""
-        fused = np.zeros_like(next(iter(strengths.values())))
+        """(M,) log likelihoods of the boxes of a grid, as far as cues know that can be asked there.
+
+        `strengths` are those of the searchable cues on that grid, of at least one.
+        """
+        fused = np.zeros(len(grid.left) * len(grid.top))
         for name, strength in strengths.items():
             likelihood = self._searchable[name].log_likelihood_of(strength, templates[name])
             fused += powers[name] * likelihood
+        for name, cue, template in self._known(templates):
+            if cue.joins_search:
+                fused += powers[name] * cue.log_likelihood(region, grid.boxes, template)
         return fused
 
     def adapt(self, distraction: Distraction, adaptation: float) -> Powers:

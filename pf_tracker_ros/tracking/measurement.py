@@ -243,7 +243,7 @@ class SearchingMeasurer(Measurer):
                 target, frame, prediction, draw, evidence, looks_for_size=looks_for_size
             )
         centers = motion.center_prior(target.particles.states, prediction.interval)
-        searched = self._fusion.search(found, templates, powers)
+        searched = self._fusion.search(region, search.grid, found, templates, powers)
         if evidence:
             searched += evidence(search.grid.by_axis).ravel()
         predicted, log_prior = search.propose(predicted, motion, centers, searched, draw)

@@ -190,7 +190,9 @@ class Redetector:
         strengths = self._fusion.strengths_on_grid(region, search.grid, target.templates)
         if not strengths:
             return Found(place, 0.0)
-        likelihood = self._fusion.search(strengths, target.templates, measured.powers)
+        likelihood = self._fusion.search(
+            region, search.grid, strengths, target.templates, measured.powers
+        )
         if but is not None:
             likelihood[are_at(search.boxes, but)] = -np.inf
         best = int(np.argmax(likelihood))

@@ -51,6 +51,12 @@ class SearchingCue(ScriptedCue, SearchableCue):
         return self.log_likelihood_of(self.strength(region, boxes, template), template)
 
 
+class JoiningCue(ScriptedCue):
+    """Cheap to ask everywhere, but knows no target."""
+
+    joins_search = True
+
+
 class ContrastCue(ScriptedCue):
     """Can't judge: similar to whatever stands out."""
 
@@ -74,6 +80,7 @@ class LateCue(ScriptedCue):
 
 
 BOXES = np.array([[1.0, 0.0, 4.0, 4.0], [2.0, 0.0, 4.0, 4.0]])
+GRID = BoxGrid(np.array([1.0, 2.0, 4.0]), np.array([5.0, 6.0]), np.array([3.0, 3.0]))
 REGION = Region(Frame(np.zeros((10, 10), np.uint8)), BOXES)
 
 
@@ -174,12 +181,27 @@ def test_a_search_asks_the_cues_that_can():
     strengths = fusion.strengths(REGION, BOXES, templates)
     assert list(strengths) == ["searching"]
     np.testing.assert_allclose(strengths["searching"], [1.0, 0.5])
-    likelihood = fusion.search(strengths, templates, {"plain": 0.2, "searching": 0.8})
-    np.testing.assert_allclose(likelihood, [0.0, -0.8 * 6.0 * 0.5])
-    grid = BoxGrid(np.array([1.0, 2.0, 4.0]), np.array([5.0, 6.0]), np.array([3.0, 3.0]))
-    on_grid = fusion.strengths_on_grid(REGION, grid, templates)
+    on_grid = fusion.strengths_on_grid(REGION, GRID, templates)
     assert list(on_grid) == ["searching"]
     np.testing.assert_allclose(on_grid["searching"], [1.0, 0.5, 0.25] * 2)
+    powers = {"plain": 0.2, "searching": 0.8}
+    likelihood = fusion.search(REGION, GRID, on_grid, templates, powers)
+    np.testing.assert_allclose(likelihood, -0.8 * 6.0 * np.array([0.0, 0.5, 0.75] * 2))
+
+
+def test_a_cue_that_joins_a_search_has_its_say_and_leads_none():
+    fusion = CueFusion({"joining": (JoiningCue(), 0.5), "searching": (SearchingCue(), 0.5)})
+    assert not CueFusion({"joining": (JoiningCue(), 1.0)}).can_search
+    templates, powers = {"joining": 3.0, "searching": 6.0}, {"joining": 0.1, "searching": 0.9}
+    strengths = fusion.strengths_on_grid(REGION, GRID, templates)
+    assert list(strengths) == ["searching"]
+    likelihood = fusion.search(REGION, GRID, strengths, templates, powers)
+    led = -0.9 * 6.0 * np.array([0.0, 0.5, 0.75] * 2)
+    np.testing.assert_allclose(likelihood, led - 0.1 * 3.0 * np.array([1.0, 2.0, 4.0] * 2))
+    # Without a template yet, it says nothing.
+    del templates["joining"]
+    likelihood = fusion.search(REGION, GRID, strengths, templates, powers)
+    np.testing.assert_allclose(likelihood, led)
 
 
 def test_given_powers_take_the_place_of_the_configured_ones():

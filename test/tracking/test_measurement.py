@@ -9,7 +9,7 @@ import pytest
 from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.filter import ParticleSet, SearchProposalParameters
 from pf_tracker_ros.filter.randomness import Randomness
-from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.frames import Foreground, Frame
 from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.measurement import Measurer, SearchingMeasurer
 from pf_tracker_ros.tracking.prediction import Prediction
@@ -106,6 +106,26 @@ def test_a_search_finds_what_is_out_of_the_particles_reach(target, couple):
     assert there[0] - box[measurer][0] > 10.0
 
 
+@pytest.mark.parametrize("side", [-1, 1], ids=["left", "right"])
+def test_a_search_is_led_to_the_one_of_two_alike_that_moves(target, couple, side):
+    """Both out of the particles' reach, one of them part of the background."""
+    _, searching = measurers(*CUES_OF_DEFAULT, "foreground")
+    image = np.full_like(couple.images[0], 125)
+    x, y, width, height = couple.first[0].astype(int)
+    sprite = couple.images[0][y : y + height, x : x + width]
+    for shift in (-28, 28):
+        image[y : y + height, x + shift : x + shift + width] = sprite
+    frame, there = Frame(image), x + 28 * side
+    mask = np.zeros(image.shape[:2], np.uint8)
+    mask[y : y + height, there : there + width] = 255
+    frame.foreground = Foreground(mask, 1)
+    target = replace(target, templates={**target.templates, "foreground": None})
+    measured = searching.measure(target, frame, prediction_for(target), generator())
+    assert np.abs(measured.box - [there, y, width, height]).max() < 3.0
+    found = measured.predicted.states[:, 0] - couple.first[0][0] - width / 2
+    assert np.mean(found * side > width / 2) > 0.3
+
+
 def test_the_search_is_around_the_predicted_mean_and_its_particles_carry_p_over_q(target, couple):
     _, searching = measurers(*CUES_OF_DEFAULT)
     cues = fusion(*CUES_OF_DEFAULT)
@@ -123,7 +143,7 @@ def test_the_search_is_around_the_predicted_mean_and_its_particles_carry_p_over_
     powers = cues.adapt(target.distraction, 1.5)
     assert measured.powers == pytest.approx(powers)
     centers = target.motion.center_prior(target.particles.states, INTERVAL)
-    likelihood = cues.search(found, target.templates, powers)
+    likelihood = cues.search(region, search.grid, found, target.templates, powers)
     expected, log_prior = search.propose(before, target.motion, centers, likelihood, generator())
     np.testing.assert_allclose(measured.predicted.states, expected.states)
     np.testing.assert_allclose(measured.predicted.log_weights, expected.log_weights, atol=1e-6)
