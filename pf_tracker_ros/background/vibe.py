@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.background.camera_motion import CameraMotion
+from pf_tracker_ros.background.ghosts import find_ghosts
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.parameters import declared
 
@@ -29,6 +30,8 @@ BackgroundStatus = Literal["still", "warped", "restarted"]
 _LARGEST_FOREGROUND = 0.5
 # Pixels of the model; one of more takes seconds to begin.
 _MOST_PIXELS = 960 * 540
+# Every how many frames ghosts are looked for, and samples that the model's brightness is a mean of.
+_GHOSTS_EVERY, _SAMPLES_OF_MEAN = 4, 4
 _UNKNOWN_MOTION = "the camera's motion could not be estimated"
 _ALL_CHANGED = "most of the image has changed, as when the camera moves"
 
@@ -91,6 +94,8 @@ class BackgroundModel:
         reduction: Whole number of image pixels that one pixel of the model averages along each
             axis; more where the model would have more pixels than for half of 1920 x 1080.
         color: Whether the model keeps colors; without, it keeps brightness at a third of the cost.
+        lays_ghosts: Whether what was background only in the first image is learned anew as soon as
+            it is told, see `find_ghosts`; the papers have nothing of it.
 
     Attributes:
         reduction: Image pixels that one pixel of the mask stands for along each axis.
@@ -113,6 +118,7 @@ class BackgroundModel:
         update_every: int = 16,
         reduction: int = 2,
         color: bool = True,
+        lays_ghosts: bool = False,
     ) -> None:
         self.reduction = max(reduction, _least_reduction(image))
         self._samples = samples
@@ -120,6 +126,7 @@ class BackgroundModel:
         self._matches = matches
         self._update_every = update_every
         self._color = color
+        self._lays_ghosts = lays_ghosts
         self._generator = generator
         planes = self._planes(image)
         self._camera = CameraMotion(_gray(planes)) if parameters.moving_camera else None
@@ -151,8 +158,10 @@ class BackgroundModel:
             self.state = BackgroundState("off", _UNKNOWN_MOTION)
             return np.zeros(planes.shape[1:], np.uint8)
         foreground = self._foreground(planes)
-        self._learn(planes, foreground)
         self._age += 1
+        if self._lays_ghosts and self._age % _GHOSTS_EVERY == 0:
+            self._lay_ghosts(planes, foreground)
+        self._learn(planes, foreground)
         if cv2.countNonZero(foreground) <= _LARGEST_FOREGROUND * foreground.size:
             self._changed_for = 0
             young = self._age < self._update_every
@@ -200,6 +209,16 @@ class BackgroundModel:
             matches -= largest
         fewest = self._matches
         return cv2.threshold(matches, fewest - 1, 255, cv2.THRESH_BINARY_INV)[1]
+
+    def _lay_ghosts(self, planes: NDArray[np.uint8], foreground: NDArray[np.uint8]) -> None:
+        """Begin anew where the foreground is a ghost, which it then is no more."""
+        some = np.array([_gray(sample) for sample in self._model[:_SAMPLES_OF_MEAN]])
+        known = some.mean(axis=0, dtype=np.float32).astype(np.uint8)
+        ghosts = find_ghosts(foreground, _gray(planes), known)
+        pixels = np.flatnonzero(ghosts)
+        model = self._model.reshape(*self._model.shape[:2], -1)
+        model[:, :, pixels] = self._neighborhood_samples(planes, pixels)
+        foreground[ghosts] = 0
 
     def _learn(self, planes: NDArray[np.uint8], foreground: NDArray[np.uint8]) -> None:
         """Conservative update and spatial propagation: only background pixels give their value.

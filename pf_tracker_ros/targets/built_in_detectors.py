@@ -164,13 +164,14 @@ class _Eye:
 
     def __init__(self, seed: int, background: BackgroundParameters | None) -> None:
         self._seed, self._background = seed, background
-        self._camera = Camera(seed)
+        self._camera = Camera(seed, lays_ghosts=True)
         self._kind: tuple[Any, ...] = ()
 
     def open(self, image: NDArray[np.generic], interval: float) -> Frame:
         check_image(image)
         if self._kind != (image.shape, image.dtype):
-            self._camera, self._kind = Camera(self._seed), (image.shape, image.dtype)
+            self._camera = Camera(self._seed, lays_ghosts=True)
+            self._kind = (image.shape, image.dtype)
         with usual_arithmetic():
             frame = self._camera.open(image, interval, (), self._background, follow_light=False)
         self._camera.keep(frame)

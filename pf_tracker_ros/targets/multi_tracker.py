@@ -65,7 +65,7 @@ class MultiTracker:
         with usual_arithmetic():
             self._follower = Follower(parameters, finds_rivals=True)
         self._keeper = CrowdKeeper(self._follower, parameters, seed)
-        self._camera = Camera(seed)
+        self._camera = Camera(seed, lays_ghosts=True)
         self._crowd = Crowd()
         self._history = History()
         self._names = Names()
@@ -193,7 +193,7 @@ class MultiTracker:
         with usual_arithmetic():
             memory = Memory(self._crowd, self._history, frame)
             crowd = resized(memory, self._follower, image)
-            self._camera = Camera(self._seed)
+            self._camera = Camera(self._seed, lays_ghosts=True)
             boxes = [life.target.estimate.box for life in crowd.lives]
             self._keep(self._open(last, 0.0, boxes))
         self._crowd = crowd
@@ -215,7 +215,7 @@ class MultiTracker:
     def forget_camera(self) -> None:
         """Forget all targets, and take images of any size and kind."""
         self.clear()
-        self._camera, self._shape = Camera(self._seed), None
+        self._camera, self._shape = Camera(self._seed, lays_ghosts=True), None
 
     @property
     def targets(self) -> tuple[TrackedTarget, ...]:

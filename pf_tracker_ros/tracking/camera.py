@@ -27,10 +27,12 @@ class Camera:
 
     Args:
         seed: Seeds the background model.
+        lays_ghosts: See `BackgroundModel`.
     """
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, *, lays_ghosts: bool = False) -> None:
         self._seed = seed
+        self._lays_ghosts = lays_ghosts
         self._gain = GainControl()
         self._next_gain = self._gain
         self._light = self._next_light = UNCHANGED
@@ -89,7 +91,9 @@ class Camera:
         if self._background is None:
             seeds = np.random.SeedSequence(self._seed, spawn_key=(_BACKGROUND_KEY,))
             draw = np.random.default_rng(seeds)
-            self._background = BackgroundModel(frame.pixels, background, draw, boxes)
+            self._background = BackgroundModel(
+                frame.pixels, background, draw, boxes, lays_ghosts=self._lays_ghosts
+            )
         mask = self._background.update(frame.pixels, boxes)
         frame.background = self._background.state
         if frame.background.name != "off":

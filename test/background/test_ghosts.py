@@ -1,0 +1,71 @@
+"""What has left the first image leaves no ghost behind; what has come stays foreground."""
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.background import BackgroundModel, BackgroundParameters
+
+HEIGHT, WIDTH = 60, 80
+HERE, THERE = np.s_[20:40, 10:25], np.s_[20:40, 45:60]
+
+
+def ground(seed=1):
+    """A smooth slope with a little noise."""
+    slope = np.linspace(60, 110, WIDTH)[None] + np.random.default_rng(seed).normal(
+        0.0, 2.0, (HEIGHT, WIDTH)
+    )
+    return slope.astype(np.uint8)
+
+
+def with_object(place, color):
+    image = ground()
+    if color:
+        image = np.repeat(image[..., None], 3, axis=2)
+    image[place] = 200
+    return image
+
+
+def model_of(image, lays_ghosts):
+    parameters, draw = BackgroundParameters(), np.random.default_rng(0)
+    return BackgroundModel(image, parameters, draw, reduction=1, lays_ghosts=lays_ghosts)
+
+
+def share(mask, place):
+    return np.mean(mask[place] > 0)
+
+
+@pytest.mark.parametrize("color", [False, True], ids=["gray", "color"])
+def test_what_was_there_in_the_first_image_only_is_soon_background(color):
+    before, after = with_object(HERE, color), with_object(THERE, color)
+    masks = {}
+    for lays_ghosts in (False, True):
+        model = model_of(before, lays_ghosts)
+        masks[lays_ghosts] = [model.update(after) for _ in range(6)][-1]
+    assert share(masks[False], HERE) > 0.5
+    assert share(masks[True], HERE) == 0.0
+    assert share(masks[True], THERE) == 1.0
+
+
+@pytest.mark.parametrize("color", [False, True], ids=["gray", "color"])
+def test_what_comes_and_stands_still_stays_foreground(color):
+    empty = with_object(np.s_[0:0, 0:0], color)
+    model = model_of(empty, lays_ghosts=True)
+    masks = [model.update(with_object(THERE, color)) for _ in range(20)]
+    assert all(share(mask, THERE) > 0.9 for mask in masks)
+
+
+def test_one_that_has_not_left_its_ghost_yet_stays_foreground():
+    """The two hang together: half of the outline is in the image."""
+    model = model_of(with_object(HERE, color=False), lays_ghosts=True)
+    half_way = np.s_[20:40, 20:35]
+    masks = [model.update(with_object(half_way, color=False)) for _ in range(8)]
+    assert share(masks[-1], np.s_[20:40, 27:35]) > 0.9
+
+
+def test_a_place_that_differs_evenly_is_no_ghost():
+    """Of light on a part of the scene, the outline is in the image."""
+    model = model_of(ground(), lays_ghosts=True)
+    lit = ground()
+    lit[:, 40:] += 60
+    masks = [model.update(lit) for _ in range(8)]
+    assert share(masks[-1], np.s_[5:55, 45:]) > 0.9
