@@ -123,6 +123,12 @@ class Cue(Protocol):
     ) -> NDArray[np.float64]:
         """(N,) log p(Z | X), at most 0, of (N, 4) boxes of any size; 0 is a perfect match."""
 
+    def log_likelihood_on_grid(
+        self, region: Region, grid: BoxGrid, template: Any
+    ) -> NDArray[np.float64]:
+        """(M,) the same of the boxes of a grid; for a cue that joins a search."""
+        return self.log_likelihood(region, grid.boxes, template)
+
     @abstractmethod
     def match(self, seen: Any, template: Any) -> Match | None:
         """How well the one box that was observed fits; None if the cue cannot tell."""

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import BoxesByAxis, BoxGrid
 from pf_tracker_ros.cues.cue import CUES, Cue
 from pf_tracker_ros.frames import Foreground, Region
 from pf_tracker_ros.parameters import declared
@@ -57,8 +58,17 @@ class ForegroundCue(Cue):
         self, region: Region, boxes: NDArray[np.float64], template: None
     ) -> NDArray[np.float64]:
         """See `Cue.log_likelihood`; without a foreground mask, all boxes are alike."""
+        return self._log_likelihood(region, BoxesByAxis(*np.ascontiguousarray(boxes.T)))
+
+    def log_likelihood_on_grid(
+        self, region: Region, grid: BoxGrid, template: None
+    ) -> NDArray[np.float64]:
+        """See `Cue.log_likelihood_on_grid`; edges are found once for each row and column."""
+        return self._log_likelihood(region, grid.by_axis).ravel()
+
+    def _log_likelihood(self, region: Region, boxes: BoxesByAxis) -> NDArray[np.float64]:
         if region.frame.foreground is None:
-            return np.zeros(len(boxes))
+            return np.zeros(np.broadcast_shapes(*map(np.shape, boxes)))
         return self._sharpness * (self.contrast(region, boxes) - 1.0)
 
     def match(self, seen: None, template: None) -> None:
@@ -69,36 +79,35 @@ class ForegroundCue(Cue):
         """See `Cue.blend`."""
         return None
 
-    def contrast(self, region: Region, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N,) share of foreground, 0 to 1, in (N, 4) boxes minus that in their rings."""
+    def contrast(self, region: Region, boxes: BoxesByAxis) -> NDArray[np.float64]:
+        """Share of foreground, 0 to 1, in boxes minus that in their rings; one for each box."""
         mask, reduction = region.frame.foreground or Foreground(np.zeros((1, 1), np.uint8), 1)
 
         def integrate() -> NDArray[np.int32]:
             return cv2.integral(mask, sdepth=cv2.CV_32S)
 
         integral = region.frame.share("foreground integral", integrate)
-        margin = self._ring * boxes[:, 2:]
-        around = np.empty(boxes.shape)
-        around[:, :2] = boxes[:, :2] - margin
-        around[:, 2:] = boxes[:, 2:] + 2 * margin
-        inside, outside = _sums(integral, boxes / reduction), _sums(integral, around / reduction)
-        area = boxes[:, 2] * boxes[:, 3] / reduction**2
-        ring_area = around[:, 2] * around[:, 3] / reduction**2 - area
+        x, y, width, height = boxes
+        across, down = self._ring * width, self._ring * height
+        around = BoxesByAxis(x - across, y - down, width + 2 * across, height + 2 * down)
+        inside, outside = (_sums(integral, reduction, some) for some in (boxes, around))
+        area = width * height / reduction**2
+        ring_area = around.width * around.height / reduction**2 - area
         contrast = (inside / area - (outside - inside) / ring_area) / 255.0
         return np.minimum(np.maximum(contrast, -1.0), 1.0)
 
 
-def _sums(integral: NDArray[np.int32], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) sums over (N, 4) boxes; a box's broken edges go to the nearest pixel."""
-    height, width = integral.shape
-    # In memory as it is read, each of x and y in a row.
-    starts = np.ascontiguousarray(boxes[:, :2].T)
-    edges = np.rint([starts, starts + boxes[:, 2:].T]).astype(np.intp)
-    farthest = np.array([[width - 1], [height - 1]])
-    (left, top), (right, bottom) = np.minimum(np.maximum(edges, 0), farthest)
-    return (
-        integral[bottom, right].astype(np.float64)
+def _sums(integral: NDArray[np.int32], reduction: int, boxes: BoxesByAxis) -> NDArray[np.int32]:
+    """Sums over boxes in image pixels; their broken edges go to the nearest pixel of the mask."""
+    x, y, width, height = (side / reduction for side in boxes)
+    (left, right), (top, bottom) = (
+        np.minimum(np.maximum(np.rint([start, start + side]), 0), length - 1).astype(np.intp)
+        for start, side, length in ((x, width, integral.shape[1]), (y, height, integral.shape[0]))
+    )
+    sums: NDArray[np.int32] = (
+        integral[bottom, right]
         - integral[top, right]
         - integral[bottom, left]
         + integral[top, left]
     )
+    return sums

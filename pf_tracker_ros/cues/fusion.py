@@ -213,7 +213,7 @@ class CueFusion:
             fused += powers[name] * likelihood
         for name, cue, template in self._known(templates):
             if cue.joins_search:
-                fused += powers[name] * cue.log_likelihood(region, grid.boxes, template)
+                fused += powers[name] * cue.log_likelihood_on_grid(region, grid, template)
         return fused
 
     def adapt(self, distraction: Distraction, adaptation: float) -> Powers:
