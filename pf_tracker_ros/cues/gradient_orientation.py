@@ -64,7 +64,7 @@ class GradientOrientation(Cue):
         self._directions = directions
         self._sharpness = parameters.sharpness
         self._keep = parameters.keep
-        self._edge_weights = _edge_weights(cells, gaussian_width)
+        self._part_weights = _part_weights(cells, gaussian_width)
         edges = _PARTS * cells + 1
         self._fractions = np.arange(edges)[:, None, None] / (edges - 1)
         self._boxes_at_once = max(ONE_THREAD // (cells**2 * edges * directions), 1)
@@ -127,20 +127,24 @@ class GradientOrientation(Cue):
     ) -> NDArray[np.float32]:
         """(cells^2, N, directions) Gaussian-weighted sums of gradient magnitude in N boxes.
 
-        A cell's sum is linear in the values of the integral image at the corners of its parts, and
-        the weights are those along x times those along y: so all cells of all boxes are two matrix
-        products, of so many boxes at once that OpenBLAS computes them on one thread.
+        A part's sum is that of the integral image at its corners. Parts are weighted along x times
+        along y: so all cells of all boxes are two matrix products, of so many boxes at once that
+        OpenBLAS computes them on one thread.
         """
         integral = region.gradient_integral(self._directions)
         flat, row_starts = integral.reshape(-1, self._directions), rows * integral.shape[1]
         edges, count = columns.shape
-        weights, sums = self._edge_weights, []
+        weights, sums = self._part_weights, []
         for start in range(0, count, self._boxes_at_once):
             part = slice(start, start + self._boxes_at_once)
             corners = row_starts[:, None, part] + columns[:, part]
-            values = flat.take(corners, axis=0).astype(np.float32, copy=False)
-            across = weights @ values.reshape(edges, edges, -1)
-            both = weights @ across.reshape(edges, -1)
+            values = flat.take(corners, axis=0).reshape(edges, edges, -1)
+            # Exact, as they are whole numbers: the rounding errors of weighted ones would be a
+            # texture of boxes that have none.
+            values = values[1:] - values[:-1]
+            values = values[:, 1:] - values[:, :-1]
+            across = weights @ values.astype(np.float32, copy=False)
+            both = weights @ across.reshape(edges - 1, -1)
             sums.append(both.reshape(self._cells**2, -1, self._directions))
         return sums[0] if len(sums) == 1 else np.concatenate(sums, axis=1)
 
@@ -151,17 +155,16 @@ class GradientOrientation(Cue):
         return self._keep * template + (1.0 - self._keep) * seen
 
 
-def _edge_weights(cells: int, gaussian_width: float) -> NDArray[np.float32]:
-    """(cells, edges) factors along one axis that turn integral image values into cell sums.
+def _part_weights(cells: int, gaussian_width: float) -> NDArray[np.float32]:
+    """(cells, parts) how much each part along an axis counts for each cell.
 
     The box is divided into parts, `_PARTS` times `cells` along each axis; each counts with the
-    Gaussian at its center. A part's sum is the integral at its end minus that at its start.
+    Gaussian at its center, for its own cell.
     """
     parts = _PARTS * cells
     centers = (np.arange(parts) + 0.5) / parts - 0.5
     gaussian = np.exp(-0.5 * np.square(centers / gaussian_width))
-    weights = np.zeros((cells, parts + 1))
+    weights = np.zeros((cells, parts))
     for part, weight in enumerate(gaussian):
-        weights[part // _PARTS, part + 1] += weight
-        weights[part // _PARTS, part] -= weight
+        weights[part // _PARTS, part] = weight
     return weights.astype(np.float32)

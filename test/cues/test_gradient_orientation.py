@@ -158,6 +158,22 @@ def test_a_flat_box_has_no_direction_and_a_finite_likelihood():
     np.testing.assert_array_equal(cue.log_likelihood(region, box, template), 0.0)
 
 
+def test_a_flat_box_among_textured_ones_has_none_of_their_texture():
+    """To the last bit: of a vector of rounding errors, unit length would make a texture."""
+    image = np.random.default_rng(0).integers(0, 256, (240, 320), dtype=np.uint8)
+    image[80:160, 100:200] = 128
+    flat, textured = np.array([120.0, 100.0, 40.0, 40.0]), np.array([60.0, 60.0, 40.0, 40.0])
+    boxes = np.array([flat, flat + [13.0, 7.0, 0.0, 0.0], textured, [220.0, 140.0, 40.0, 40.0]])
+    region = region_of(image, boxes)
+    cue = GradientOrientation(PARAMETERS)
+    nothing, template = cue.learn(region, flat), cue.learn(region, textured)
+    np.testing.assert_array_equal(nothing, np.zeros(128))
+    np.testing.assert_allclose(cue.squared_distance(region, boxes, nothing), [0, 0, 1, 1])
+    np.testing.assert_allclose(
+        cue.squared_distance(region, boxes[:3], template), [1, 1, 0], atol=1e-5
+    )
+
+
 def test_nothing_is_seen_outside_the_image():
     image = np.random.default_rng(0).integers(0, 256, (40, 40), dtype=np.uint8)
     box = np.array([[-20.0, 0.0, 40.0, 40.0]])
