@@ -128,8 +128,16 @@ class ParticleSet:
         the weights then stay as they were.
 
         Source: Zhang et al. 2015, equations (10) and (11).
+
+        Raises:
+            ValueError: The likelihoods are not as many.
         """
-        log_weights = self.log_weights + np.asarray(log_likelihood, dtype=np.float64)
+        likelihood = np.asarray(log_likelihood, dtype=np.float64)
+        if likelihood.shape != self.log_weights.shape:
+            raise ValueError(
+                f"log likelihoods have shape {likelihood.shape}; expected ({len(self)},)"
+            )
+        log_weights = self.log_weights + likelihood
         if not (log_weights > -np.inf).any():
             return self
         return self._of(self.states, _normalized(log_weights))

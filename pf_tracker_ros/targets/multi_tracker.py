@@ -36,6 +36,8 @@ from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_i
 from pf_tracker_ros.tracking.scaling import scaled_to
 from pf_tracker_ros.tracking.tracker import NOMINAL_INTERVAL, usual_arithmetic
 
+_NO_FRAME = "there is no frame so far, as in a fresh copy; give one to update first"
+
 
 class MultiTracker:
     """Tracks any number of targets, which a slow detector starts and corrects, or somebody by hand.
@@ -259,7 +261,9 @@ class MultiTracker:
                 frame = self._open(image.copy(), 0.0, [first_box])
                 self._history.add(Moment(frame, 0.0, self._crowd))
                 self._crowd = self._keeper.advance(self._crowd, frame, 0.0, None)
-            elif frame is None or not np.array_equal(frame.image, image):
+            elif frame is None:
+                raise ValueError(_NO_FRAME)
+            elif not np.array_equal(frame.image, image, equal_nan=image.dtype.kind == "f"):
                 raise ValueError(
                     "image is not the one that was given last; give it to update first, then start "
                     "on it"
@@ -286,7 +290,7 @@ class MultiTracker:
         if not isinstance(label, str):
             raise ValueError(f"label is {label!r}; allowed: a text")
         if frame is None:
-            raise ValueError("there is no frame so far; give one to update first")
+            raise ValueError(_NO_FRAME)
         first_box = check_box(box, frame.size)
         moments = self._history.since(back)
         if moments is None and back > NOMINAL_INTERVAL / 2:

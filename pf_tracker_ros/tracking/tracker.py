@@ -235,7 +235,8 @@ class Tracker:
     def map_likelihood(self) -> LikelihoodMap | None:
         """How likely the target is at each place around its box, in the frame given last.
 
-        Nothing is tracked by it. None without a target, and in a copy without that frame.
+        Nothing is tracked by it. None without a target, and in a copy without that frame. The
+        frame's image is read again, so it must not have been written to since it was given.
         """
         if self._tracked is None:
             return None

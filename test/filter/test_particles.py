@@ -98,3 +98,10 @@ def test_resampled_particles_have_equal_weights():
     resampled = particles.resample(np.array([1, 1, 0]))
     np.testing.assert_allclose(resampled.weights, 1 / 3)
     np.testing.assert_array_equal(resampled.states, [[2.0], [2.0], [1.0]])
+
+
+@pytest.mark.parametrize("shape", [(3, 1), (1, 3), (2,), (4,), (3, 3)])
+def test_likelihoods_of_another_shape_are_refused(shape):
+    particles = ParticleSet.uniform(np.zeros((3, 2)))
+    with pytest.raises(ValueError, match=r"expected \(3,\)"):
+        particles.reweight(np.zeros(shape))

@@ -1,5 +1,8 @@
 """Targets by hand: started and stopped by a call, with and without a detector beside them."""
 
+import copy
+
+import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections
@@ -79,3 +82,29 @@ def test_a_truth_value_is_no_id(walkers, make_tracker):
     tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
     with pytest.raises(ValueError, match="no target has the id True"):
         tracker.stop(True)
+
+
+def test_an_image_with_pixels_that_are_no_numbers_is_the_one_that_was_given(walkers, make_tracker):
+    image = walkers.images[0].mean(axis=2).astype(np.float32)
+    image[3, 5] = np.nan
+    tracker = make_tracker()
+    tracker.start(image, walkers.boxes[0][0])
+    tracker.start(image, walkers.boxes[0][1])
+    tracker.update(image, INTERVAL)
+    tracker.start(image, walkers.boxes[0][2])
+    assert len(tracker.targets) == 3
+
+
+def test_a_copy_asks_for_a_frame_before_it_starts_a_target(walkers, make_tracker):
+    tracker = make_tracker()
+    tracker.start(walkers.images[0], walkers.boxes[0][0])
+    other = copy.deepcopy(tracker)
+    for start in (
+        lambda: other.start(walkers.images[0], walkers.boxes[0][1]),
+        lambda: other.start_earlier(walkers.boxes[0][1]),
+    ):
+        with pytest.raises(ValueError, match="no frame so far, as in a fresh copy; give one to up"):
+            start()
+    other.update(walkers.images[0], INTERVAL)
+    other.start(walkers.images[0], walkers.boxes[0][1])
+    assert len(other.targets) == 2
