@@ -15,6 +15,7 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point32, PolygonStamped
+from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -215,7 +216,7 @@ class Client(Node):
         return dict(zip(names, self.get_parameters(*names), strict=True))
 
     def call(self, request, *arguments):
-        """The response to a request, which may arrive more than once, to a parameter service."""
+        """The response to a request that may arrive more than once."""
         self.wait_for(self.parameters.services_are_ready, "parameter services")
         # A service that is ready may not know its client yet: its response is lost then.
         asked, futures = time.monotonic(), [request(*arguments)]
@@ -227,7 +228,25 @@ class Client(Node):
                 futures.append(request(*arguments))
             return [future for future in futures if future.done()]
 
-        return self.wait_for(answered, "response of a parameter service")[0].result()
+        return self.wait_for(answered, "response to a request")[0].result()
+
+    def ask(self, service_type, name, **request):
+        """The response of a service of the tracker to a request that arrives once."""
+        asked = self._service(service_type, name)
+        # Clients become known in the order in which they are made: one that is answered vouches
+        # for those before it.
+        later = self._service(GetParameters, "get_parameters")
+        self.call(later.call_async, GetParameters.Request())
+        future = asked.call_async(service_type.Request(**request))
+        self.wait_for(future.done, f"response of {name}")
+        for service in (asked, later):
+            self.destroy_client(service)
+        return future.result()
+
+    def _service(self, service_type, name):
+        service = self.create_client(service_type, f"pf_tracker/{name}")
+        self.wait_for(service.service_is_ready, f"service {name}")
+        return service
 
     def close(self):
         self._executor.shutdown()

@@ -22,22 +22,14 @@ class Manager:
 
     def __init__(self, client):
         self._client = client
-        self._change = client.create_client(ChangeState, "pf_tracker/change_state")
-        self._get = client.create_client(GetState, "pf_tracker/get_state")
-
-    def _call(self, service, request):
-        self._client.wait_for(service.service_is_ready, "lifecycle service")
-        future = service.call_async(request)
-        self._client.wait_for(future.done, "answer of a lifecycle service")
-        return future.result()
 
     def change(self, name):
         transition = Transition(id=getattr(Transition, f"TRANSITION_{name}"))
-        return self._call(self._change, ChangeState.Request(transition=transition)).success
+        return self._client.ask(ChangeState, "change_state", transition=transition).success
 
     @property
     def state(self):
-        return self._call(self._get, GetState.Request()).current_state.label
+        return self._client.ask(GetState, "get_state").current_state.label
 
 
 @pytest.fixture

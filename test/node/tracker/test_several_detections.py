@@ -238,10 +238,7 @@ def test_what_repeats_itself_is_told_once_in_a_while(client, detected, walkers):
 
 
 def pause(client, *, paused):
-    service = client.create_client(SetBool, "pf_tracker/enable")
-    client.wait_for(service.service_is_ready, "enable")
-    future = service.call_async(SetBool.Request(data=not paused))
-    client.wait_for(future.done, "response of enable")
+    client.ask(SetBool, "enable", data=not paused)
 
 
 def test_a_long_pause_costs_no_answer_and_is_no_fault(client, detected, walkers):

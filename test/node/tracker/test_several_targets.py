@@ -163,11 +163,7 @@ def test_one_target_is_stopped_by_its_id_or_all(client, crowd, walkers):
     assert "not stopped: no target has the id 7; there are: 1, 2" in status.message
     send(client, node, UInt32, "pf_tracker/stop_target", data=2)
     assert ids(client.show(images[2], client.at(2))) == [1]
-    service = client.create_client(Trigger, "pf_tracker/stop")
-    client.wait_for(service.service_is_ready, "stop")
-    future = service.call_async(Trigger.Request())
-    client.wait_for(future.done, "response of stop")
-    assert future.result().message == "stopped 1 target; waiting for a target"
+    assert client.ask(Trigger, "stop").message == "stopped 1 target; waiting for a target"
     status = client.show(images[3], client.at(3))
     assert (status.values["state"], status.values["frame"]) == ("idle", "waiting")
     client.point_at(boxes[4][0])
@@ -288,17 +284,13 @@ def test_a_deactivated_node_keeps_its_targets_and_a_cleaned_up_one_does_not(clie
     images, _ = walkers
     crowd(built_in_detector="motion")
     two_targets(client, walkers)
-    manager = client.create_client(ChangeState, "pf_tracker/change_state")
-    client.wait_for(manager.service_is_ready, "lifecycle service")
     for names, there in (
         (["DEACTIVATE", "ACTIVATE"], [1, 2]),
         (["DEACTIVATE", "CLEANUP", "CONFIGURE", "ACTIVATE"], []),
     ):
         for name in names:
             wanted = Transition(id=getattr(Transition, f"TRANSITION_{name}"))
-            future = manager.call_async(ChangeState.Request(transition=wanted))
-            client.wait_for(future.done, name)
-            assert future.result().success
+            assert client.ask(ChangeState, "change_state", transition=wanted).success
         client.wait_for(client.images.get_subscription_count, "subscription")
         assert ids(_shown_again(client, images)) == there
 

@@ -21,13 +21,6 @@ def tracking(graph, client, images, box):
     return node
 
 
-def call(client, service_type, name, **request):
-    service = client.create_client(service_type, f"pf_tracker/{name}")
-    client.wait_for(service.service_is_ready, name)
-    future = service.call_async(service_type.Request(**request))
-    client.wait_for(future.done, f"response of {name}")
-
-
 def boxes_since(client, stamp):
     return [box for box in client.boxes if box.header.stamp.sec * 10**9 > stamp]
 
@@ -45,7 +38,7 @@ def skipping(client, images, cause):
         return client.show(images[number % 20], client.at(number))
 
     if cause == "paused":
-        call(client, SetBool, "enable", data=False)
+        client.ask(SetBool, "enable", data=False)
     return show
 
 
@@ -95,7 +88,7 @@ def test_frames_that_are_not_looked_at_say_so_and_since_when(
     assert CURES[cause] in health.message
     assert not [name for name in OF_AN_ESTIMATE if name in health.values]
     if cause == "paused":
-        call(client, SetBool, "enable", data=True)
+        client.ask(SetBool, "enable", data=True)
     again = client.show(images[3], client.at(3))
     assert (again.level, again.values["state"]) == ("OK", "tracking")
     assert "skipped_frames" not in again.values
@@ -123,15 +116,15 @@ def test_a_late_frame_and_one_that_fails_are_not_looked_at(graph, client, images
 
 
 def test_a_target_that_is_forgotten_meanwhile_is_not_told_as_tracked(tracking, client, images):
-    call(client, SetBool, "enable", data=False)
+    client.ask(SetBool, "enable", data=False)
     assert client.show(images[2], client.at(2)).values["last_state"] == "tracking"
-    call(client, Trigger, "stop")
+    client.ask(Trigger, "stop")
     status = client.show(images[2], client.at(3))
     assert (status.values["state"], status.values["last_state"]) == ("skipped", "idle")
 
 
 def test_a_paused_node_says_so_in_its_health_without_any_frame(tracking, client):
-    call(client, SetBool, "enable", data=False)
+    client.ask(SetBool, "enable", data=False)
     client.health.clear()
     health = client.wait_for(lambda: client.health, "diagnostics")[0]
     assert (health.values["state"], health.values["last_state"]) == ("skipped", "tracking")

@@ -22,15 +22,6 @@ def boxes(moving_square):
     return [tuple(float(value) for value in box) for box in moving_square.boxes]
 
 
-def call(client, service_type, name, **request):
-    service = client.create_client(service_type, f"pf_tracker/{name}")
-    client.wait_for(service.service_is_ready, name)
-    future = service.call_async(service_type.Request(**request))
-    client.wait_for(future.done, f"response of {name}")
-    client.destroy_client(service)
-    return future.result()
-
-
 def click(client, node, x, y):
     publisher = client.create_publisher(PointStamped, "pf_tracker/click", 1)
     (heard,) = [s for s in node.subscriptions if s.topic_name == "/pf_tracker/click"]
@@ -119,11 +110,11 @@ def test_a_click_that_is_nowhere_is_refused(graph, client, images):
 
 def test_stop_forgets_the_target_and_another_can_be_given(graph, client, images, boxes):
     graph.tracker(client, target_box=list(boxes[0]), **QUICK)
-    early = call(client, Trigger, "stop")
+    early = client.ask(Trigger, "stop")
     assert (early.success, early.message) == (True, "there was no target")
     client.set_parameters(target_box=list(boxes[0]))
     assert client.show(images[0], client.at(0)).values["state"] == "tracking"
-    assert call(client, Trigger, "stop").message == "stopped; waiting for a target"
+    assert client.ask(Trigger, "stop").message == "stopped; waiting for a target"
     status = client.show(images[1], client.at(1))
     assert (status.level, status.values["state"]) == ("OK", "idle")
     client.point_at(boxes[2])
@@ -134,12 +125,12 @@ def test_stop_forgets_the_target_and_another_can_be_given(graph, client, images,
 def test_paused_frames_are_answered_unseen_and_the_target_is_kept(graph, client, images, boxes):
     graph.tracker(client, target_box=list(boxes[0]), **QUICK)
     client.show(images[0], client.at(0))
-    assert call(client, SetBool, "enable", data=False).success
+    assert client.ask(SetBool, "enable", data=False).success
     # Not even looked at: this one could not be decoded.
     status = client.show(images[1], client.at(1), "no_encoding")
     assert (status.level, status.values["frame"]) == ("OK", "paused")
     assert status.message == "paused; the service ~/enable goes on"
-    assert call(client, SetBool, "enable", data=True).success
+    assert client.ask(SetBool, "enable", data=True).success
     status = client.show(images[1], client.at(1))
     assert (status.values["frame"], status.message) == ("tracked", "tracking")
     assert corners(client.box_at(client.at(1))) == pytest.approx(
@@ -150,20 +141,20 @@ def test_paused_frames_are_answered_unseen_and_the_target_is_kept(graph, client,
 def test_a_target_drawn_on_a_paused_image_is_not_of_another_clock(graph, client, images, boxes):
     graph.tracker(client, target_box=list(boxes[0]), **QUICK)
     client.show(images[0], client.at(0))
-    assert call(client, SetBool, "enable", data=False).success
+    assert client.ask(SetBool, "enable", data=False).success
     late = client.at(0) + 100 * 10**9
     client.show(images[1], late)
     client.point_at(boxes[1], late)
-    assert call(client, SetBool, "enable", data=True).success
+    assert client.ask(SetBool, "enable", data=True).success
     status = client.show(images[1], late + 10**7)
     assert (status.level, status.values["frame"]) == ("OK", "started")
 
 
 def test_services_before_the_first_image_are_answered(graph, client, images, boxes):
     graph.tracker(client, **QUICK)
-    assert call(client, SetBool, "enable", data=True).success
-    assert call(client, SetBool, "enable", data=False).success
-    assert call(client, Trigger, "stop").success
+    assert client.ask(SetBool, "enable", data=True).success
+    assert client.ask(SetBool, "enable", data=False).success
+    assert client.ask(Trigger, "stop").success
     client.point_at(boxes[0])
-    assert call(client, SetBool, "enable", data=True).success
+    assert client.ask(SetBool, "enable", data=True).success
     assert client.show(images[0], client.at(0)).values["frame"] == "started"
