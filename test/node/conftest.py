@@ -8,6 +8,7 @@ import threading
 import time
 from array import array
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +113,7 @@ class Client(Node):
             10,
         )
         self.parameters = AsyncParameterClient(self, "pf_tracker")
+        self._tracker_services = Services(self, "pf_tracker", self.wait_for)
 
     @staticmethod
     def at(index):
@@ -218,39 +220,65 @@ class Client(Node):
     def call(self, request, *arguments):
         """The response to a request that may arrive more than once."""
         self.wait_for(self.parameters.services_are_ready, "parameter services")
-        # A service that is ready may not know its client yet: its response is lost then.
-        asked, futures = time.monotonic(), [request(*arguments)]
-
-        def answered():
-            nonlocal asked
-            if time.monotonic() - asked > PATIENCE:
-                asked = time.monotonic()
-                futures.append(request(*arguments))
-            return [future for future in futures if future.done()]
-
-        return self.wait_for(answered, "response to a request")[0].result()
+        return _repeated(self.wait_for, partial(request, *arguments))
 
     def ask(self, service_type, name, **request):
         """The response of a service of the tracker to a request that arrives once."""
-        asked = self._service(service_type, name)
-        # Clients become known in the order in which they are made: one that is answered vouches
-        # for those before it.
-        later = self._service(GetParameters, "get_parameters")
-        self.call(later.call_async, GetParameters.Request())
-        future = asked.call_async(service_type.Request(**request))
+        future = self._tracker_services.ask(service_type, name, **request)
         self.wait_for(future.done, f"response of {name}")
-        for service in (asked, later):
-            self.destroy_client(service)
         return future.result()
-
-    def _service(self, service_type, name):
-        service = self.create_client(service_type, f"pf_tracker/{name}")
-        self.wait_for(service.service_is_ready, f"service {name}")
-        return service
 
     def close(self):
         self._executor.shutdown()
         self.destroy_node()
+
+
+class Services:
+    """The services of another node, asked by one that it knows.
+
+    Args:
+        node: That asks.
+        name: Of the node whose services they are.
+        wait_for: Spins the first until a condition is true and returns it; takes that and a name.
+    """
+
+    def __init__(self, node, name, wait_for):
+        self._node, self._name, self._wait_for = node, name, wait_for
+        self._known = {}
+
+    def ask(self, service_type, name, **request):
+        """The future of a service's response to a request that arrives once."""
+        if name not in self._known:
+            self._known[name] = self._introduced(service_type, name)
+        self._wait_for(self._known[name].service_is_ready, f"service {name}")
+        return self._known[name].call_async(service_type.Request(**request))
+
+    def _introduced(self, service_type, name):
+        service = self._node.create_client(service_type, f"{self._name}/{name}")
+        # Clients become known in the order in which they are made: one that is answered vouches
+        # for those before it.
+        later = self._node.create_client(GetParameters, f"{self._name}/get_parameters")
+        self._wait_for(later.service_is_ready, "parameter service")
+        _repeated(self._wait_for, partial(later.call_async, GetParameters.Request()))
+        self._node.destroy_client(later)
+        return service
+
+
+def _repeated(wait_for, request):
+    """The response to a request that may arrive more than once.
+
+    A service that is ready may not know its client yet: its response is lost then.
+    """
+    asked, futures = time.monotonic(), [request()]
+
+    def answered():
+        nonlocal asked
+        if time.monotonic() - asked > PATIENCE:
+            asked = time.monotonic()
+            futures.append(request())
+        return [future for future in futures if future.done()]
+
+    return wait_for(answered, "response to a request")[0].result()
 
 
 def _parsed(message):
@@ -384,6 +412,12 @@ def graph(ros_domain):
     graph = Graph(ros_domain)
     yield graph
     graph.close()
+
+
+@pytest.fixture(scope="session")
+def services_of():
+    """What asks the services of a node: the class `Services`."""
+    return Services
 
 
 @pytest.fixture(scope="session")

@@ -22,7 +22,6 @@ from std_srvs.srv import SetBool
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
 
 DEADLINE = 60.0
-UNANSWERED_AFTER = 5.0
 EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -34,8 +33,9 @@ class StandIn(Node):
         deaf_to: How many more copies of a stamp it leaves unanswered.
     """
 
-    def __init__(self, context, image_type=Image):
+    def __init__(self, services_of, context, image_type=Image):
         super().__init__("pf_tracker", context=context)
+        self.replay_services = services_of(self, "/replay", self.spin_until)
         self.events = []
         self.deaf_to = {}
         self.pending = []
@@ -86,41 +86,34 @@ class StandIn(Node):
         stamps = [m.clock if kind == "clock" else m.header.stamp for m in messages]
         return [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps]
 
-    def spin_until(self, condition):
+    def spin_until(self, condition, what=""):
         deadline = time.monotonic() + DEADLINE
-        while not condition():
-            assert time.monotonic() < deadline, [kind for kind, _ in self.events]
+        while not (result := condition()):
+            assert time.monotonic() < deadline, (what, [kind for kind, _ in self.events])
             self.spinner.spin_once(timeout_sec=0.02)
             self.send_pending()
+        return result
 
     def spin_until_ended(self, replay_node):
         """Spin until the replay has come to its end by itself."""
         self.spin_until(lambda: not replay_node.context.ok())
 
-    def call(self, service_type, name, request):
-        client = self.create_client(service_type, name)
-        self.spin_until(client.service_is_ready)
-        # Discovery goes both ways: the answer may come before there is anybody for it to go to.
-        while client.service_is_ready():
-            future = client.call_async(request)
-            if self.is_done_in_time(future):
-                return future.result()
-        # It has done what it was asked to, and ended.
-        return None
+    def pause(self):
+        """Pause the replay; its response."""
+        future = self.replay_services.ask(SetBool, "pause", data=True)
+        self.spin_until(future.done)
+        return future.result()
 
-    def is_done_in_time(self, future):
-        again = time.monotonic() + UNANSWERED_AFTER
-        self.spin_until(lambda: future.done() or time.monotonic() > again)
-        return future.done()
+    # A replay that goes on may end, and its node with it, before there is a response.
 
-    def pause(self, data):
-        return self.call(SetBool, "/replay/pause", SetBool.Request(data=data))
+    def go_on(self):
+        """Let a paused replay go on; the future of its response."""
+        return self.replay_services.ask(SetBool, "pause", data=False)
 
     def set_replay_parameter(self, name, value):
+        """Ask for a parameter; the future of the response."""
         parameters = [Parameter(name, value=value).to_parameter_msg()]
-        request = SetParameters.Request(parameters=parameters)
-        response = self.call(SetParameters, "/replay/set_parameters", request)
-        assert all(result.successful for result in response.results), response
+        return self.replay_services.ask(SetParameters, "set_parameters", parameters=parameters)
 
     def close(self):
         self.spinner.shutdown()
@@ -128,12 +121,12 @@ class StandIn(Node):
 
 
 @pytest.fixture
-def stand_in(graph):
+def stand_in(graph, services_of):
     """A function that starts a `StandIn`."""
     nodes = []
 
     def make(*arguments):
-        nodes.append(StandIn(graph.context(), *arguments))
+        nodes.append(StandIn(services_of, graph.context(), *arguments))
         return nodes[-1]
 
     yield make

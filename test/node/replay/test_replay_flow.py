@@ -53,9 +53,9 @@ def test_nothing_comes_while_paused(pictures, stand_in, replay):
     tracker.listen()
     node = replay(source=pictures.folder, start_paused=True, rate=1000.0, publish_clock=True)
     tracker.spin_until(lambda: tracker.count_publishers("/image") == 1)
-    assert tracker.pause(True).message == ("paused, 0 frames published")
+    assert tracker.pause().message == "paused, 0 frames published"
     assert tracker.seen("image") == []
-    assert tracker.pause(False).success
+    tracker.go_on()
     tracker.spin_until(lambda: pictures.stamps[-1] in tracker.stamps())
     assert tracker.stamps() == sorted(tracker.stamps())
     tracker.spin_until(lambda: pictures.stamps[-1] in tracker.stamps("clock"))
@@ -68,7 +68,7 @@ def test_the_rate_counts_at_once(pictures, stand_in, replay):
     # At this rate a frame would come every 4 s, the last one after 20 s.
     began = time.monotonic()
     node = replay(source=pictures.folder, rate=0.01, start_paused=True)
-    tracker.pause(False)
+    tracker.go_on()
     tracker.spin_until(lambda: tracker.seen("image"))
     tracker.set_replay_parameter("rate", 1000.0)
     tracker.spin_until(lambda: len(tracker.seen("image")) == len(pictures.stamps))
@@ -81,11 +81,11 @@ def test_pictures_are_stamped_with_the_time_at_which_they_go_out(pictures, stand
     tracker.listen()
     began = time.time_ns()
     node = replay(source=pictures.folder, target_box=[1.0, 2.0, 3.0, 4.0], start_paused=True)
-    tracker.pause(False)
+    tracker.go_on()
     tracker.spin_until(lambda: len(tracker.seen("image")) == 3)
-    tracker.pause(True)
+    tracker.pause()
     paused = time.time_ns()
-    tracker.pause(False)
+    tracker.go_on()
     tracker.spin_until_ended(node)
     stamps = tracker.stamps()
     assert began < stamps[0]
@@ -123,13 +123,21 @@ def test_each_pass_of_a_loop_goes_on_in_time(pictures, stand_in, replay):
 def test_steps_play_single_frames_of_a_pause(pictures, stand_in, replay):
     tracker = stand_in()
     tracker.listen()
-    replay(source=pictures.folder, start_paused=True, lockstep=True)
+    replay(source=pictures.folder, start_paused=True, lockstep=True, loop=True)
+
+    def step():
+        future = tracker.replay_services.ask(Trigger, "step")
+        tracker.spin_until(future.done)
+        return future.result()
+
     for count in (1, 2, 3):
-        assert tracker.call(Trigger, "/replay/step", Trigger.Request()).success
+        assert step().success
         tracker.spin_until(lambda count=count: len(tracker.seen("answer")) == count)
     assert tracker.stamps() == pictures.stamps[:3]
-    tracker.pause(False)
-    refusal = tracker.call(Trigger, "/replay/step", Trigger.Request())
+    going_on = tracker.go_on()
+    tracker.spin_until(going_on.done)
+    assert going_on.result().success
+    refusal = step()
     assert not refusal.success
     assert "~/pause" in refusal.message
 
