@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import gc
 import os
+import select
 import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import rclpy
 from rclpy.clock import Clock
@@ -41,15 +43,15 @@ def run(create: Callable[[], Node], arguments: list[str] | None = None) -> None:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         sys.exit(str(error))
-    _end_on_signal(reader)
-    try:
-        _spin(create())
-    except Exception:
-        # Whatever is half made when the context goes away may raise anything.
-        if ok():
-            raise
-    finally:
-        try_shutdown()
+    with _ended_by_signal(reader):
+        try:
+            _spin(create())
+        except Exception:
+            # Whatever is half made when the context goes away may raise anything.
+            if ok():
+                raise
+        finally:
+            try_shutdown()
 
 
 def spin_until_shutdown(node: Node) -> None:
@@ -68,21 +70,38 @@ def spin_until_shutdown(node: Node) -> None:
         executor.shutdown()
 
 
-def _end_on_signal(reader: int) -> None:
+@contextmanager
+def _ended_by_signal(reader: int) -> Iterator[None]:
     """Shut the context down, which ends what spins, once a signal has come."""
+    done, finish = os.pipe()
 
     def wait() -> None:
-        os.read(reader, 1)
-        try_shutdown()
+        readable, _, _ = select.select([reader, done], [], [])
+        if reader in readable:
+            os.read(reader, 1)
+            try_shutdown()
 
-    threading.Thread(target=wait, name="signals", daemon=True).start()
+    thread = threading.Thread(target=wait, name="signals", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        # A thread that is still in rclpy when the interpreter ends may take the process with it.
+        os.close(finish)
+        thread.join()
+        os.close(done)
 
 
 def _spin(node: Node) -> None:
-    if not ok():
-        # The node has told why; an executor could not even be made.
-        return
-    executor = SingleThreadedExecutor()
+    try:
+        # Without a context the node has told why; an executor could not even be made.
+        if ok():
+            _spin_in(SingleThreadedExecutor(), node)
+    finally:
+        node.destroy_node()
+
+
+def _spin_in(executor: SingleThreadedExecutor, node: Node) -> None:
     executor.add_node(node)
     _collect_between_callbacks(node)
     try:
@@ -99,7 +118,6 @@ def _spin(node: Node) -> None:
                     )
     finally:
         executor.shutdown()
-        node.destroy_node()
 
 
 def _collect_between_callbacks(node: Node) -> None:

@@ -37,6 +37,8 @@ os.environ.setdefault(
 )
 DEADLINE = 60.0
 PATIENCE = 4.0
+# What a client that shares its process with the nodes may have waiting.
+_HISTORY = 1000
 FRAME_INTERVAL = 40_000_000
 FIRST_STAMP = 1_700_000_000_000_000_000
 EVERY_TUNABLE = all_declarations(TrackerParameters)
@@ -98,12 +100,12 @@ class Client(Node):
         # As latched as the status is: what a latched publisher sends while it gets to know a
         # subscriber that is not, may be lost.
         latched = QoSProfile(
-            depth=100,
+            depth=_HISTORY,
             reliability=ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy.TRANSIENT_LOCAL,
         )
         for message_type, name, callback in subscriptions:
-            quality = latched if name == "status" else 100
+            quality = latched if name == "status" else _HISTORY
             self.create_subscription(message_type, f"pf_tracker/{name}", callback, quality)
         self.health = []
         self.create_subscription(

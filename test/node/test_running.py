@@ -54,12 +54,46 @@ run(Probe, [])
 """
 
 
-def test_garbage_is_collected_between_callbacks(ros_domain):
+ENDED_AT_ONCE = """
+import threading
+
+import rclpy
+from rclpy.node import Node
+
+from pf_tracker_ros.node.running import run
+
+
+class Probe(Node):
+    def destroy_node(self):
+        super().destroy_node()
+        print("destroyed")
+
+
+def create():
+    node = Probe("probe")
+    rclpy.try_shutdown()
+    return node
+
+
+run(create, [])
+print("threads:", threading.active_count())
+"""
+
+
+def output_of(script):
     result = subprocess.run(
-        [sys.executable, "-c", SCRIPT], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
     )
     assert result.returncode == 0, result.stderr
-    assert result.stdout == "collected within callbacks: 0\n"
+    return result.stdout
+
+
+def test_garbage_is_collected_between_callbacks(ros_domain):
+    assert output_of(SCRIPT) == "collected within callbacks: 0\n"
+
+
+def test_a_node_that_never_spins_leaves_nothing_behind(ros_domain):
+    assert output_of(ENDED_AT_ONCE) == "destroyed\nthreads: 1\n"
 
 
 class Meddling(Waitable):

@@ -62,7 +62,7 @@ def test_a_lost_target_is_an_error_and_a_hidden_one_a_warning(graph, client, ima
 
 
 def test_what_goes_wrong_is_a_warning_once_and_stays_the_last_error(graph, client, images):
-    graph.tracker(client, **QUICK)
+    graph.tracker(client, stale_after=60.0, **QUICK)
     client.show(images[0], client.at(0), "no_encoding")
     warned = client.wait_for(lambda: [h for h in client.health if h.level == "WARN"], "warning")[0]
     assert "its encoding is 'no_encoding'" in warned.message
