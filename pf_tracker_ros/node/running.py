@@ -43,9 +43,11 @@ def run(create: Callable[[], Node], arguments: list[str] | None = None) -> None:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
         sys.exit(str(error))
+    # While nothing can take the context away: one that is half made complains as it goes.
+    executor = SingleThreadedExecutor()
     with _ended_by_signal(reader):
         try:
-            _spin(create())
+            _spin(executor, create())
         except Exception:
             # Whatever is half made when the context goes away may raise anything.
             if ok():
@@ -92,19 +94,10 @@ def _ended_by_signal(reader: int) -> Iterator[None]:
         os.close(done)
 
 
-def _spin(node: Node) -> None:
+def _spin(executor: SingleThreadedExecutor, node: Node) -> None:
     try:
-        # Without a context the node has told why; an executor could not even be made.
-        if ok():
-            _spin_in(SingleThreadedExecutor(), node)
-    finally:
-        node.destroy_node()
-
-
-def _spin_in(executor: SingleThreadedExecutor, node: Node) -> None:
-    executor.add_node(node)
-    _collect_between_callbacks(node)
-    try:
+        executor.add_node(node)
+        _collect_between_callbacks(node)
         while ok():
             try:
                 executor.spin()
@@ -118,6 +111,7 @@ def _spin_in(executor: SingleThreadedExecutor, node: Node) -> None:
                     )
     finally:
         executor.shutdown()
+        node.destroy_node()
 
 
 def _collect_between_callbacks(node: Node) -> None:

@@ -10,7 +10,7 @@ import itertools
 import sys
 import threading
 import traceback
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import closing
 from typing import Any
 
@@ -18,6 +18,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PolygonStamped
 from rclpy.duration import Duration
 from rclpy.exceptions import NameValidationException
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -177,8 +178,17 @@ class ReplayNode(Node):
 
     @property
     def hindrance(self) -> str:
-        """What it waits for and why it does not go on, as the log has it; empty if it does."""
-        return self._hindrance
+        """What it waits for and why it does not go on, as the log has it; empty if it does.
+
+        Where it stands still, why it would not go on.
+        """
+        if self._hindrance or not self._playback.paused:
+            return self._hindrance
+        try:
+            return _waiting_for(self._missing())
+        except rclpy_implementation.InvalidHandle:
+            # It has been destroyed, perhaps by another thread.
+            return ""
 
     def index_of(self, stamp: int) -> int | None:
         """Index of a frame that has been published.
@@ -338,7 +348,7 @@ class ReplayNode(Node):
         images = self._image_publisher
         self._playback.wait_for(lambda: images.get_subscription_count() > 0, _DISCOVERY_TIMEOUT)
         while missing := self._missing():
-            self._hindrance = f"waiting for {' and '.join(missing)}"
+            self._hindrance = _waiting_for(missing)
             if not self._playback.wait_for(lambda: not self._missing(), _WARNING_INTERVAL):
                 self._log.warning(self._hindrance)
         self._hindrance = ""
@@ -407,6 +417,10 @@ class ReplayNode(Node):
             self._log.warning(
                 f"a subscriber of {publisher.topic_name} has not acknowledged all messages"
             )
+
+
+def _waiting_for(missing: Sequence[str]) -> str:
+    return f"waiting for {' and '.join(missing)}" if missing else ""
 
 
 def _items_from(source: ReplaySource, first: int) -> Generator[ReplayItem, None, None]:

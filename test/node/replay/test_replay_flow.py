@@ -142,6 +142,19 @@ def test_steps_play_single_frames_of_a_pause(pictures, stand_in, replay):
     assert "~/pause" in refusal.message
 
 
+def test_a_replay_that_stands_still_tells_who_has_gone(pictures, stand_in, replay):
+    tracker = stand_in()
+    tracker.listen()
+    node = replay(source=pictures.folder, start_paused=True, lockstep=True)
+    tracker.go_on()
+    tracker.spin_until(lambda: tracker.seen("answer"))
+    tracker.pause()
+    tracker.spin_until(lambda: node.hindrance == "")
+    (heard,) = [s for s in tracker.subscriptions if s.topic_name == "/image"]
+    tracker.destroy_subscription(heard)
+    tracker.spin_until(lambda: node.hindrance == "waiting for a subscriber of /image")
+
+
 def test_it_waits_at_its_end_where_it_is_to_stay(pictures, stand_in, replay):
     tracker = stand_in()
     tracker.listen()
