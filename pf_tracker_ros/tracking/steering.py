@@ -27,7 +27,7 @@ class Steering:
         predictor: Draws the particles of the next frame.
         measurer: Looks at a frame.
         beginning: Makes the motion of a target.
-        lost_after: Seconds; being hidden for longer adds nothing.
+        lost_after: Seconds, from 0 on; being hidden for longer adds nothing.
     """
 
     def __init__(
@@ -41,7 +41,9 @@ class Steering:
     def coast(self, target: Target, frame: Frame, interval: float) -> Target:
         """The target one frame later, where the motion model alone takes it.
 
-        For a frame that is known not to show it: nothing is looked at, and nothing learned.
+        For a frame that is known not to show it: nothing is looked at, and nothing learned. What
+        nobody looks at is the less sure the longer that goes on: its confidence is halved in each
+        `lost_after`.
 
         Args:
             target: After the last frame.
@@ -55,7 +57,7 @@ class Steering:
         box = motion.boxes(particles.mean[None])[0]
         hidden_for = target.track.hidden_for + interval
         track = Track("occluded", min(hidden_for, self._lost_after))
-        judged = Judgment(box, target.estimate.confidence, track, particles, boxes)
+        judged = Judgment(box, self._doubted(target, interval), track, particles, boxes)
         covariance = particles.covariance[:2, :2].copy()
         return replace(
             target,
@@ -68,6 +70,12 @@ class Steering:
             estimate=judged.estimate(frame, target.estimate.powers, covariance),
             rival=None,
         )
+
+    def _doubted(self, target: Target, interval: float) -> float:
+        """The confidence of a target that nobody has looked at for one more interval."""
+        if self._lost_after == 0.0:
+            return 0.0
+        return target.estimate.confidence * 0.5 ** (interval / self._lost_after)
 
     def move(self, target: Target, box: Box) -> Target:
         """The target with its particles brought along to another box; they keep their velocities.

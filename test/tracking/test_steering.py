@@ -35,7 +35,6 @@ def test_a_target_coasts_by_its_motion_whatever_the_image_shows(follower, target
     assert seen.estimate.box == dark.estimate.box
     np.testing.assert_array_equal(seen.particles.states, dark.particles.states)
     assert (seen.estimate.state, seen.hidden_frames) == ("occluded", 1)
-    assert seen.estimate.confidence == target.estimate.confidence
     assert seen.templates is target.templates
     assert seen.seen_box == target.seen_box
     assert seen.followed_frames == target.followed_frames + 1
@@ -44,6 +43,21 @@ def test_a_target_coasts_by_its_motion_whatever_the_image_shows(follower, target
     np.testing.assert_allclose(
         seen.estimate.box, target.motion.boxes(seen.particles.mean[None])[0], rtol=0, atol=1e-9
     )
+
+
+def test_a_coasting_target_is_half_as_sure_after_each_time_that_loses_it(follower, target, couple):
+    lost_after = follower.parameters.track.lost_after
+    sure = target.estimate.confidence
+    assert sure > 0.5
+    for seconds in (0.25, 0.75, 1.0):
+        target = follower.steering.coast(target, Frame(couple.images[6]), seconds * lost_after)
+    assert target.estimate.confidence == pytest.approx(0.25 * sure)
+
+
+@pytest.mark.parametrize("follower", ["default"], indirect=True)
+def test_what_is_lost_at_once_is_not_believed_unseen(make_follower, target, couple):
+    steering = make_follower("default", {"track.lost_after": 0.0}).steering
+    assert steering.coast(target, Frame(couple.images[6]), INTERVAL).estimate.confidence == 0.0
 
 
 def test_a_coasting_target_is_hidden_no_longer_than_until_it_counts_as_lost(
