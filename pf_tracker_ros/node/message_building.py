@@ -63,9 +63,23 @@ def box_of_polygon(message: PolygonStamped) -> Box:
 
 def box_message(box: Box, header: Header) -> PolygonStamped:
     """The four corners of a box in pixels, clockwise from the top left."""
-    message = PolygonStamped(header=header)
-    message.polygon.points = [Point32(x=x, y=y) for x, y in box_corners(box)]
+    message = blank_box_message()
+    fill_box_message(message, box, header)
     return message
+
+
+def blank_box_message() -> PolygonStamped:
+    """A message to be filled with a box."""
+    message = PolygonStamped()
+    message.polygon.points = [Point32() for _ in range(4)]
+    return message
+
+
+def fill_box_message(message: PolygonStamped, box: Box, header: Header) -> None:
+    """Put a box into a message that had one before, or is blank: to make one takes long."""
+    message.header = header
+    for point, (x, y) in zip(message.polygon.points, box_corners(box), strict=True):
+        point.x, point.y = x, y
 
 
 def particles_message(estimate: Estimate, header: Header) -> PointCloud2:
@@ -156,16 +170,27 @@ def status_message(
         message: One sentence for people.
         values: What there is to know, key to value.
     """
-    return DiagnosticArray(header=header, status=[single_status(name, level, message, values)])
+    status = DiagnosticStatus()
+    fill_status(status, name, level, message, values)
+    return DiagnosticArray(header=header, status=[status])
 
 
-def single_status(
-    name: str, level: bytes, message: str, values: Mapping[str, str | float | int]
-) -> DiagnosticStatus:
-    """One status alone; arguments as for `status_message`."""
-    status = DiagnosticStatus(name=name, level=level, message=message)
-    status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-    return status
+def fill_status(
+    status: DiagnosticStatus,
+    name: str,
+    level: bytes,
+    message: str,
+    values: Mapping[str, str | float | int],
+) -> None:
+    """Write into a status that was written before, or is new: to make its pairs takes long.
+
+    The other arguments are those of `status_message`.
+    """
+    status.name, status.level, status.message = name, level, message
+    if [pair.key for pair in status.values] != list(values):
+        status.values = [KeyValue(key=key) for key in values]
+    for pair, value in zip(status.values, values.values(), strict=True):
+        pair.value = str(value)
 
 
 def _image_message(pixels: NDArray[np.generic], encoding: str, header: Header) -> Image:

@@ -19,6 +19,8 @@ from pf_tracker_ros.node.message_building import (
     TargetError,
     box_message,
     box_of_polygon,
+    fill_box_message,
+    fill_status,
     image_message,
     particles_message,
     status_message,
@@ -58,6 +60,12 @@ def test_a_box_becomes_its_four_corners_clockwise_from_the_top_left(header):
     points = [(point.x, point.y, point.z) for point in message.polygon.points]
     assert points == [(10, 20, 0), (13, 20, 0), (13, 24, 0), (10, 24, 0)]
     assert message.header == header
+
+
+def test_a_box_message_that_is_filled_again_is_as_new(header):
+    message = box_message((10.0, 20.0, 3.0, 4.0), Header())
+    fill_box_message(message, (1.0, 2.0, 5.0, 6.0), header)
+    assert message == box_message((1.0, 2.0, 5.0, 6.0), header)
 
 
 @given(
@@ -150,6 +158,17 @@ def test_numbers_in_a_status_read_back_to_the_same_values(header):
         "particles": 3,
     }
     assert (status.name, status.level, status.message) == ("/pf_tracker", b"\x01", "text")
+
+
+@pytest.mark.parametrize(
+    "before", [{}, {"state": "idle", "particles": 3}, {"particles": 3, "state": "idle"}, {"a": 1}]
+)
+def test_a_status_that_is_written_again_is_as_new(header, before):
+    values = {"state": "tracking", "particles": 60}
+    status = status_message(header, "/other", DiagnosticStatus.WARN, "text", before).status[0]
+    fill_status(status, "/pf_tracker", DiagnosticStatus.OK, "tracking", values)
+    new = status_message(header, "/pf_tracker", DiagnosticStatus.OK, "tracking", values)
+    assert status == new.status[0]
 
 
 def test_the_status_has_the_background_model_s_state_where_there_is_a_model():

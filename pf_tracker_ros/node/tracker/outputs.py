@@ -12,7 +12,8 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
 
 from pf_tracker_ros.node.message_building import (
-    box_message,
+    blank_box_message,
+    fill_box_message,
     image_message,
     likelihood_message,
     particles_message,
@@ -36,6 +37,7 @@ class Outputs:
     def __init__(self, node: Node, report: Report) -> None:
         self._node = node
         self._box = advertise(node, PolygonStamped, "~/box", profile=DEFAULT_QOS, report=report)
+        self._box_message = blank_box_message()
         self._particles = advertise(
             node, PointCloud2, "~/particles", profile=DEFAULT_QOS, report=report
         )
@@ -54,7 +56,8 @@ class Outputs:
         """Publish what is known after a frame, each message only where somebody listens."""
         present = estimate is not None and estimate.state != "lost"
         if estimate and present and self._box.get_subscription_count():
-            self._box.publish(box_message(estimate.box, header))
+            fill_box_message(self._box_message, estimate.box, header)
+            self._box.publish(self._box_message)
         if self._detections and self._detections.get_subscription_count():
             self._detections.publish(detections_message(estimate if present else None, header))
         if estimate and self._particles.get_subscription_count():

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from pf_tracker_ros.node.message_building import single_status, status_message
+from pf_tracker_ros.node.message_building import fill_status
 from pf_tracker_ros.node.qos import LATCHED_QOS, Report, advertise
 from pf_tracker_ros.node.tracker.following import Known, TargetStatus
 from pf_tracker_ros.node.tracker.reporter import Reporter
@@ -122,6 +122,7 @@ class StatusOutput:
         self._publisher = advertise(
             node, DiagnosticArray, "~/status", profile=LATCHED_QOS, report=report
         )
+        self._message = DiagnosticArray()
 
     def publish(self, header: Header, status: Status, reporter: Reporter, elapsed: float) -> None:
         """Publish the status of a frame, with all errors since the last one.
@@ -145,14 +146,21 @@ class StatusOutput:
         values["preset"] = status.preset
         values |= reporter.values()
         name = self._node.get_fully_qualified_name()
-        message = status_message(header, name, level, "; ".join(errors), values)
-        for target in status.targets:
-            message.status.append(
-                single_status(
-                    f"{name}: target {target.id}", target.level, target.message, target.values
-                )
+        statuses = self._statuses(1 + len(status.targets))
+        fill_status(statuses[0], name, level, "; ".join(errors), values)
+        for each, target in zip(statuses[1:], status.targets, strict=True):
+            fill_status(
+                each, f"{name}: target {target.id}", target.level, target.message, target.values
             )
-        self._publisher.publish(message)
+        self._message.header = header
+        self._publisher.publish(self._message)
+
+    def _statuses(self, count: int) -> list[DiagnosticStatus]:
+        """So many statuses of the message, to be filled."""
+        statuses = self._message.status
+        statuses += [DiagnosticStatus() for _ in range(count - len(statuses))]
+        del statuses[count:]
+        return statuses
 
     def close(self) -> None:
         """Withdraw the topic."""

@@ -18,7 +18,7 @@ from pf_tracker_ros.node.tracker import outputs, several_outputs
 
 DEADLINE = 60.0
 BUILDERS = {
-    outputs: ("box_message", "detections_message", "particles_message", "draw_overlay"),
+    outputs: ("fill_box_message", "detections_message", "particles_message", "draw_overlay"),
     several_outputs: (
         "boxes_message",
         "several_detections_message",
@@ -225,4 +225,4 @@ def test_a_box_is_heard_by_those_who_listen(speaker, listener, one, built):
     heard = listener.hear(publisher, PolygonStamped)
     one.show("camera")
     listener.wait_for(lambda: heard)
-    assert built == ["box_message"]
+    assert built == ["fill_box_message"]
