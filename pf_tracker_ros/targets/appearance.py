@@ -6,12 +6,16 @@ what a detector has confirmed, and changes slowly.
 
 from __future__ import annotations
 
+import itertools
+import math
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.tiles import Part
+from pf_tracker_ros.targets.geometry import overlaps
 
 # From top to bottom: clothes differ along a body, whatever its pose.
 _STRIPES = 4
@@ -25,6 +29,16 @@ _INSET_ACROSS, _INSET_DOWN = 0.2, 0.05
 _ROWS, _COLUMNS = 36, 12
 # What is at the edge counts less: so much of the weight is gone at the sides, and at the ends.
 _FALLS_ACROSS, _FALLS_DOWN = 0.9, 0.7
+
+# An image is searched for a look with boxes of so many pixels across at least, without what is left
+# out; in so many steps of a box's width, and twice as many of its height.
+_SEARCHED_COLUMNS, _STEPS = 6, 5
+# Pixels that are searched, however large the image.
+_MOST_SEARCHED = 100_000
+# What is expected of a color that was never seen, and of what is in another stripe.
+_RARE, _SPILLS = 0.002, 0.1
+# What overlaps something else by more than this is that.
+_TAKEN_ABOVE = 0.4
 
 # (stripes * levels,) square roots of the shares of the colors.
 Look = NDArray[np.float32]
@@ -54,11 +68,8 @@ def look_at(frame: Frame, box: NDArray[np.float64]) -> Look:
     )
     crop = frame.view(Part(top, bottom, left, right))
     crop = cv2.resize(crop, (_COLUMNS, _ROWS), interpolation=cv2.INTER_AREA)
-    if crop.ndim == 2:
-        crop = cv2.cvtColor(crop, cv2.COLOR_GRAY2BGR)
-    colors = cv2.cvtColor(crop, cv2.COLOR_BGR2LAB).reshape(-1, 3)
     # Between two steps a pixel counts for both: light that changes a little changes little.
-    places = np.clip((colors - _MIDDLE) * _SCALE, 0.0, 1.0) * _LEVELS - 0.5
+    places = _levels(crop).reshape(-1, 3) - 0.5
     lower = np.floor(places)
     upper_share = (places - lower).T
     lower = lower.T
@@ -78,9 +89,88 @@ def unlikeness(one: Look, other: Look) -> float:
     return max(1.0 - float(one @ other), 0.0)
 
 
+def alike(
+    frame: Frame, look: Look, size: NDArray[np.float64], known: NDArray[np.float64], most: int
+) -> list[NDArray[np.float64]]:
+    """Where in an image it is most like a look, the likeliest first, each a (4,) box.
+
+    All places are asked, by how much oftener each color is in the look than in the image; the looks
+    of the boxes themselves tell more.
+
+    Args:
+        frame: To be searched.
+        look: Looked for.
+        size: (2,) width and height of the boxes, pixels.
+        known: (K, 4) boxes of what is something else: what overlaps these is passed over.
+        most: Boxes, which do not overlap each other by half; less where there is no room.
+    """
+    pixels = frame.size[0] * frame.size[1]
+    narrow = math.floor((1.0 - 2.0 * _INSET_ACROSS) * size[0] / _SEARCHED_COLUMNS)
+    reduction = max(narrow, math.ceil(math.sqrt(pixels / _MOST_SEARCHED)), 1)
+    bins, shares = frame.share(("look bins", reduction), lambda: _bins(frame, reduction))
+    wanted = np.square(look.reshape(_STRIPES, _BINS)) * _STRIPES
+    # A stripe may be off by some: what is in others is expected a little, too.
+    wanted = (1.0 - _SPILLS) * wanted + _SPILLS * wanted.mean(axis=0)
+    tells = np.log((wanted + _RARE) / (shares + _RARE)).astype(np.float32)
+    height, width = bins.shape
+    across, down = size / reduction
+    # Centers are in the image.
+    x = np.arange(-across / 2, width - across / 2, max(across / _STEPS, 1.0))
+    y = np.arange(-down / 2, height - down / 2, max(down / (2 * _STEPS), 1.0))
+    left, right = _edges(x, across, (_INSET_ACROSS, 1.0 - _INSET_ACROSS), width)
+    found = np.zeros((len(y), len(x)))
+    ends = np.linspace(_INSET_DOWN, 1.0 - _INSET_DOWN, _STRIPES + 1)
+    for stripe, part in enumerate(itertools.pairwise(ends.tolist())):
+        top, bottom = _edges(y, down, part, height)
+        sums = cv2.integral(tells[stripe][bins], sdepth=cv2.CV_64F)
+        total = sums[np.ix_(bottom, right)] - sums[np.ix_(top, right)]
+        total += sums[np.ix_(top, left)] - sums[np.ix_(bottom, left)]
+        found += total / np.maximum((bottom - top)[:, None] * (right - left), 1)
+    corners = np.stack(np.broadcast_arrays(x * reduction, y[:, None] * reduction), axis=-1)
+    boxes = np.concatenate([corners, np.broadcast_to(size, corners.shape)], axis=-1)
+    if len(known):
+        taken = overlaps(boxes.reshape(-1, 4), known).max(axis=1) > _TAKEN_ABOVE
+        found[taken.reshape(found.shape)] = -np.inf
+    best: list[NDArray[np.float64]] = []
+    while len(best) < most and (likeliest := int(found.argmax())) >= 0:
+        row, column = np.unravel_index(likeliest, found.shape)
+        if found[row, column] == -np.inf:
+            break
+        best.append(boxes[row, column])
+        near = np.ix_(np.abs(y - y[row]) < down / 2, np.abs(x - x[column]) < across / 2)
+        found[near] = -np.inf
+    return best
+
+
 def blend(look: Look, seen: Look, share: float) -> Look:
     """A look moved to another by a share, 0 to 1."""
     return np.sqrt((1.0 - share) * np.square(look) + share * np.square(seen))
+
+
+def _levels(pixels: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """(..., 3) lightness and colors of (..., 3) BGR or gray pixels, in steps, from 0 on."""
+    color = cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR) if pixels.ndim == 2 else pixels
+    lab = cv2.cvtColor(color, cv2.COLOR_BGR2LAB)
+    return np.clip((lab - _MIDDLE) * _SCALE, 0.0, 1.0) * _LEVELS
+
+
+def _bins(frame: Frame, reduction: int) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """The bin of each pixel of a reduced image, and the share of each bin in it."""
+    width, height = (-(-length // reduction) for length in frame.size)
+    levels = _levels(frame.view(Part(0, height, 0, width), reduction))
+    first, second, third = np.minimum(levels, _LEVELS - 1).astype(np.intp).transpose(2, 0, 1)
+    bins = (first * _LEVELS[1] + second) * _LEVELS[2] + third
+    return bins, np.bincount(bins.ravel(), minlength=_BINS) / bins.size
+
+
+def _edges(
+    starts: NDArray[np.float64], side: float, part: tuple[float, float], length: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Where a part of each of some sides begins and ends, whole pixels inside the image."""
+    first, last = (
+        np.clip(np.rint(starts + share * side), 0, length).astype(np.intp) for share in part
+    )
+    return first, last
 
 
 def _inner(start: float, side: float, inset: float, length: int) -> tuple[int, int]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.appearance import Look, look_at, unlikeness
+from pf_tracker_ros.targets.appearance import Look, look_at
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.targets.crowd import Crowd
@@ -33,11 +33,6 @@ _CONFIRMED_WITHIN = 0.3
 _CUT_WITHIN = 2.0
 # Which child of the seed the targets' randomness comes from; others are the camera's.
 _RANDOMNESS_KEY = 1
-# A target that has ended is recognized by a look that differs by less than so much of what it
-# usually varies by.
-_ALIKE_BELOW = 1.5
-# How far it may have come: box heights at once, and in each second.
-_REACH, _SPEED = 1.0, 1.0
 
 
 class Initiator:
@@ -65,14 +60,14 @@ class Initiator:
         return replace(life, belief=_RIVAL_BELIEF, confirmations=0, host=host.key)
 
     def start(self, crowd: Crowd, frame: Frame, rest: Sequence[tuple[int, Sighting]]) -> Crowd:
-        """The crowd with new targets, or ones that were gone.
+        """The crowd with new targets.
 
         Args:
             crowd: In this frame.
             frame: At hand.
             rest: The detections that are of none of the targets, with their places among all.
         """
-        lives, gone = list(crowd.lives), list(crowd.gone)
+        lives = list(crowd.lives)
         unconfirmed = [
             life.box for life in lives if life.unconfirmed_for > 0.0 and not life.is_rival
         ]
@@ -85,23 +80,22 @@ class Initiator:
             key = Key(crowd.frame, place)
             life = self._life(frame, one.box, key, one.look).voted(one.label, one.score)
             life = replace(life, belief=_FIRST_BELIEF + 2.0 * (one.score - 1.0))
-            life = _come_back(life, one, gone)
             lives = [other for other in lives if not (other.is_rival and _is_on(life, other))]
             lives.append(life)
-        return replace(crowd, lives=tuple(lives), gone=tuple(gone))
+        return replace(crowd, lives=tuple(lives))
 
     def adopt(self, crowd: Crowd, own: Sequence[Sighting | None]) -> Crowd:
-        """The crowd in which the rivals that detections show are targets, new ones or ones gone.
+        """The crowd in which the rivals that detections show are targets.
 
         Args:
             crowd: In this frame.
             own: The detection of each, None where there is none.
         """
-        lives, gone = list(crowd.lives), list(crowd.gone)
-        for place, one in enumerate(own):
-            if one and lives[place].is_rival:
-                lives[place] = _come_back(replace(lives[place], host=None), one, gone)
-        return replace(crowd, lives=tuple(lives), gone=tuple(gone))
+        lives = tuple(
+            replace(life, host=None) if one and life.is_rival else life
+            for life, one in zip(crowd.lives, own, strict=True)
+        )
+        return replace(crowd, lives=lives)
 
     def confirm(self, crowd: Crowd, image_size: tuple[int, int]) -> Crowd:
         """The crowd with those targets confirmed that were so often enough.
@@ -142,35 +136,3 @@ def is_cut(box: NDArray[np.float64], image_size: tuple[int, int]) -> bool:
     """Whether a (4,) box goes to the border of the image."""
     ends = box[:2] + box[2:]
     return bool((box[:2] < _CUT_WITHIN).any() or (ends > np.array(image_size) - _CUT_WITHIN).any())
-
-
-def _come_back(life: Life, one: Sighting, gone: list[Life]) -> Life:
-    """A target, or who it was before if it is one of those that are gone: that leaves these."""
-    before = _recognize(one, gone)
-    if before is None:
-        return life
-    gone.remove(before)
-    return replace(
-        life,
-        key=before.key,
-        look=before.look,
-        varies=before.varies,
-        looks=before.looks,
-        belief=max(life.belief, 0.5),
-        age=before.age + (before.gone_for or 0.0),
-        confirmations=before.confirmations + 1,
-        votes=before.votes,
-    ).voted(one.label, one.score)
-
-
-def _recognize(one: Sighting, gone: Sequence[Life]) -> Life | None:
-    """The target of before that a detection is of."""
-    best, least = None, _ALIKE_BELOW
-    for life in gone:
-        box, since = life.box, life.gone_for or 0.0
-        apart = one.box[:2] + one.box[2:] / 2 - box[:2] - box[2:] / 2
-        reach = (_REACH + _SPEED * since) * box[3]
-        differs = unlikeness(life.look, one.look) / life.varies
-        if math.hypot(*apart) <= reach and differs < least and one.label == life.label:
-            best, least = life, differs
-    return best

@@ -11,8 +11,10 @@ from pf_tracker_ros.targets.crossings import tell_apart
 from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.deleter import Deleter
 from pf_tracker_ros.targets.detections import Sighting
+from pf_tracker_ros.targets.finder import Finder
 from pf_tracker_ros.targets.initiator import Initiator
 from pf_tracker_ros.targets.parameters import MultiTrackerParameters
+from pf_tracker_ros.targets.recognizer import Recognizer
 from pf_tracker_ros.targets.rivals import Rivals
 from pf_tracker_ros.targets.updater import Updater
 from pf_tracker_ros.tracking.follower import Follower
@@ -32,6 +34,8 @@ class CrowdKeeper:
         self._updater = Updater(follower, parameters.detector.recall)
         self.initiator = Initiator(follower, seed, parameters.targets.most)
         self._deleter = Deleter(parameters.track.remember)
+        self._recognizer = Recognizer()
+        self._finder = Finder(follower)
         self._rivals = Rivals(self.initiator, follower.steering, parameters.targets.most)
 
     def advance(
@@ -65,5 +69,7 @@ class CrowdKeeper:
             taken = set(given.values())
             rest = [(place, one) for place, one in enumerate(seen) if place not in taken]
             crowd = self.initiator.start(crowd, frame, rest)
+            crowd = self._recognizer.recognize(crowd)
             crowd = self.initiator.confirm(crowd, frame.size)
+        crowd = self._finder.find(crowd, frame)
         return self._rivals.start(crowd, frame, interval, is_seen=seen is not None)

@@ -65,7 +65,7 @@ class MultiTracker:
         self._parameters = parameters
         self._seed = seed
         with usual_arithmetic():
-            self._follower = Follower(parameters, finds_rivals=True)
+            self._follower = Follower(parameters, has_several=True)
         self._keeper = CrowdKeeper(self._follower, parameters, seed)
         self._camera = Camera(seed, lays_ghosts=True)
         self._crowd = Crowd()

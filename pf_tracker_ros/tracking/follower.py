@@ -8,6 +8,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pf_tracker_ros.background import BackgroundParameters
 from pf_tracker_ros.boxes import Box, as_box
@@ -32,7 +33,7 @@ from pf_tracker_ros.tracking.measurement import (
 from pf_tracker_ros.tracking.parameter_checks import check_proposal
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.prediction import KalmanPredictor, Prediction, Predictor
-from pf_tracker_ros.tracking.redetection import Redetector
+from pf_tracker_ros.tracking.redetection import Found, Redetector
 from pf_tracker_ros.tracking.steering import Steering
 from pf_tracker_ros.tracking.target import Target
 from pf_tracker_ros.tracking.track_state import Track
@@ -61,13 +62,14 @@ class Follower:
 
     Args:
         parameters: Every tunable.
-        finds_rivals: Whether targets tell what looks like them beside them, where the search is on.
+        has_several: Whether there are several targets. With the search on, each then tells what
+            looks like it beside it, and is looked for elsewhere only by `look_elsewhere`.
 
     Raises:
         ParameterError: The parameters contradict each other.
     """
 
-    def __init__(self, parameters: TrackerParameters, *, finds_rivals: bool = False) -> None:
+    def __init__(self, parameters: TrackerParameters, *, has_several: bool = False) -> None:
         self.parameters = parameters
         powers = {name: of_cue.power for name, of_cue in parameters.of_powers.items()}
         self._fusion = CueFusion(
@@ -80,7 +82,7 @@ class Follower:
         self._confidence = Confidence(self._fusion, parameters.track.confidence_rate)
         self._predictor = Predictor()
         self._measurer = Measurer(self._fusion, parameters.working_size)
-        redetector: Redetector | None = None
+        self._redetector: Redetector | None = None
         method, own = parameters.proposal.method, parameters.proposal.of_method[""]
         if method == "kalman":
             self._predictor = KalmanPredictor(own)
@@ -91,21 +93,26 @@ class Follower:
                 parameters.working_size,
                 own,
                 adaptation,
-                finds_rivals=finds_rivals,
+                finds_rivals=has_several,
             )
             self._measurer = measurer
-            redetector = Redetector(
+            self._redetector = Redetector(
                 measurer,
                 self._fusion,
                 self._confidence,
                 parameters.of_search["redetection"],
                 side=own.window,
                 doubtful_below=parameters.track.occluded_below,
+                searches_everywhere=not has_several,
             )
         self._while_hidden = WHILE_HIDDEN[parameters.track.while_hidden]()
         self._beginning = Beginning(parameters)
         self._judge = Judge(
-            self._confidence, self._while_hidden, redetector, self._beginning, parameters.track
+            self._confidence,
+            self._while_hidden,
+            self._redetector,
+            self._beginning,
+            parameters.track,
         )
         self.steering = Steering(
             self._predictor, self._measurer, self._beginning, parameters.track.lost_after
@@ -257,6 +264,18 @@ class Follower:
             estimate=estimate,
             rival=measured.rival,
         )
+
+    def look_elsewhere(
+        self, target: Target, frame: Frame, place: NDArray[np.float64]
+    ) -> Found | None:
+        """What is likeliest to be a target in a window around a (4,) box; the target stays.
+
+        Returns:
+            The box and the confidence in it; None where targets are not looked for elsewhere.
+        """
+        if self._redetector is None or self.parameters.of_search["redetection"].windows == 0:
+            return None
+        return self._redetector.look(target, frame, target.estimate.powers, place)
 
     def reconfigure(self, target: Target) -> Target:
         """A target that was followed with other parameters, to be followed with these.

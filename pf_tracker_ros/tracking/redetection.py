@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box, are_at, as_box, sides_apart
 from pf_tracker_ros.cues import CueFusion
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declared
 from pf_tracker_ros.tracking.confidence import Confidence
 from pf_tracker_ros.tracking.judgment import Judgment
@@ -38,7 +40,8 @@ class RedetectionParameters:
         "1080 for a target of 40 px); each costs about as much as tracking does, or twice where "
         "something looks like the target. While it is occluded or lost, also one around the place "
         "where it was last seen, every third frame, unless the estimate is still there. 0 searches "
-        "nowhere else.",
+        "nowhere else. Several targets are looked for by their colors, "
+        "all over the image at once, and any number but 0 means that.",
         minimum=0,
         maximum=100,
     )
@@ -94,6 +97,8 @@ class Redetector:
         parameters: How many windows.
         side: Of a window, box sizes.
         doubtful_below: Confidence of a first look below which there is no second.
+        searches_everywhere: Whether windows go all over the image; not where somebody else tells
+            which to `look` into.
     """
 
     def __init__(
@@ -105,6 +110,7 @@ class Redetector:
         *,
         side: float,
         doubtful_below: float,
+        searches_everywhere: bool = True,
     ) -> None:
         self._measurer = measurer
         self._fusion = fusion
@@ -112,6 +118,7 @@ class Redetector:
         self._windows = parameters.windows
         self._side = side
         self._doubtful_below = doubtful_below
+        self._searches_everywhere = searches_everywhere
 
     def find(
         self,
@@ -139,7 +146,7 @@ class Redetector:
         is_elsewhere = (np.abs(box[:2] - seen[:2]) > size / 2).any()
         if is_elsewhere and target.hidden_frames % _REVISIT_INTERVAL == 0:
             centers = seen[None, :2] + size / 2
-        if everywhere:
+        if everywhere and self._searches_everywhere:
             side = self._side * math.sqrt(size[0] * size[1])
             before = target.followed_frames * self._windows
             elsewhere = window_centers(measured.frame.size, side, before, self._windows)
@@ -148,9 +155,9 @@ class Redetector:
         best = Found(seen, needed)
         for center in centers:
             place, known = np.hstack([center - size / 2, size]), judged.look_alike
-            look = self._look(target, measured, place, known)
+            look = self.look(target, measured.frame, measured.powers, place, known)
             if look.confidence >= self._doubtful_below:
-                look = self._look(target, measured, look.box, known)
+                look = self.look(target, measured.frame, measured.powers, look.box, known)
                 if rival and (np.abs(look.box[:2] - box[:2]) <= size / 2).all():
                     continue
                 best = max(best, look, key=lambda one: one.confidence)
@@ -169,30 +176,35 @@ class Redetector:
         """
         if self._windows == 0 or target.runner_up is None:
             return None
-        look = self._look(target, measured, np.array(target.runner_up))
+        place = np.array(target.runner_up)
+        look = self.look(target, measured.frame, measured.powers, place)
         if not self._doubtful_below <= look.confidence < target.estimate.confidence:
             return None
         is_clear = sides_apart(look.box, target.estimate.box) >= 1.0
         return as_box(look.box) if is_clear and are_at(look.box, target.runner_up) else None
 
-    def _look(
+    def look(
         self,
         target: Target,
-        measured: Measurement,
+        frame: Frame,
+        powers: Mapping[str, float],
         place: NDArray[np.float64],
         but: Box | None = None,
     ) -> Found:
-        """What is likeliest in a window around a (4,) box, and how likely it is the target.
+        """What is likeliest in a window, and how likely it is the target.
 
-        What is where `but` is is passed over.
+        Args:
+            target: Looked for.
+            frame: Looked at.
+            powers: Of the cues.
+            place: (4,) box that the window is around.
+            but: What is there is passed over.
         """
-        search, region = self._measurer.look(measured.frame, place)
+        search, region = self._measurer.look(frame, place)
         strengths = self._fusion.strengths_on_grid(region, search.grid, target.templates)
         if not strengths:
             return Found(place, 0.0)
-        likelihood = self._fusion.search(
-            region, search.grid, strengths, target.templates, measured.powers
-        )
+        likelihood = self._fusion.search(region, search.grid, strengths, target.templates, powers)
         if but is not None:
             likelihood[are_at(search.boxes, but)] = -np.inf
         best = int(np.argmax(likelihood))

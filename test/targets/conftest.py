@@ -179,6 +179,21 @@ def returner():
     return draw([path])
 
 
+@pytest.fixture(scope="session")
+def jumper():
+    """A target that stands, and from one frame to the next stands elsewhere."""
+    steps = np.arange(60)
+    return draw([np.stack([np.where(steps < 12, 80.0, 150.0), 90.0 + 0 * steps], 1)])
+
+
+@pytest.fixture(scope="session")
+def twins():
+    """Two that look alike and stand far from each other."""
+    steps = np.arange(70)
+    places = [np.stack([x + 0 * steps, 90.0 + 0 * steps], 1) for x in (60.0, 250.0)]
+    return draw(places, colors=[(20, 20, 230)] * 2, textures=(10, 10))
+
+
 @pytest.fixture
 def make_tracker():
     def make(seed=0, **parameters):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.appearance import look_at, unlikeness
+from pf_tracker_ros.targets.appearance import alike, look_at, unlikeness
 
 BOX = np.array([100.0, 60.0, 24.0, 40.0])
 
@@ -45,3 +45,58 @@ def test_what_is_beside_a_target_hardly_counts():
 def test_a_look_is_one_wherever_the_box_is(box):
     look = look_at(person((40, 42, 170), (60, 50, 40)), np.array(box, float))
     assert np.square(look).sum() == pytest.approx(1.0, abs=1e-5)
+
+
+def crowd(scale, clothes):
+    """A textured image of 320 x 200 times a scale, with people in some clothes side by side."""
+    noise = np.random.default_rng(0).integers(90, 150, (25, 40, 3)).astype(np.uint8)
+    image = cv2.resize(noise, (320 * scale, 200 * scale), interpolation=cv2.INTER_NEAREST)
+    boxes = []
+    for place, (shirt, trousers) in enumerate(clothes):
+        x, y, width, height = np.array([30 + 50 * place, 60 + 20 * (place % 2), 24, 40]) * scale
+        image[y : y + height // 2, x : x + width] = shirt
+        image[y + height // 2 : y + height, x : x + width] = trousers
+        boxes.append((x, y, width, height))
+    return Frame(image), np.array(boxes, dtype=float)
+
+
+CLOTHES = [
+    ((40, 42, 170), (60, 50, 40)),
+    ((60, 50, 40), (40, 42, 170)),
+    ((170, 42, 40), (60, 50, 40)),
+    ((90, 160, 60), (20, 20, 20)),
+    ((200, 200, 200), (40, 42, 170)),
+]
+
+
+@pytest.mark.parametrize("scale", [1, 2, 7])
+@pytest.mark.parametrize("wanted", range(len(CLOTHES)))
+def test_an_image_is_searched_for_a_look(iou, scale, wanted):
+    frame, boxes = crowd(scale, CLOTHES)
+    size = boxes[0, 2:]
+    look = look_at(frame, boxes[wanted])
+    first, *others = alike(frame, look, size, np.empty((0, 4)), 4)
+    assert iou(first, boxes[wanted]) > 0.5
+    assert len(others) == 3
+    for one, other in itertools.combinations([first, *others], 2):
+        assert iou(one, other) < 0.5
+
+
+def test_what_is_something_else_is_passed_over(iou):
+    frame, boxes = crowd(2, CLOTHES[:1] * 3)
+    look = look_at(frame, boxes[0])
+    found = alike(frame, look, boxes[0, 2:], boxes[[0, 2]], 1)
+    assert iou(found[0], boxes[1]) > 0.5
+
+
+@pytest.mark.parametrize("shape", [(200, 320, 3), (200, 320), (5, 7, 3)])
+@pytest.mark.parametrize("size", [(24.0, 40.0), (3.0, 2.0), (900.0, 900.0)])
+def test_centers_of_what_is_alike_are_in_the_image(shape, size):
+    image = np.random.default_rng(1).integers(0, 255, shape).astype(np.uint8)
+    frame = Frame(image)
+    look = look_at(frame, np.array([1.0, 1.0, 3.0, 3.0]))
+    for box in alike(frame, look, np.array(size), np.empty((0, 4)), 5):
+        center = box[:2] + box[2:] / 2
+        assert (center >= 0).all()
+        assert (center <= frame.size).all()
+        assert tuple(box[2:]) == size

@@ -118,9 +118,9 @@ def test_no_more_rivals_begin_than_there_is_room_for(passing, make_tracker):
 
 def test_where_nothing_looks_like_a_target_it_has_the_same_bits(walkers, make_tracker, as_told):
     parts = []
-    for finds_rivals in (True, False):
+    for has_several in (True, False):
         tracker = make_tracker()
-        follower = Follower(tracker._parameters, finds_rivals=finds_rivals)
+        follower = Follower(tracker._parameters, has_several=has_several)
         tracker._keeper = CrowdKeeper(follower, tracker._parameters, seed=0)
         tracker.start(walkers.images[0], walkers.boxes[0][0])
         parts.append([as_told(tracker.update(one, INTERVAL)) for one in walkers.images[1:]])

@@ -1,0 +1,96 @@
+"""Looks for lost targets all over the image."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.boxes import are_at, as_box
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.targets.appearance import alike, look_at, unlikeness
+from pf_tracker_ros.targets.associator import CENTER_SPREAD
+from pf_tracker_ros.targets.course import Course
+from pf_tracker_ros.targets.crowd import Crowd
+from pf_tracker_ros.targets.life import Life
+from pf_tracker_ros.tracking.follower import Follower
+
+# Every how many frames it is the turn of a target, and how many places are looked at then.
+_EVERY, _PLACES = 5, 6
+# Seconds without a detector after which there is none.
+_ON_THEIR_OWN_AFTER = 10.0
+# What is found differs from the target by less than this, by so much less than what is in its box
+# now, and is it with more than this confidence.
+_ALIKE_BELOW, _MARGIN, _CONFIDENT_ABOVE = 0.25, 0.1, 0.7
+
+
+class Finder:
+    """Brings lost targets to where they are seen again, if no detector will.
+
+    What was started by hand, where there is no detector, has to be found by its looks: where the
+    image is most like them, and none of the other targets is, the filter is asked.
+
+    Args:
+        follower: Knows the targets.
+    """
+
+    def __init__(self, follower: Follower) -> None:
+        self._follower = follower
+
+    def find(self, crowd: Crowd, frame: Frame) -> Crowd:
+        """The crowd with those brought there that are found.
+
+        Args:
+            crowd: In this frame.
+            frame: At hand.
+        """
+        lost = [life for life in crowd.lives if _is_looked_for(life)]
+        if not lost or crowd.idle_for < _ON_THEIR_OWN_AFTER:
+            return crowd
+        others = [life.box for life in crowd.lives if life.target.estimate.state != "lost"]
+        known = np.array(others).reshape(-1, 4)
+        found: dict[Life, NDArray[np.float64]] = {}
+        for life in lost:
+            box = self._place(life, frame, known)
+            if box is not None:
+                found[life] = box
+                known = np.vstack([known, box])
+        return replace(
+            crowd,
+            lives=tuple(
+                self._brought(life, found[life]) if life in found else life for life in crowd.lives
+            ),
+        )
+
+    def _place(
+        self, life: Life, frame: Frame, known: NDArray[np.float64]
+    ) -> NDArray[np.float64] | None:
+        """(4,) box where a target is seen, None if nowhere."""
+        box, size = life.box, np.array(life.target.seen_box[2:])
+        center = box[:2] + box[2:] / 2
+        is_inside = bool(((center >= 0.0) & (center < frame.size)).all())
+        here = unlikeness(life.look, look_at(frame, box)) if is_inside else 1.0
+        best, least = None, min(_ALIKE_BELOW, here - _MARGIN)
+        for place in alike(frame, life.look, size, known, _PLACES):
+            differs = unlikeness(life.look, look_at(frame, place))
+            if differs < least:
+                found = self._follower.look_elsewhere(life.target, frame, place)
+                is_there = found is not None and are_at(found.box, as_box(place))
+                if found is not None and is_there and found.confidence > _CONFIDENT_ABOVE:
+                    best, least = found.box, differs
+        return best
+
+    def _brought(self, life: Life, box: NDArray[np.float64]) -> Life:
+        """A target that was found in a (4,) box."""
+        return replace(
+            life,
+            target=self._follower.steering.move(life.target, as_box(box)),
+            course=Course.begin(box, CENTER_SPREAD * box[2:]),
+        )
+
+
+def _is_looked_for(life: Life) -> bool:
+    """Whether a target is lost, nobody else will show it, and it is its turn."""
+    is_lost = life.is_on_its_own and life.target.estimate.state == "lost"
+    return is_lost and life.target.followed_frames % _EVERY == 0

@@ -1,0 +1,103 @@
+"""Who of those that are missing is seen again."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from pf_tracker_ros.targets.appearance import unlikeness
+from pf_tracker_ros.targets.crowd import Crowd
+from pf_tracker_ros.targets.life import Life
+
+# A target is recognized by a look that differs by less than so much of what it usually varies by.
+_ALIKE_BELOW = 1.5
+# How far it may have come: box heights at once, and in each second.
+_REACH, _SPEED = 1.0, 1.0
+# Belief below which a target that somebody asked for is missing, if the image does not show it.
+_MISSING_BELOW = -1.0
+
+
+class Recognizer:
+    """Gives targets that a detector has started the names of those they were before.
+
+    Nobody ends what was started by hand. If it is lost, though, the detector finds it before
+    anybody knows that it is the same one, and it begins as another: until the detector has missed
+    the one often enough, and the looks of both agree.
+    """
+
+    def recognize(self, crowd: Crowd) -> Crowd:
+        """The crowd with those recognized that a detection shows.
+
+        What has ended is recognized by the first detection or not at all.
+
+        Args:
+            crowd: In a frame that the detector saw.
+        """
+        missing = [*crowd.gone, *(life for life in crowd.lives if _is_missing(life))]
+        shown = [life for life in crowd.lives if _may_be_another(life)]
+        if not missing or not shown:
+            return crowd
+        differs = np.array([[_difference(before, life) for life in shown] for before in missing])
+        rows, columns = linear_sum_assignment(np.minimum(differs, _ALIKE_BELOW))
+        known = {
+            shown[column].key: missing[row]
+            for row, column in zip(rows, columns, strict=True)
+            if differs[row, column] < _ALIKE_BELOW
+        }
+        found = {before.key for before in known.values()}
+        return replace(
+            crowd,
+            lives=tuple(
+                _as_before(life, known[life.key]) if life.key in known else life
+                for life in crowd.lives
+                if life.key not in found
+            ),
+            gone=tuple(life for life in crowd.gone if life.key not in found),
+        )
+
+
+def _is_missing(life: Life) -> bool:
+    """Whether somebody asked for a target that neither the detector nor the image shows."""
+    is_seen = life.unconfirmed_for == 0.0 or life.target.estimate.state == "tracking"
+    return life.by_hand and not is_seen and life.belief < _MISSING_BELOW
+
+
+def _may_be_another(life: Life) -> bool:
+    """Whether a detection shows a target that a detector has started."""
+    return life.unconfirmed_for == 0.0 and not life.by_hand and not life.is_rival
+
+
+def _difference(before: Life, life: Life) -> float:
+    """How unlike a missing target another one is, in what it varies by; infinite if it can't be."""
+    if before.gone_for is None:
+        since, began_after = before.unconfirmed_for, life.age <= before.unconfirmed_for
+    else:
+        since, began_after = before.gone_for, life.confirmations == 1
+    one, other = life.box, before.box
+    apart = one[:2] + one[2:] / 2 - other[:2] - other[2:] / 2
+    is_near = math.hypot(*apart) <= (_REACH + _SPEED * since) * other[3]
+    if not began_after or not is_near or life.label not in before.votes:
+        return math.inf
+    return unlikeness(before.look, life.look) / before.varies
+
+
+def _as_before(life: Life, before: Life) -> Life:
+    """A target that is the one of before, where it is now."""
+    votes = {
+        label: before.votes.get(label, 0.0) + life.votes.get(label, 0.0)
+        for label in (*before.votes, *life.votes)
+    }
+    return replace(
+        life,
+        key=before.key,
+        look=before.look,
+        varies=before.varies,
+        looks=before.looks,
+        belief=max(life.belief, 0.5),
+        age=before.age + (before.gone_for or 0.0),
+        confirmations=before.confirmations + life.confirmations,
+        votes=votes,
+    )

@@ -1,0 +1,55 @@
+"""Targets by hand that are found again by their looks, with no detector beside them."""
+
+import numpy as np
+import pytest
+
+INTERVAL = 0.1
+
+
+def last_boxes(tracker, drawn, frames):
+    """(frames, targets, 4) of the targets that the first frame shows, all started by hand."""
+    for box in drawn.boxes[0]:
+        tracker.start(drawn.images[0], box)
+    return np.array(
+        [
+            [target.estimate.box for target in tracker.update(image, INTERVAL)]
+            for image in drawn.images[1:frames]
+        ]
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_lost_one_is_found_within_a_moment_wherever_it_is(returner, make_tracker, iou, seed):
+    """In windows, one after another, it takes up to 77 frames to have looked everywhere."""
+    (box,) = last_boxes(make_tracker(seed), returner, 52)[-1]
+    assert iou(returner.boxes[51][0], box) > 0.5
+
+
+def test_where_nothing_is_looked_for_elsewhere_it_stays_lost(returner, make_tracker, iou):
+    (box,) = last_boxes(make_tracker(redetection__windows=0), returner, 52)[-1]
+    assert iou(returner.boxes[51][0], box) == 0.0
+
+
+def test_one_that_is_gone_is_not_taken_for_its_twin(twins, make_tracker, iou):
+    images = [image.copy() for image in twins.images]
+    x, y, width, height = twins.boxes[0][0].astype(int)
+    for image in images[8:]:
+        image[y : y + height, x : x + width] = image[y - height : y, x : x + width]
+    boxes = last_boxes(make_tracker(), type(twins)(images, twins.boxes), len(images))
+    assert max(iou(*pair) for pair in boxes) < 0.5
+    assert iou(twins.boxes[-1][1], boxes[-1][1]) > 0.7
+
+
+def test_of_two_alike_that_are_lost_one_is_found_where_one_is(twins, make_tracker, iou):
+    images = [twins.images[0]] * 8
+    empty = twins.images[0].copy()
+    for x, y, width, height in twins.boxes[0].astype(int):
+        empty[y : y + height, x : x + width] = empty[y - height : y, x : x + width]
+    x, y, width, height = twins.boxes[0][0].astype(int)
+    there = empty.copy()
+    there[150:190, 150:174] = twins.images[0][y : y + height, x : x + width]
+    images += [empty] * 30 + [there] * 30
+    boxes = last_boxes(make_tracker(), type(twins)(images, twins.boxes), len(images))
+    found = sorted(iou((150, 150, 24, 40), box) for box in boxes[-1])
+    assert found[1] > 0.7
+    assert found[0] < 0.3

@@ -1,0 +1,70 @@
+"""Targets by hand that a detector finds again, where nobody has followed them to."""
+
+import numpy as np
+import pytest
+
+INTERVAL, EVERY = 0.1, 5
+
+
+@pytest.fixture
+def follow(make_tracker):
+    """Follows the first target of drawn footage by hand, with a detector that sees some of it."""
+
+    def run(drawn, finds=lambda number: None, labels=lambda number: None):
+        # Only the detector looks elsewhere.
+        tracker = make_tracker(redetection__windows=0)
+        first = tracker.start(drawn.images[0], drawn.boxes[0][0])
+        answers = []
+        for number, image in enumerate(drawn.images[1:], 1):
+            seen = None
+            if number % EVERY == 0:
+                seen = drawn.detections(number, finds(number), labels=labels(number))
+            answers.append(tracker.update(image, INTERVAL, seen))
+        return first, answers
+
+    return run
+
+
+def ids(answer):
+    return [target.id for target in answer]
+
+
+def test_one_that_the_detector_finds_elsewhere_has_its_id(returner, follow, iou):
+    first, answers = follow(returner)
+    (told,) = answers[-1]
+    assert told.id == first
+    assert iou(returner.boxes[-1][0], told.estimate.box) > 0.7
+    assert told.age == pytest.approx(INTERVAL * len(answers))
+
+
+def test_one_that_began_again_before_it_was_missed_gets_its_id_back(jumper, follow, iou):
+    first, answers = follow(jumper)
+    assert any(len(answer) == 2 for answer in answers)
+    (told,) = answers[-1]
+    assert told.id == first
+    assert iou(jumper.boxes[-1][0], told.estimate.box) > 0.7
+
+
+def test_one_that_the_image_shows_is_not_another_that_looks_like_it(twins, follow, iou):
+    first, answers = follow(twins, finds=lambda number: [1])
+    assert len(answers[-1]) == 2
+    told = {target.id: target.estimate.box for target in answers[-1]}
+    assert iou(twins.boxes[-1][0], told[first]) > 0.7
+
+
+def test_what_looks_different_is_another_one(returner, follow):
+    blue = [image.copy() for image in returner.images]
+    for image in blue[40:]:
+        image[..., [0, 2]] = image[..., [2, 0]]
+    first, answers = follow(type(returner)(blue, returner.boxes))
+    assert sorted(ids(answers[-1])) == [first, first + 1]
+
+
+@pytest.mark.parametrize(("label", "is_same"), [("person", True), ("dog", False)])
+def test_what_was_never_called_so_is_another_one(returner, follow, label, is_same):
+    def labels(number):
+        there = np.isfinite(returner.boxes[number]).all(axis=1).sum()
+        return [label if number >= 40 else "person"] * there
+
+    first, answers = follow(returner, labels=labels)
+    assert (ids(answers[-1]) == [first]) == is_same
