@@ -34,7 +34,7 @@ _FALLS_ACROSS, _FALLS_DOWN = 0.9, 0.7
 # out; in so many steps of a box's width, and twice as many of its height.
 _SEARCHED_COLUMNS, _STEPS = 6, 5
 # Pixels that are searched, however large the image.
-_MOST_SEARCHED = 100_000
+_MOST_SEARCHED = 60_000
 # What is expected of a color that was never seen, and of what is in another stripe.
 _RARE, _SPILLS = 0.002, 0.1
 # What overlaps something else by more than this is that.
@@ -69,7 +69,7 @@ def look_at(frame: Frame, box: NDArray[np.float64]) -> Look:
     crop = frame.view(Part(top, bottom, left, right))
     crop = cv2.resize(crop, (_COLUMNS, _ROWS), interpolation=cv2.INTER_AREA)
     # Between two steps a pixel counts for both: light that changes a little changes little.
-    places = _levels(crop).reshape(-1, 3) - 0.5
+    places = _in_steps(_lab(crop).reshape(-1, 3)) - 0.5
     lower = np.floor(places)
     upper_share = (places - lower).T
     lower = lower.T
@@ -147,20 +147,33 @@ def blend(look: Look, seen: Look, share: float) -> Look:
     return np.sqrt((1.0 - share) * np.square(look) + share * np.square(seen))
 
 
-def _levels(pixels: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """(..., 3) lightness and colors of (..., 3) BGR or gray pixels, in steps, from 0 on."""
+def _lab(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(h, w, 3) lightness and two colors of (h, w, 3) BGR or (h, w) gray pixels."""
     color = cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR) if pixels.ndim == 2 else pixels
-    lab = cv2.cvtColor(color, cv2.COLOR_BGR2LAB)
+    return cv2.cvtColor(color, cv2.COLOR_BGR2LAB)
+
+
+def _in_steps(lab: NDArray[np.generic]) -> NDArray[np.float64]:
+    """(..., 3) lightness and colors, 0 to 255, in steps from 0 to `_LEVELS`."""
     return np.clip((lab - _MIDDLE) * _SCALE, 0.0, 1.0) * _LEVELS
 
 
 def _bins(frame: Frame, reduction: int) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """The bin of each pixel of a reduced image, and the share of each bin in it."""
     width, height = (-(-length // reduction) for length in frame.size)
-    levels = _levels(frame.view(Part(0, height, 0, width), reduction))
-    first, second, third = np.minimum(levels, _LEVELS - 1).astype(np.intp).transpose(2, 0, 1)
-    bins = (first * _LEVELS[1] + second) * _LEVELS[2] + third
+    colors = _lab(frame.view(Part(0, height, 0, width), reduction))
+    first, second, third = cv2.split(cv2.LUT(colors, _STEP_OF))
+    bins = (first.astype(np.intp) * _LEVELS[1] + second) * _LEVELS[2] + third
     return bins, np.bincount(bins.ravel(), minlength=_BINS) / bins.size
+
+
+def _step_of() -> NDArray[np.uint8]:
+    """(256, 1, 3) the step of each value of lightness and the two colors."""
+    values = np.arange(256)[:, None, None] + np.zeros(3)
+    return np.minimum(_in_steps(values), _LEVELS - 1).astype(np.uint8)
+
+
+_STEP_OF = _step_of()
 
 
 def _edges(

@@ -21,13 +21,13 @@ def last_boxes(tracker, drawn, frames):
 @pytest.mark.parametrize("seed", range(3))
 def test_a_lost_one_is_found_within_a_moment_wherever_it_is(returner, make_tracker, iou, seed):
     """In windows, one after another, it takes up to 77 frames to have looked everywhere."""
-    (box,) = last_boxes(make_tracker(seed), returner, 52)[-1]
-    assert iou(returner.boxes[51][0], box) > 0.5
+    (box,) = last_boxes(make_tracker(seed), returner, 46)[-1]
+    assert iou(returner.boxes[45][0], box) > 0.5
 
 
 def test_where_nothing_is_looked_for_elsewhere_it_stays_lost(returner, make_tracker, iou):
-    (box,) = last_boxes(make_tracker(redetection__windows=0), returner, 52)[-1]
-    assert iou(returner.boxes[51][0], box) == 0.0
+    (box,) = last_boxes(make_tracker(redetection__windows=0), returner, 46)[-1]
+    assert iou(returner.boxes[45][0], box) == 0.0
 
 
 def test_one_that_is_gone_is_not_taken_for_its_twin(twins, make_tracker, iou):
