@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import BoxesByAxis
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.tiles import Part
 from pf_tracker_ros.targets.geometry import overlaps
@@ -107,38 +108,25 @@ def alike(
     pixels = frame.size[0] * frame.size[1]
     narrow = math.floor((1.0 - 2.0 * _INSET_ACROSS) * size[0] / _SEARCHED_COLUMNS)
     reduction = max(narrow, math.ceil(math.sqrt(pixels / _MOST_SEARCHED)), 1)
-    bins, shares = frame.share(("look bins", reduction), lambda: _bins(frame, reduction))
-    wanted = np.square(look.reshape(_STRIPES, _BINS)) * _STRIPES
-    # A stripe may be off by some: what is in others is expected a little, too.
-    wanted = (1.0 - _SPILLS) * wanted + _SPILLS * wanted.mean(axis=0)
-    tells = np.log((wanted + _RARE) / (shares + _RARE)).astype(np.float32)
-    height, width = bins.shape
     across, down = size / reduction
-    # Centers are in the image.
-    x = np.arange(-across / 2, width - across / 2, max(across / _STEPS, 1.0))
-    y = np.arange(-down / 2, height - down / 2, max(down / (2 * _STEPS), 1.0))
-    left, right = _edges(x, across, (_INSET_ACROSS, 1.0 - _INSET_ACROSS), width)
-    found = np.zeros((len(y), len(x)))
-    ends = np.linspace(_INSET_DOWN, 1.0 - _INSET_DOWN, _STRIPES + 1)
-    for stripe, part in enumerate(itertools.pairwise(ends.tolist())):
-        top, bottom = _edges(y, down, part, height)
-        sums = cv2.integral(tells[stripe][bins], sdepth=cv2.CV_64F)
-        total = sums[np.ix_(bottom, right)] - sums[np.ix_(top, right)]
-        total += sums[np.ix_(top, left)] - sums[np.ix_(bottom, left)]
-        found += total / np.maximum((bottom - top)[:, None] * (right - left), 1)
+    # Centers are in the image, whose last pixels may be less than a whole one of the reduced image.
+    ends = np.array(frame.size) / reduction - (across / 2, down / 2)
+    x = np.arange(-across / 2, ends[0], max(across / _STEPS, 1.0))
+    y = np.arange(-down / 2, ends[1], max(down / (2 * _STEPS), 1.0))
+    likeness = _likeness(frame, look, reduction, BoxesByAxis(x, y, across, down))
     corners = np.stack(np.broadcast_arrays(x * reduction, y[:, None] * reduction), axis=-1)
     boxes = np.concatenate([corners, np.broadcast_to(size, corners.shape)], axis=-1)
     if len(known):
         taken = overlaps(boxes.reshape(-1, 4), known).max(axis=1) > _TAKEN_ABOVE
-        found[taken.reshape(found.shape)] = -np.inf
+        likeness[taken.reshape(likeness.shape)] = -np.inf
     best: list[NDArray[np.float64]] = []
-    while len(best) < most and (likeliest := int(found.argmax())) >= 0:
-        row, column = np.unravel_index(likeliest, found.shape)
-        if found[row, column] == -np.inf:
+    for _ in range(most):
+        row, column = divmod(int(likeness.argmax()), len(x))
+        if likeness[row, column] == -np.inf:
             break
         best.append(boxes[row, column])
-        near = np.ix_(np.abs(y - y[row]) < down / 2, np.abs(x - x[column]) < across / 2)
-        found[near] = -np.inf
+        is_near = np.abs(y - y[row]) < down / 2, np.abs(x - x[column]) < across / 2
+        likeness[np.ix_(*is_near)] = -np.inf
     return best
 
 
@@ -167,6 +155,37 @@ def _bins(frame: Frame, reduction: int) -> tuple[NDArray[np.intp], NDArray[np.fl
     return bins, np.bincount(bins.ravel(), minlength=_BINS) / bins.size
 
 
+def _likeness(frame: Frame, look: Look, reduction: int, boxes: BoxesByAxis) -> NDArray[np.float64]:
+    """How much a look speaks for boxes.
+
+    Args:
+        frame: They are in.
+        look: Looked for.
+        reduction: Of the image.
+        boxes: (columns,) left and (rows,) upper edges, and the sides of all, in its pixels.
+
+    Returns:
+        (rows, columns) sums over the stripes of the mean log ratio of how often a color is in the
+        look, and in the image.
+    """
+    bins, shares = frame.share(("look bins", reduction), lambda: _bins(frame, reduction))
+    wanted = np.square(look.reshape(_STRIPES, _BINS)) * _STRIPES
+    # A stripe may be off by some: what is in others is expected a little, too.
+    wanted = (1.0 - _SPILLS) * wanted + _SPILLS * wanted.mean(axis=0)
+    tells = np.log((wanted + _RARE) / (shares + _RARE)).astype(np.float32)
+    height, width = bins.shape
+    left, right = _edges(boxes.x, boxes.width, (_INSET_ACROSS, 1.0 - _INSET_ACROSS), width)
+    likeness = np.zeros((len(boxes.y), len(boxes.x)))
+    ends = np.linspace(_INSET_DOWN, 1.0 - _INSET_DOWN, _STRIPES + 1)
+    for stripe, part in enumerate(itertools.pairwise(ends.tolist())):
+        top, bottom = _edges(boxes.y, boxes.height, part, height)
+        sums = cv2.integral(tells[stripe][bins], sdepth=cv2.CV_64F)
+        total = sums[np.ix_(bottom, right)] - sums[np.ix_(top, right)]
+        total += sums[np.ix_(top, left)] - sums[np.ix_(bottom, left)]
+        likeness += total / np.maximum((bottom - top)[:, None] * (right - left), 1)
+    return likeness
+
+
 def _step_of() -> NDArray[np.uint8]:
     """(256, 1, 3) the step of each value of lightness and the two colors."""
     values = np.arange(256)[:, None, None] + np.zeros(3)
@@ -177,7 +196,10 @@ _STEP_OF = _step_of()
 
 
 def _edges(
-    starts: NDArray[np.float64], side: float, part: tuple[float, float], length: int
+    starts: NDArray[np.float64],
+    side: NDArray[np.float64] | float,
+    part: tuple[float, float],
+    length: int,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Where a part of each of some sides begins and ends, whole pixels inside the image."""
     first, last = (
