@@ -56,6 +56,8 @@ class Frame:
         foreground: What a background model says of it; None where there is no model, or where it
             says nothing.
         background: What the model is worth in this frame; None where there is none.
+        camera_motion: How the camera has moved since the frame before, see `EgoMotion.follow`; None
+            where it stands still, or nobody asked.
     """
 
     def __init__(
@@ -70,6 +72,7 @@ class Frame:
         self.light = light
         self.foreground: Foreground | None = None
         self.background: BackgroundState | None = None
+        self.camera_motion: NDArray[np.float64] | None = None
         self._span = span
         self._levels = None if light.gain == 1.0 else relit_levels(light.gain)
         self._views: dict[int, TiledImage] = {}

@@ -85,6 +85,16 @@ class Course:
         """The same course from another place, by a (2,) shift in pixels."""
         return replace(self, center=self.center + shift)
 
+    def carry(self, camera_motion: NDArray[np.float64]) -> Course:
+        """The same course, seen by a camera that has moved; see `EgoMotion.follow`.
+
+        Args:
+            camera_motion: (3, 3) similarity.
+        """
+        linear, shift = camera_motion[:2, :2], camera_motion[:2, 2]
+        center, velocity = linear @ self.center + shift, linear @ self.velocity
+        return replace(self, center=center, velocity=velocity)
+
     def scale(self, factors: NDArray[np.float64]) -> Course:
         """The same course in an image of another size, by (2,) factors of its width and height."""
         squares = np.square(factors)

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pf_tracker_ros.targets.life import Key, Life
 
 
@@ -25,6 +28,14 @@ class Crowd:
     gone: tuple[Life, ...] = ()
     idle_for: float = math.inf
     rhythm: float = math.inf
+
+    def carried(self, camera_motion: NDArray[np.float64]) -> Crowd:
+        """The same after the camera has moved, see `Life.carried`."""
+        return replace(
+            self,
+            lives=tuple(life.carried(camera_motion) for life in self.lives),
+            gone=tuple(life.carried(camera_motion) for life in self.gone),
+        )
 
     def without(self, key: Key) -> Crowd:
         """The same, without one of them, followed or gone."""

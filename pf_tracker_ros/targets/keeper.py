@@ -53,6 +53,8 @@ class CrowdKeeper:
         if seen is not None:
             idle_for, rhythm = 0.0, idle_for
         crowd = replace(crowd, frame=crowd.frame + 1, idle_for=idle_for, rhythm=rhythm)
+        if frame.camera_motion is not None:
+            crowd = crowd.carried(frame.camera_motion)
         lives = tuple(life.predicted(interval) for life in crowd.lives)
         given = self._associator.assign(lives, seen or ())
         own = [

@@ -131,6 +131,20 @@ class Life:
         size = self.box[2:]
         return np.concatenate([self.course.center - size / 2, size])
 
+    def carried(self, camera_motion: NDArray[np.float64]) -> Life:
+        """The same after the camera has moved: courses are those through the scene.
+
+        Its particles stay: they look for it in the image, near where its course leads, and
+        its box has a size of its own, since the scene is not as far away as it is.
+
+        Args:
+            camera_motion: (3, 3), see `EgoMotion.follow`.
+        """
+        glimpse = self.glimpse
+        if glimpse:
+            glimpse = glimpse._replace(course=glimpse.course.carry(camera_motion))
+        return replace(self, course=self.course.carry(camera_motion), glimpse=glimpse)
+
     def predicted(self, interval: float) -> Life:
         """The same, with its course so many seconds later."""
         return replace(self, course=self.course.predict(interval, self.box[3]))

@@ -67,7 +67,7 @@ class MultiTracker:
         with usual_arithmetic():
             self._follower = Follower(parameters, has_several=True)
         self._keeper = CrowdKeeper(self._follower, parameters, seed)
-        self._camera = Camera(seed, lays_ghosts=True)
+        self._camera = self._new_camera()
         self._crowd = Crowd()
         self._history = History()
         self._names = Names()
@@ -195,7 +195,7 @@ class MultiTracker:
         with usual_arithmetic():
             memory = Memory(self._crowd, self._history, frame)
             crowd = resized(memory, self._follower, image)
-            self._camera = Camera(self._seed, lays_ghosts=True)
+            self._camera = self._new_camera()
             boxes = [life.target.estimate.box for life in crowd.lives]
             self._keep(self._open(last, 0.0, boxes))
         self._crowd = crowd
@@ -217,7 +217,7 @@ class MultiTracker:
     def forget_camera(self) -> None:
         """Forget all targets, and take images of any size and kind."""
         self.clear()
-        self._camera, self._shape = Camera(self._seed, lays_ghosts=True), None
+        self._camera, self._shape = self._new_camera(), None
 
     @property
     def targets(self) -> tuple[TrackedTarget, ...]:
@@ -411,6 +411,9 @@ class MultiTracker:
             return tuple(seen), reasons
         # None of the boxes makes sense: that does not say that nothing is there.
         return None, reasons
+
+    def _new_camera(self) -> Camera:
+        return Camera(self._seed, lays_ghosts=True, tells_motion=True)
 
     def _open(self, image: NDArray[np.generic], interval: float, boxes: Sequence[Box]) -> Frame:
         follows_light = self._follower.parameters.follow_light

@@ -76,7 +76,8 @@ def _difference(before: Life, life: Life) -> float:
         since, began_after = before.unconfirmed_for, life.age <= before.unconfirmed_for
     else:
         since, began_after = before.gone_for, life.confirmations == 1
-    one, other = life.box, before.box
+    # Nobody looks for what has ended: its course alone goes along where the camera turns.
+    one, other = life.box, before.box if before.gone_for is None else before.expected
     apart = one[:2] + one[2:] / 2 - other[:2] - other[2:] / 2
     is_near = math.hypot(*apart) <= (_REACH + _SPEED * since) * other[3]
     if not began_after or not is_near or life.label not in before.votes:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.background import BackgroundModel, BackgroundParameters
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Foreground, Frame
+from pf_tracker_ros.frames.ego_motion import EgoMotion
 from pf_tracker_ros.frames.gain_control import GainControl
 from pf_tracker_ros.frames.light import UNCHANGED
 
@@ -28,11 +29,13 @@ class Camera:
     Args:
         seed: Seeds the background model.
         lays_ghosts: See `BackgroundModel`.
+        tells_motion: Whether each frame tells how the camera has moved.
     """
 
-    def __init__(self, seed: int, *, lays_ghosts: bool = False) -> None:
+    def __init__(self, seed: int, *, lays_ghosts: bool = False, tells_motion: bool = False) -> None:
         self._seed = seed
         self._lays_ghosts = lays_ghosts
+        self._ego_motion = EgoMotion() if tells_motion else None
         self._gain = GainControl()
         self._next_gain = self._gain
         self._light = self._next_light = UNCHANGED
@@ -49,7 +52,7 @@ class Camera:
     ) -> Frame:
         """The next frame; it is the last one as soon as `keep` says so.
 
-        The background model learns it at once.
+        The background model learns it at once, and the camera's motion is counted from it.
 
         Args:
             image: Of the size and kind of the last one; checked.
@@ -62,6 +65,8 @@ class Camera:
         self._next_gain = self._gain.follow(image, interval)
         self._next_light = self._light.follow(image, interval) if follow_light else UNCHANGED
         frame = Frame(image, span=self._next_gain.span, light=self._next_light)
+        if self._ego_motion:
+            frame.camera_motion = self._ego_motion.follow(frame)
         if background:
             self.observe_background(frame, boxes, background)
         return frame

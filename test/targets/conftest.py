@@ -107,6 +107,16 @@ def passage():
 
 
 @pytest.fixture(scope="session")
+def turned_passage(passage):
+    """The same by a camera that sees a part of it, and turns while the one is behind the other."""
+    offsets = np.clip(8 * (np.arange(36) - 15), 0, 96)
+    boxes = passage.boxes.copy()
+    boxes[..., 0] -= offsets[:, None]
+    seen = zip(passage.images, offsets, strict=True)
+    return Drawn([image[:, left : left + 224].copy() for image, left in seen], boxes)
+
+
+@pytest.fixture(scope="session")
 def lookalikes():
     """By name: one that passes behind its like, who stands, or comes towards it."""
     steps = np.arange(40)

@@ -64,3 +64,11 @@ def test_an_image_of_another_size_changes_the_unit_alone():
     small = small.predict(INTERVAL, HEIGHT).correct(measured, DEVIATION)
     for name, power in (("center", 1), ("velocity", 1), ("spread", 2), ("speed_spread", 2)):
         np.testing.assert_allclose(getattr(large, name), getattr(small, name) * 2**power)
+
+
+def test_a_camera_that_turns_by_a_right_angle_and_moves_takes_it_along():
+    course = Course(
+        np.array([30.0, 50.0]), np.array([4.0, 1.0]), *(np.array([2.0, 2.0]),) * 3
+    ).carry(np.array([[0.0, -1.0, 7.0], [1.0, 0.0, -9.0], [0.0, 0.0, 1.0]]))
+    assert course.center == pytest.approx([-43.0, 21.0])
+    assert course.velocity == pytest.approx([-1.0, 4.0])

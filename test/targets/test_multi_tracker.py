@@ -337,8 +337,9 @@ def test_gray_images_of_every_kind(walkers, make_tracker, dtype):
     assert len(answer) == 3
 
 
-def test_a_hidden_target_goes_on_as_it_went(passage, make_tracker, iou):
-    tracker = make_tracker()
+@pytest.mark.parametrize("footage", ["passage", "turned_passage"])
+def test_a_hidden_target_goes_on_as_it_went(footage, request, make_tracker, iou):
+    passage, tracker = request.getfixturevalue(footage), make_tracker()
     for number, image in enumerate(passage.images):
         hidden = iou(*passage.boxes[number][:2]) > 0.2
         told = tracker.update(

@@ -1,7 +1,13 @@
 """Targets by hand that a detector finds again, where nobody has followed them to."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+
+from pf_tracker_ros import Detections
+from pf_tracker_ros.targets.crowd import Crowd
+from pf_tracker_ros.targets.recognizer import Recognizer
 
 INTERVAL, EVERY = 0.1, 5
 
@@ -68,3 +74,20 @@ def test_what_was_never_called_so_is_another_one(returner, follow, label, is_sam
 
     first, answers = follow(returner, labels=labels)
     assert (ids(answers[-1]) == [first]) == is_same
+
+
+@pytest.mark.parametrize("turned", [0, 150])
+def test_one_that_has_ended_is_where_the_camera_has_taken_it(walkers, make_tracker, turned):
+    lives = []
+    for shift in (0, 150):
+        tracker = make_tracker()
+        box = walkers.boxes[0][0] + (shift, 0, 0, 0)
+        image = np.roll(walkers.images[0], shift, axis=1)
+        tracker.update(image, INTERVAL, Detections(box[None], np.ones(1)))
+        lives += tracker._crowd.lives
+    ended, begun = lives
+    ended = replace(ended, key=ended.key._replace(frame=0), gone_for=INTERVAL)
+    motion = np.array([[1.0, 0, turned], [0, 1, 0], [0, 0, 1]])
+    crowd = replace(Crowd(gone=(ended,)).carried(motion), lives=(begun,))
+    (known,) = Recognizer().recognize(crowd).lives
+    assert (known.key == ended.key) == (turned == 150)

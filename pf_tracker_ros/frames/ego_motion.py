@@ -1,0 +1,90 @@
+"""How the camera itself moves, as its images tell."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.background.camera_motion import agreed_motion, follow_points
+from pf_tracker_ros.frames.frame import Frame
+from pf_tracker_ros.frames.tiles import Part
+
+# Pixels of the reduced images that are compared, and the least side that they may have.
+_MOST_PIXELS = 384 * 288
+_LEAST_SIDE = 16
+# A point that moves by less has stayed, and a camera that moves every corner by less has: pixels of
+# the reduced image. With so many points that have stayed, it is the scene that moves.
+_STAYS_BELOW, _MOVES_ABOVE, _STAYING = 0.2, 0.3, 0.3
+# Frames after which a camera that stands still is compared with a new image.
+_RENEWED_AFTER = 10
+
+
+class EgoMotion:
+    """Tells the motion of the camera from that of the scene.
+
+    While the camera stands still, images are compared with the same one for some frames, so that a
+    slow motion adds up until it is seen. Where something large moves before a still camera, most of
+    the image may move: the camera has moved only if hardly anything has stayed.
+    """
+
+    def __init__(self) -> None:
+        self._known: NDArray[np.uint8] | None = None
+        self._age = 0
+
+    def follow(self, frame: Frame) -> NDArray[np.float64] | None:
+        """Take the next frame, of the size of those before.
+
+        Returns:
+            (3, 3) similarity that takes (x, y, 1), pixels, from where the still part of the scene
+            was seen before to where it is seen now; None where the camera stands still, or nobody
+            knows: then it is part of the next one that is told.
+        """
+        reduction = math.ceil(math.sqrt(math.prod(frame.size) / _MOST_PIXELS))
+        gray = _gray(frame, reduction)
+        if min(gray.shape) < _LEAST_SIDE:
+            return None
+        if self._known is None:
+            self._known = gray
+            return None
+        before, now = follow_points(self._known, gray)
+        motion = agreed_motion(before, now)
+        has_moved = motion is not None and _is_of_camera(motion, before, now, gray.shape)
+        self._age += 1
+        if has_moved or motion is None or self._age >= _RENEWED_AFTER:
+            self._known, self._age = gray, 0
+        if motion is None or not has_moved:
+            return None
+        motion[:2, 2] *= reduction
+        return motion
+
+
+def _gray(frame: Frame, reduction: int) -> NDArray[np.uint8]:
+    """(h, w) the frame, reduced; green is brightness enough to follow points."""
+    width, height = (-(-side // reduction) for side in frame.size)
+    view = frame.view(Part(0, height, 0, width), reduction)
+    return view if view.ndim == 2 else cv2.extractChannel(view, 1)
+
+
+def _is_of_camera(
+    motion: NDArray[np.float64],
+    before: NDArray[np.float32],
+    now: NDArray[np.float32],
+    shape: tuple[int, ...],
+) -> bool:
+    """Whether a motion on which points agree is the camera's.
+
+    Args:
+        motion: (3, 3) matrix.
+        before: (P, 2) the points' places.
+        now: (P, 2) where they are.
+        shape: (h, w) of the image.
+    """
+    height, width = shape
+    corners = np.array([[0, width, 0, width], [0, 0, height, height], [1, 1, 1, 1]], float)
+    if np.abs(motion @ corners - corners).max() < _MOVES_ABOVE:
+        return False
+    has_stayed = np.hypot(*(now - before).T) < _STAYS_BELOW
+    return bool(has_stayed.mean() < _STAYING)

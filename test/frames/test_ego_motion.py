@@ -1,0 +1,106 @@
+"""What the images tell of the camera's own motion, against motions that they were made with."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.frames.ego_motion import EgoMotion
+
+WIDTH, HEIGHT = 640, 480
+
+
+def texture(seed, width, height, cell=8):
+    noise = np.random.default_rng(seed).integers(0, 256, (height // cell + 1, width // cell + 1, 3))
+    return cv2.resize(noise.astype(np.uint8), (width, height), interpolation=cv2.INTER_CUBIC)
+
+
+@pytest.fixture(scope="module")
+def ground():
+    """More of the scene than the camera sees."""
+    return texture(0, WIDTH + 400, HEIGHT + 400)
+
+
+def seen_from(ground, x, y, degrees=0.0, zoom=1.0):
+    """The camera's image, and the (2, 3) matrix from the ground to it."""
+    matrix = cv2.getRotationMatrix2D((520.0, 440.0), degrees, zoom)
+    matrix[:, 2] -= (200.0 + x, 200.0 + y)
+    return cv2.warpAffine(ground, matrix, (WIDTH, HEIGHT), flags=cv2.INTER_AREA), matrix
+
+
+def told(images):
+    ego_motion = EgoMotion()
+    return [ego_motion.follow(Frame(image)) for image in images]
+
+
+@pytest.mark.parametrize(
+    "moved",
+    [
+        {"x": 7.0, "y": -4.0},
+        {"x": -45.0, "y": 20.0},
+        {"x": 0.0, "y": 0.0, "degrees": 2.0},
+        {"x": 3.0, "y": 2.0, "degrees": -1.0, "zoom": 1.02},
+    ],
+)
+def test_shift_rotation_and_zoom_are_told(ground, moved):
+    (before, first), (now, second) = seen_from(ground, 0, 0), seen_from(ground, **moved)
+    nothing, motion = told([before, now])
+    assert nothing is None
+    places = np.array([[20, 20, 1], [600, 30, 1], [50, 450, 1], [320, 240, 1]], float).T
+    to_ground = np.linalg.inv(np.vstack([first, [0, 0, 1]]))
+    expected = second @ to_ground @ places
+    assert (motion @ places)[:2] == pytest.approx(expected, abs=0.5)
+
+
+@pytest.mark.parametrize("size", [(320, 240), (1920, 1080)])
+def test_it_is_told_in_pixels_of_the_image(size):
+    width, height = size
+    scene = texture(1, width + 20, height, cell=max(width // 60, 6))
+    _, motion = told([scene[:, :width], scene[:, 12 : 12 + width]])
+    assert motion == pytest.approx(np.array([[1, 0, -12], [0, 1, 0], [0, 0, 1]]), abs=0.3)
+
+
+@pytest.mark.parametrize("kind", ["gray", "uint16", "float32"])
+def test_images_of_every_kind(ground, kind):
+    images = [seen_from(ground, x, 0)[0][..., 1] for x in (0, 9)]
+    if kind != "gray":
+        images = [image.astype(kind) * 100 for image in images]
+    assert told(images)[1][0, 2] == pytest.approx(-9.0, abs=0.3)
+
+
+def test_a_camera_that_stands_still_is_not_moved_by_noise(ground):
+    draw = np.random.default_rng(2)
+    image = seen_from(ground, 0, 0)[0].astype(float)
+    noisy = [np.clip(image + draw.normal(0, 4, image.shape), 0, 255) for _ in range(25)]
+    assert told([one.astype(np.uint8) for one in noisy]) == [None] * 25
+
+
+def test_what_fills_half_of_the_image_does_not_move_a_camera_that_stands_still(ground):
+    image = seen_from(ground, 0, 0)[0]
+    bus = texture(3, 900, HEIGHT)
+    images = []
+    for frame in range(12):
+        images.append(image.copy())
+        images[-1][:, 100:480] = bus[:, 10 * frame : 10 * frame + 380]
+    assert told(images) == [None] * 12
+
+
+def test_a_slow_motion_adds_up(ground):
+    motions = told([seen_from(ground, 0.15 * frame, 0.0)[0] for frame in range(81)])
+    steps = [motion[0, 2] for motion in motions if motion is not None]
+    assert len(steps) < 40
+    assert sum(steps) == pytest.approx(-12.0, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    "images",
+    [
+        [np.full((HEIGHT, WIDTH, 3), 90, np.uint8)] * 3,
+        [texture(4, 12, 9)] * 3,
+        [texture(5, 3000, 1)] * 3,
+        [texture(6, WIDTH, HEIGHT), texture(7, WIDTH, HEIGHT), texture(8, WIDTH, HEIGHT)],
+    ],
+    ids=["flat", "tiny", "a line", "cuts"],
+)
+def test_where_nobody_knows_nothing_is_told(images):
+    assert told(images) == [None] * 3
