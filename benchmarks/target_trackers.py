@@ -187,6 +187,8 @@ class _Roboflow(DetectionsAlone):
     kind: ClassVar[str]
     scored: ClassVar[str]
     """Name of the argument that holds the least score."""
+    overlapping: ClassVar[str] = "minimum_iou_threshold"
+    """Name of the argument that holds the least overlap."""
 
     def _make(self) -> Any:
         module = importlib.import_module(self.package)
@@ -203,8 +205,7 @@ class _Roboflow(DetectionsAlone):
             frame_rate=30.0,
             lost_track_buffer=settings.missed * self._every,
             minimum_consecutive_frames=1,
-            minimum_iou_threshold=settings.overlap,
-            **{self.scored: settings.score},
+            **{self.overlapping: settings.overlap, self.scored: settings.score},
             **options,
         )
 
@@ -221,12 +222,12 @@ class _Roboflow(DetectionsAlone):
     ) -> Answer:
         """See `TargetTracker.update`."""
         if seen is None:
-            for track in self._tracker.tracks:
-                track.predict()
+            self._predict(image)
         else:
             corners = np.hstack([seen[:, :2], seen[:, :2] + seen[:, 2:4]])
-            self._tracker.update(
-                self._detections(corners, confidence=seen[:, 4], class_id=np.zeros(len(seen), int))
+            self._correct(
+                self._detections(corners, confidence=seen[:, 4], class_id=np.zeros(len(seen), int)),
+                image,
             )
         told = [
             # The package numbers a track at its second detection only.
@@ -235,6 +236,13 @@ class _Roboflow(DetectionsAlone):
             if self._is_told(track.time_since_update)
         ]
         return _answer([(name, (*box[:2], *(box[2:] - box[:2]))) for name, box in told])
+
+    def _predict(self, image: NDArray[np.uint8]) -> None:
+        for track in self._tracker.tracks:
+            track.predict()
+
+    def _correct(self, detections: Any, image: NDArray[np.uint8]) -> None:
+        self._tracker.update(detections)
 
 
 class Sort(_Roboflow):
@@ -289,6 +297,27 @@ class OcSort(_Roboflow):
             1, 0, -0.4, 0.7, {"state_estimator_class": "XCYCSRStateEstimator", "iou": "DIoU"}
         ),
     }
+
+
+class BotSort(_Roboflow):
+    """BoT-SORT, whose tracks go along with the camera's motion; without looks."""
+
+    kind = "BoTSORTTracker"
+    scored = "track_activation_threshold"
+    overlapping = "minimum_iou_threshold_first_assoc"
+    SETTINGS: ClassVar = {
+        1: Settings(10, 1, 0.2, 0.95, {"state_estimator_class": "XCYCSRStateEstimator"}),
+        5: Settings(3, 0, 0.01, 0.7),
+        12: Settings(1, 0, 0.2, 0.95, {"iou": "DIoU", "high_conf_det_threshold": 0.3}),
+    }
+
+    def _predict(self, image: NDArray[np.uint8]) -> None:
+        super()._predict(image)
+        compensation = self._tracker.cmc
+        compensation.apply_batch(compensation.estimate(image), self._tracker.tracks)
+
+    def _correct(self, detections: Any, image: NDArray[np.uint8]) -> None:
+        self._tracker.update(detections, image)
 
 
 class Norfair(DetectionsAlone):
@@ -346,6 +375,7 @@ TRACKERS: Mapping[str, type[TargetTracker]] = {
     "SORT": Sort,
     "ByteTrack": ByteTrack,
     "OC-SORT": OcSort,
+    "BoT-SORT": BotSort,
     "norfair": Norfair,
 }
 """Name to what makes one of the seconds between frames, a seed and the detector's interval."""

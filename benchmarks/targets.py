@@ -37,6 +37,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import arguments as options_of
 import cv2
 import numpy as np
+from moving_camera import MovingCamera
 from numpy.typing import NDArray
 from tables import Table, bold
 from target_trackers import TRACKERS, TargetTracker
@@ -72,6 +73,7 @@ class Annotated:
         interval: Seconds from one frame to the next.
         truth: Frame by frame the ids and boxes of those that are scored.
         detections: Frame by frame (M, 5) boxes and scores.
+        camera: Sees the images in their place; None where they are seen as they are.
     """
 
     name: str
@@ -79,6 +81,20 @@ class Annotated:
     interval: float
     truth: tuple[Told, ...]
     detections: tuple[NDArray[np.float64], ...]
+    camera: MovingCamera | None = None
+
+    def carried(self) -> Annotated:
+        """The same, seen by a camera that moves."""
+        height, width = next(iter(open_footage(self.frames).frames())).image.shape[:2]
+        camera = MovingCamera.carried(len(self.truth), self.interval, (width, height))
+        truth, detections = [], []
+        for number, (told, found) in enumerate(zip(self.truth, self.detections, strict=True)):
+            boxes, in_view = camera.place(number, told.boxes)
+            truth.append(Told(told.ids[in_view], boxes[in_view]))
+            rows, in_view = camera.place(number, found)
+            detections.append(rows[in_view])
+        name = f"{self.name}, moving camera"
+        return Annotated(name, self.frames, self.interval, tuple(truth), tuple(detections), camera)
 
 
 def read_sequence(folder: Path, frames: Path, *, also_unscored: bool = False) -> Annotated:
@@ -140,8 +156,9 @@ def run(tracker: TargetTracker, sequence: Annotated, every: int, first: int) -> 
     frames = open_footage(sequence.frames).frames()
     for number, frame in enumerate(itertools.islice(frames, len(sequence.truth))):
         seen = sequence.detections[number] if number % every == first else None
+        image = sequence.camera.see(number, frame.image) if sequence.camera else frame.image
         start = time.process_time()
-        answer = tracker.update(frame.image, sequence.interval, seen)
+        answer = tracker.update(image, sequence.interval, seen)
         seconds += time.process_time() - start
         told.append(Told(*answer))
     if len(told) < len(sequence.truth):
@@ -287,8 +304,8 @@ def plot(path: Path, outcomes: Sequence[Outcome]) -> None:
     figure.savefig(path, dpi=120)
 
 
-_COLORS = ("#0072b2", "#000000", "#d55e00", "#009e73", "#b8860b", "#aa4499")
-_MARKERS = "os^vDX"
+_COLORS = ("#0072b2", "#000000", "#d55e00", "#009e73", "#b8860b", "#6a3d9a", "#aa4499")
+_MARKERS = "os^vDPX"
 
 
 def read_outcomes(path: Path) -> list[Outcome]:
@@ -330,6 +347,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--tracker", action="append", default=[], metavar="NAME", help="run this one only"
     )
     parser.add_argument("--seed", type=int, default=0, help="of ours [0]")
+    parser.add_argument(
+        "--moving-camera",
+        action="store_true",
+        help="see a part of each image, which pans and shakes as on a robot that walks",
+    )
     options_of.add_folder(parser)
     options = parser.parse_args(arguments)
     missing = {name: what for name, one in TRACKERS.items() if (what := one.missing())}
@@ -348,6 +370,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     cv2.setNumThreads(1)
     try:
         sequences = [read_sequence(*paths) for paths in options.sequence]
+        if options.moving_camera:
+            sequences = [sequence.carried() for sequence in sequences]
         options.output.mkdir(parents=True, exist_ok=True)
         outcomes = read_outcomes(options.output / "targets.json")
         for outcome in compare(sequences, trackers):

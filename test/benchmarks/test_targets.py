@@ -53,6 +53,25 @@ def test_fewer_frames_than_the_truth_has_are_told(benchmark, folders):
         targets.run(make(sequence.interval), sequence, every=12, first=0)
 
 
+def test_the_boxes_go_along_with_a_camera_that_moves(benchmark, folders, moving_square):
+    sequence = benchmark("targets").read_sequence(*folders).carried()
+    assert "moving camera" in sequence.name
+    assert np.ptp(sequence.camera.corners, axis=0).min() > 3.0
+    in_view = 0
+    for number, (truth, found) in enumerate(zip(sequence.truth, sequence.detections, strict=True)):
+        image = sequence.camera.see(number, moving_square.images[number])
+        assert image.shape == (90, 120, 3)
+        np.testing.assert_allclose(found[:, :4], truth.boxes)
+        y, x = np.nonzero(image[..., 2] > 170)
+        for box in truth.boxes:
+            if (box[:2] > 0).all() and (box[:2] + box[2:] < (120, 90)).all():
+                assert box[:2] + box[2:] / 2 == pytest.approx(
+                    (x.mean() + 0.5, y.mean() + 0.5), abs=1
+                )
+                in_view += 1
+    assert in_view > 6
+
+
 def test_perfect_boxes_score_all(benchmark, folders):
     pytest.importorskip("trackeval")
     targets = benchmark("targets")
