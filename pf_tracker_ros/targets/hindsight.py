@@ -75,10 +75,11 @@ def work_out(keeper: CrowdKeeper, moments: Sequence[Moment]) -> tuple[Crowd, lis
 
 def follow_alone(
     keeper: CrowdKeeper, life: Life, moments: Sequence[Moment]
-) -> tuple[tuple[Life, ...], list[Moment]]:
+) -> tuple[Life, list[Moment]]:
     """Take a target that began in a moment through those since, which it joins.
 
-    It is followed by itself: the others were there before it.
+    It is followed by itself: the others were there before it. What looks like it beside it helps to
+    tell it apart and does not join them, since it may be one of them.
 
     Args:
         keeper: Makes the crowd of a frame out of the one before.
@@ -92,10 +93,10 @@ def follow_alone(
     alone = Crowd(frame=life.key.frame, lives=(life,))
     revised = [replace(first, begun=(*first.begun, life))]
     for moment in others:
-        before = replace(moment.before, lives=(*moment.before.lives, *alone.lives))
+        before = replace(moment.before, lives=(*moment.before.lives, alone.lives[0]))
         revised.append(replace(moment, before=before))
         alone = keeper.advance(alone, moment.frame, moment.interval, None)
-    return alone.lives, revised
+    return alone.lives[0], revised
 
 
 def merged(

@@ -19,7 +19,6 @@ from pf_tracker_ros.targets.detections import Detections, Sighting, sightings, u
 from pf_tracker_ros.targets.hindsight import fill_in, follow_alone, merged, work_out
 from pf_tracker_ros.targets.history import History, Moment
 from pf_tracker_ros.targets.keeper import CrowdKeeper
-from pf_tracker_ros.targets.life import Life
 from pf_tracker_ros.targets.names import Names
 from pf_tracker_ros.targets.parameters import MultiTrackerParameters, multi_preset_parameters
 from pf_tracker_ros.targets.relearning import (
@@ -315,11 +314,10 @@ class MultiTracker:
         key = self._names.next_by_hand(number)
         life = self._keeper.initiator.begin(drawn_on, box, key, label)
         moments = moments or self._history.moments[-1:]
-        lives: tuple[Life, ...] = (life,)
         if moments:
-            lives, revised = follow_alone(self._keeper, life, moments)
+            life, revised = follow_alone(self._keeper, life, moments)
             self._history.revise(revised)
-        self._crowd = replace(self._crowd, lives=(*self._crowd.lives, *lives))
+        self._crowd = replace(self._crowd, lives=(*self._crowd.lives, life))
         return self._names.name(life)
 
     def stop(self, id: int) -> None:

@@ -65,7 +65,10 @@ class Names:
             same = overlaps(life.box[None], np.array([one.box for _, one in lost]))[0]
             best = int(same.argmax())
             if same[best] > _SAME_ABOVE:
-                self._ids[life.key] = lost.pop(best)[0]
+                name, before = lost.pop(best)
+                # Worked out once more, that one may be back, as another one.
+                del self._ids[before.key]
+                self._ids[life.key] = name
 
     def forget(self, crowd: Crowd, oldest: int) -> None:
         """Forget those that no frame can bring back.

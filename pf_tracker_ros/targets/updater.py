@@ -11,7 +11,7 @@ from itertools import compress
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import BoxesByAxis, as_box
+from pf_tracker_ros.boxes import Box, BoxesByAxis, as_box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
 from pf_tracker_ros.targets.detections import Sighting
@@ -181,7 +181,7 @@ class Updater:
         course, log_size = life.course, life.log_size
         if is_hidden:
             target = self._follower.steering.coast(target, frame, interval)
-            target = self._follower.steering.move(target, as_box(predicted))
+            target = self._follower.steering.move(target, _inside(predicted, frame.size))
         else:
             target = followed
             box = np.array(target.estimate.box)
@@ -242,6 +242,13 @@ class Updater:
 def _is_guess(life: Life) -> bool:
     """Whether nobody knows where a target is; those of a detector end once it does not see them."""
     return life.by_hand and life.target.estimate.state == "lost"
+
+
+def _inside(box: NDArray[np.float64], image_size: tuple[int, int]) -> Box:
+    """A (4,) box moved until its center is in the image, as those of the particles are."""
+    half = box[2:] / 2
+    center = np.clip(box[:2] + half, 0.0, image_size)
+    return as_box([*(center - half), *box[2:]])
 
 
 def _are_near(boxes: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -145,6 +145,18 @@ def pair():
 
 
 @pytest.fixture(scope="session")
+def leaving_pair():
+    """One that walks out of the image, and another who catches up and walks out before it."""
+    steps = np.arange(50)
+    x = 200 + 4 * steps
+    behind = np.minimum(4 * steps, 32) - 40
+    return draw(
+        [np.stack([x, 90 + 0 * steps], 1), np.stack([x + behind, 92 + 0 * steps], 1)],
+        colors=[(20, 20, 230), (220, 60, 20)],
+    )
+
+
+@pytest.fixture(scope="session")
 def vanisher():
     """One that stands and is gone at once; another one walks past that place long after."""
     steps = np.arange(70)

@@ -429,3 +429,35 @@ def test_a_copy_keeps_no_more_frames_than_it_was_allowed(walkers, make_tracker):
     for image in walkers.images[:8]:
         other.update(image, INTERVAL)
     assert len(other.history) == 3
+
+
+def test_no_id_is_that_of_two_where_frames_are_worked_out_more_than_once(make_tracker):
+    image = np.full((120, 160, 3), 120, np.uint8)
+    image[40:80, 50:74], image[40:80, 56:80] = (20, 20, 230), (230, 40, 20)
+    one, other = (np.array([(x, 40.0, 24.0, 40.0)]) for x in (50, 56))
+    tracker = make_tracker()
+    for _ in range(8):
+        tracker.update(image, INTERVAL)
+    tracker.update(image, INTERVAL, Detections(one))
+    # It takes the place of that one, which is back once its frame is worked out once more.
+    (told,) = tracker.update(image, INTERVAL, Detections(other, age=0.4))
+    assert told.id == 1
+    tracker.update(image, INTERVAL, Detections(other, age=0.2))
+    told = tracker.update(image, INTERVAL, Detections(np.vstack([one, other])))
+    assert [target.id for target in told] == [1, 2]
+    tracker.stop(1)
+    assert [target.id for target in tracker.targets] == [2]
+
+
+def test_one_that_leaves_behind_another_is_told_in_the_image(leaving_pair, make_tracker):
+    tracker, hidden = make_tracker(), 0
+    for box in leaving_pair.boxes[0]:
+        tracker.start(leaving_pair.images[0], box)
+    for image in leaving_pair.images[1:]:
+        tracker.update(image, INTERVAL)
+        for life in tracker._crowd.lives:
+            hidden += life.is_hidden
+            center = life.box[:2] + life.box[2:] / 2
+            assert (center >= 0).all()
+            assert (center <= (image.shape[1], image.shape[0])).all()
+    assert hidden > 5

@@ -148,3 +148,15 @@ def test_a_crowd_with_a_rival_takes_images_of_another_size(passing, make_tracker
     told = tracker.update(passing.images[number][::2, ::2], INTERVAL)
     assert [target.id for target in told] == [1]
     assert told[0].estimate.box[0] < passing.boxes[number][0][0]
+
+
+def test_targets_drawn_on_one_frame_gone_by_bring_no_rival_twice(lookalikes, make_tracker):
+    footage, tracker = lookalikes["who comes"], make_tracker()
+    for image in footage.images[:20]:
+        tracker.update(image, INTERVAL)
+    for _ in range(2):
+        tracker.start_earlier(footage.boxes[0][0], 19 * INTERVAL)
+    for number in range(20, 26):
+        keys = [life.key for life in tracker._crowd.lives]
+        assert len(set(keys)) == len(keys)
+        tracker.update(footage.images[number], INTERVAL, footage.detections(number))
