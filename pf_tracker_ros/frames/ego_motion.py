@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.background.camera_motion import agreed_motion, follow_points
 from pf_tracker_ros.frames.frame import Frame
-from pf_tracker_ros.frames.tiles import Part
 
 # Pixels of the reduced images that are compared, and the least side that they may have.
 _MOST_PIXELS = 384 * 288
@@ -63,9 +62,10 @@ class EgoMotion:
 
 def _gray(frame: Frame, reduction: int) -> NDArray[np.uint8]:
     """(h, w) the frame, reduced; green is brightness enough to follow points."""
-    width, height = (-(-side // reduction) for side in frame.size)
-    view = frame.view(Part(0, height, 0, width), reduction)
-    return view if view.ndim == 2 else cv2.extractChannel(view, 1)
+    # Not a view of the frame, which would keep it for as long as the frame is kept.
+    size = [math.ceil(side / reduction) for side in frame.size]
+    reduced = cv2.resize(frame.pixels, size, interpolation=cv2.INTER_AREA)
+    return reduced if reduced.ndim == 2 else cv2.extractChannel(reduced, 1)
 
 
 def _is_of_camera(

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.filter import LONGEST_PREDICTION
+
 # How much a velocity changes in a second, box heights a second: people walk on.
 _ACCELERATION = 0.2
 # Standard deviation of a new target's velocity, heights a second.
@@ -49,7 +51,8 @@ class Course:
         return cls(box[:2] + box[2:] / 2, np.zeros(2), np.square(deviation), np.zeros(2), speed)
 
     def predict(self, interval: float, height: float) -> Course:
-        """The course some seconds later, for a target of a height in pixels."""
+        """The course some seconds later, 60 at most, for a target of a height in pixels."""
+        interval = min(interval, LONGEST_PREDICTION)
         noise = np.square(_ACCELERATION * height) * interval
         return replace(
             self,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -75,14 +75,13 @@ class Detections:
         each = np.ones(count) if scores is None else _floats(scores, "scores")
         if each.shape != (count,):
             raise ValueError(f"scores have the shape {each.shape}; expected ({count},), one a box")
-        texts = ("",) * count if labels is None else tuple(labels)
-        if isinstance(labels, str) or not all(isinstance(text, str) for text in texts):
+        is_list = isinstance(labels, Iterable) and not isinstance(labels, str)
+        texts = tuple(labels) if labels is not None and is_list else ("",) * count
+        if not (labels is None or is_list) or not all(isinstance(text, str) for text in texts):
             raise ValueError(f"labels are {labels!r}; expected {counted(count, 'text')}, one a box")
         if len(texts) != count:
             raise ValueError(f"given {counted(len(texts), 'label')}; expected {count}, one a box")
-        if isinstance(age, bool) or not isinstance(age, int | float | np.number):
-            raise ValueError(f"age is {age!r}; allowed: a finite number of seconds from 0 up")
-        if not 0.0 <= float(age) < math.inf:
+        if not _is_time(age):
             raise ValueError(f"age is {age!r}; allowed: a finite number of seconds from 0 up")
         four.setflags(write=False)
         each.setflags(write=False)
@@ -101,6 +100,15 @@ class Detections:
         places = [place for place, label in enumerate(self.labels) if label in labels]
         texts = [self.labels[place] for place in places]
         return Detections(self.boxes[places], self.scores[places], texts, self.age)
+
+
+def _is_time(age: object) -> bool:
+    if isinstance(age, bool) or not isinstance(age, int | float | np.integer | np.floating):
+        return False
+    try:
+        return 0.0 <= float(age) < math.inf
+    except OverflowError:
+        return False
 
 
 class Sighting(NamedTuple):

@@ -92,5 +92,5 @@ class Finder:
 
 def _is_looked_for(life: Life) -> bool:
     """Whether a target is lost, nobody else will show it, and it is its turn."""
-    is_lost = life.is_on_its_own and life.target.estimate.state == "lost"
+    is_lost = life.by_hand and life.target.estimate.state == "lost"
     return is_lost and life.target.followed_frames % _EVERY == 0

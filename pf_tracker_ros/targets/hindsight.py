@@ -67,7 +67,7 @@ def work_out(keeper: CrowdKeeper, moments: Sequence[Moment]) -> tuple[Crowd, lis
     for moment in moments:
         revised.append(replace(moment, before=crowd))
         crowd = keeper.advance(crowd, moment.frame, moment.interval, moment.seen)
-        crowd = replace(crowd, lives=(*crowd.lives, *moment.begun))
+        crowd = keeper.initiator.join(crowd, moment.begun)
         for key in moment.stopped:
             crowd = crowd.without(key)
     return crowd, revised
@@ -79,7 +79,8 @@ def follow_alone(
     """Take a target that began in a moment through those since, which it joins.
 
     It is followed by itself: the others were there before it. What looks like it beside it helps to
-    tell it apart and does not join them, since it may be one of them.
+    tell it apart and does not join them, since it may be one of them; for the same reason, it is
+    not looked for elsewhere.
 
     Args:
         keeper: Makes the crowd of a frame out of the one before.
@@ -90,7 +91,7 @@ def follow_alone(
         The target after the last, and the moments with it.
     """
     first, *others = moments
-    alone = Crowd(frame=life.key.frame, lives=(life,))
+    alone = Crowd(frame=life.key.frame, lives=(life,), idle_for=0.0)
     revised = [replace(first, begun=(*first.begun, life))]
     for moment in others:
         before = replace(moment.before, lives=(*moment.before.lives, alone.lives[0]))

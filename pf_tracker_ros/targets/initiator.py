@@ -84,6 +84,22 @@ class Initiator:
             lives.append(life)
         return replace(crowd, lives=tuple(lives))
 
+    def join(self, crowd: Crowd, drawn: Sequence[Life]) -> Crowd:
+        """The crowd with targets that somebody drew on its frame; a detection of one starts none.
+
+        Args:
+            crowd: In that frame.
+            drawn: As they begin in it.
+        """
+        lives = (
+            life
+            for life in crowd.lives
+            if life.by_hand
+            or life.key.frame != crowd.frame
+            or not any(_is_on(life, one) for one in drawn)
+        )
+        return replace(crowd, lives=(*lives, *drawn))
+
     def adopt(self, crowd: Crowd, own: Sequence[Sighting | None]) -> Crowd:
         """The crowd in which the rivals that detections show are targets.
 

@@ -80,9 +80,15 @@ def _difference(before: Life, life: Life) -> float:
     one, other = life.box, before.box if before.gone_for is None else before.expected
     apart = one[:2] + one[2:] / 2 - other[:2] - other[2:] / 2
     is_near = math.hypot(*apart) <= (_REACH + _SPEED * since) * other[3]
-    if not began_after or not is_near or life.label not in before.votes:
+    if not began_after or not is_near or not _may_be_called(before, life.label):
         return math.inf
     return unlikeness(before.look, life.look) / before.varies
+
+
+def _may_be_called(before: Life, label: str) -> bool:
+    """Whether a target may have a label: nobody has called it anything else alone."""
+    known = set(before.votes) - {""}
+    return not known or label in known or not label
 
 
 def _as_before(life: Life, before: Life) -> Life:

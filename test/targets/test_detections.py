@@ -24,8 +24,10 @@ def found(detections, score_above=0.0):
         (([[1, 2, 3, 4]], None, ["a", "b"]), "2 labels; expected 1"),
         (([[1, 2, 3, 4]], None, "a"), "expected 1 text, one a box"),
         (([[1, 2, 3, 4]], None, [3]), "expected 1 text, one a box"),
+        (([[1, 2, 3, 4]], None, 3), "labels are 3; expected 1 text, one a box"),
         (([[1, 2, 3, 4]], None, None, -0.1), "age is -0.1"),
         (([[1, 2, 3, 4]], None, None, float("nan")), "age is nan"),
+        (([[1, 2, 3, 4]], None, None, 10**400), "age is 1000"),
         (([[1, 2, 3, 4]], None, None, "now"), "age is 'now'"),
     ],
 )

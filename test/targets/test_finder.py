@@ -53,3 +53,30 @@ def test_of_two_alike_that_are_lost_one_is_found_where_one_is(twins, make_tracke
     found = sorted(iou((150, 150, 24, 40), box) for box in boxes[-1])
     assert found[1] > 0.7
     assert found[0] < 0.3
+
+
+def test_one_that_a_detector_knew_is_found_as_well_once_there_is_none(returner, make_tracker, iou):
+    tracker = make_tracker()
+    name = tracker.start(returner.images[0], returner.boxes[0][0])
+    images = [*returner.images[1:10], *[returner.images[20]] * 90, *[returner.images[-1]] * 30]
+    for number, image in enumerate(images, 1):
+        told = tracker.update(image, INTERVAL, returner.detections(5) if number == 5 else None)
+    (target,) = told
+    assert target.id == name
+    assert iou(returner.boxes[-1][0], target.estimate.box) > 0.5
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_one_drawn_on_a_frame_gone_by_is_not_taken_for_its_twin(twins, make_tracker, iou, seed):
+    images = [image.copy() for image in twins.images]
+    x, y, width, height = twins.boxes[0][0].astype(int)
+    for image in images[22:]:
+        image[y : y + height, x : x + width] = image[y - height : y, x : x + width]
+    tracker = make_tracker(seed, track__lost_after=0.2)
+    for number, image in enumerate(images[:38]):
+        seen = twins.detections(number, targets=[1]) if number % 2 == 0 else None
+        tracker.update(image, INTERVAL, seen)
+    name = tracker.start_earlier(twins.boxes[20][0], 17 * INTERVAL)
+    (target,) = (one for one in tracker.targets if one.id == name)
+    assert target.estimate.state == "lost"
+    assert iou(twins.boxes[0][1], target.estimate.box) == 0.0

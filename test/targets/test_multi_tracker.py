@@ -461,3 +461,22 @@ def test_one_that_leaves_behind_another_is_told_in_the_image(leaving_pair, make_
             assert (center >= 0).all()
             assert (center <= (image.shape[1], image.shape[0])).all()
     assert hidden > 5
+
+
+def test_what_comes_after_any_time_is_followed_on(walkers, make_tracker):
+    tracker = make_tracker()
+    for number, dt in enumerate([INTERVAL, 1e20, 1e20, 1e150, 1e300, INTERVAL]):
+        told = tracker.update(walkers.images[number], dt, walkers.detections(number))
+    assert len(told) == 3
+
+
+def test_a_late_answer_starts_none_on_what_was_drawn_on_its_frame(walkers, make_tracker):
+    tracker = make_tracker()
+    name = tracker.start(walkers.images[0], walkers.boxes[0][0])
+    for image in walkers.images[1:6]:
+        tracker.update(image, INTERVAL)
+    late = walkers.detections(0, targets=[0, 1], age=6 * INTERVAL)
+    told = tracker.update(walkers.images[6], INTERVAL, late)
+    assert [target.id for target in told] == [name, name + 1]
+    assert told[0].estimate.box[0] < 100
+    assert told[1].estimate.box[0] > 200

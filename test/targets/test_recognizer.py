@@ -76,6 +76,21 @@ def test_what_was_never_called_so_is_another_one(returner, follow, label, is_sam
     assert (ids(answers[-1]) == [first]) == is_same
 
 
+@pytest.mark.parametrize(
+    ("asked_for", "seen", "is_same"),
+    [("", "person", True), ("person", "", True), ("person", "dog", False)],
+)
+def test_what_nobody_has_named_may_be_anything(returner, make_tracker, asked_for, seen, is_same):
+    tracker = make_tracker(redetection__windows=0)
+    first = tracker.start(returner.images[0], returner.boxes[0][0], asked_for)
+    for number, image in enumerate(returner.images[1:], 1):
+        there = int(np.isfinite(returner.boxes[number]).all(axis=1).sum())
+        is_asked = number % EVERY == 0 and number > 10
+        found = returner.detections(number, labels=[seen] * there) if is_asked else None
+        told = tracker.update(image, INTERVAL, found)
+    assert (ids(told) == [first]) == is_same
+
+
 @pytest.mark.parametrize("turned", [0, 150])
 def test_one_that_has_ended_is_where_the_camera_has_taken_it(walkers, make_tracker, turned):
     lives = []
