@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from pf_tracker_ros.targets.appearance import unlikeness
 from pf_tracker_ros.targets.crowd import Crowd
+from pf_tracker_ros.targets.geometry import covered
 from pf_tracker_ros.targets.life import Life
 
 # A target is recognized by a look that differs by less than so much of what it usually varies by.
@@ -18,6 +20,8 @@ _ALIKE_BELOW = 1.5
 _REACH, _SPEED = 1.0, 1.0
 # Belief below which a target that somebody asked for is missing, if the image does not show it.
 _MISSING_BELOW = -1.0
+# A box that holds more than this of another target's is around both.
+_HOLDS_ABOVE = 0.6
 
 
 class Recognizer:
@@ -37,7 +41,7 @@ class Recognizer:
             crowd: In a frame that the detector saw.
         """
         missing = [*crowd.gone, *(life for life in crowd.lives if _is_missing(life))]
-        shown = [life for life in crowd.lives if _may_be_another(life)]
+        shown = [life for life in crowd.lives if _may_be_another(life, crowd.lives)]
         if not missing or not shown:
             return crowd
         differs = np.array([[_difference(before, life) for life in shown] for before in missing])
@@ -65,9 +69,17 @@ def _is_missing(life: Life) -> bool:
     return life.by_hand and not is_seen and life.belief < _MISSING_BELOW
 
 
-def _may_be_another(life: Life) -> bool:
-    """Whether a detection shows a target that a detector has started."""
-    return life.unconfirmed_for == 0.0 and not life.by_hand and not life.is_rival
+def _may_be_another(life: Life, lives: Sequence[Life]) -> bool:
+    """Whether a detection shows a target that a detector has started, and that one alone."""
+    if life.unconfirmed_for > 0.0 or life.by_hand or life.is_rival:
+        return False
+    others = [
+        one.box
+        for one in lives
+        if one is not life and one.is_told and one.target.estimate.state != "lost"
+    ]
+    inside = covered(np.array(others).reshape(-1, 4), life.box[None])
+    return bool((inside <= _HOLDS_ABOVE).all())
 
 
 def _difference(before: Life, life: Life) -> float:

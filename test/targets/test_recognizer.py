@@ -91,6 +91,17 @@ def test_what_nobody_has_named_may_be_anything(returner, make_tracker, asked_for
     assert (ids(told) == [first]) == is_same
 
 
+@pytest.mark.parametrize("aside", [0, 60])
+def test_a_box_around_somebody_else_is_nobody_who_was_gone(walkers, make_tracker, aside):
+    tracker, box = make_tracker(), walkers.boxes[0][0]
+    tracker.update(walkers.images[0], INTERVAL, Detections(box[None], np.ones(1)))
+    tracker.start(walkers.images[0], box + (4 + aside, 6, -8, -12))
+    begun, other = tracker._crowd.lives
+    ended = replace(begun, key=begun.key._replace(frame=0), gone_for=INTERVAL)
+    known, _ = Recognizer().recognize(Crowd(lives=(begun, other), gone=(ended,))).lives
+    assert (known.key == ended.key) == (aside == 60)
+
+
 @pytest.mark.parametrize("turned", [0, 150])
 def test_one_that_has_ended_is_where_the_camera_has_taken_it(walkers, make_tracker, turned):
     lives = []
