@@ -21,7 +21,7 @@ _REACH, _SPEED = 1.0, 1.0
 # Belief below which a target that somebody asked for is missing, if the image does not show it.
 _MISSING_BELOW = -1.0
 # A box that holds more than this of another target's is around both.
-_HOLDS_ABOVE = 0.6
+_HOLDS_ABOVE = 0.8
 
 
 class Recognizer:
