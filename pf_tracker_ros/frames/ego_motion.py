@@ -38,8 +38,8 @@ class EgoMotion:
 
         Returns:
             (3, 3) similarity that takes (x, y, 1), pixels, from where the still part of the scene
-            was seen before to where it is seen now; None where the camera stands still, or nobody
-            knows: then it is part of the next one that is told.
+            was seen before to where it is seen now; None where the camera stands still, moves by
+            too little so far, which a later frame then tells as well, or nobody knows.
         """
         reduction = math.ceil(math.sqrt(math.prod(frame.size) / _MOST_PIXELS))
         gray = _gray(frame, reduction)

@@ -73,11 +73,8 @@ def _may_be_another(life: Life, lives: Sequence[Life]) -> bool:
     """Whether a detection shows a target that a detector has started, and that one alone."""
     if life.unconfirmed_for > 0.0 or life.by_hand or life.is_rival:
         return False
-    others = [
-        one.box
-        for one in lives
-        if one is not life and one.is_told and one.target.estimate.state != "lost"
-    ]
+    known = (one for one in lives if one is not life and one.is_told and not _is_missing(one))
+    others = [one.box for one in known if one.target.estimate.state != "lost"]
     inside = covered(np.array(others).reshape(-1, 4), life.box[None])
     return bool((inside <= _HOLDS_ABOVE).all())
 
