@@ -9,6 +9,10 @@ BENCH_INSTALLED := $(BENCH_VENV)/.installed
 # What `make lock` pins: the extras of setup.py that `make setup` installs.
 LOCKED_EXTRAS := ros console evaluation recordings parquet ray test development
 
+# Not the whole folder: what `track` and others have written into it is no text of this project.
+SPELLED := $(addprefix ./,$(wildcard *.md *.py *.rst *.toml *.cfg *.xml Makefile benchmarks config demo docs \
+	examples launch pf_tracker_ros requirements test tools))
+
 # What `make bench` runs on, and further arguments for it.
 SEQUENCES ?=
 BENCH_ARGS ?=
@@ -47,7 +51,7 @@ test: lint  ## lint, types and all tests (PYTEST_ARGS=... narrows them down)
 lint: $(INSTALLED)  ## lint, format, spelling and types alone
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/ruff format --check
-	$(VENV)/bin/codespell
+	$(VENV)/bin/codespell $(SPELLED)
 	$(VENV)/bin/mypy
 
 demo: $(INSTALLED)  ## track three recorded clips through the node; results go to demo/<clip>/

@@ -1,12 +1,14 @@
 """What the console's page shows of a camera at 30 Hz, and what that costs the tracker.
 
 Camera, tracker, console and a headless Chromium are processes of their own, on the loopback. The
-same tracker is measured by turns without a console, with one, with somebody who takes its pictures
-as a page on another machine would, with a browser here that shows its page, and with one behind a
-relay that lets 5 Mbit/s through; each figure is the median over the rounds.
-Shown is what the page has drawn when its next animation frame begins; the age counts from the
-stamp, which the camera takes as it publishes. The browser gets the time that the others leave (the
-idle scheduling policy), as it would run on another machine.
+same tracker is measured by turns without a console, beside a process that encodes as many JPEGs and
+does nothing else, with a console, with somebody who takes its pictures as a page on another machine
+would, with a browser here that shows its page, and with one behind a relay that lets 5 Mbit/s
+through; each figure is the median over the rounds. What a way adds to the tracker's time for a
+frame is told by the percentiles over the frames of all its turns, in brackets the 95 % interval
+when the rounds are drawn anew. Shown is what the page has drawn when its next animation frame
+begins; the age counts from the stamp, which the camera takes as it publishes. The browser gets the
+time that the others leave (the idle scheduling policy), as it would run on another machine.
 
     python benchmarks/console_rate.py --rounds 5 --seconds 10
 """
@@ -28,13 +30,14 @@ import tempfile
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import aiohttp
+import cv2
 import numpy as np
 import rclpy
 from arguments import at_least
@@ -45,14 +48,20 @@ from node_runs.processes import cpu_ms
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, sync_playwright
 
+from pf_tracker_ros.node.console.console_node import NICENESS
+from pf_tracker_ros.node.console.pictures import DETAILS
+
 PORT = 8647
 RELAY_PORT = 8648
 LINK_BYTES = 5e6 / 8
 RATE = 30.0
+# How often the rounds are drawn anew for an interval.
+DRAWS = 2000
 # Seconds that a page takes to draw a picture.
 DRAWING = 0.02
-NO_CONSOLE, NO_BROWSER, ELSEWHERE, BROWSER, SLOW = (
+NO_CONSOLE, ENCODER, NO_BROWSER, ELSEWHERE, BROWSER, SLOW = (
     "no console",
+    "no console, JPEG alone",
     "no browser",
     "a browser elsewhere",
     "a browser",
@@ -95,6 +104,18 @@ class Row(NamedTuple):
     shown: float = np.nan
     shown_age: float = np.nan
     shown_age_99: float = np.nan
+
+
+class Turn(NamedTuple):
+    """One turn.
+
+    Attributes:
+        row: Its figures.
+        times: Of the tracker for each frame, milliseconds.
+    """
+
+    row: Row
+    times: NDArray[np.float64]
 
 
 class TimedCamera(Camera):
@@ -189,19 +210,37 @@ def take_pictures(port: int, taken: Synchronized[int]) -> None:
 
 
 @contextmanager
-def taker(port: int) -> Iterator[None]:
-    """Somebody who takes the pictures, in a process of its own."""
-    context = multiprocessing.get_context("spawn")
-    taken = context.Value("l", 0)
-    process = context.Process(target=take_pictures, args=(port, taken))
+def running(target: Callable[..., None], *arguments: Any) -> Iterator[None]:
+    """A function in a process of its own, as long as it is open."""
+    process = multiprocessing.get_context("spawn").Process(target=target, args=arguments)
     process.start()
     try:
         yield
     finally:
         process.kill()
         process.join()
+
+
+@contextmanager
+def taker(port: int) -> Iterator[None]:
+    """Somebody who takes the pictures, in a process of its own."""
+    taken = multiprocessing.get_context("spawn").Value("l", 0)
+    with running(take_pictures, port, taken):
+        yield
     if not taken.value:
         raise RuntimeError("the console sent no pictures")
+
+
+def encode_pictures(width: int, height: int) -> None:
+    """Encode pictures as the console does, as many as the camera has, and do nothing else."""
+    cv2.setNumThreads(1)
+    os.nice(NICENESS)
+    message = moving_noise(width, height)[0]
+    image = np.frombuffer(message.data, np.uint8).reshape(height, width, 3)
+    while True:
+        began = time.monotonic()
+        cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, DETAILS[0].quality])
+        time.sleep(max(0.0, began + 1.0 / RATE - time.monotonic()))
 
 
 @contextmanager
@@ -226,7 +265,7 @@ def page_of(browser: Browser, port: int) -> Iterator[Any]:
 
 def measure(
     frames: list[Any], seconds: float, tracker: int, console: int | None = None, page: Any = None
-) -> Row:
+) -> Turn:
     """One turn: what the tracker did, and what the page has shown.
 
     Args:
@@ -245,21 +284,21 @@ def measure(
         (cpu_ms(process) - was) / len(camera.times)
         for process, was in zip(processes, before, strict=True)
     ]
-    times = camera.times[len(camera.times) // 5 :]
+    times = np.array(camera.times[len(camera.times) // 5 :])
     row = Row(
         100.0 * len(figures.ages) / figures.published,
-        *_middle_and_99(np.array(times)),
+        *_middle_and_99(times),
         *_middle_and_99(1e3 * np.array(figures.ages)),
         costs[0],
         costs[1] if console else np.nan,
     )
     if page is None:
-        return row
+        return Turn(row, times)
     shown = np.array(page.evaluate("() => window.ages"), np.float64).reshape(-1, 2)
     shown = shown[shown[:, 0] > shown[-1, 0] - 1e3 * seconds]
     rate = (len(shown) - 1) / (shown[-1, 0] - shown[0, 0]) * 1e3
     middle, most = _middle_and_99(shown[:, 1])
-    return row._replace(shown=rate, shown_age=middle, shown_age_99=most)
+    return Turn(row._replace(shown=rate, shown_age=middle, shown_age_99=most), times)
 
 
 def _middle_and_99(values: NDArray[np.float64]) -> tuple[float, float]:
@@ -267,13 +306,31 @@ def _middle_and_99(values: NDArray[np.float64]) -> tuple[float, float]:
     return float(middle), float(most)
 
 
-def print_table(rows: dict[str, list[Row]]) -> None:
+def _added(turns: Sequence[Turn], without: Sequence[Turn]) -> NDArray[np.float64]:
+    """(2,) what a way adds to median and 99th percentile of the frames of all its turns."""
+    return np.subtract(
+        *(_middle_and_99(np.concatenate([turn.times for turn in way])) for way in (turns, without))
+    )
+
+
+def _drawn_anew(turns: Sequence[Turn], without: Sequence[Turn]) -> NDArray[np.float64]:
+    """(2, 2) bounds of 95 % of `_added` when the rounds are drawn anew, the lower ones first."""
+    random = np.random.default_rng(0)
+    drawn = [
+        _added([turns[place] for place in places], [without[place] for place in places])
+        for places in random.integers(len(turns), size=(DRAWS, len(turns)))
+    ]
+    return np.percentile(drawn, [2.5, 97.5], axis=0)
+
+
+def print_table(turns: dict[str, list[Turn]]) -> None:
     """Print the medians, and what each way costs the tracker beside its turn without a console."""
+    rows = {name: [turn.row for turn in way] for name, way in turns.items()}
     columns = "answered | processing (ms) | answer's age (ms) | tracker's CPU a frame (ms) | "
     columns += "console's CPU a frame (ms) | shown a second | age shown (ms)"
     print(f"| median / 99 % | {columns} |\n{8 * '|---'}|")
-    for name, turns in rows.items():
-        middle = Row(*np.median(np.array(turns), axis=0))
+    for name, way in rows.items():
+        middle = Row(*np.median(np.array(way), axis=0))
         cells = [
             f"{middle.answered:.1f} %",
             f"{middle.processing:.1f} / {middle.processing_99:.1f}",
@@ -285,11 +342,18 @@ def print_table(rows: dict[str, list[Row]]) -> None:
         ]
         print(f"| {name} | {' | '.join('-' if 'nan' in cell else cell for cell in cells)} |")
     without = np.array(rows[NO_CONSOLE])
-    for name in (NO_BROWSER, ELSEWHERE, BROWSER, SLOW):
-        more = Row(*np.median(np.array(rows[name]) - without, axis=0))
+    for name in (ENCODER, NO_BROWSER, ELSEWHERE, BROWSER, SLOW):
+        cpu = Row(*np.median(np.array(rows[name]) - without, axis=0)).tracker
+        low, high = _drawn_anew(turns[name], turns[NO_CONSOLE])
+        middle, most = (
+            f"{added:+.2f} [{least:+.2f}, {greatest:+.2f}]"
+            for added, least, greatest in zip(
+                _added(turns[name], turns[NO_CONSOLE]), low, high, strict=True
+            )
+        )
         print(
-            f"\n{name}, beside the turn without a console: processing {more.processing:+.2f} / "
-            f"{more.processing_99:+.2f} ms, CPU {more.tracker:+.2f} ms a frame"
+            f"\n{name}, beside the turns without a console: processing {middle} / {most} ms, "
+            f"CPU {cpu:+.2f} ms a frame"
         )
 
 
@@ -306,7 +370,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     chromium = shutil.which("chromium") or parser.error("needs Chromium: apt install chromium")
     frames = moving_noise(*SIZES[given.size])
-    rows: dict[str, list[Row]] = defaultdict(list)
+    turns: dict[str, list[Turn]] = defaultdict(list)
     with domain_id() as domain, contextlib.ExitStack() as stack:
         os.environ |= {
             "ROS_DOMAIN_ID": str(domain),
@@ -321,17 +385,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
         browser = driver.chromium.launch(executable_path=launcher, args=FLAGS)
         stack.enter_context(relay())
         for _ in range(given.rounds):
-            rows[NO_CONSOLE].append(measure(frames, given.seconds, tracker))
+            turns[NO_CONSOLE].append(measure(frames, given.seconds, tracker))
+            with running(encode_pictures, *SIZES[given.size]):
+                turns[ENCODER].append(measure(frames, given.seconds, tracker))
             with node("console.console_node", f"port:={PORT}") as console:
                 wait_for_server()
-                rows[NO_BROWSER].append(measure(frames, given.seconds, tracker, console))
+                turns[NO_BROWSER].append(measure(frames, given.seconds, tracker, console))
                 with taker(PORT):
-                    rows[ELSEWHERE].append(measure(frames, given.seconds, tracker, console))
+                    turns[ELSEWHERE].append(measure(frames, given.seconds, tracker, console))
                 for name, port in ((BROWSER, PORT), (SLOW, RELAY_PORT)):
                     with page_of(browser, port) as page:
-                        rows[name].append(measure(frames, given.seconds, tracker, console, page))
+                        turns[name].append(measure(frames, given.seconds, tracker, console, page))
         browser.close()
-    print_table(rows)
+    print_table(turns)
 
 
 if __name__ == "__main__":

@@ -60,7 +60,7 @@ def generate_launch_description() -> LaunchDescription:
             argument("built_in_detector_rate", "Most frames in a second that it looks at."),
             *shared("namespace", "preset", "params_file"),
             *shared("image_reliability", "image_transport", "seed"),
-            *shared("console", "use_sim_time", "large_images", "log_level"),
+            *shared("console", "console_port", "use_sim_time", "large_images", "log_level"),
             OpaqueFunction(function=start_tracker),
         ]
     )

@@ -36,6 +36,7 @@ FOR_THE_TRACKER = (
     "large_images",
     "log_level",
     "console",
+    "console_port",
 )
 
 
@@ -123,9 +124,10 @@ def generate_launch_description() -> LaunchDescription:
             argument("tracker", "Start a tracker as well.", default="true"),
             argument(
                 "console",
-                "Serve the tracker's page on the loopback, port 8642, as long as the replay runs.",
+                "Serve the tracker's page on the loopback as long as the replay runs.",
                 default="false",
             ),
+            *shared("console_port"),
             argument("preset", "Preset of the tracker."),
             argument("params_file", "ROS parameter file of the tracker."),
             argument(

@@ -40,7 +40,7 @@ def generate_launch_description() -> LaunchDescription:
                 "Start tracking at once; false leaves it to a lifecycle manager.",
                 default="true",
             ),
-            *shared("console", "use_sim_time", "large_images", "log_level"),
+            *shared("console", "console_port", "use_sim_time", "large_images", "log_level"),
             OpaqueFunction(function=start_tracker),
         ]
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
+from importlib import import_module
 from importlib.util import find_spec
 from typing import NoReturn
 
@@ -50,6 +51,7 @@ def tracker() -> None:
     )
     parser.read(sys.argv[1:])
     _require_opencv("tracker")
+    _require_ros("tracker")
     from pf_tracker_ros.node.tracker.tracker_node import main
 
     main()
@@ -73,6 +75,7 @@ def replay() -> int:
     if source is not None and not _is_unicode(source):
         parser.error(f"the name {source!a} is not UTF-8, which ROS needs; rename it")
     _require_opencv("replay")
+    _require_ros("replay")
     from pf_tracker_ros.node.replay.replay_node import main
 
     return main(source=source)
@@ -96,6 +99,7 @@ def console() -> int:
     if source is not None and not _is_unicode(source):
         parser.error(f"the name {source!a} is not UTF-8, which ROS needs; rename it")
     _require_opencv("console")
+    _require_ros("console")
     if find_spec("aiohttp") is None:
         print(
             "console: error: the Python package aiohttp is missing; install the extra 'console' of "
@@ -143,6 +147,14 @@ def _is_unicode(text: str) -> bool:
 def _require_opencv(command: str) -> None:
     try:
         require_opencv()
+    except ModuleNotFoundError as error:
+        print(f"{command}: error: {error}", file=sys.stderr)
+        sys.exit(2)
+
+
+def _require_ros(command: str) -> None:
+    try:
+        import_module("pf_tracker_ros.node")
     except ModuleNotFoundError as error:
         print(f"{command}: error: {error}", file=sys.stderr)
         sys.exit(2)

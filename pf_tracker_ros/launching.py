@@ -18,6 +18,7 @@ from pf_tracker_ros.tracking.presets import PRESETS
 PACKAGE = "pf_tracker_ros"
 # Arguments that are parameters of the tracker and have the names of these.
 TEXTS = ("image_reliability", "image_transport")
+_LOG_LEVELS = "debug, info, warn, error, fatal"
 
 # Description and default of the arguments of every launch file that starts a tracker first of all.
 _SHARED = {
@@ -29,9 +30,10 @@ _SHARED = {
     "image_transport": ("raw, or compressed for JPEG and PNG on <image>/compressed.", ""),
     "seed": ("Seeds all randomness.", ""),
     "console": (
-        "Serve the page that shows and drives the tracker on the loopback, port 8642.",
+        "Serve the page that shows and drives the tracker on the loopback.",
         "false",
     ),
+    "console_port": ("Port of that page, another one for each console; 8642 without it.", ""),
     "use_sim_time": ("Take the time from /clock.", "false"),
     "large_images": (
         "Use the Fast DDS profile for large images; the publisher of the images needs it too.",
@@ -129,8 +131,14 @@ class Given:
         return [word for word in words if word]
 
     def log_arguments(self) -> list[str]:
-        """The command line that sets the argument `log_level`, if it was given."""
+        """The command line that sets the argument `log_level`, if it was given.
+
+        Raises:
+            ValueError: It is no level, nor LOGGER:=LEVEL.
+        """
         level = self.text("log_level")
+        if level and level.rpartition(":=")[2].lower() not in _LOG_LEVELS.split(", "):
+            raise ValueError(f"argument log_level:={level}; allowed: {_LOG_LEVELS}")
         return ["--ros-args", "--log-level", level] if level else []
 
     def environment(self) -> dict[str, str]:
@@ -202,5 +210,6 @@ def tracker_nodes(
     all_parameters = [*given.file("params_file"), dict(parameters)]
     nodes = [Node(executable="tracker", name="pf_tracker", parameters=all_parameters, **of_both)]
     if given.flag("console"):
-        nodes.append(Node(executable="console", name="console", **of_both))
+        port = {"port": given.number("console_port", int)} if given.text("console_port") else {}
+        nodes.append(Node(executable="console", name="console", parameters=[port], **of_both))
     return nodes

@@ -23,3 +23,13 @@ def hold_signals() -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: None)
     return reader
+
+
+def ignore_signals() -> None:
+    """Let neither SIGINT nor SIGTERM end a process that is ending, by another exit code.
+
+    As Python ends, it gives signals their default action back, but for those that are ignored. A
+    Ctrl-C in a terminal comes twice to what `ros2 launch` has started.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)

@@ -66,6 +66,22 @@ def test_the_console_says_what_it_lacks():
     assert "apt" in outcome.stderr
 
 
+@pytest.mark.parametrize("name", ["tracker", "replay", "console"])
+def test_without_ros_one_line_says_how_to_get_it(name):
+    code = (
+        "import importlib.util as u, sys\n"
+        "find = u.find_spec\n"
+        "u.find_spec = lambda name, *rest: None if name == 'rclpy' else find(name, *rest)\n"
+        f"import pf_tracker_ros.commands as c; sys.exit(c.{name}())"
+    )
+    outcome = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=TIMEOUT, check=False
+    )
+    assert outcome.returncode == 2
+    (line,) = outcome.stderr.splitlines()
+    assert line.startswith(f"{name}: error: there is no rclpy: ")
+
+
 def test_replay_ends_if_the_path_cannot_be_played(ros_domain):
     outcome = run("replay", "nowhere.mcap")
     assert outcome.returncode == 2

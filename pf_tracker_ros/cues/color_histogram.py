@@ -271,7 +271,7 @@ def _samples(
     """
     sizes = region_boxes[:, 2:]
     if not (sizes == sizes[0]).all():
-        return _Grids(region_boxes, *_grid(sizes.mean(axis=0))), None
+        return _Grids(region_boxes, *_grid(sizes.mean(axis=0).tolist())), None
     width, height = sizes[0].tolist()
     columns, rows = _grid((width, height))
     left = _first_center(region_boxes[:, 0], width, columns).astype(np.intp)

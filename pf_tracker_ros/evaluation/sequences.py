@@ -10,6 +10,7 @@ from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure
 from pf_tracker_ros.footage import Footage, FootageError, read_sequence
 from pf_tracker_ros.footage.access import entries, exists
 from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILE, ground_truth_file
+from pf_tracker_ros.footage.sequences import IMAGE_FOLDER
 
 
 def read_sequences(folders: Iterable[str | Path]) -> list[Footage]:
@@ -70,8 +71,8 @@ def find_sequences(folders: Iterable[str | Path]) -> list[Path]:
     """The sequence folders among `folders` and directly inside them.
 
     A folder with a `groundtruth.txt` or `groundtruth_rect.txt` is a sequence; of any other folder,
-    the sequences are those of its subfolders that have one, in the order of their names. A sequence
-    met twice counts once.
+    the sequences are those of its subfolders that have one, or frames in `img`, in the order of
+    their names: one that lacks its ground truth is to be told of. A sequence met twice counts once.
 
     Args:
         folders: Sequence folders, or folders of sequence folders.
@@ -104,4 +105,9 @@ def _sequences_of(folder: Path) -> list[Path]:
     if ground_truth_file(folder) is not None:
         return [folder]
     subfolders = (entry for entry in entries(folder) if exists(entry) and entry.is_dir())
-    return sorted(entry.resolve() for entry in subfolders if ground_truth_file(entry) is not None)
+    return sorted(entry.resolve() for entry in subfolders if _is_meant_as_one(entry))
+
+
+def _is_meant_as_one(folder: Path) -> bool:
+    images = folder / IMAGE_FOLDER
+    return ground_truth_file(folder) is not None or (exists(images) and images.is_dir())

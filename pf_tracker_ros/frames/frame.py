@@ -56,8 +56,8 @@ class Frame:
         foreground: What a background model says of it; None where there is no model, or where it
             says nothing.
         background: What the model is worth in this frame; None where there is none.
-        camera_motion: How the camera has moved since the frame before, see `EgoMotion.follow`; None
-            where it stands still, or nobody asked.
+        camera_motion: How the camera has moved since a frame last told so, or since the first, see
+            `EgoMotion.follow`; None where it stands still, or nobody asked.
     """
 
     def __init__(

@@ -24,6 +24,9 @@ from pf_tracker_ros.node.parameter_group import ParameterGroup, Values
 from pf_tracker_ros.node.ros_parameters import descriptor_of, ros_parameter, ros_type
 from pf_tracker_ros.parameters import Declaration
 
+# More of them are no help to read.
+_MOST_NAMED = 12
+
 
 class NoSuchParameter(ParameterNotDeclaredException):
     """A request names parameters that there are not, and says why.
@@ -325,5 +328,12 @@ class ParameterBinding:
             *difflib.get_close_matches(name, values, n=1),
             *difflib.get_close_matches(name, every, n=1),
         ]
-        guess = f"did you mean '{close[0]}'?" if close else f"there are: {sorted(values)}"
+        guess = f"did you mean '{close[0]}'?" if close else _known(values)
         return f"there is no parameter '{name}' ({guess})"
+
+
+def _known(names: Collection[str]) -> str:
+    """Which parameters there are, as far as that can be read."""
+    if len(names) > _MOST_NAMED:
+        return "`ros2 param list` and docs/parameters.md name those that there are"
+    return f"there are: {', '.join(sorted(names))}"

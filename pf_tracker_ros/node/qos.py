@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable
 from copy import copy
 from typing import Any
 
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -31,6 +34,12 @@ LATCHED_QOS = QoSProfile(
 )
 
 PREFIX = "qos_overrides."
+
+# A node whose name is not known yet, and what tells it in a list with qualities of service.
+_SOME_NODE = "a node"
+_UNNAMED = f"{_SOME_NODE} ("
+# Seconds between two looks, and how many there are.
+_LOOK_AGAIN_AFTER, _MOST_LOOKS = 0.1, 20
 
 
 def subscribe(
@@ -66,10 +75,12 @@ def subscribe(
         if policy == "RELIABILITY" and on_unreliable is not None:
             on_unreliable()
             return
-        others = _names(node.get_publishers_info_by_topic(name), policy, asked)
-        report(
-            f"nothing arrives on {name} from {others}, but {node.get_fully_qualified_name()} asks "
-            f"for {_value(asked, policy)}{reliability_cure if policy == 'RELIABILITY' else ''}"
+        own = f"{node.get_fully_qualified_name()} asks for {_value(asked, policy)}"
+        cure = reliability_cure if policy == "RELIABILITY" else ""
+        _report_named(
+            node,
+            lambda: _names(node.get_publishers_info_by_topic(name), policy, asked),
+            lambda others: report(f"nothing arrives on {name} from {others}, but {own}{cure}"),
         )
 
     events = SubscriptionEventCallbacks(incompatible_qos=on_mismatch)
@@ -114,11 +125,13 @@ def advertise(
 
     def on_mismatch(event: Any) -> None:
         policy = qos_policy_name_from_kind(event.last_policy_kind)
-        others = _names(node.get_subscriptions_info_by_topic(name), policy, offered)
-        report(
-            f"{name} does not reach {others}, but {node.get_fully_qualified_name()} offers "
-            f"{_value(offered, policy)}; change it there, or here with the parameter "
-            f"{PREFIX}{name}.publisher.{policy.lower()}"
+        own = f"{node.get_fully_qualified_name()} offers {_value(offered, policy)}"
+        cure = "change it there, or here with the parameter "
+        cure += f"{PREFIX}{name}.publisher.{policy.lower()}"
+        _report_named(
+            node,
+            lambda: _names(node.get_subscriptions_info_by_topic(name), policy, offered),
+            lambda others: report(f"{name} does not reach {others}, but {own}; {cure}"),
         )
 
     events = PublisherEventCallbacks(incompatible_qos=on_mismatch)
@@ -172,6 +185,32 @@ def _with_overrides(
         return create(None)
 
 
+def _report_named(node: Node, look: Callable[[], str], report: Report) -> None:
+    """Report others by their names, for which it waits up to two seconds.
+
+    An endpoint is discovered before the name of its node is.
+
+    Args:
+        node: That has met them.
+        look: Tells who they are, as far as that is known.
+        report: Called with that.
+    """
+    others = look()
+    if _UNNAMED not in others:
+        report(others)
+        return
+    looks = itertools.count(1)
+
+    def look_again() -> None:
+        others = look()
+        if _UNNAMED not in others or next(looks) == _MOST_LOOKS:
+            node.destroy_timer(timer)
+            report(others)
+
+    clock = Clock(clock_type=ClockType.STEADY_TIME)
+    timer = node.create_timer(_LOOK_AGAIN_AFTER, look_again, clock=clock)
+
+
 def _names(endpoints: Iterable[TopicEndpointInfo], policy: str, own: QoSProfile) -> str:
     """The endpoints whose policy differs, with what it is."""
     descriptions = []
@@ -183,9 +222,8 @@ def _names(endpoints: Iterable[TopicEndpointInfo], policy: str, own: QoSProfile)
 
 
 def _node_name(endpoint: TopicEndpointInfo) -> str:
-    # An endpoint may be discovered before the name of its node is.
     if "UNKNOWN" in endpoint.node_name:
-        return "a node"
+        return _SOME_NODE
     return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
 
 

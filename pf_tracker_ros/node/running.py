@@ -15,11 +15,12 @@ import rclpy
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
 
-from pf_tracker_ros.signals import hold_signals
+from pf_tracker_ros.signals import hold_signals, ignore_signals
 
 # Seconds from one collection of garbage to the next.
 _COLLECT_EVERY = 1.0
@@ -29,14 +30,15 @@ def run(create: Callable[[], Node], arguments: list[str] | None = None) -> None:
     """Create a node and spin it until SIGINT, SIGTERM or a shutdown of its context.
 
     An exception that leaves a callback is logged with its traceback, and the node goes on. Garbage
-    is collected between callbacks, never within one.
+    is collected between callbacks, never within one. Afterwards signals are ignored: the process is
+    to end.
 
     Args:
         create: Makes the node; called once rclpy is initialized.
         arguments: The command line with the program's name, by default that of the process.
 
     Raises:
-        SystemExit: The ROS arguments cannot be parsed.
+        SystemExit: The ROS arguments cannot be parsed, or ROS does not let the node start.
     """
     reader = hold_signals()
     try:
@@ -47,13 +49,14 @@ def run(create: Callable[[], Node], arguments: list[str] | None = None) -> None:
     executor = SingleThreadedExecutor()
     with _ended_by_signal(reader):
         try:
-            _spin(executor, create())
+            _spin(executor, _started(create))
         except Exception:
             # Whatever is half made when the context goes away may raise anything.
             if ok():
                 raise
         finally:
             try_shutdown()
+    ignore_signals()
 
 
 def spin_until_shutdown(node: Node) -> None:
@@ -92,6 +95,20 @@ def _ended_by_signal(reader: int) -> Iterator[None]:
         os.close(finish)
         thread.join()
         os.close(done)
+
+
+def _started(create: Callable[[], Node]) -> Node:
+    """The node.
+
+    Raises:
+        SystemExit: ROS does not let it start, such as for want of what SROS 2 asks for.
+    """
+    try:
+        return create()
+    except rclpy_implementation.RCLError as error:
+        if not ok():
+            raise
+        sys.exit(f"the node cannot start: {error}")
 
 
 def _spin(executor: SingleThreadedExecutor, node: Node) -> None:

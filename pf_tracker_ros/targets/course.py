@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.filter import LONGEST_PREDICTION
-
 # How much a velocity changes in a second, box heights a second: people walk on.
 _ACCELERATION = 0.2
 # Standard deviation of a new target's velocity, heights a second.
 _FIRST_SPEED = 0.3
+# Seconds without a frame up to which a target is taken to have gone on as it went.
+_LONGEST_STEP = 2.0
+# Seconds after which a target is not expected still farther away: it may also have stood still.
+_LONGEST_PAUSE = 10.0
 # What is measured farther from the prediction than so many standard deviations moves it no more
 # than that.
 _MOST_DEVIATIONS = 3.0
@@ -51,8 +53,18 @@ class Course:
         return cls(box[:2] + box[2:] / 2, np.zeros(2), np.square(deviation), np.zeros(2), speed)
 
     def predict(self, interval: float, height: float) -> Course:
-        """The course some seconds later, 60 at most, for a target of a height in pixels."""
-        interval = min(interval, LONGEST_PREDICTION)
+        """The course some seconds later, for a target of a height in pixels.
+
+        After a pause nobody knows whether it has gone on as it went: it is expected around where it
+        was, the less surely the faster it went and the longer that was, up to ten seconds.
+        """
+        if interval > _LONGEST_STEP:
+            stopped = self.speed_spread + np.square(self.velocity)
+            at_rest = replace(self, velocity=np.zeros(2), speed_spread=stopped)
+            return at_rest._step(min(interval, _LONGEST_PAUSE), height)
+        return self._step(interval, height)
+
+    def _step(self, interval: float, height: float) -> Course:
         noise = np.square(_ACCELERATION * height) * interval
         return replace(
             self,

@@ -94,7 +94,7 @@ class DetectingThread:
         self._is_disregarded = True
 
     def close(self) -> None:
-        """End the thread, once it has looked at its last frame."""
+        """End the thread; a frame that it has not begun to look at stays unseen."""
         self._executor.shutdown(cancel_futures=True)
 
     def _look(self, image: NDArray[np.generic], stamp: int, interval: float) -> Finding | None:

@@ -15,6 +15,9 @@ from pf_tracker_ros.targets.history import History, Moment
 from pf_tracker_ros.targets.keeper import CrowdKeeper
 from pf_tracker_ros.targets.life import Life
 
+# Seconds that a detector takes at most. What it says of that time before the first frame is no
+# fault: it was there before the tracker.
+_SLOWEST = 5.0
 # What counts of detections in a frame, None where they say nothing of it; why others do not.
 Looker = Callable[[Detections, Frame], tuple[tuple[Sighting, ...] | None, list[str]]]
 
@@ -38,10 +41,12 @@ def fill_in(
     for detections in sorted(late, key=lambda one: -one.age):
         since = history.since(detections.age - interval)
         if since is None:
-            left_out.append(
-                f"the detections are {detections.age:g} s old, and frames of the last "
-                f"{history.seconds + interval:.2g} s are kept"
-            )
+            kept = history.seconds + interval
+            if not (history.is_whole and detections.age < kept + _SLOWEST):
+                left_out.append(
+                    f"the detections are {detections.age:.3g} s old, and frames of the last "
+                    f"{kept:.2g} s are kept"
+                )
             continue
         moments = moments or since
         place = len(moments) - len(since)

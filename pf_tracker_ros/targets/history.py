@@ -107,6 +107,11 @@ class History:
         return tuple(self._moments)
 
     @property
+    def is_whole(self) -> bool:
+        """Whether it goes back to the first frame of all."""
+        return len(self._moments) > 0 and self.first.before.frame == 0
+
+    @property
     def first(self) -> Moment:
         """The oldest."""
         return self._moments[0]

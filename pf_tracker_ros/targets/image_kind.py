@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.clock import is_due
 from pf_tracker_ros.targets.drawn import Drawn
+from pf_tracker_ros.tracking.frame_clock import is_due
 
 # So many images in a row that fit no target of a detector's: the camera is another one.
 _MOST_MISFITS = 10

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.plurals import counted
-from pf_tracker_ros.targets.clock import Clock, age_of, is_due
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.drawn import Drawn
 from pf_tracker_ros.targets.history import History
@@ -24,9 +23,9 @@ from pf_tracker_ros.targets.multi_tracker import MultiTracker
 from pf_tracker_ros.targets.parameters import MultiTrackerParameters
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.targets.waiting_answers import WaitingAnswers
-from pf_tracker_ros.tracking.frame_order import TimePolicy
+from pf_tracker_ros.tracking.frame_clock import FrameClock, TimePolicy, age_of, is_due
 from pf_tracker_ros.tracking.scaling import size_of
-from pf_tracker_ros.tracking.session import FrameOutcome
+from pf_tracker_ros.tracking.session import DRAWN_BEFORE_JUMP, FrameOutcome
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ class MultiSession:
         self._seed = seed
         self._tracker = MultiTracker(build(MultiTrackerParameters, parameters), seed)
         self._checked: tuple[Mapping[str, Any], int, MultiTracker] | None = None
-        self._clock = Clock()
+        self._clock = FrameClock()
         self._answers = WaitingAnswers()
         self._kind = ImageKind()
         self._requested: list[Drawn] = []
@@ -188,6 +187,7 @@ class MultiSession:
         self._answers.clear()
         self._drawn, self._checked = {}, None
         self._tracker.clear()
+        self._clock.begin_anew()
 
     def stop_target(self, id: int) -> None:
         """Forget one target; a detector that still sees it will start it again, with another id.
@@ -215,7 +215,8 @@ class MultiSession:
 
     def process_unread(self, read: Callable[[], NDArray[np.generic]], stamp: int) -> MultiOutcome:
         """As `process`, with an image that is read only if it is needed; see `Session`."""
-        place = self._clock.place(stamp, self.time_policy.late_within)
+        requested = [one.stamp for one in self._requested]
+        place = self._clock.place(stamp, self.time_policy.late_within, requested)
         if place in ("duplicate", "late"):
             self._checked = None
             return MultiOutcome(place, self.targets)
@@ -228,13 +229,10 @@ class MultiSession:
     def _jump_back(self, image: NDArray[np.generic], stamp: int) -> MultiOutcome:
         """Go on in a time that began anew, without what waits for frames of the old one."""
         policy = self.time_policy.on_jump
-        # Until an image is accepted, each is the first after the jump: of those, targets may wait.
-        waiting = [one for one in self._requested if one.stamp == 0 or self._kind.is_doubtful]
-        if len(waiting) < len(self._requested):
-            self._refused.append(
-                "target refused: it was drawn on a frame from before time went back; draw it again"
-            )
         seconds = self._clock.jump_back(stamp)
+        waiting = [one for one in self._requested if not self._clock.is_of_before(one.stamp, stamp)]
+        if len(waiting) < len(self._requested):
+            self._refused.append(DRAWN_BEFORE_JUMP)
         if policy == "keep":
             self._answers.clear()
             self._tracker.forget_past()

@@ -56,6 +56,9 @@ _LEARN_EVERY = 0.4
 _HIT, _LEAST_BELIEF, _MOST_BELIEF = 2.0, -1.0, 1.5
 # What the detector misses now it will miss again in a moment: seconds until it decides anew.
 _DECIDES_ANEW = 0.3
+# Seconds without a frame after which a detection alone tells where its target is: particles are too
+# few for all the places where it may be.
+_PAUSED_AFTER = 1.0
 # Of a hidden target it says at least so much that it was not found.
 _LEAST_VISIBLE = 0.4
 
@@ -152,6 +155,8 @@ class Updater:
         front: Sequence[Life],
     ) -> Life:
         """One target, behind others."""
+        if own and interval > _PAUSED_AFTER:
+            return self._begin_anew(life, frame, interval, own)
         target, evidence = life.target, []
         is_hidden = False
         if own:
@@ -209,6 +214,19 @@ class Updater:
             is_doubled=is_doubled,
         )
         return self._correct(life, frame, own) if own else life
+
+    def _begin_anew(self, life: Life, frame: Frame, interval: float, own: Sighting) -> Life:
+        """A target that a detection shows after a pause, where its motion tells of no place."""
+        target = self._follower.begin(frame, as_box(own.box), life.target.randomness)
+        life = replace(
+            life,
+            target=target,
+            age=life.age + interval,
+            learned_for=life.learned_for + interval,
+            is_hidden=False,
+            is_doubled=False,
+        )
+        return self._correct(life, frame, own)
 
     def _correct(self, life: Life, frame: Frame, own: Sighting) -> Life:
         """A target that a detection confirms, with its box brought towards that."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from pf_tracker_ros.targets.clock import age_of, is_due
 from pf_tracker_ros.targets.detections import Detections
+from pf_tracker_ros.tracking.frame_clock import age_of, is_due
 
 # The oldest beyond are dropped.
 MOST_ANSWERS = 20

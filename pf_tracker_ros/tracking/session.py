@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -19,8 +19,8 @@ from pf_tracker_ros.parameters import build
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.estimate import Estimate
+from pf_tracker_ros.tracking.frame_clock import FrameClock, TimePolicy, is_due
 from pf_tracker_ros.tracking.frame_history import FrameHistory, PastFrame
-from pf_tracker_ros.tracking.frame_order import FrameOrder, Place, TimePolicy
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.scaling import (
@@ -37,6 +37,10 @@ FrameOutcome = Literal["started", "tracked", "duplicate", "late", "waiting"]
 
 # A target's frame may have been lost on the way; one so much later stands in for it.
 _SUBSTITUTE_WITHIN = NANOSECONDS
+
+DRAWN_BEFORE_JUMP = (
+    "target refused: it was drawn on a frame from before time went back; draw it again"
+)
 
 # Through so many frames a target is followed to catch up: in the meantime no image is answered.
 _MOST_CAUGHT_UP = 30
@@ -133,7 +137,7 @@ class Session:
         self._first: _FirstBox | None = None
         self._sighting: _Sighting | None = None
         self._checked: _Change | None = None
-        self._order = FrameOrder()
+        self._clock = FrameClock()
         # Before the last one where the target has been learned again from an earlier frame.
         self._followed_until = 0
 
@@ -197,7 +201,7 @@ class Session:
         Raises:
             ValueError: The stamp is by another clock than those of the frames.
         """
-        self._order.check_ahead(stamp)
+        self._clock.check_ahead(stamp)
         self._requested = _RequestedTarget(box, stamp)
 
     def withdraw(self) -> None:
@@ -207,12 +211,16 @@ class Session:
     def stop(self) -> None:
         """Forget the target, and a requested one."""
         self.withdraw()
+        self._forget_target()
+        self._clock.begin_anew()
+
+    def _forget_target(self) -> None:
         self._tracker.stop()
         self._estimate = self._sighting = self._checked = None
 
     def pass_over(self, stamp: int) -> None:
         """Let the clock go on with a frame that is not looked at, as while there is a pause."""
-        self._order.pass_over(stamp)
+        self._clock.pass_over(stamp)
 
     def map_likelihood(self) -> LikelihoodMap | None:
         """How likely the target is around its box, in the frame that was looked at last."""
@@ -247,57 +255,41 @@ class Session:
             ValueError: As `process`.
             Exception: Whatever `read` raises; nothing has changed then.
         """
-        is_due = self._requested and (stamp == 0 or stamp >= self._requested.stamp)
-        place = None if is_due else self._place(stamp)
+        requested = (self._requested.stamp,) if self._requested else ()
+        place = self._clock.place(stamp, self.time_policy.late_within, requested)
         if place in ("duplicate", "late"):
             self._checked = None
             return Outcome(place, self.estimate)
         frame = Frame(read(), stamp)
         self._checked = None
-        refused_target = ""
-        if self._requested and is_due:
-            requested, self._requested = self._requested, None
-            try:
-                return self._start(self._frames_of(requested, frame), requested.box)
-            except ValueError as error:
-                refused_target = f"target refused: {error}"
-        return self._follow(frame, place or self._place(stamp), refused_target)
-
-    def _place(self, stamp: int) -> Place:
-        """What a frame is by its stamp; without a target each is the next one."""
+        if place == "jump":
+            return self._jump_back(frame)
+        started, refused_target = self._start_requested(frame, self.history)
+        if started:
+            return started
         if not self._tracker.started:
-            return "next"
-        return self._order.place(stamp, self.time_policy.late_within)
+            self._take(frame, None)
+            return Outcome("waiting", None, refused_target)
+        return self._track(frame, refused_target)
 
-    def _frames_of(self, requested: _RequestedTarget, frame: Frame) -> list[PastFrame]:
-        """The frame that the target was drawn on and those since, the last being this one.
+    def _start_requested(self, frame: Frame, history: FrameHistory) -> tuple[Outcome | None, str]:
+        """Start on what was asked for on frames up to this one.
 
-        Where they are too many, those in between are thinned out evenly.
+        Args:
+            frame: At hand.
+            history: The frames before.
+
+        Returns:
+            The outcome, None where nothing starts; why what was asked for does not, or empty.
         """
-        if requested.stamp in (0, frame.stamp) or frame.stamp == 0:
-            return [frame]
-        kept = [past for past in self.history.since(requested.stamp) if past.stamp < frame.stamp]
-        if kept and kept[0].size != frame.size:
-            raise ValueError(
-                f"it was drawn on an image of {size_text(kept[0].size)} px, and they have "
-                f"{size_text(frame.size)} px now; allowed: a target on one of these, or stamp 0 "
-                "for the next frame"
-            )
-        frames = [*kept, frame]
-        reach = (frame.stamp - frames[0].stamp) / NANOSECONDS
-        behind = frames[0].stamp - requested.stamp
-        # What was dropped before time went back says nothing of the frames since.
-        is_dropped = requested.stamp <= self.history.dropped_until < frame.stamp
-        if behind > _SUBSTITUTE_WITHIN or is_dropped:
-            raise ValueError(
-                f"it was drawn on a frame from {behind / NANOSECONDS:.3f} s before the oldest one "
-                f"here; allowed: one of the last {counted(len(kept) + 1, 'frame')}, back to "
-                f"{reach:.3f} s ago (parameters 'history_frames' and 'history_megabytes'), or "
-                "stamp 0 for the next one"
-            )
-        steps = min(len(frames) - 1, _MOST_CAUGHT_UP)
-        chosen = np.linspace(0, len(frames) - 1, steps + 1).round().astype(int)
-        return [frames[index] for index in chosen]
+        requested = self._requested
+        if requested is None or not is_due(requested.stamp, frame.stamp):
+            return None, ""
+        self._requested = None
+        try:
+            return self._start(_frames_of(requested, frame, history), requested.box), ""
+        except ValueError as error:
+            return None, f"target refused: {error}"
 
     def _start(self, frames: Sequence[PastFrame], box: Box) -> Outcome:
         # A tracker of its own for each target: the one before stays as it is if this is refused.
@@ -313,32 +305,32 @@ class Session:
         self._take(frames[-1], estimate)
         return Outcome("started", estimate, caught_up=len(frames) - 1)
 
-    def _follow(self, frame: Frame, place: Place, refused_target: str) -> Outcome:
-        if not self._tracker.started:
-            self._take(frame, None)
-            return Outcome("waiting", None, refused_target)
-        behind = (self._order.last - frame.stamp) / NANOSECONDS
-        if place in ("duplicate", "late"):
-            return Outcome(place, self.estimate, refused_target)
-        if place == "jump":
-            return self._jump_back(frame, behind, refused_target)
-        return self._track(frame, refused_target)
+    def _jump_back(self, frame: Frame) -> Outcome:
+        """Go on in a time that began anew, without what waits for frames of the old one."""
+        seconds = self._clock.jump_back(frame.stamp)
+        requested, refused = self._requested, ""
+        if requested and self._clock.is_of_before(requested.stamp, frame.stamp):
+            self._requested, refused = None, DRAWN_BEFORE_JUMP
+        started, why_not = self._start_requested(frame, FrameHistory())
+        if started:
+            return replace(started, jumped_back=seconds)
+        return replace(self._begin_anew(frame, refused or why_not), jumped_back=seconds)
 
-    def _jump_back(self, frame: Frame, seconds: float, refused_target: str) -> Outcome:
+    def _begin_anew(self, frame: Frame, refused_target: str) -> Outcome:
+        """Do what the policy says with the target of the old time, on a frame of the new one."""
         policy = self.time_policy.on_jump
-        if policy == "restart" and self._first:
+        if policy == "keep" and self._tracker.started:
+            return self._track(frame, refused_target, goes_on=False)
+        if policy == "restart" and self._tracker.started and self._first:
             try:
-                outcome = self._start([frame], _box_in(frame.image, self._first))
+                started = self._start([frame], _box_in(frame.image, self._first))
             except ValueError as error:
                 refused_target = f"target refused: {error}"
             else:
-                return Outcome("started", outcome.estimate, refused_target, seconds)
-        if policy == "keep":
-            outcome = self._track(frame, refused_target, goes_on=False)
-            return Outcome("tracked", outcome.estimate, refused_target, seconds)
-        self.stop()
+                return replace(started, refused_target=refused_target)
+        self._forget_target()
         self._take(frame, None)
-        return Outcome("waiting", None, refused_target, seconds)
+        return Outcome("waiting", None, refused_target)
 
     def _track(self, frame: Frame, refused_target: str, *, goes_on: bool = True) -> Outcome:
         """Follow the target into a frame; time goes on with it, or has begun anew."""
@@ -375,7 +367,7 @@ class Session:
 
     def _take(self, frame: PastFrame, estimate: Estimate | None) -> None:
         self._estimate = estimate
-        self._order.take(frame.stamp)
+        self._clock.take(frame.stamp)
         self._followed_until = frame.stamp
         self.history.add(frame.image, frame.stamp)
 
@@ -385,3 +377,34 @@ def _box_in(image: NDArray[np.generic], first: _FirstBox) -> Box:
     if not is_scaled(first.image_size, size_of(image)):
         return first.box
     return scaled_box(first.box, first.image_size, size_of(image))
+
+
+def _frames_of(requested: _RequestedTarget, frame: Frame, history: FrameHistory) -> list[PastFrame]:
+    """The frame that the target was drawn on and those since, the last being this one.
+
+    Where they are too many, those in between are thinned out evenly.
+    """
+    if requested.stamp in (0, frame.stamp) or frame.stamp == 0:
+        return [frame]
+    kept = [past for past in history.since(requested.stamp) if past.stamp < frame.stamp]
+    if kept and kept[0].size != frame.size:
+        raise ValueError(
+            f"it was drawn on an image of {size_text(kept[0].size)} px, and they have "
+            f"{size_text(frame.size)} px now; allowed: a target on one of these, or stamp 0 "
+            "for the next frame"
+        )
+    frames = [*kept, frame]
+    reach = (frame.stamp - frames[0].stamp) / NANOSECONDS
+    behind = frames[0].stamp - requested.stamp
+    # What was dropped before time went back says nothing of the frames since.
+    is_dropped = requested.stamp <= history.dropped_until < frame.stamp
+    if behind > _SUBSTITUTE_WITHIN or is_dropped:
+        raise ValueError(
+            f"it was drawn on a frame from {behind / NANOSECONDS:.3f} s before the oldest one "
+            f"here; allowed: one of the last {counted(len(kept) + 1, 'frame')}, back to "
+            f"{reach:.3f} s ago (parameters 'history_frames' and 'history_megabytes'), or "
+            "stamp 0 for the next one"
+        )
+    steps = min(len(frames) - 1, _MOST_CAUGHT_UP)
+    chosen = np.linspace(0, len(frames) - 1, steps + 1).round().astype(int)
+    return [frames[index] for index in chosen]

@@ -47,7 +47,7 @@ def test_a_square_that_has_moved_is_found(
     ("options", "message"),
     [
         (["--skip", "20"], "--skip is 20; allowed for"),
-        (["--reduction", "17"], "invalid choice: 17"),
+        (["--reduction", "17"], "argument --reduction: invalid choice"),
     ],
 )
 def test_wrong_arguments_are_refused(vibe, options, message, moving_square_sequence, capsys):

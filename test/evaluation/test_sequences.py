@@ -1,6 +1,7 @@
 import pytest
 
 from pf_tracker_ros.evaluation import EvaluationError, find_sequences, read_sequences
+from pf_tracker_ros.evaluation.sequences import open_sequences
 from pf_tracker_ros.footage import FootageError
 
 
@@ -20,6 +21,16 @@ def test_folder_of_sequences_stands_for_those_in_it(write_short, tmp_path):
     (tmp_path / "video" / "clip.avi").touch()
     (tmp_path / "README.md").touch()
     assert find_sequences([tmp_path]) == sorted(sequences)
+
+
+def test_one_that_lacks_its_ground_truth_is_told_of(write_short, tmp_path):
+    whole, lacking = write_short("whole"), write_short("lacking")
+    (lacking / "groundtruth.txt").unlink()
+    sequences, failures = open_sequences([tmp_path])
+    assert [footage.name for footage in sequences] == [whole.name]
+    (failure,) = failures
+    assert failure.name == "lacking"
+    assert "groundtruth.txt" in str(failure.error)
 
 
 def test_sequence_given_twice_counts_once_and_order_is_kept(write_short, tmp_path):

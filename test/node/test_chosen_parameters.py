@@ -238,7 +238,7 @@ UNKNOWN = {
         "'engine.pressure' here; it needs engine.kind 'steam'",
     ),
     "misspelt": ({"engine.pressurre": 1.0}, "'engine.pressurre' (did you mean 'engine.pressure'?)"),
-    "of no part": ({"wings": 2}, "there is no parameter 'wings' (there are: ['cars'"),
+    "of no part": ({"wings": 2}, "there is no parameter 'wings' (there are: cars, "),
 }
 
 
@@ -258,7 +258,7 @@ def test_what_is_not_there_at_start_up_has_no_effect(bind):
     bound = bind({"engine.cells": 4, "horn": 1, "cars": 1})
     assert bound.reports == [
         "no parameter 'engine.cells' here; it needs engine.kind 'electric'; it has no effect",
-        f"there is no parameter 'horn' (there are: {sorted(USUAL)}); it has no effect",
+        f"there is no parameter 'horn' (there are: {', '.join(sorted(USUAL))}); it has no effect",
     ]
     assert not bound.binding.refused
     assert bound.is_as(USUAL | {"cars": 1})

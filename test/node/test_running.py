@@ -80,12 +80,57 @@ print("threads:", threading.active_count())
 """
 
 
+SIGNALED_AT_THE_END = """
+import builtins
+import os
+
+import rclpy
+from rclpy.node import Node
+
+from pf_tracker_ros.node.running import run
+
+
+class Last:
+    def __del__(self, kill=os.kill, own=os.getpid(), write=os.write, numbers=(2, 15)):
+        for number in numbers:
+            kill(own, number)
+        write(1, b"still there")
+
+
+def create():
+    node = Node("probe")
+    rclpy.try_shutdown()
+    return node
+
+
+# What is in there goes last.
+builtins.last = Last()
+run(create, [])
+"""
+
+
+REFUSED = """
+from rclpy.impl.implementation_singleton import rclpy_implementation
+
+from pf_tracker_ros.node.running import run
+
+
+def create():
+    raise rclpy_implementation.RCLError("without security libraries")
+
+
+run(create, [])
+"""
+
+
 def output_of(script):
     result = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
     )
     assert result.returncode == 0, result.stderr
-    return result.stdout
+    # Fast DDS writes there, too, of what processes that were killed have left in shared memory.
+    lines = result.stdout.splitlines(keepends=True)
+    return "".join(line for line in lines if "RTPS_TRANSPORT" not in line)
 
 
 def test_garbage_is_collected_between_callbacks(ros_domain):
@@ -94,6 +139,18 @@ def test_garbage_is_collected_between_callbacks(ros_domain):
 
 def test_a_node_that_never_spins_leaves_nothing_behind(ros_domain):
     assert output_of(ENDED_AT_ONCE) == "destroyed\nthreads: 1\n"
+
+
+def test_a_signal_while_python_ends_changes_no_exit_code(ros_domain):
+    assert output_of(SIGNALED_AT_THE_END) == "still there"
+
+
+def test_a_node_that_ros_does_not_let_start_ends_the_process_with_the_reason(ros_domain):
+    result = subprocess.run(
+        [sys.executable, "-c", REFUSED], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert result.returncode == 1
+    assert result.stderr == "the node cannot start: without security libraries\n"
 
 
 class Meddling(Waitable):

@@ -185,7 +185,10 @@ def test_two_runs_do_not_write_into_one_folder(archive, start_track, track, tmp_
     while not list(output.rglob(".track_*")):
         assert time.monotonic() < deadline
         time.sleep(0.01)
+    # It must not be done before the other one has begun.
+    process.send_signal(signal.SIGSTOP)
     code, _, errors = track("--archive", archive, "--output", output, *QUICK)
+    process.send_signal(signal.SIGCONT)
     assert code == 4
     assert f"another run is writing into {output}" in errors
     process.communicate(timeout=120)

@@ -253,22 +253,22 @@ def test_what_a_built_in_detector_finds_does_not_hang_on_the_machine(
         def detect(self, image, interval=0.04):
             (number,) = (n for n, one in enumerate(walkers[0]) if np.array_equal(one, image))
             self.seen.append(number)
-            if number == 10:
+            if number == 8:
                 raise RuntimeError("blind")
             return library.said(number)
 
     eyes = Eyes()
     monkeypatch.setattr(built_in, "DETECTORS", {**DETECTORS, "motion": lambda: eyes})
-    code, errors, found = tracked(source, "--detector", "motion", "--detector-rate", "5")
+    code, errors, found = tracked(source, "--detector", "motion", "--detector-rate", "7")
     assert code == 0
-    # Every fifth frame of 25 a second is due, and its answer is heard before the next.
-    assert eyes.seen == [0, 5, 10, 15]
-    heard = {number + 1: [(library.said(number), number)] for number in (0, 5)}
+    # Every fourth frame of 25 a second is due, and its answer is heard before the next.
+    assert eyes.seen == [0, 4, 8, 12]
+    heard = {number + 1: [(library.said(number), number)] for number in (0, 4, 12)}
     assert library.as_told(found) == library.track((), heard)
     (line,) = errors.splitlines()
     assert line == (
-        "track: of 1 remark on detections and targets the first is: frame 11: the detector "
-        "'motion' failed in frame 10: blind (frames count from 0)"
+        "track: of 1 remark on detections and targets the first is: frame 9: the detector "
+        "'motion' failed in frame 8: blind (frames count from 0)"
     )
 
 

@@ -225,6 +225,20 @@ def make_tracker():
     return make
 
 
+def run_through(tracker, drawn, every=10, frames=None, labels=None):
+    """What is told in each frame, with a detector that sees every so many."""
+    answers = []
+    for number, image in enumerate(drawn.images[:frames]):
+        seen = drawn.detections(number, labels=labels) if number % every == 0 else None
+        answers.append(tracker.update(image, INTERVAL, seen))
+    return answers
+
+
+@pytest.fixture(scope="session")
+def run():
+    return run_through
+
+
 def overlap(one, other):
     one, other = np.asarray(one, float), np.asarray(other, float)
     sides = np.minimum(one[:2] + one[2:], other[:2] + other[2:]) - np.maximum(one[:2], other[:2])

@@ -37,6 +37,22 @@ def test_it_is_less_sure_the_longer_nothing_is_measured():
     assert (np.diff(spreads, 2, axis=0) > 0).all()
 
 
+def test_after_a_pause_it_is_expected_where_it_was_and_for_ten_seconds_ever_less_surely():
+    course = walked([(100 + 8.0 * step, 200) for step in range(30)])
+    center, spreads = course.center, []
+    assert course.velocity[0] == pytest.approx(80.0, rel=0.1)
+    moved = course.predict(2.0, HEIGHT)
+    assert moved.center == pytest.approx(center + 2.0 * course.velocity)
+    for pause in (2.5, 5.0, 10.0, 1e9):
+        paused = course.predict(pause, HEIGHT)
+        assert paused.center == pytest.approx(center)
+        spreads.append(paused.spread)
+        # Wherever it went at its pace, it is within two deviations.
+        assert 2.0 * np.sqrt(paused.spread[0]) > min(pause, 10.0) * course.velocity[0]
+    assert (np.diff(spreads[:3], axis=0) > 0).all()
+    assert spreads[2] == pytest.approx(spreads[3])
+
+
 def test_what_is_measured_narrows_it_and_one_far_off_does_not_carry_it_away():
     course = walked([(100, 200)] * 20).predict(INTERVAL, HEIGHT)
     corrected = course.correct(np.array([1000.0, 200.0]), DEVIATION)

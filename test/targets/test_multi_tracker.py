@@ -12,19 +12,10 @@ from pf_tracker_ros.parameters import ParameterError
 INTERVAL = 0.1
 
 
-def run(tracker, drawn, every=10, frames=None, labels=None):
-    """What is told in each frame, with a detector that sees every so many."""
-    answers = []
-    for number, image in enumerate(drawn.images[:frames]):
-        seen = drawn.detections(number, labels=labels) if number % every == 0 else None
-        answers.append(tracker.update(image, INTERVAL, seen))
-    return answers
-
-
 # Targets that a detector starts
 
 
-def test_targets_start_on_detections_and_are_followed_between_them(walkers, make_tracker, iou):
+def test_targets_start_on_detections_and_are_followed_between_them(run, walkers, make_tracker, iou):
     answers = run(make_tracker(), walkers, labels=["person"] * 3)
     for number, targets in enumerate(answers):
         assert [target.id for target in targets] == [1, 2, 3]
@@ -82,7 +73,7 @@ def test_what_the_detector_does_not_find_again_ends(walkers, make_tracker):
     assert all(abs(y - 80) > 20 for y in centers)
 
 
-def test_no_more_targets_start_than_are_allowed(walkers, make_tracker):
+def test_no_more_targets_start_than_are_allowed(run, walkers, make_tracker):
     assert len(run(make_tracker(targets__most=2), walkers, frames=1)[0]) == 2
 
 
@@ -103,57 +94,17 @@ def test_a_target_is_called_what_it_was_called_most(walkers, make_tracker):
 # The same bits
 
 
-def test_the_same_frames_detections_and_seed_give_the_same(walkers, make_tracker, as_told):
+def test_the_same_frames_detections_and_seed_give_the_same(run, walkers, make_tracker, as_told):
     runs = [run(make_tracker(seed=4), walkers, every=6) for _ in range(2)]
     assert list(map(as_told, runs[0])) == list(map(as_told, runs[1]))
     other = run(make_tracker(seed=5), walkers, every=6)
     assert list(map(as_told, runs[0])) != list(map(as_told, other))
 
 
-@pytest.mark.parametrize("delay", [1, 4, 9])
-def test_late_detections_do_what_they_would_have_done_in_time(
-    walkers, make_tracker, as_told, delay
-):
-    """After each of them the targets are those of a detector that answers at once."""
-    in_time, late = make_tracker(seed=2), make_tracker(seed=2)
-    for number, image in enumerate(walkers.images):
-        seen = walkers.detections(number) if number % 10 == 0 else None
-        expected = in_time.update(image, INTERVAL, seen)
-        before = number - delay
-        answer = None
-        if before >= 0 and before % 10 == 0:
-            answer = walkers.detections(before, age=delay * INTERVAL)
-        told = late.update(image, INTERVAL, answer)
-        if answer:
-            assert as_told(told) == as_told(expected)
-    assert as_told(told) == as_told(expected)
-
-
-def test_a_late_detection_of_an_earlier_frame_keeps_the_ids(walkers, make_tracker):
-    tracker = make_tracker()
-    for number in range(8):
-        seen = walkers.detections(number) if number == 6 else None
-        answer = tracker.update(walkers.images[number], INTERVAL, seen)
-    ids = [target.id for target in answer]
-    late = walkers.detections(3, age=5 * INTERVAL)
-    assert [target.id for target in tracker.update(walkers.images[8], INTERVAL, late)] == ids
-
-
-def test_an_answer_that_comes_twice_counts_once(walkers, make_tracker, as_told):
-    once, twice = make_tracker(), make_tracker()
-    for tracker in (once, twice):
-        tracker.update(walkers.images[0], INTERVAL)
-        tracker.update(walkers.images[1], INTERVAL, walkers.detections(0, age=INTERVAL))
-    again = walkers.detections(0, age=2 * INTERVAL)
-    assert as_told(once.update(walkers.images[2], INTERVAL)) == as_told(
-        twice.update(walkers.images[2], INTERVAL, again)
-    )
-
-
 @pytest.mark.parametrize(
     "copied", [copy.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))]
 )
-def test_a_copy_goes_on_with_the_same_bits(walkers, make_tracker, as_told, copied):
+def test_a_copy_goes_on_with_the_same_bits(run, walkers, make_tracker, as_told, copied):
     tracker = make_tracker()
     run(tracker, walkers, frames=5)
     other = copied(tracker)
@@ -201,34 +152,6 @@ def test_what_is_made_of_a_frame_is_made_once_for_all_targets(walkers, make_trac
     assert made[1]["pixels"] < 1.5 * made[0]["pixels"]
 
 
-# Each other
-
-
-def test_ids_come_out_of_a_crossing_as_they_went_in(crossing, make_tracker, iou):
-    answers = run(make_tracker(), crossing, every=8)
-    names = {}
-    for number in (0, len(answers) - 1):
-        for target in answers[number]:
-            place = max(
-                (0, 1), key=lambda one: iou(crossing.boxes[number][one], target.estimate.box)
-            )
-            assert iou(crossing.boxes[number][place], target.estimate.box) > 0.5
-            names.setdefault(place, set()).add(target.id)
-    assert sorted(map(len, names.values())) == [1, 1]
-    assert names[0] != names[1]
-
-
-def test_two_targets_do_not_settle_on_one(crossing, make_tracker, iou):
-    tracker = make_tracker()
-    shared = []
-    for number, image in enumerate(crossing.images):
-        seen = crossing.detections(number) if number == 0 else None
-        targets = tracker.update(image, INTERVAL, seen)
-        if number >= 30:
-            shared.append(iou(*(target.estimate.box for target in targets)))
-    assert max(shared) < 0.3
-
-
 def test_one_wrong_detection_does_not_carry_a_target_away(walkers, make_tracker, iou):
     tracker = make_tracker()
     for number in range(12):
@@ -243,7 +166,7 @@ def test_one_wrong_detection_does_not_carry_a_target_away(walkers, make_tracker,
 # Life
 
 
-def test_one_that_left_comes_back_with_its_id_while_it_is_remembered(leaver, make_tracker):
+def test_one_that_left_comes_back_with_its_id_while_it_is_remembered(run, leaver, make_tracker):
     ids = {}
     for remember in (10.0, 0.0):
         tracker = make_tracker(track__remember=remember)
@@ -286,17 +209,6 @@ def test_what_is_refused_leaves_the_targets_as_they_were(
     )
 
 
-def test_detections_beyond_the_history_are_left_out_with_a_reason(walkers, make_tracker):
-    tracker = make_tracker()
-    run(tracker, walkers, frames=5)
-    old = walkers.detections(0, age=100.0)
-    assert len(tracker.update(walkers.images[5], INTERVAL, old)) == 3
-    assert len(tracker.left_out) == 1
-    assert "100 s old" in tracker.left_out[0]
-    tracker.update(walkers.images[6], INTERVAL)
-    assert tracker.left_out == ()
-
-
 def test_an_image_buffer_may_be_used_again(walkers, make_tracker, as_told):
     kept, reused = make_tracker(), make_tracker()
     buffer = np.empty_like(walkers.images[0])
@@ -322,7 +234,7 @@ def test_parameters_are_those_of_the_preset_and_what_is_set(make_tracker):
 
 
 @pytest.mark.parametrize("preset", ["li2007", "zhang2015", "zhang_bo"])
-def test_every_preset_can_follow_several(walkers, preset):
+def test_every_preset_can_follow_several(run, walkers, preset):
     tracker = MultiTracker.from_preset(preset)
     answers = run(tracker, walkers, every=3, frames=7)
     assert [target.id for target in answers[-1]] == [1, 2, 3]
@@ -335,65 +247,6 @@ def test_gray_images_of_every_kind(walkers, make_tracker, dtype):
         gray = walkers.images[number].mean(axis=2).astype(dtype)
         answer = tracker.update(gray, INTERVAL, walkers.detections(number) if number == 0 else None)
     assert len(answer) == 3
-
-
-@pytest.mark.parametrize("footage", ["passage", "turned_passage"])
-def test_a_hidden_target_goes_on_as_it_went(footage, request, make_tracker, iou):
-    passage, tracker = request.getfixturevalue(footage), make_tracker()
-    for number, image in enumerate(passage.images):
-        hidden = iou(*passage.boxes[number][:2]) > 0.2
-        told = tracker.update(
-            image, INTERVAL, passage.detections(number, targets=[1] if hidden else None)
-        )
-        if number == 5:
-            walker = min(told, key=lambda one: one.estimate.box[0]).id
-        if number > 5:
-            life = next(
-                one for one in tracker._crowd.lives if tracker._names.get(one.key) == walker
-            )
-            assert iou(life.box, passage.boxes[number][0]) > 0.5, number
-
-
-def test_a_target_behind_another_is_not_told_on_the_same_spot_for_long(pair, make_tracker, iou):
-    tracker = make_tracker()
-    doubled = 0
-    for number, image in enumerate(pair.images):
-        both = number < 8
-        told = tracker.update(
-            image, INTERVAL, pair.detections(number, targets=[0, 1] if both else [1])
-        )
-        boxes = [target.estimate.box for target in told]
-        assert len(told) >= (1 if number > 3 else 0)
-        doubled += len(boxes) == 2 and iou(*boxes) > 0.5
-    assert doubled <= 3
-
-
-def test_one_that_is_lost_hides_nobody(vanisher, make_tracker, iou):
-    tracker = make_tracker(track__lost_after=1.0)
-    for box in vanisher.boxes[0]:
-        tracker.start(vanisher.images[0], box)
-    doubled = 0
-    for image, boxes in zip(vanisher.images[1:], vanisher.boxes[1:], strict=True):
-        gone, walker = (target.estimate for target in tracker.update(image, INTERVAL))
-        doubled += gone.state == "lost" and iou(gone.box, boxes[1]) > 0.5
-        assert walker.state == "tracking"
-        assert iou(walker.box, boxes[1]) > 0.7
-    assert doubled
-
-
-# Detectors that do not work as they should
-
-
-def test_another_detector_s_later_answer_of_the_same_frame_keeps_the_ids(walkers, make_tracker):
-    tracker = make_tracker()
-    told = []
-    for number in range(8):
-        seen = {0: walkers.detections(0, [1]), 3: walkers.detections(0, [0, 2], age=3 * INTERVAL)}
-        told.append(tracker.update(walkers.images[number], INTERVAL, seen.get(number)))
-    assert [target.id for target in told[0]] == [1]
-    assert [target.id for target in told[-1]] == [1, 2, 3]
-    (before,), (after, *_) = told[2], told[-1]
-    assert abs(before.estimate.box[0] - 5 * 3 - after.estimate.box[0]) < 5.0
 
 
 @pytest.mark.parametrize("box", [(np.nan, 1, 20, 20), (0.4, 0.5, 0.1, 0.2), (5000, 10, 20, 20)])
@@ -431,52 +284,8 @@ def test_a_copy_keeps_no_more_frames_than_it_was_allowed(walkers, make_tracker):
     assert len(other.history) == 3
 
 
-def test_no_id_is_that_of_two_where_frames_are_worked_out_more_than_once(make_tracker):
-    image = np.full((120, 160, 3), 120, np.uint8)
-    image[40:80, 50:74], image[40:80, 56:80] = (20, 20, 230), (230, 40, 20)
-    one, other = (np.array([(x, 40.0, 24.0, 40.0)]) for x in (50, 56))
-    tracker = make_tracker()
-    for _ in range(8):
-        tracker.update(image, INTERVAL)
-    tracker.update(image, INTERVAL, Detections(one))
-    # It takes the place of that one, which is back once its frame is worked out once more.
-    (told,) = tracker.update(image, INTERVAL, Detections(other, age=0.4))
-    assert told.id == 1
-    tracker.update(image, INTERVAL, Detections(other, age=0.2))
-    told = tracker.update(image, INTERVAL, Detections(np.vstack([one, other])))
-    assert [target.id for target in told] == [1, 2]
-    tracker.stop(1)
-    assert [target.id for target in tracker.targets] == [2]
-
-
-def test_one_that_leaves_behind_another_is_told_in_the_image(leaving_pair, make_tracker):
-    tracker, hidden = make_tracker(), 0
-    for box in leaving_pair.boxes[0]:
-        tracker.start(leaving_pair.images[0], box)
-    for image in leaving_pair.images[1:]:
-        tracker.update(image, INTERVAL)
-        for life in tracker._crowd.lives:
-            hidden += life.is_hidden
-            center = life.box[:2] + life.box[2:] / 2
-            assert (center >= 0).all()
-            assert (center <= (image.shape[1], image.shape[0])).all()
-    assert hidden > 5
-
-
 def test_what_comes_after_any_time_is_followed_on(walkers, make_tracker):
     tracker = make_tracker()
     for number, dt in enumerate([INTERVAL, 1e20, 1e20, 1e150, 1e300, INTERVAL]):
         told = tracker.update(walkers.images[number], dt, walkers.detections(number))
     assert len(told) == 3
-
-
-def test_a_late_answer_starts_none_on_what_was_drawn_on_its_frame(walkers, make_tracker):
-    tracker = make_tracker()
-    name = tracker.start(walkers.images[0], walkers.boxes[0][0])
-    for image in walkers.images[1:6]:
-        tracker.update(image, INTERVAL)
-    late = walkers.detections(0, targets=[0, 1], age=6 * INTERVAL)
-    told = tracker.update(walkers.images[6], INTERVAL, late)
-    assert [target.id for target in told] == [name, name + 1]
-    assert told[0].estimate.box[0] < 100
-    assert told[1].estimate.box[0] > 200

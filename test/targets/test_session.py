@@ -9,7 +9,7 @@ from pf_tracker_ros.parameters import change
 from pf_tracker_ros.targets.parameters import MultiTrackerParameters, multi_preset_parameters
 from pf_tracker_ros.targets.session import MultiSession
 from pf_tracker_ros.targets.waiting_answers import MOST_ANSWERS
-from pf_tracker_ros.tracking.frame_order import TimePolicy
+from pf_tracker_ros.tracking.frame_clock import TimePolicy
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

@@ -7,7 +7,7 @@ import pytest
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.parameters import change
 from pf_tracker_ros.tracking.follower import Follower
-from pf_tracker_ros.tracking.frame_order import LATE_WITHIN, TimePolicy
+from pf_tracker_ros.tracking.frame_clock import LATE_WITHIN, TimePolicy
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 from pf_tracker_ros.tracking.session import Session

@@ -20,7 +20,8 @@ from pf_tracker_ros.node.running import run
 from pf_tracker_ros.pages.access import is_loopback
 from pf_tracker_ros.parameters import build
 
-_NICENESS = 10
+NICENESS = 10
+"""Of the console's process: the machine is the tracker's first."""
 
 
 class ConsoleNode(Node):
@@ -100,9 +101,9 @@ def main(arguments: list[str] | None = None, source: str | None = None) -> int:
     Returns:
         The exit code: 1 where the page cannot be served.
     """
-    # The machine is the tracker's first: no frame of it is to wait for a picture.
+    # No frame of the tracker is to wait for a picture.
     cv2.setNumThreads(1)
-    os.nice(_NICENESS)
+    os.nice(NICENESS)
     nodes: list[ConsoleNode] = []
 
     def create() -> ConsoleNode:

@@ -121,6 +121,11 @@ class Playback:
         """Begin the source again: its first item is due one frame after its last."""
         self._last_time = None
 
+    def resume(self) -> None:
+        """Count the item that was waited for last as due only now: what held it back is over."""
+        if self._last_due is not None:
+            self._last_due = time.monotonic()
+
     def wait_until_due(self, item_time: int, rate: Callable[[], float] | None) -> float:
         """Wait until an item may be published.
 

@@ -30,6 +30,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.prefetch import Prefetch
+from pf_tracker_ros.node.image_topics import where_images_are_taken
 from pf_tracker_ros.node.message_building import box_message
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.replay.playback import Playback, Sought, Stopped
@@ -54,7 +55,7 @@ _TARGET_DEPTH = 1
 _ACKNOWLEDGE_TIMEOUT = 5.0
 # Whoever runs already has been discovered by then; nobody else is waited for without a target.
 _DISCOVERY_TIMEOUT = 2.0
-_WARNING_INTERVAL = 5.0
+_WARNING_INTERVAL, _LONGEST_WARNING_INTERVAL = 5.0, 60.0
 _AT_ONCE = 1e9
 
 
@@ -103,7 +104,8 @@ class ReplayNode(Node):
         except (FootageError, NameValidationException) as error:
             for publisher in set(self.publishers) - before:
                 self.destroy_publisher(publisher)
-            self._log.error(f"not playing: {error}")
+            waiting = "" if parameters.source else "; waiting for the parameter 'source'"
+            self._log.error(f"not playing: {error}{waiting}")
             return
         self._thread = threading.Thread(target=self._run, name="playback", daemon=True)
         self._thread.start()
@@ -338,6 +340,8 @@ class ReplayNode(Node):
         self._target_publisher.publish(target)
         # The tracker must have it before the frame, which comes by another topic.
         self._wait_for_acknowledgment(self._target_publisher)
+        self._playback.resume()
+        self._played_stamps.follow_clock()
         return True
 
     def _wait_for_tracker(self) -> None:
@@ -347,11 +351,21 @@ class ReplayNode(Node):
         """
         images = self._image_publisher
         self._playback.wait_for(lambda: images.get_subscription_count() > 0, _DISCOVERY_TIMEOUT)
+        interval = _WARNING_INTERVAL
         while missing := self._missing():
             self._hindrance = _waiting_for(missing)
-            if not self._playback.wait_for(lambda: not self._missing(), _WARNING_INTERVAL):
-                self._log.warning(self._hindrance)
+            if not self._playback.wait_for(lambda: not self._missing(), interval):
+                self._log.warning(f"{self._hindrance}{self._elsewhere()}")
+                interval = min(2.0 * interval, _LONGEST_WARNING_INTERVAL)
         self._hindrance = ""
+
+    def _elsewhere(self) -> str:
+        """Where images are waited for, if they are not here."""
+        images = self._image_publisher
+        if images.get_subscription_count():
+            return ""
+        compressed = images.msg_type is CompressedImage
+        return where_images_are_taken(self, images.topic_name, compressed=compressed)
 
     def _missing(self) -> list[str]:
         missing = []
@@ -366,7 +380,7 @@ class ReplayNode(Node):
         if self._fixed.lockstep:
             status_topic = self._status_subscription.topic_name
             if self.count_publishers(status_topic) == 0:
-                missing.append(f"a publisher of {status_topic}")
+                missing.append(f"a publisher of {status_topic} (a tracker)")
         return missing
 
     def _wait_for_status(self, item: ReplayItem) -> None:

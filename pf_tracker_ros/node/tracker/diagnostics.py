@@ -13,6 +13,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from std_msgs.msg import Header
 
+from pf_tracker_ros.node.image_topics import where_images_are
 from pf_tracker_ros.node.message_building import status_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS
 from pf_tracker_ros.node.tracker.frame_rhythm import Rhythm, loss_message, overload_message, rhythm
@@ -81,7 +82,7 @@ class Diagnostics:
         self._stale_after = stale_after
         self.jumps = 0
         self.lost_share = 0.0
-        self._was_lossy = False
+        self._was_lossy = self._was_silent = False
         self._outcomes: Counter[str] = Counter()
         self._frames: deque[_Frame] = deque(maxlen=_MOST_FRAMES)
         self._last_arrival: float | None = None
@@ -95,6 +96,7 @@ class Diagnostics:
         """Wait for images from now on, as after an activation."""
         self._frames.clear()
         self._last_arrival = None
+        self._was_silent = False
         self._began = time.monotonic()
 
     def count(self, outcome: str, stamp: int, processing: float) -> None:
@@ -132,9 +134,14 @@ class Diagnostics:
             loss = loss_message(found, health.image_topic, health.image_reliability)
             message = f"{message}; {loss}"
         silent = now - (self._last_arrival or self._began)
-        if health.expects_images and silent > self._stale_after():
+        is_silent = health.expects_images and silent > self._stale_after()
+        if is_silent:
             level = max(level, DiagnosticStatus.WARN)
-            message = f"no image for {silent:.1f} s; {message}"
+            said = f"no image for {silent:.1f} s{where_images_are(self._node, health.image_topic)}"
+            if not self._was_silent:
+                self._node.get_logger().warning(said)
+            message = f"{said}; {message}"
+        self._was_silent = is_silent
         values = self._figures(now, found) | health.values
         self._publisher.publish(status_message(header, name, level, message, values))
 

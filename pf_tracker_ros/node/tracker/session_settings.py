@@ -6,7 +6,7 @@ from typing import Protocol
 
 from pf_tracker_ros.node.parameter_group import Values
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.tracking.frame_order import TimePolicy
+from pf_tracker_ros.tracking.frame_clock import TimePolicy
 
 
 class _Limited(Protocol):

@@ -19,7 +19,8 @@ from pf_tracker_ros.targets.detections import Detections
 DETECTIONS_TOPIC = "detections"
 NOT_INSTALLED = (
     "vision_msgs is not installed, so no detector is heard on the topic 'detections': install "
-    "ros-jazzy-vision-msgs, give targets on ~/target, or set 'built_in_detector'"
+    "ros-jazzy-vision-msgs (with a ROS from apt: PyPI has none), give targets on ~/target, or set "
+    "'built_in_detector'"
 )
 
 

@@ -19,7 +19,7 @@ class Skipped:
 
     Attributes:
         count: How many.
-        seconds: From the first of them to the last one, by arrival.
+        seconds: From the first of them to the last one, by arrival, in whole milliseconds.
         cause: Of the last one: why, and what to do.
         last_stamp: Of the last frame that was looked at, nanoseconds; 0 if it had none, or if there
             was none.
@@ -88,7 +88,7 @@ class SkippedFrames:
         if self.last is None:
             self._began = now
         count = self.last.count + 1 if self.last else 1
-        self.last = Skipped(count, now - self._began, cause, self._last_stamp)
+        self.last = Skipped(count, round(now - self._began, 3), cause, self._last_stamp)
         if self.last.is_lasting and not self._is_logged and frame != "paused":
             self._is_logged = True
             if frame != "refused":

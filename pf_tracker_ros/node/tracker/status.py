@@ -92,7 +92,7 @@ class Status:
         values: dict[str, str | float | int] = {"state": self.state}
         if self.skipped:
             values["skipped_frames"] = self.skipped.count
-            values["skipped_seconds"] = round(self.skipped.seconds, 3)
+            values["skipped_seconds"] = self.skipped.seconds
         if self.is_skipped:
             values["last_state"] = self.last_state
         if self.skipped and self.skipped.last_stamp:

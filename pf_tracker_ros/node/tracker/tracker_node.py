@@ -273,9 +273,10 @@ class TrackerNode(ManagedNode):
             self._reporter.report(error)
         if followed.jumped_back:
             self._diagnostics.jumps += 1
+            choice = self._values["time_jump"]
+            cure = "; 'restart' is for recordings that begin again" if choice == "keep" else ""
             self._log.warning(
-                f"time went back by {followed.jumped_back:.3f} s; 'time_jump' is "
-                f"'{self._values['time_jump']}'",
+                f"time went back by {followed.jumped_back:.3f} s; 'time_jump' is '{choice}'{cure}",
                 throttle_duration_sec=LOG_INTERVAL,
             )
         return followed.frame

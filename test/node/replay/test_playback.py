@@ -55,6 +55,19 @@ def test_time_that_goes_back_does_not_hold_anything_up():
     assert time.monotonic() - began < 5.0
 
 
+@pytest.mark.parametrize("resumed", [True, False])
+def test_what_holds_an_item_back_is_no_lag_of_the_next_one(monkeypatch, resumed):
+    now, playback = [0.0], Playback()
+    monkeypatch.setattr("pf_tracker_ros.node.replay.playback.time.monotonic", lambda: now[0])
+    playback.wait_until_due(0, lambda: 1.0)
+    now[0] = 5.0
+    if resumed:
+        playback.resume()
+    now[0] = 5.02
+    lag = playback.wait_until_due(20 * MILLISECOND, lambda: 1.0)
+    assert lag == pytest.approx(0.0 if resumed else 5.0)
+
+
 def test_the_first_item_of_the_next_pass_keeps_the_distance_of_the_last_two():
     playback = Playback()
     playback.wait_until_due(0, lambda: 1.0)

@@ -52,6 +52,18 @@ def test_a_camera_that_falls_silent_is_a_warning(graph, client, images):
     assert silent.message.endswith("waiting for a target")
 
 
+def test_a_wrong_topic_is_told_once_in_the_log_with_where_the_images_are(graph, client, capfd):
+    remapped = ["--ros-args", "-r", "image:=/camera"]
+    graph.tracker(client, cli_args=remapped, stale_after=0.5, **QUICK)
+    silent = health(client, lambda h: "nobody publishes" in h.message)
+    assert silent.message.endswith(
+        " s: nobody publishes /camera, but /image (-r image:=/image); waiting for a target"
+    )
+    health(client, lambda h: float(h.message.split()[3]) > float(silent.message.split()[3]) + 1.5)
+    log = capfd.readouterr().err
+    assert log.count("nobody publishes /camera, but /image (-r image:=/image)") == 1
+
+
 def test_a_lost_target_is_an_error_and_a_hidden_one_a_warning(graph, client, images, box):
     hiding = {"track__occluded_below": 1.0, "track__lost_after": 0.06}
     graph.tracker(client, target_box=box, **QUICK, **hiding)

@@ -272,6 +272,11 @@ REFUSED = {
         "no parameter 'adaptive_number.error'; the number of particles is 'particles'",
     ),
     "a misspelt name": ({"particels": 9}, "no parameter 'particels' (did you mean 'particles'?)"),
+    "a name of nothing": (
+        {"zzz": 9},
+        "there is no parameter 'zzz' (`ros2 param list` and docs/parameters.md name those that "
+        "there are)",
+    ),
 }
 
 

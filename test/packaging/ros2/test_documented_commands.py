@@ -90,7 +90,7 @@ README = [
     GoesOn(f"{RUN} tracker --ros-args -r image:=/camera/image_raw", node="/pf_tracker"),
     GoesOn(
         f"{RUN} replay drive.mcap --ros-args -r image:=/camera/image_raw -p loop:=true "
-        '-p target_box:="[62.0, 31.0, 53.0, 70.0]"',
+        '-p target_box:="[62, 31, 53, 70]"',
         box="/pf_tracker/box",
     ),
     Ends("ros2 topic echo --once /pf_tracker/box", "points:"),

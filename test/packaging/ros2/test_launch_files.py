@@ -227,6 +227,8 @@ def test_a_recording_that_cannot_be_played_ends_the_launch(shell, drive, argumen
         ("use_sim_time:=perhaps", "argument use_sim_time:=perhaps; allowed: true or false"),
         ("console:=perhaps", "argument console:=perhaps; allowed: true or false"),
         ("seed:=some", "argument seed:=some; allowed: a number, int"),
+        ("log_level:=loud", "argument log_level:=loud; allowed: debug, info"),
+        ("console:=true console_port:=web", "argument console_port:=web; allowed: a number, int"),
         ("target_box:=[1,2]", "argument target_box:=[1,2]; allowed: [x, y, width, height]"),
         ("params_file:=none.yaml", "argument params_file:=none.yaml; there is no such file"),
         ("preset:=lee2007", "argument preset:=lee2007; allowed: default, li2007, zhang2015"),

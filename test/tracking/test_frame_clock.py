@@ -2,8 +2,7 @@
 
 import pytest
 
-from pf_tracker_ros.targets.clock import Clock, age_of, is_due
-from pf_tracker_ros.tracking.frame_order import LATE_WITHIN
+from pf_tracker_ros.tracking.frame_clock import LATE_WITHIN, FrameClock, age_of, is_due
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -12,7 +11,7 @@ START = 1_700_000_000 * SECOND
 @pytest.fixture
 def clock():
     """After 30 s of frames, ten a second."""
-    clock = Clock()
+    clock = FrameClock()
     for number in range(300):
         show(clock, number / 10)
     return clock
@@ -62,7 +61,7 @@ def test_an_age_is_in_seconds():
 def test_the_time_since_the_last_frame_is_known_where_both_stamps_are(clock):
     assert clock.since_last(at(30.4)) == 0.5
     assert clock.since_last(0) is None
-    assert Clock().since_last(at(0)) is None
+    assert FrameClock().since_last(at(0)) is None
 
 
 def test_before_a_jump_a_detector_may_be_ahead_by_much(clock):
@@ -85,7 +84,7 @@ def test_after_a_jump_a_stamp_is_of_before_where_that_is_nearer(clock, seconds, 
 @pytest.fixture
 def slow():
     """After ten frames, one every two seconds."""
-    clock = Clock()
+    clock = FrameClock()
     for number in range(10):
         show(clock, 2 * number)
     return clock
@@ -122,14 +121,14 @@ def test_without_stamps_nothing_is_of_before(clock):
     assert not is_refused(clock, 29.9)
 
 
-@pytest.mark.parametrize("check", [Clock.check_ahead, Clock.check_behind])
+@pytest.mark.parametrize("check", [FrameClock.check_ahead, FrameClock.check_behind])
 def test_other_clocks_are_refused_on_their_side_alone(clock, check):
-    ahead = 3600 if check is Clock.check_ahead else -3600
+    ahead = 3600 if check is FrameClock.check_ahead else -3600
     with pytest.raises(ValueError, match=r"its stamp is 36\d\d s .* from another clock; allowed:"):
         check(clock, at(ahead + 29.9))
     check(clock, at(29.9 - ahead))
     check(clock, 0)
-    check(Clock(), at(ahead))
+    check(FrameClock(), at(ahead))
 
 
 def test_frames_that_were_passed_over_are_those_since_the_last_one_taken(clock):

@@ -1,0 +1,73 @@
+"""Where in the graph there are images, for whoever waits for them on another topic."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rclpy.node import Node
+
+_RAW, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+_SUFFIX = "/compressed"
+_MOST_NAMED = 3
+
+
+def where_images_are(node: Node, topic: str) -> str:
+    """What to do about images that do not come, where nobody publishes them.
+
+    Args:
+        node: That waits for them.
+        topic: Full name of the topic on which it does.
+
+    Returns:
+        The end of a sentence; empty where the topic has a publisher.
+    """
+    if node.count_publishers(topic):
+        return ""
+    others = _image_topics(node, node.count_publishers)
+    if not others:
+        return f": nobody publishes {topic}, nor other images"
+    named = list(others)[:_MOST_NAMED]
+    more = len(others) - len(named)
+    text = ", ".join(named) + (f" and {more} more" if more else "")
+    first, kind = next(iter(others.items()))
+    transport = " -p image_transport:=compressed" if kind == _COMPRESSED else ""
+    return f": nobody publishes {topic}, but {text} ({_remapping(first, kind)}{transport})"
+
+
+def where_images_are_taken(node: Node, topic: str, *, compressed: bool) -> str:
+    """Where else images are waited for, for a publisher that nobody listens to.
+
+    Args:
+        node: That publishes.
+        topic: Full name of the topic on which it does.
+        compressed: Whether it publishes compressed images.
+
+    Returns:
+        The end of a sentence; empty where no images of that kind are waited for.
+    """
+    kind = _COMPRESSED if compressed else _RAW
+    others = [
+        name
+        for name, other in _image_topics(node, node.count_subscribers).items()
+        if other == kind and name != topic
+    ]
+    if not others:
+        return ""
+    return f" (there is one of {others[0]}: {_remapping(others[0], kind)})"
+
+
+def _image_topics(node: Node, count: Callable[[str], int]) -> dict[str, str]:
+    """Name to type of the topics of images that somebody publishes or takes, but for its own."""
+    own = f"{node.get_fully_qualified_name()}/"
+    return {
+        name: types[0]
+        for name, types in node.get_topic_names_and_types()
+        if types[0] in (_RAW, _COMPRESSED) and not name.startswith(own) and count(name)
+    }
+
+
+def _remapping(topic: str, kind: str) -> str:
+    """The argument that leads a node to a topic; compressed images come beside the raw ones."""
+    if kind == _COMPRESSED and not topic.endswith(_SUFFIX):
+        return f"-r image{_SUFFIX}:={topic}"
+    return f"-r image:={topic.removesuffix(_SUFFIX)}"
