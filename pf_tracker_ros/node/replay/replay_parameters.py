@@ -45,7 +45,8 @@ class ReplayParameters:
     )
     loop: bool = declared(
         False,
-        "Begin again at the end; the stamps begin again too.",
+        "Begin again at the end. The stamps begin again too with a bag, in lockstep and with "
+        "publish_clock; else they go on with the time at which frames are played.",
     )
     stay_at_end: bool = declared(
         False,
