@@ -5,7 +5,7 @@ Knows stamps and arrays, not messages; see `pf_tracker_ros.tracking.session` for
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -217,13 +217,17 @@ class MultiSession:
         """As `process`, with an image that is read only if it is needed; see `Session`."""
         requested = [one.stamp for one in self._requested]
         place = self._clock.place(stamp, self.time_policy.late_within, requested)
-        if place in ("duplicate", "late"):
+        is_asked_for = any(is_due(one, stamp) for one in requested)
+        if place == "late" or (place == "duplicate" and not is_asked_for):
             self._checked = None
             return MultiOutcome(place, self.targets)
         image = read()
         self._checked = None
         if place == "jump":
             return self._jump_back(image, stamp)
+        if place == "duplicate":
+            # It has been looked at, so that a target can start on it as on any that is kept.
+            return self._outcome(place, self._start_requested(image, stamp))
         return self._track(image, stamp, self._clock.since_last(stamp))
 
     def _jump_back(self, image: NDArray[np.generic], stamp: int) -> MultiOutcome:
@@ -265,18 +269,29 @@ class MultiSession:
         self._kind.accept(image)
         self._answers.forget_due(stamp)
         started = self._start_requested(image, stamp)
-        refused, self._refused = self._refused, []
-        ended, self._ended = self._ended, []
         kept = {target.id for target in self.targets}
         self._drawn = {id: drawn for id, drawn in self._drawn.items() if id in kept}
+        left_out = (*self._tracker.left_out, *self._answers.tell_dropped())
         frame: FrameOutcome = "tracked" if self.targets else "waiting"
+        return self._outcome(frame, started, left_out, jumped_back)
+
+    def _outcome(
+        self,
+        frame: FrameOutcome,
+        started: Sequence[int],
+        left_out: tuple[str, ...] = (),
+        jumped_back: float = 0.0,
+    ) -> MultiOutcome:
+        """What became of a frame, with what has waited to be told."""
+        refused, self._refused = self._refused, []
+        ended, self._ended = self._ended, []
         return MultiOutcome(
             "started" if started else frame,
             self.targets,
             tuple(started),
             tuple(refused),
             tuple(ended),
-            (*self._tracker.left_out, *self._answers.tell_dropped()),
+            left_out,
             jumped_back,
         )
 

@@ -115,8 +115,8 @@ class FrameClock:
         Args:
             stamp: Of the frame.
             late_within: Nanoseconds that it may be older than the last one and only be late.
-            requested: Stamps of the frames that targets are to start on. Such a frame is none that
-                is late: time has begun anew with it.
+            requested: Stamps of the frames that targets are to start on, 0 for the next one. Such a
+                frame is none that is late: time has begun anew with it.
         """
         elapsed = stamp - self.last
         if 0 in (stamp, self.last) or elapsed > 0:
@@ -127,7 +127,7 @@ class FrameClock:
             return "duplicate"
         self._late_in_a_row += 1
         is_late = elapsed >= -late_within and self._late_in_a_row < _MOST_LATE
-        return "late" if is_late and stamp not in requested else "jump"
+        return "late" if is_late and not {0, stamp}.intersection(requested) else "jump"
 
     def begin_anew(self) -> None:
         """Take a next frame that is not after the last one for the first after a jump.

@@ -100,15 +100,19 @@ class FrameHistory:
         """Keep a frame.
 
         Those before are dropped if they are of another size or kind, or if time has gone back. A
-        frame without a stamp (0) is not kept, because nobody could name it.
+        frame without a stamp (0) is not kept, because nobody could name it, and of two with one
+        stamp the first is.
         """
         if stamp == 0:
             return
         if self._full:
             last = self._full[-1]
+            fits = (last.image.shape, last.image.dtype) == (image.shape, image.dtype)
+            if fits and stamp == last.stamp:
+                return
             if stamp <= last.stamp:
                 self.clear()
-            elif (last.image.shape, last.image.dtype) != (image.shape, image.dtype):
+            elif not fits:
                 self.clear()
                 self.dropped_until = last.stamp
         self._full.append(Frame(image, stamp))

@@ -51,8 +51,8 @@ class Outcome:
     """What became of one frame.
 
     Attributes:
-        frame: "started" or "tracked"; "duplicate" or "late" if it was dropped; "waiting" while
-            there is no target.
+        frame: "started" or "tracked"; "duplicate" or "late" if it was dropped, which a duplicate
+            that a target can start on is not; "waiting" while there is no target.
         estimate: The latest estimate, None while there is no target.
         refused_target: Why the target that this frame should have started was refused, or empty.
         jumped_back: Seconds by which time went back with this frame, 0 if it did not.
@@ -257,7 +257,8 @@ class Session:
         """
         requested = (self._requested.stamp,) if self._requested else ()
         place = self._clock.place(stamp, self.time_policy.late_within, requested)
-        if place in ("duplicate", "late"):
+        is_asked_for = any(is_due(one, stamp) for one in requested)
+        if place == "late" or (place == "duplicate" and not is_asked_for):
             self._checked = None
             return Outcome(place, self.estimate)
         frame = Frame(read(), stamp)
@@ -267,6 +268,8 @@ class Session:
         started, refused_target = self._start_requested(frame, self.history)
         if started:
             return started
+        if place == "duplicate":
+            return Outcome(place, self.estimate, refused_target)
         if not self._tracker.started:
             self._take(frame, None)
             return Outcome("waiting", None, refused_target)

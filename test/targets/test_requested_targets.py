@@ -76,15 +76,15 @@ LATE = (17, at(17))
 JUMP = (20, at(-600))
 CASES = {
     "next frame, next": (0, NEXT, "started"),
-    "next frame, duplicate": (0, DUPLICATE, "duplicate"),
-    "next frame, late": (0, LATE, "late"),
+    "next frame, duplicate": (0, DUPLICATE, "started"),
+    "next frame, late": (0, LATE, "started"),
     "next frame, jump": (0, JUMP, "started"),
     "past frame, next": (at(15), NEXT, "started"),
-    "past frame, duplicate": (at(15), DUPLICATE, "duplicate"),
+    "past frame, duplicate": (at(15), DUPLICATE, "started"),
     "past frame, late": (at(15), LATE, "late"),
     "past frame, jump": (at(15), JUMP, "refused"),
     "this frame, next": (at(20), NEXT, "started"),
-    "this frame, duplicate": (at(19), DUPLICATE, "duplicate"),
+    "this frame, duplicate": (at(19), DUPLICATE, "started"),
     "this frame, late": (at(17), LATE, "started"),
     "this frame, jump": (at(-600), JUMP, "started"),
     "frame to come, next": (at(22), NEXT, "-"),
@@ -103,7 +103,7 @@ def test_what_becomes_of_a_requested_target(watching, case):
     assert outcome.frame == {"-": otherwise, "refused": otherwise}.get(expected, expected)
     assert watching.refusals(outcome) == ((BEFORE_JUMP,) if expected == "refused" else ())
     assert watching.waits == (expected not in ("started", "refused"))
-    is_jump = (number, stamp) == JUMP or (case == "this frame, late")
+    is_jump = (number, stamp) == JUMP or case in ("next frame, late", "this frame, late")
     assert (outcome.jumped_back > 0) == is_jump
     if watching.waits:
         # Whatever came, the target starts as soon as its frame is there.

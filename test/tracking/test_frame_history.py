@@ -61,8 +61,17 @@ def test_an_image_counts_with_all_the_data_that_it_holds():
     assert history.stamps == [4, 5]
 
 
+def test_of_two_frames_with_one_stamp_the_first_is_kept():
+    history = FrameHistory(frames=10, megabytes=1.0)
+    history.add(IMAGE, 1)
+    history.add(IMAGE, 2)
+    history.add(IMAGE + 1, 2)
+    assert history.stamps == [1, 2]
+    assert np.array_equal(history.since(2)[0].image, IMAGE)
+
+
 def test_time_that_goes_back_and_images_of_another_kind_begin_a_history():
-    for image, stamp in ((IMAGE, 2), (IMAGE, 1), (IMAGE[:5], 3), (IMAGE.astype(np.uint16), 3)):
+    for image, stamp in ((IMAGE, 1), (IMAGE[:5], 2), (IMAGE[:5], 3), (IMAGE.astype(np.uint16), 3)):
         history = FrameHistory(frames=10, megabytes=1.0)
         history.add(IMAGE, 1)
         history.add(IMAGE, 2)
