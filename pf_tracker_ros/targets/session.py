@@ -184,10 +184,13 @@ class MultiSession:
     def stop(self) -> None:
         """Forget all targets, requested ones, and what detectors have said so far."""
         self.withdraw()
+        self._forget_targets()
+        self._clock.begin_anew()
+
+    def _forget_targets(self) -> None:
         self._answers.clear()
         self._drawn, self._checked = {}, None
         self._tracker.clear()
-        self._clock.begin_anew()
 
     def stop_target(self, id: int) -> None:
         """Forget one target; a detector that still sees it will start it again, with another id.
@@ -233,8 +236,13 @@ class MultiSession:
     def _jump_back(self, image: NDArray[np.generic], stamp: int) -> MultiOutcome:
         """Go on in a time that began anew, without what waits for frames of the old one."""
         policy = self.time_policy.on_jump
+        are_of_since = self._clock.begins_anew
         seconds = self._clock.jump_back(stamp)
-        waiting = [one for one in self._requested if not self._clock.is_of_before(one.stamp, stamp)]
+        waiting = [
+            one
+            for one in self._requested
+            if are_of_since or not self._clock.is_of_before(one.stamp, stamp)
+        ]
         if len(waiting) < len(self._requested):
             self._refused.append(DRAWN_BEFORE_JUMP)
         if policy == "keep":
@@ -242,7 +250,7 @@ class MultiSession:
             self._tracker.forget_past()
         else:
             drawn = [*self._drawn.values()] if policy == "restart" else []
-            self.stop()
+            self._forget_targets()
             waiting = [*(one.redraw(image) for one in drawn), *waiting]
         self._requested = waiting
         return self._track(image, stamp, None, seconds)

@@ -96,6 +96,8 @@ class FrameClock:
 
     Attributes:
         last: Stamp of the last frame that was taken, 0 before the first.
+        begins_anew: Whether a next frame that is not after the last one is the first after a jump;
+            what is asked for since then is of the time to come.
     """
 
     def __init__(self) -> None:
@@ -103,7 +105,7 @@ class FrameClock:
         # As `last`, or that of the last frame since that was passed over.
         self._seen = 0
         self._late_in_a_row = 0
-        self._begins_anew = False
+        self.begins_anew = False
         self._jump: _Jump | None = None
         self._interval = 0.0
         # Stamps between which no frame was looked at, up to and with the later one.
@@ -121,7 +123,7 @@ class FrameClock:
         elapsed = stamp - self.last
         if 0 in (stamp, self.last) or elapsed > 0:
             return "next"
-        if self._begins_anew:
+        if self.begins_anew:
             return "jump"
         if elapsed == 0:
             return "duplicate"
@@ -132,9 +134,10 @@ class FrameClock:
     def begin_anew(self) -> None:
         """Take a next frame that is not after the last one for the first after a jump.
 
-        Where nothing is followed, somebody may have gone back in a recording, by however little.
+        Where nothing is followed, somebody may have gone back in a recording, by however little,
+        and what came before an earlier jump is long forgotten.
         """
-        self._begins_anew = True
+        self.begins_anew, self._jump = True, None
 
     def since_last(self, stamp: int) -> float | None:
         """Seconds from the last frame that was taken to another; None where nobody knows."""
@@ -150,7 +153,7 @@ class FrameClock:
             interval: Seconds since the one before, None where nobody knows.
         """
         self.last = self._seen = stamp
-        self._late_in_a_row, self._begins_anew = 0, False
+        self._late_in_a_row, self.begins_anew = 0, False
         self._interval = interval or self._interval
 
     def pass_over(self, stamp: int) -> None:

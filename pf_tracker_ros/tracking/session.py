@@ -310,9 +310,11 @@ class Session:
 
     def _jump_back(self, frame: Frame) -> Outcome:
         """Go on in a time that began anew, without what waits for frames of the old one."""
+        is_of_since = self._clock.begins_anew
         seconds = self._clock.jump_back(frame.stamp)
         requested, refused = self._requested, ""
-        if requested and self._clock.is_of_before(requested.stamp, frame.stamp):
+        is_lost = requested and self._clock.is_of_before(requested.stamp, frame.stamp)
+        if is_lost and not is_of_since:
             self._requested, refused = None, DRAWN_BEFORE_JUMP
         started, why_not = self._start_requested(frame, FrameHistory())
         if started:

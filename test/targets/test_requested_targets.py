@@ -135,6 +135,21 @@ def test_after_a_stop_one_may_go_back_by_however_little(followed, back):
     assert followed.show(first + 1).frame == "tracked"
 
 
+@pytest.mark.parametrize("first", [12, 18, 19])
+def test_after_a_stop_a_target_drawn_on_a_frame_to_come_again_waits_for_it(followed, first):
+    for number in range(20):
+        followed.show(number)
+    for _ in range(2):
+        followed.session.stop()
+        followed.ask(19, at(19))
+        frames = [followed.show(number).frame for number in range(first, 20)]
+        assert frames == ["waiting"] * (19 - first) + ["started"]
+        # Gone back before its frame has come again.
+        followed.session.stop()
+        followed.ask(19, at(19))
+        followed.show(12)
+
+
 def test_the_same_frame_again_after_a_stop_is_one_to_start_on(followed):
     followed.ask(0, 0)
     for number in range(3):

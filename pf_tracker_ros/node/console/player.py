@@ -49,6 +49,9 @@ class Player:
         self._told: Json = {}
         self._show_first_at = float("-inf")
         self._seeking = asyncio.Lock()
+        # What is wanted once a frame that is sought has been found; until then it stands still.
+        self._plays_after = False
+        self._steps_after = 0
         self.requests: Mapping[str, Callable[[Json], Awaitable[None]]] = {
             "play": self._on_play,
             "step": self._on_step,
@@ -66,7 +69,13 @@ class Player:
             "saves": self.picked is not None,
             "problem": self._recording.hindrance(self._link.image_topic),
             **self._recording.state,
+            "playing": self._plays,
         }
+
+    @property
+    def _plays(self) -> bool:
+        """Whether it plays, or will as soon as the frame is found that is sought."""
+        return self._plays_after if self._seeking.locked() else not self._recording.paused
 
     @property
     def stands_still(self) -> bool:
@@ -85,7 +94,8 @@ class Player:
             self._told = state
             await self._tell(state)
         # The first may go by before the console is known to be a subscriber.
-        if not has_picture and self._recording.paused and now > self._show_first_at:
+        is_idle = self._recording.paused and not self._seeking.locked()
+        if not has_picture and is_idle and now > self._show_first_at:
             self._show_first_at = now + _FIRST_FRAME_INTERVAL
             self._recording.seek(self._recording.frame)
 
@@ -99,11 +109,19 @@ class Player:
         return True
 
     async def _on_play(self, message: Json) -> None:
-        self._recording.paused = not flag_of(message, "playing")
+        playing = flag_of(message, "playing")
+        if self._seeking.locked():
+            self._plays_after, self._steps_after = playing, 0
+        else:
+            self._recording.paused = not playing
 
     async def _on_step(self, message: Json) -> None:
-        self._recording.paused = True
-        self._recording.step()
+        if self._seeking.locked():
+            self._plays_after = False
+            self._steps_after += 1
+        else:
+            self._recording.paused = True
+            self._recording.step()
 
     async def _on_seek(self, message: Json) -> None:
         frame, last = whole_of(message, "frame"), self._recording.last_frame
@@ -140,7 +158,7 @@ class Player:
         """
         recording, loop = self._recording, asyncio.get_running_loop()
         async with self._seeking:
-            was_paused = recording.paused
+            self._plays_after, self._steps_after = not recording.paused, 0
             recording.paused = True
             try:
                 if not await loop.run_in_executor(None, recording.settle):
@@ -161,4 +179,6 @@ class Player:
                     recording.step(frame - first)
                 await loop.run_in_executor(None, recording.settle)
             finally:
-                recording.paused = was_paused
+                recording.paused = not self._plays_after
+                if self._steps_after:
+                    recording.step(self._steps_after)

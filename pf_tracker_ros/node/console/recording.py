@@ -102,7 +102,6 @@ class Recording:
             "name": self._path.name,
             "frame": self._replay.position,
             "frames": self._replay.frame_count,
-            "playing": not self.paused,
             "rate": self._replay.get_parameter("lockstep_rate").value,
             "target": self._target_file.name if self._has_target else "",
         }

@@ -132,6 +132,39 @@ def test_a_tracker_that_is_slow_for_once_is_waited_for(
     page.wait_until(lambda: page.text("state") == "tracking", "the state of that frame")
 
 
+@pytest.fixture
+def sought(graph, start_console, open_page, bag):
+    """A page whose recording seeks frame 5, held up until the tracker goes on; that function."""
+    tracker = graph.process("-p", "seed:=0")
+    page = open_page(start_console(source=str(bag)).link)
+    at_frame(page, 0)
+    tracker.send_signal(signal.SIGSTOP)
+    page.locator("#seek").fill("5")
+    page.locator("#seek").blur()
+    return page, lambda: tracker.send_signal(signal.SIGCONT)
+
+
+def test_a_recording_that_is_to_play_while_it_seeks_plays_from_that_frame(sought):
+    page, go_on = sought
+    page.keyboard.press("Space")
+    page.wait_until(lambda: page.text("pause-word") == "Pause", "that it will play")
+    go_on()
+    page.wait_until(lambda: page.text("frame") == "19 / 19", "its end")
+
+
+def test_the_last_that_is_asked_while_it_seeks_counts(sought):
+    page, go_on = sought
+    page.keyboard.press("Space")
+    page.wait_until(lambda: page.text("pause-word") == "Pause", "that it will play")
+    page.keyboard.press("n")
+    page.wait_until(lambda: page.text("pause-word") == "Play", "that it will not")
+    page.keyboard.press("n")
+    go_on()
+    at_frame(page, 7)
+    page.keyboard.press("n")
+    at_frame(page, 8)
+
+
 def test_the_box_is_back_with_a_tracker_that_was_silent_for_a_while(
     graph, start_console, open_page, bag, moving_square
 ):
