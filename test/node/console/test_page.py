@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import signal
 import socket
 
 import numpy as np
@@ -201,22 +202,71 @@ def test_a_tracker_that_is_killed_is_missed_and_found_again(graph, page):
     page.wait_until(lambda: page.text("connection") == "live", "the tracker again")
 
 
-@pytest.mark.usefixtures("tracker")
-def test_the_page_finds_a_console_that_was_restarted(start_console, graph, camera, open_page):
+@pytest.fixture
+def mortal(graph, start_console, camera, open_page):
+    """(page, console, restart): a page, the process that serves it, what starts another one."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     module = "pf_tracker_ros.node.console.console_node"
-    first = graph.process("-p", f"port:={port}", module=module)
-    while "console of" not in (line := first.stdout.readline()):
+    console = graph.process("-p", f"port:={port}", module=module)
+    while "console of" not in (line := console.stdout.readline()):
         assert line, "the console has ended"
     # A connection that breaks is told in the browser's console.
     page = open_page(f"http://127.0.0.1:{port}/", may_complain=True)
     camera.show_on(page)
-    first.kill()
-    page.wait_until(lambda: page.text("connection") == "no console", "that it is missed")
-    start_console(port=port)
+
+    def restart():
+        start_console(port=port)
+        page.wait_until(lambda: page.text("connection") == "live", "the tracker")
+
+    return page, console, restart
+
+
+def show_until_accepted(page, camera):
+    """The tracker answers a target with the next image."""
+    page.wait_until(lambda: camera.show() and "accepted" in page.text("note"), "acceptance")
+
+
+def is_missed(page):
+    return page.text("connection") == "no console"
+
+
+@pytest.mark.usefixtures("tracker")
+def test_the_page_finds_a_console_that_was_restarted(mortal, camera):
+    page, console, restart = mortal
+    console.kill()
+    page.wait_until(lambda: is_missed(page), "that it is missed")
+    restart()
     camera.show_on(page)
-    page.wait_until(lambda: page.text("connection") == "live", "the tracker")
+
+
+@pytest.mark.usefixtures("tracker")
+def test_a_box_drawn_while_there_is_no_console_can_be_sent_to_the_next(mortal, camera):
+    page, console, restart = mortal
+    console.kill()
+    page.wait_until(lambda: is_missed(page), "that it is missed")
+    page.drag(camera.box_at(page.stamp))
+    page.wait_until(lambda: "nothing was sent" in page.text("note"), "that it was not sent")
+    restart()
+    page.keyboard.press("Enter")
+    show_until_accepted(page, camera)
+    camera.show_on(page)
+
+
+@pytest.mark.usefixtures("tracker")
+def test_a_box_that_the_console_did_not_live_to_answer_can_be_sent_again(mortal, camera):
+    page, console, restart = mortal
+    console.send_signal(signal.SIGSTOP)
+    box = camera.box_at(page.stamp)
+    page.drag(box)
+    page.wait_until(lambda: page.text("note").startswith("sent"), "that it was sent")
+    console.kill()
+    restart()
+    page.wait_until(lambda: "Enter sends the box again" in page.text("note"), "what to do")
+    page.keyboard.press("Enter")
+    show_until_accepted(page, camera)
+    camera.show_on(page)
+    page.wait_until(lambda: page.box, "box")
 
 
 @pytest.mark.usefixtures("tracker")

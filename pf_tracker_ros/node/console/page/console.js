@@ -14,9 +14,12 @@ const number = (value, digits) => typeof value === "number" ? value.toFixed(digi
 let drawing = Promise.resolve();  // once the frames that came before are
 let socket = null, health = {}, lastStatus = null, drawn = [];  // of the last frames, when and how many octets
 
+// Whether it was sent.
 export function send(message) {
-  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+  const open = socket?.readyState === WebSocket.OPEN;
+  if (open) socket.send(JSON.stringify(message));
   else note("not connected to the console; nothing was sent", false);
+  return open;
 }
 
 export function note(content, ok = true) {
@@ -41,6 +44,8 @@ const handlers = {
   welcome(message) {
     send({ type: "welcomed" });
     tellView();
+    // What was sent before went to a console that has gone, and its answer with it.
+    stage.judge("unanswered");
     text("name", message.tracker.replace(/^\//, ""));
     heat.ask();
   },

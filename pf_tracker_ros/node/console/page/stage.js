@@ -56,10 +56,11 @@ export function setPaused(now) {
   at("pause").setAttribute("aria-pressed", paused);
 }
 
-// How the tracker took the box that was sent.
+// How the tracker took the box that was sent; "unanswered" where nobody will tell.
 export function judge(outcome) {
   if (mode !== "sent") return;
-  if (outcome === "refused" && drawing.box()) edit(drawing.box());
+  if (outcome === "unanswered") note("the console has gone before it answered; Enter sends the box again", false);
+  if (["refused", "unanswered"].includes(outcome) && drawing.box()) edit(drawing.box());
   else live();
 }
 
@@ -124,9 +125,14 @@ const edit = (box) => setMode("editing", box);
 function sendBox() {
   if (!drawing.box() || !frame) return;
   last = drawing.box();
+  ask({ type: "target", box: last, stamp: frame.stamp });
+}
+
+// Whoever cannot send keeps the box, to send it once the console is back.
+function ask(message) {
+  if (!send(message)) { if (drawing.box()) edit(drawing.box()); else live(); return; }
   setMode("sent");
   note("sent; waiting for the tracker");
-  send({ type: "target", box: last, stamp: frame.stamp });
 }
 
 function onDown(event) {
@@ -146,10 +152,7 @@ function onUp(event) {
     sendBox();
     return;
   }
-  const { stamp } = frame;
-  setMode("sent");
-  note("sent; waiting for the tracker");
-  send({ type: "click", point: drawing.point(event), stamp });
+  ask({ type: "click", point: drawing.point(event), stamp: frame.stamp });
 }
 
 function startDrawing() {
