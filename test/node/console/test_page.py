@@ -261,6 +261,7 @@ def test_a_box_that_the_console_did_not_live_to_answer_can_be_sent_again(mortal,
     page.drag(box)
     page.wait_until(lambda: page.text("note").startswith("sent"), "that it was sent")
     console.kill()
+    console.wait()
     restart()
     page.wait_until(lambda: "Enter sends the box again" in page.text("note"), "what to do")
     page.keyboard.press("Enter")
