@@ -13,6 +13,7 @@ import pytest
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings import RecordingError
 from pf_tracker_ros.recordings.archives.sources import find_recordings
+from pf_tracker_ros.recordings.outputs import OutputFolder
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 
@@ -141,7 +142,7 @@ def test_workers_that_are_killed_cost_only_what_was_under_way(
     process.communicate(timeout=120)
     assert process.returncode == 1
     assert watch.boxes(output) == watch.boxes(serial[0])
-    assert not list(output.rglob(".track_*"))
+    assert not list(output.rglob(".archive_*"))
 
 
 def test_a_driver_that_is_killed_goes_on_where_it_was(
@@ -160,7 +161,7 @@ def test_a_driver_that_is_killed_goes_on_where_it_was(
     process.communicate(timeout=120)
     assert process.returncode == 1
     assert watch.boxes(output) == watch.boxes(serial[0])
-    assert not list(output.rglob(".track_*"))
+    assert not list(output.rglob(".archive_*"))
 
 
 def test_ctrl_c_ends_it_at_once_and_keeps_what_is_done(archive, start_track, watch, tmp_path):
@@ -175,14 +176,27 @@ def test_ctrl_c_ends_it_at_once_and_keeps_what_is_done(archive, start_track, wat
     done = {entry["name"] for entry in json.loads((output / "archive.json").read_text())}
     assert set(watch.boxes(output)) <= done
     assert 1 <= len(done) < 13
-    assert not list(output.rglob(".track_*"))
+    assert not list(output.rglob(".archive_*"))
+
+
+def test_a_run_leaves_the_unfinished_files_of_another_command_below_it_alone(
+    track, write_sequence, moving_square, tmp_path
+):
+    """As of `track` on one recording, which writes into a hidden folder beside its results."""
+    output, archive = tmp_path / "out", tmp_path / "archive"
+    write_sequence("archive/only", moving_square.images[:2], moving_square.boxes[:2])
+    by_hand = OutputFolder(output / "by_hand", {})
+    (draft,) = (output / "by_hand").iterdir()
+    code, _, errors = track("--archive", archive, "--output", output, *QUICK)
+    assert (code, draft.is_dir()) == (0, True), errors
+    by_hand.discard()
 
 
 def test_two_runs_do_not_write_into_one_folder(archive, start_track, track, tmp_path):
     output = tmp_path / "out"
     process = start_track("--archive", archive, "--output", output, *QUICK)
     deadline = time.monotonic() + 60
-    while not list(output.rglob(".track_*")):
+    while not list(output.rglob(".archive_*")):
         assert time.monotonic() < deadline
         time.sleep(0.01)
     # It must not be done before the other one has begun.

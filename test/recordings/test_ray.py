@@ -70,7 +70,7 @@ def test_killed_workers_and_a_killed_driver_cost_only_what_was_under_way(
     names = [entry["name"] for entry in json.loads((serial[0] / "archive.json").read_text())]
     manifest = json.loads((output / "archive.json").read_text())
     assert [entry["name"] for entry in manifest] == names
-    assert not list(output.rglob(".track_*"))
+    assert not list(output.rglob(".archive_*"))
 
 
 @needs_ray
@@ -86,7 +86,7 @@ def test_ctrl_c_ends_it_and_its_cluster_which_nobody_else_can_reach(start_on_ray
     driver.send_signal(signal.SIGINT)
     _, errors = driver.communicate(timeout=60)
     watch.assert_whole(output)
-    assert not list(output.rglob(".track_*"))
+    assert not list(output.rglob(".archive_*"))
     assert driver.returncode == 130
     assert "track: error: interrupted at once; what was not finished is gone\n" in errors
 

@@ -23,7 +23,7 @@ from pf_tracker_ros.node.tracker.state_log import TargetsLog
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import stamp_of
-from pf_tracker_ros.targets.built_in_detectors import DETECTORS
+from pf_tracker_ros.targets.built_in_detectors import DETECTORS, Detector
 from pf_tracker_ros.targets.detecting import DetectingThread
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.parameters import SeveralTargetsParameters, multi_preset_parameters
@@ -74,28 +74,31 @@ class SeveralTargets:
             self._session.check(_of_tracker(values), values["seed"])
         else:
             MultiSession(_of_tracker(values), values["seed"])
+        if values["built_in_detector"] != self._detector[0]:
+            _made_detector(values["built_in_detector"])
 
     def configure(self, values: Values) -> None:  # noqa: D102
+        name, rate = values["built_in_detector"], values["built_in_detector_rate"]
+        # First, since it may be impossible: what is refused changes nothing.
+        is_another = (name, rate) != self._detector
+        detector = _made_detector(name) if is_another else None
         if self._session:
             self._session.configure(_of_tracker(values), values["seed"])
         else:
             self._session = MultiSession(_of_tracker(values), values["seed"])
         set_up(self._session, values)
-        self._set_detector(values["built_in_detector"], values["built_in_detector_rate"])
+        if is_another:
+            self._end_detecting()
+            self._detecting = DetectingThread(detector, rate) if detector else None
+            self._detector = (name, rate)
 
-    def _set_detector(self, name: str, rate: float) -> None:
-        """Let a built-in detector look at the frames, or none."""
-        if (name, rate) == self._detector:
-            return
+    def _end_detecting(self) -> None:
         if self._detecting:
             self._detecting.close()
-            self._detecting = None
-        if name != "none":
-            self._detecting = DetectingThread(DETECTORS[name](), rate)
-        self._detector = (name, rate)
+        self._detecting, self._detector = None, ("none", 0.0)
 
     def forget(self) -> None:  # noqa: D102
-        self._set_detector("none", 0.0)
+        self._end_detecting()
         self._session = None
         self._heard = 0
 
@@ -205,6 +208,24 @@ class SeveralTargets:
             session.requested_stamp if session else None,
             tuple(_status_of(target) for target in targets),
         )
+
+
+def _made_detector(name: str) -> Detector | None:
+    """A built-in detector, None for "none".
+
+    Raises:
+        ValueError: It cannot be made here.
+    """
+    if name == "none":
+        return None
+    try:
+        return DETECTORS[name]()
+    except Exception as error:
+        # Whatever is missing for it on this machine, the node is to stay up.
+        raise ValueError(
+            f"the built-in detector {name!r} cannot be made here: {error}; set "
+            "'built_in_detector' to another one, or to 'none'"
+        ) from error
 
 
 def _of_tracker(values: Values) -> dict[str, Any]:

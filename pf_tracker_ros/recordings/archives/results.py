@@ -32,10 +32,11 @@ from pf_tracker_ros.recordings.errors import FAILED, OUTPUT_EXISTS, RecordingErr
 
 DONE_FILE = "done.json"
 LOCK = ".lock"
-# Hidden, so that nobody takes what is in it for results.
-_WORKPLACE = ".track_"
+# Hidden, so that nobody takes what is in it for results. A run removes those that a killed one has
+# left; `track` on a single recording, which may be at work below, calls its own otherwise.
+_WORKPLACE = ".archive_"
 # In a store it stands beside what may be replaced although `done.json` is missing.
-_UNFINISHED = f"{_WORKPLACE}unfinished"
+_UNFINISHED = ".track_unfinished"
 # An object comes there whole or not at all; of other stores that fsspec knows not all promise it.
 _OBJECT_STORES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss")
 

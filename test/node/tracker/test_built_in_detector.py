@@ -1,5 +1,6 @@
 """Targets that start without a hand and without another node."""
 
+import re
 import threading
 
 import cv2
@@ -9,6 +10,7 @@ import pytest
 from pf_tracker_ros import Detections
 from pf_tracker_ros.node.tracker import several_targets
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
+from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 
 SEVERAL = {"max_targets": 4, "image_reliability": "reliable", "built_in_detector_rate": 20.0}
 
@@ -69,6 +71,41 @@ def test_one_target_takes_no_detector(graph, client, images):
     refused = client.set_parameters(built_in_detector="motion")
     assert not refused.successful
     assert "'max_targets' above 1" in refused.reason
+
+
+@pytest.fixture
+def blind(monkeypatch):
+    """A machine on which the detector of people cannot be made."""
+
+    def fail():
+        raise cv2.error("no model")
+
+    monkeypatch.setattr(several_targets, "DETECTORS", DETECTORS | {"people": fail})
+
+
+@pytest.mark.usefixtures("blind")
+def test_a_detector_that_cannot_be_made_is_refused_and_changes_nothing(graph, client):
+    graph.tracker(client, built_in_detector="motion", **SEVERAL)
+    _, number = show_until(client, lambda status: status.targets)
+    refused = client.set_parameters(built_in_detector="people", particles=77)
+    assert not refused.successful
+    assert re.search("detector 'people' cannot be made here: .*no model", refused.reason)
+    status = client.show(scene(number)[0], client.at(number))
+    assert (status.values["state"], len(status.targets)) == ("tracking", 1)
+    assert client.tunables()["particles"] != 77
+
+
+@pytest.mark.usefixtures("blind")
+def test_a_detector_that_cannot_be_made_at_start_up_is_in_the_way_until_it_is_set_rightly(
+    graph, client
+):
+    graph.tracker(client, built_in_detector="people", **SEVERAL)
+    status = client.show(scene(0)[0], client.at(0))
+    assert (status.level, status.values["frame"]) == ("ERROR", "waiting")
+    assert "not tracking: the built-in detector 'people' cannot be made here" in status.message
+    assert client.set_parameters(built_in_detector="motion").successful
+    status, _ = show_until(client, lambda status: status.targets, first=1)
+    assert status.level == "OK"
 
 
 def test_a_detector_that_fails_costs_no_frame(graph, client, monkeypatch):
