@@ -5,7 +5,8 @@ from __future__ import annotations
 import shutil
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -81,15 +82,25 @@ class BagWriter:
             raise FootageError(f"{self._path} exists already; a bag does not overwrite anything")
         self._path.parent.mkdir(parents=True, exist_ok=True)
         self._workplace = Path(tempfile.mkdtemp(prefix=".bag_", dir=self._path.parent))
-        self._writer = Writer(
-            self._workplace / self._path.stem, version=9, storage_plugin=StoragePlugin.MCAP
-        )
+        with self._without_workplace_if_it_fails():
+            self._writer = Writer(
+                self._workplace / self._path.stem, version=9, storage_plugin=StoragePlugin.MCAP
+            )
         self._typestore: Typestore = get_typestore(Stores.ROS2_JAZZY)
         self._connections: dict[str, Connection] = {}
 
     def __enter__(self) -> BagWriter:
-        self._writer.open()
+        with self._without_workplace_if_it_fails():
+            self._writer.open()
         return self
+
+    @contextmanager
+    def _without_workplace_if_it_fails(self) -> Iterator[None]:
+        try:
+            yield
+        except BaseException:
+            shutil.rmtree(self._workplace, ignore_errors=True)
+            raise
 
     def __exit__(
         self,

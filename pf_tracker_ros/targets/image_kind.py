@@ -98,9 +98,13 @@ def ended_for_others(ids: Iterable[int]) -> str:
 
 def ended_unseen(ids: Iterable[int]) -> str:
     """What is told of targets that could not be learned in another size of the images."""
+    unseen = list(ids)
+    were, them, come = ("it was", "it", "it comes")
+    if len(unseen) > 1:
+        were, them, come = ("they were", "them", "they come")
     return (
-        f"ended: {_joined(ids)}; the images changed their size while it was not seen in any of the "
-        "frames that are kept; draw it again where it comes back"
+        f"ended: {_joined(unseen)}; the images changed their size while {were} not seen in any of "
+        f"the frames that are kept; draw {them} again where {come} back"
     )
 
 

@@ -103,3 +103,13 @@ def test_a_failed_recording_leaves_nothing_behind(tmp_path, name):
     with pytest.raises(RuntimeError, match="power"):
         fail()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recording_that_cannot_be_begun_leaves_nothing_behind(tmp_path, monkeypatch):
+    def fail(self):
+        raise OSError("no space left")
+
+    monkeypatch.setattr("rosbags.rosbag2.Writer.open", fail)
+    with pytest.raises(OSError, match="no space"), BagWriter(tmp_path / "bag"):
+        pass
+    assert list(tmp_path.iterdir()) == []

@@ -18,7 +18,9 @@ import pf_tracker_ros
 from pf_tracker_ros.pages.access import HEADERS
 
 pytest.importorskip("aiohttp", reason="the page needs the extra 'console'")
+from pf_tracker_ros.recordings import RecordingError, open_recording
 from pf_tracker_ros.recordings.drawing import drawing
+from pf_tracker_ros.recordings.drawing.drawing import draw_targets
 from pf_tracker_ros.recordings.target import Target
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
@@ -332,6 +334,18 @@ def test_only_a_page_that_was_served_here_may_draw(ask_for_target, images, tmp_p
     assert desk.ask("/../pictures.py")[0] == 404
     assert desk.draw(BOX)[0] == 200
     assert desk.end()[0] == 0
+
+
+@pytest.mark.parametrize(("error", "said"), [(OSError, RecordingError), (ValueError, ValueError)])
+def test_a_page_that_cannot_be_served_is_told_whatever_is_in_the_way(
+    images, monkeypatch, error, said
+):
+    async def fail(*address):
+        raise error("no loopback")
+
+    monkeypatch.setattr("pf_tracker_ros.recordings.drawing.drawing.Site.serve", fail)
+    with pytest.raises(said, match="no loopback"):
+        draw_targets(open_recording(images), 1, print)
 
 
 def test_what_cannot_be_tracked_is_refused_and_may_be_put_right(ask_for_target, images, tmp_path):

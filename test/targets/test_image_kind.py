@@ -82,7 +82,14 @@ def test_targets_of_the_last_second_of_misfits_begin_on_the_image_at_hand(kind):
 
 def test_targets_that_end_are_named():
     assert ended_for_others([1, 12]).startswith("ended: 1, 12; a target was drawn on images of")
-    assert ended_unseen(iter([3])).startswith("ended: 3; the images changed their size")
+    assert ended_unseen(iter([3])) == (
+        "ended: 3; the images changed their size while it was not seen in any of the frames that "
+        "are kept; draw it again where it comes back"
+    )
+    assert ended_unseen([3, 4]).endswith(
+        "while they were not seen in any of the frames that are kept; draw them again where they "
+        "come back"
+    )
 
 
 @pytest.mark.parametrize(

@@ -171,7 +171,11 @@ def _spinning(
         Parameter(name, value=list(value) if isinstance(value, tuple) else value)
         for name, value in parameters.items()
     ]
-    node = create(context=context, namespace=namespace, parameter_overrides=overrides)
+    try:
+        node = create(context=context, namespace=namespace, parameter_overrides=overrides)
+    except BaseException:
+        context.try_shutdown()
+        raise
     thread = threading.Thread(
         target=spin_until_shutdown, args=(node,), name=node.get_name(), daemon=True
     )

@@ -57,6 +57,8 @@ _ACKNOWLEDGE_TIMEOUT = 5.0
 _DISCOVERY_TIMEOUT = 2.0
 _WARNING_INTERVAL, _LONGEST_WARNING_INTERVAL = 5.0, 60.0
 _AT_ONCE = 1e9
+# A recording may be long, or play in a loop with new stamps each time.
+_MOST_REMEMBERED = 10_000
 
 
 class ReplayNode(Node):
@@ -193,10 +195,13 @@ class ReplayNode(Node):
             return ""
 
     def index_of(self, stamp: int) -> int | None:
-        """Index of a frame that has been published.
+        """Index of a frame that has been published, one of the last ten thousand.
 
         Args:
             stamp: With which it was, nanoseconds.
+
+        Returns:
+            Counted from 0; None if it was none of them.
         """
         return self._indices.get(stamp)
 
@@ -291,12 +296,19 @@ class ReplayNode(Node):
                 if target_is_due:
                     target_is_due = not self._send_target(item)
                 self._playback.forget_answer()
-                self._indices[item.stamp] = index
+                self._remember(item.stamp, index)
                 self._publish(item)
                 self._position = index
                 self._published += 1
                 if self._fixed.lockstep:
                     self._wait_for_status(item)
+
+    def _remember(self, stamp: int, index: int) -> None:
+        """Know the frame of a stamp, for as long as somebody may still ask for it."""
+        self._indices.pop(stamp, None)
+        self._indices[stamp] = index
+        if len(self._indices) > _MOST_REMEMBERED:
+            del self._indices[next(iter(self._indices))]
 
     def _stamped(self, item: ReplayItem) -> ReplayItem:
         """The item with the stamp that it goes out with."""

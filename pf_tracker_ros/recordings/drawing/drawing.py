@@ -77,7 +77,7 @@ class _Desk:
         self._pictures = pictures
         self._most = most
         self._targets: tuple[Target, ...] = ()
-        self._error: OSError | None = None
+        self._error: Exception | None = None
         self._is_decided = threading.Event()
         self._is_started = threading.Event()
         self._loop = asyncio.new_event_loop()
@@ -97,8 +97,10 @@ class _Desk:
     def start(self) -> None:
         self._thread.start()
         self._is_started.wait()
-        if self._error:
+        if isinstance(self._error, OSError):
             raise RecordingError(f"the page to draw on cannot be served: {self._error}")
+        if self._error:
+            raise self._error
 
     def wait(self) -> tuple[Target, ...]:
         self._is_decided.wait()
@@ -123,13 +125,12 @@ class _Desk:
                 runner = await self._site.serve(_HOST, _PORT)
             except OSError:
                 runner = await self._site.serve(_HOST, 0)
-        except OSError as error:
+        except Exception as error:
+            # Raised where somebody waits for the start.
             self._error = error
             return
         finally:
-            if self._error:
-                self._is_started.set()
-        self._is_started.set()
+            self._is_started.set()
         await self._stopping.wait()
         await runner.cleanup()
         await self._loop.shutdown_default_executor()

@@ -6,6 +6,8 @@ import time
 import pytest
 from std_srvs.srv import Trigger
 
+from pf_tracker_ros.node.replay import replay_node
+
 
 def test_lockstep_has_one_frame_under_way_and_waits_for_the_tracker(pictures, stand_in, replay):
     tracker = stand_in()
@@ -107,6 +109,19 @@ def test_pictures_have_the_same_stamps_in_each_run_where_that_matters(
     box = [1.0, 2.0, 3.0, 4.0]
     tracker.spin_until_ended(replay(source=pictures.folder, target_box=box, **{exact: True}))
     assert tracker.stamps() == pictures.stamps
+
+
+def test_of_a_loop_the_last_frames_alone_are_remembered(pictures, stand_in, replay, monkeypatch):
+    monkeypatch.setattr(replay_node, "_MOST_REMEMBERED", 8)
+    tracker = stand_in()
+    tracker.listen()
+    node = replay(source=pictures.folder, loop=True, rate=10.0)
+    tracker.spin_until(lambda: len(tracker.stamps()) >= 24)
+    node.playback.paused = True
+    assert node.playback.wait_until_held(30.0)
+    tracker.spin_until(lambda: node.index_of(tracker.stamps()[-1]) == node.position)
+    known = [stamp for stamp in tracker.stamps() if node.index_of(stamp) is not None]
+    assert known == tracker.stamps()[-8:]
 
 
 def test_each_pass_of_a_loop_goes_on_in_time(pictures, stand_in, replay):
