@@ -96,10 +96,6 @@ class Course:
             self.speed_spread - speed_gain * self.shared,
         )
 
-    def move(self, shift: NDArray[np.float64]) -> Course:
-        """The same course from another place, by a (2,) shift in pixels."""
-        return replace(self, center=self.center + shift)
-
     def carry(self, camera_motion: NDArray[np.float64]) -> Course:
         """The same course, seen by a camera that has moved; see `EgoMotion.follow`.
 

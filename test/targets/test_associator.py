@@ -63,7 +63,7 @@ def test_how_much_a_target_varies_is_learned_of_its_detections(lives):
 def test_two_that_stand_close_get_their_own_by_their_looks(lives):
     red, blue, _ = lives
     shift = 0.2 * red.box[2]
-    course = red.course.move(np.array([shift, 0.0]))
+    course = replace(red.course, center=red.course.center + [shift, 0.0])
     blue = replace(blue, target=red.target, course=course, log_size=red.log_size)
     both = [seen(red, 0.0, blue.look), seen(red, 0.2)]
     assert Associator().assign([red, blue], both) == {0: 1, 1: 0}

@@ -61,11 +61,6 @@ class Playback:
             self._changed.notify_all()
 
     @property
-    def stopped(self) -> bool:
-        """Whether `stop` was called."""
-        return self._stopped
-
-    @property
     def paused(self) -> bool:
         """Whether items are held back; may be set from any thread."""
         return self._paused
