@@ -12,7 +12,7 @@ from rclpy.parameter import Parameter
 
 from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
 from pf_tracker_ros.node.console.hub import Hub
-from pf_tracker_ros.node.console.recording import Recording
+from pf_tracker_ros.node.console.played_recording import PlayedRecording
 from pf_tracker_ros.node.console.tracker_link import TrackerLink
 from pf_tracker_ros.node.console.web_server import WebServer
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
@@ -42,7 +42,7 @@ class ConsoleNode(Node):
         self.exit_code = 0
         self.link = ""
         self._server: WebServer | None = None
-        self._recording: Recording | None = None
+        self._recording: PlayedRecording | None = None
         binding = ParameterBinding(self)
         binding.declare(ConsoleParameters)
         binding.listen()
@@ -64,7 +64,9 @@ class ConsoleNode(Node):
         server = WebServer(host, port, lambda: Hub(link, self._recording))
         link = TrackerLink(self, parameters.tracker, server.receive)
         if parameters.source:
-            self._recording = Recording(self, parameters.source, parameters.bag_topic, link.name)
+            self._recording = PlayedRecording(
+                self, parameters.source, parameters.bag_topic, link.name
+            )
             if not self._recording.is_playable:
                 self._recording.close()
                 self._recording = None

@@ -10,7 +10,7 @@ _FAULT_SHOWN = 6.0
 _SHOWN = ("state", "confidence", "image_topic", "image_reliability", "preset", "input_rate")
 
 
-class Health:
+class TrackerHealth:
     """What was heard of one tracker. All times are seconds by one clock that never jumps.
 
     Attributes:

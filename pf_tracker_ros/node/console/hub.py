@@ -11,11 +11,11 @@ from typing import Any
 from pf_tracker_ros.node.console import player
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node.console.browsers import Browser, Browsers
-from pf_tracker_ros.node.console.health import Health
+from pf_tracker_ros.node.console.health import TrackerHealth
 from pf_tracker_ros.node.console.pairing import Pairing
 from pf_tracker_ros.node.console.pick import Picker, Verdict
+from pf_tracker_ros.node.console.played_recording import PlayedRecording
 from pf_tracker_ros.node.console.player import Player
-from pf_tracker_ros.node.console.recording import Recording
 from pf_tracker_ros.node.console.requests import (
     RequestError,
     flag_of,
@@ -39,12 +39,12 @@ class Hub:
         recording: That is played to it, if one is.
     """
 
-    def __init__(self, link: TrackerLink, recording: Recording | None = None) -> None:
+    def __init__(self, link: TrackerLink, recording: PlayedRecording | None = None) -> None:
         self._link = link
         self._pairing = Pairing()
         self._browsers = Browsers(lambda: self._pairing.latest)
         self._heated: set[Browser] = set()
-        self._health = Health(link.name)
+        self._health = TrackerHealth(link.name)
         self._told_health: Json = {}
         self._picker = Picker(link, self._tell_verdict)
         self._player: Player | None = None

@@ -10,7 +10,7 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node.console.pick import Picker
-from pf_tracker_ros.node.console.recording import PickedTarget, Recording
+from pf_tracker_ros.node.console.played_recording import PickedTarget, PlayedRecording
 from pf_tracker_ros.node.console.requests import RequestError, flag_of, number_of, whole_of
 from pf_tracker_ros.node.console.tracker_link import TrackerLink
 from pf_tracker_ros.recordings import RecordingError
@@ -36,7 +36,7 @@ class Player:
 
     def __init__(
         self,
-        recording: Recording,
+        recording: PlayedRecording,
         link: TrackerLink,
         picker: Picker,
         tell: Callable[[Json], Awaitable[None]],

@@ -15,46 +15,25 @@ from contextlib import closing
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PolygonStamped
-from rclpy.duration import Duration
 from rclpy.exceptions import NameValidationException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.time import Time
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CompressedImage
 from std_srvs.srv import SetBool, Trigger
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.prefetch import Prefetch
-from pf_tracker_ros.node.image_topics import where_images_are_taken
-from pf_tracker_ros.node.message_building import box_message
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.replay.playback import Playback, Sought, Stopped
 from pf_tracker_ros.node.replay.played_stamps import PlayedStamps
+from pf_tracker_ros.node.replay.replay_outputs import DEPTH, ReplayOutputs
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
-from pf_tracker_ros.node.replay.replay_source import (
-    ReplayItem,
-    ReplaySource,
-    as_box,
-    make_header,
-    open_replay_source,
-)
+from pf_tracker_ros.node.replay.replay_source import ReplayItem, ReplaySource, open_replay_source
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS, stamp_of
 
-# Deep enough that a subscriber may be busy for a third of a second, shallow enough for memory.
-_IMAGE_DEPTH = 10
-# With its history full, Fast DDS asks for the acknowledgment with each message; else every 3 s.
-_TARGET_DEPTH = 1
-_ACKNOWLEDGE_TIMEOUT = 5.0
-# Whoever runs already has been discovered by then; nobody else is waited for without a target.
-_DISCOVERY_TIMEOUT = 2.0
 _WARNING_INTERVAL, _LONGEST_WARNING_INTERVAL = 5.0, 60.0
 _AT_ONCE = 1e9
 # A recording may be long, or play in a loop with new stamps each time.
@@ -115,35 +94,11 @@ class ReplayNode(Node):
     def _set_up(self, source: ReplaySource, parameters: ReplayParameters) -> None:
         self._fixed = parameters
         self._source = source
-        compressed = source.image_type is CompressedImage
-        self._image_publisher = self.create_publisher(
-            source.image_type,
-            "image/compressed" if compressed else "image",
-            QoSProfile(
-                depth=_IMAGE_DEPTH,
-                reliability=ReliabilityPolicy[parameters.image_reliability.upper()],
-            ),
-        )
-        self._ground_truth_publisher = (
-            self.create_publisher(PolygonStamped, "~/ground_truth", _IMAGE_DEPTH)
-            if source.has_ground_truth
-            else None
-        )
-        self._sends_target = bool(parameters.target_box) or parameters.target_from_ground_truth
-        self._target_publisher = (
-            self.create_publisher(PolygonStamped, parameters.target_topic, _TARGET_DEPTH)
-            if self._sends_target
-            else None
-        )
-        self._clock_publisher = (
-            self.create_publisher(Clock, "/clock", _IMAGE_DEPTH)
-            if parameters.publish_clock
-            else None
-        )
         self._playback = Playback(paused=parameters.start_paused)
+        self._outputs = ReplayOutputs(self, source, parameters, self._playback)
         if parameters.lockstep:
             self._status_subscription = self.create_subscription(
-                DiagnosticArray, parameters.lockstep_status, self._on_status, _IMAGE_DEPTH
+                DiagnosticArray, parameters.lockstep_status, self._on_status, DEPTH
             )
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/step", self._on_step)
@@ -178,7 +133,7 @@ class ReplayNode(Node):
     @property
     def image_topic(self) -> str:
         """Full name of the topic of the images, once it has begun."""
-        return str(self._image_publisher.topic_name)
+        return self._outputs.image_topic
 
     @property
     def hindrance(self) -> str:
@@ -252,9 +207,7 @@ class ReplayNode(Node):
     def _play_source(self) -> None:
         count = self._source.count
         frames = "an unknown number of frames" if count is None else counted(count, "frame")
-        self._log.info(
-            f"replaying {self._source.name}: {frames} on {self._image_publisher.topic_name}"
-        )
+        self._log.info(f"replaying {self._source.name}: {frames} on {self.image_topic}")
         self._wait_for_tracker()
         first: int | None = 0
         while first is not None:
@@ -263,10 +216,7 @@ class ReplayNode(Node):
             except Sought as sought:
                 first = sought.index
             self._playback.begin_pass()
-        # The node stays until the last messages have arrived.
-        self._wait_for_acknowledgment(self._image_publisher)
-        if self._ground_truth_publisher is not None:
-            self._wait_for_acknowledgment(self._ground_truth_publisher)
+        self._outputs.wait_for_delivery()
         self._log.info(f"published {counted(self._published, 'frame')} of {self._source.name}")
 
     def _play_on(self, first: int) -> int | None:
@@ -288,7 +238,7 @@ class ReplayNode(Node):
         return None
 
     def _play_pass(self, first: int) -> None:
-        target_is_due = self._sends_target and first == 0
+        target_is_due = self._outputs.sends_target and first == 0
         with closing(Prefetch(_items_from(self._source, first))) as items:
             for index, read in enumerate(items, first):
                 self._wait_until_due(read)
@@ -297,7 +247,7 @@ class ReplayNode(Node):
                     target_is_due = not self._send_target(item)
                 self._playback.forget_answer()
                 self._remember(item.stamp, index)
-                self._publish(item)
+                self._outputs.publish(item)
                 self._position = index
                 self._published += 1
                 if self._fixed.lockstep:
@@ -333,25 +283,10 @@ class ReplayNode(Node):
                 throttle_duration_sec=_WARNING_INTERVAL,
             )
 
-    def _publish(self, item: ReplayItem) -> None:
-        if self._clock_publisher is not None:
-            self._clock_publisher.publish(Clock(clock=Time(nanoseconds=item.time).to_msg()))
-        if self._ground_truth_publisher is not None and item.ground_truth is not None:
-            self._ground_truth_publisher.publish(item.ground_truth)
-        self._image_publisher.publish(item.image)
-
     def _send_target(self, item: ReplayItem) -> bool:
         """Send the target if it belongs to this frame, and tell whether it did."""
-        target: PolygonStamped | bytes | None = item.ground_truth
-        if self._fixed.target_box:
-            target = box_message(
-                as_box(self._fixed.target_box), make_header(item.stamp, self._fixed.frame_id)
-            )
-        if target is None or self._target_publisher is None:
+        if not self._outputs.publish_target(item):
             return False
-        self._target_publisher.publish(target)
-        # The tracker must have it before the frame, which comes by another topic.
-        self._wait_for_acknowledgment(self._target_publisher)
         self._playback.resume()
         self._played_stamps.follow_clock()
         return True
@@ -361,34 +296,17 @@ class ReplayNode(Node):
 
         Without either, wait a moment for somebody to take the images.
         """
-        images = self._image_publisher
-        self._playback.wait_for(lambda: images.get_subscription_count() > 0, _DISCOVERY_TIMEOUT)
+        self._outputs.wait_for_subscriber()
         interval = _WARNING_INTERVAL
         while missing := self._missing():
             self._hindrance = _waiting_for(missing)
             if not self._playback.wait_for(lambda: not self._missing(), interval):
-                self._log.warning(f"{self._hindrance}{self._elsewhere()}")
+                self._log.warning(f"{self._hindrance}{self._outputs.elsewhere()}")
                 interval = min(2.0 * interval, _LONGEST_WARNING_INTERVAL)
         self._hindrance = ""
 
-    def _elsewhere(self) -> str:
-        """Where images are waited for, if they are not here."""
-        images = self._image_publisher
-        if images.get_subscription_count():
-            return ""
-        compressed = images.msg_type is CompressedImage
-        return where_images_are_taken(self, images.topic_name, compressed=compressed)
-
     def _missing(self) -> list[str]:
-        missing = []
-        publishers = [self._target_publisher] if self._target_publisher is not None else []
-        if self._fixed.lockstep or publishers:
-            publishers.append(self._image_publisher)
-        for publisher in publishers:
-            if publisher.get_subscription_count() == 0:
-                compressed = publisher.msg_type is CompressedImage
-                hint = " (tracker: image_transport:=compressed)" if compressed else ""
-                missing.append(f"a subscriber of {publisher.topic_name}{hint}")
+        missing = self._outputs.missing()
         if self._fixed.lockstep:
             status_topic = self._status_subscription.topic_name
             if self.count_publishers(status_topic) == 0:
@@ -408,19 +326,14 @@ class ReplayNode(Node):
                 f"publishing it again{self._lockstep_hint()}"
             )
             self._log.warning(self._hindrance, throttle_duration_sec=_WARNING_INTERVAL)
-            self._publish(item)
+            self._outputs.publish(item)
 
     def _lockstep_hint(self) -> str:
         """What is likely to be wrong when no status comes."""
         missing = self._missing()
         if missing:
             return f"; waiting for {' and '.join(missing)}"
-        subscribers = self.get_subscriptions_info_by_topic(self._image_publisher.topic_name)
-        best_effort = [
-            subscriber.node_name
-            for subscriber in subscribers
-            if subscriber.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
-        ]
+        best_effort = self._outputs.best_effort_subscribers()
         if best_effort:
             return (
                 f"; {', '.join(best_effort)} subscribes with best effort, which loses frames: "
@@ -433,15 +346,6 @@ class ReplayNode(Node):
             self._log.warning(
                 f"{self._source.name} announces {counted(self._source.count, 'frame')}, "
                 f"but only {published} could be read"
-            )
-
-    def _wait_for_acknowledgment(self, publisher: Publisher) -> None:
-        acknowledged = self._playback.wait_for(
-            lambda: publisher.wait_for_all_acked(Duration(seconds=0)), _ACKNOWLEDGE_TIMEOUT
-        )
-        if not acknowledged:
-            self._log.warning(
-                f"a subscriber of {publisher.topic_name} has not acknowledged all messages"
             )
 
 

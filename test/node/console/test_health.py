@@ -2,7 +2,7 @@
 
 import pytest
 
-from pf_tracker_ros.node.console.health import Health
+from pf_tracker_ros.node.console.health import TrackerHealth
 
 DIAGNOSTICS = {"level": "ok", "message": "tracking", "values": {"image_topic": "/image"}}
 
@@ -10,7 +10,7 @@ DIAGNOSTICS = {"level": "ok", "message": "tracking", "values": {"image_topic": "
 @pytest.fixture
 def health():
     """Of a tracker that told of itself at the time 10."""
-    health = Health("/pf_tracker")
+    health = TrackerHealth("/pf_tracker")
     health.take_diagnostics(DIAGNOSTICS, 10.0)
     return health
 
@@ -23,7 +23,7 @@ def test_silence_is_told_within_two_seconds(health):
 
 
 def test_a_tracker_that_was_never_heard_is_absent_not_silent():
-    told = Health("/left/pf_tracker").told(0.0, stands_still=False)
+    told = TrackerHealth("/left/pf_tracker").told(0.0, stands_still=False)
     assert (told["tracker"], told["level"]) == ("absent", "error")
     assert "/left/pf_tracker" in told["text"]
 

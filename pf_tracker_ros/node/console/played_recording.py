@@ -43,7 +43,7 @@ class PickedTarget:
     frame: int
 
 
-class Recording:
+class PlayedRecording:
     """The replay publisher of the console, with a ROS context of its own.
 
     Attributes:

@@ -1,0 +1,159 @@
+"""What the replay publisher publishes of its source, and who is there to take it."""
+
+from __future__ import annotations
+
+from geometry_msgs.msg import PolygonStamped
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CompressedImage
+
+from pf_tracker_ros.node.image_topics import where_images_are_taken
+from pf_tracker_ros.node.message_building import box_message
+from pf_tracker_ros.node.replay.playback import Playback
+from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
+from pf_tracker_ros.node.replay.replay_source import (
+    ReplayItem,
+    ReplaySource,
+    as_box,
+    make_header,
+)
+
+# Deep enough that a subscriber may be busy for a third of a second, shallow enough for memory.
+DEPTH = 10
+# With its history full, Fast DDS asks for the acknowledgment with each message; else every 3 s.
+_TARGET_DEPTH = 1
+_ACKNOWLEDGE_TIMEOUT = 5.0
+# Whoever runs already has been discovered by then; nobody else is waited for without a target.
+_DISCOVERY_TIMEOUT = 2.0
+
+
+class ReplayOutputs:
+    """The publishers of one source.
+
+    Attributes:
+        sends_target: Whether a target goes out with the source.
+
+    Args:
+        node: The node that publishes.
+        source: What is published.
+        parameters: Which of it, where to, and how reliably.
+        playback: Whose waits end when it is stopped.
+
+    Raises:
+        NameValidationException: The name of a topic cannot be one.
+    """
+
+    def __init__(
+        self, node: Node, source: ReplaySource, parameters: ReplayParameters, playback: Playback
+    ) -> None:
+        self._node = node
+        self._target_box = parameters.target_box
+        self._frame_id = parameters.frame_id
+        self._is_lockstep = parameters.lockstep
+        self._playback = playback
+        self._is_compressed = source.image_type is CompressedImage
+        self._images = node.create_publisher(
+            source.image_type,
+            "image/compressed" if self._is_compressed else "image",
+            QoSProfile(
+                depth=DEPTH,
+                reliability=ReliabilityPolicy[parameters.image_reliability.upper()],
+            ),
+        )
+        self._ground_truth = (
+            node.create_publisher(PolygonStamped, "~/ground_truth", DEPTH)
+            if source.has_ground_truth
+            else None
+        )
+        self.sends_target = bool(parameters.target_box) or parameters.target_from_ground_truth
+        self._targets = (
+            node.create_publisher(PolygonStamped, parameters.target_topic, _TARGET_DEPTH)
+            if self.sends_target
+            else None
+        )
+        self._clock = (
+            node.create_publisher(Clock, "/clock", DEPTH) if parameters.publish_clock else None
+        )
+
+    @property
+    def image_topic(self) -> str:
+        """Full name of the topic of the images."""
+        return str(self._images.topic_name)
+
+    def publish(self, item: ReplayItem) -> None:
+        """Publish an image, and the time and the true box before it."""
+        if self._clock is not None:
+            self._clock.publish(Clock(clock=Time(nanoseconds=item.time).to_msg()))
+        if self._ground_truth is not None and item.ground_truth is not None:
+            self._ground_truth.publish(item.ground_truth)
+        self._images.publish(item.image)
+
+    def publish_target(self, item: ReplayItem) -> bool:
+        """Publish the target if it belongs to this image, and tell whether it does.
+
+        The tracker must have it before the image, which comes by another topic: it is waited for.
+        """
+        target: PolygonStamped | bytes | None = item.ground_truth
+        if self._target_box:
+            header = make_header(item.stamp, self._frame_id)
+            target = box_message(as_box(self._target_box), header)
+        if target is None or self._targets is None:
+            return False
+        self._targets.publish(target)
+        self._wait_for_acknowledgment(self._targets)
+        return True
+
+    def wait_for_subscriber(self) -> None:
+        """Wait a moment for somebody to take the images."""
+        self._playback.wait_for(
+            lambda: self._images.get_subscription_count() > 0, _DISCOVERY_TIMEOUT
+        )
+
+    def wait_for_delivery(self) -> None:
+        """Wait until the last messages have arrived."""
+        self._wait_for_acknowledgment(self._images)
+        if self._ground_truth is not None:
+            self._wait_for_acknowledgment(self._ground_truth)
+
+    def missing(self) -> list[str]:
+        """Whom it takes to go on: a target, and images in lockstep, need somebody to take them."""
+        needed = [self._targets] if self._targets is not None else []
+        if self._is_lockstep or needed:
+            needed.append(self._images)
+        missing = []
+        for publisher in needed:
+            if publisher.get_subscription_count() == 0:
+                compressed = publisher.msg_type is CompressedImage
+                hint = " (tracker: image_transport:=compressed)" if compressed else ""
+                missing.append(f"a subscriber of {publisher.topic_name}{hint}")
+        return missing
+
+    def elsewhere(self) -> str:
+        """Where images are waited for, if they are not here."""
+        if self._images.get_subscription_count():
+            return ""
+        return where_images_are_taken(
+            self._node, self._images.topic_name, compressed=self._is_compressed
+        )
+
+    def best_effort_subscribers(self) -> list[str]:
+        """Names of the nodes that may lose images on the way."""
+        subscribers = self._node.get_subscriptions_info_by_topic(self._images.topic_name)
+        return [
+            subscriber.node_name
+            for subscriber in subscribers
+            if subscriber.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+        ]
+
+    def _wait_for_acknowledgment(self, publisher: Publisher) -> None:
+        acknowledged = self._playback.wait_for(
+            lambda: publisher.wait_for_all_acked(Duration(seconds=0)), _ACKNOWLEDGE_TIMEOUT
+        )
+        if not acknowledged:
+            self._node.get_logger().warning(
+                f"a subscriber of {publisher.topic_name} has not acknowledged all messages"
+            )
