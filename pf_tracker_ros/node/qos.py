@@ -1,27 +1,21 @@
-"""Quality of service: what the node asks for, what users override, and what does not match."""
+"""Quality of service: what the node asks for and offers, and what users override of it.
+
+rclpy tells of endpoints that cannot match by two events of each publisher and subscription, and
+asks for all of them before and after every message. `mismatches.py` looks instead.
+"""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from copy import copy
 from typing import Any
 
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import (
-    DurabilityPolicy,
-    QoSPolicyKind,
-    QoSProfile,
-    ReliabilityPolicy,
-    qos_policy_name_from_kind,
-)
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 Report = Callable[[str], None]
 
@@ -33,13 +27,10 @@ LATCHED_QOS = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 
-PREFIX = "qos_overrides."
+# Of a publisher, see above.
+NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 
-# A node whose name is not known yet, and what tells it in a list with qualities of service.
-_SOME_NODE = "a node"
-_UNNAMED = f"{_SOME_NODE} ("
-# Seconds between two looks, and how many there are.
-_LOOK_AGAIN_AFTER, _MOST_LOOKS = 0.1, 20
+PREFIX = "qos_overrides."
 
 
 def subscribe(
@@ -50,11 +41,10 @@ def subscribe(
     *,
     profile: QoSProfile,
     report: Report,
-    reliability_cure: str = "",
     on_unreliable: Callable[[], None] | None = None,
     raw: bool = False,
 ) -> Subscription:
-    """Subscribe with the user's QoS overrides; a publisher that does not match is reported.
+    """Subscribe with the user's QoS overrides.
 
     Args:
         node: The node that subscribes.
@@ -62,35 +52,26 @@ def subscribe(
         topic: Name of the topic.
         callback: Called with each message.
         profile: What is asked of publishers.
-        report: Called with a sentence if a publisher offers less.
-        reliability_cure: What to do where that is their reliability.
-        on_unreliable: Called instead of `report` where it is.
+        report: Called with a sentence if the overrides are wrong.
+        on_unreliable: Called as soon as a publisher offers less reliability than that.
         raw: Whether the callback gets the messages as the bytes that they came as.
     """
     name = node.resolve_topic_name(topic)
-    asked = copy(profile)
 
     def on_mismatch(event: Any) -> None:
-        policy = qos_policy_name_from_kind(event.last_policy_kind)
-        if policy == "RELIABILITY" and on_unreliable is not None:
+        if on_unreliable and event.last_policy_kind == QoSPolicyKind.RELIABILITY:
             on_unreliable()
-            return
-        own = f"{node.get_fully_qualified_name()} asks for {_value(asked, policy)}"
-        cure = reliability_cure if policy == "RELIABILITY" else ""
-        _report_named(
-            node,
-            lambda: _names(node.get_publishers_info_by_topic(name), policy, asked),
-            lambda others: report(f"nothing arrives on {name} from {others}, but {own}{cure}"),
-        )
 
-    events = SubscriptionEventCallbacks(incompatible_qos=on_mismatch)
+    events = SubscriptionEventCallbacks(
+        incompatible_qos=on_mismatch if on_unreliable else None, use_default_callbacks=False
+    )
 
     def create(options: QoSOverridingOptions | None) -> Subscription:
         return node.create_subscription(
             message_type,
             topic,
             callback,
-            asked,
+            copy(profile),
             event_callbacks=events,
             qos_overriding_options=options,
             raw=raw,
@@ -119,26 +100,16 @@ def take_one(subscription: Subscription) -> Any:
 def advertise(
     node: Node, message_type: Any, topic: str, *, profile: QoSProfile, report: Report
 ) -> Publisher:
-    """Publish with the user's QoS overrides; a subscriber that does not match is reported."""
+    """Publish with the user's QoS overrides; wrong ones are reported."""
     name = node.resolve_topic_name(topic)
-    offered = copy(profile)
-
-    def on_mismatch(event: Any) -> None:
-        policy = qos_policy_name_from_kind(event.last_policy_kind)
-        own = f"{node.get_fully_qualified_name()} offers {_value(offered, policy)}"
-        cure = "change it there, or here with the parameter "
-        cure += f"{PREFIX}{name}.publisher.{policy.lower()}"
-        _report_named(
-            node,
-            lambda: _names(node.get_subscriptions_info_by_topic(name), policy, offered),
-            lambda others: report(f"{name} does not reach {others}, but {own}; {cure}"),
-        )
-
-    events = PublisherEventCallbacks(incompatible_qos=on_mismatch)
 
     def create(options: QoSOverridingOptions | None) -> Publisher:
         return node.create_publisher(
-            message_type, topic, offered, event_callbacks=events, qos_overriding_options=options
+            message_type,
+            topic,
+            copy(profile),
+            event_callbacks=NO_EVENTS,
+            qos_overriding_options=options,
         )
 
     return _with_overrides(node, create, name, "publisher", report)
@@ -183,50 +154,3 @@ def _with_overrides(
         # Each wrong kind of value ends in another exception of rclpy, Exception itself included.
         report(f"the QoS overrides of the {entity} on {topic} are wrong and not used: {error}")
         return create(None)
-
-
-def _report_named(node: Node, look: Callable[[], str], report: Report) -> None:
-    """Report others by their names, for which it waits up to two seconds.
-
-    An endpoint is discovered before the name of its node is.
-
-    Args:
-        node: That has met them.
-        look: Tells who they are, as far as that is known.
-        report: Called with that.
-    """
-    others = look()
-    if _UNNAMED not in others:
-        report(others)
-        return
-    looks = itertools.count(1)
-
-    def look_again() -> None:
-        others = look()
-        if _UNNAMED not in others or next(looks) == _MOST_LOOKS:
-            node.destroy_timer(timer)
-            report(others)
-
-    clock = Clock(clock_type=ClockType.STEADY_TIME)
-    timer = node.create_timer(_LOOK_AGAIN_AFTER, look_again, clock=clock)
-
-
-def _names(endpoints: Iterable[TopicEndpointInfo], policy: str, own: QoSProfile) -> str:
-    """The endpoints whose policy differs, with what it is."""
-    descriptions = []
-    for endpoint in endpoints:
-        value = _value(endpoint.qos_profile, policy)
-        if value != _value(own, policy):
-            descriptions.append(f"{_node_name(endpoint)} ({value})")
-    return ", ".join(descriptions) or "a node with another quality of service"
-
-
-def _node_name(endpoint: TopicEndpointInfo) -> str:
-    if "UNKNOWN" in endpoint.node_name:
-        return _SOME_NODE
-    return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
-
-
-def _value(profile: QoSProfile, policy: str) -> str:
-    value = getattr(profile, policy.lower(), None)
-    return f"{policy} {getattr(value, 'name', value)}"

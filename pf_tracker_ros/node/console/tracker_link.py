@@ -23,6 +23,7 @@ from pf_tracker_ros.node.console.answers import box_of, heat_of, particles_of, s
 from pf_tracker_ros.node.console.several import boxes_of, detections_of, stop_message, targets_of
 from pf_tracker_ros.node.console.tracker_services import TrackerError, TrackerServices
 from pf_tracker_ros.node.message_building import box_message
+from pf_tracker_ros.node.mismatches import MismatchWatch
 from pf_tracker_ros.node.qos import DEFAULT_QOS, advertise, subscribe
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 from pf_tracker_ros.node.tracker.image_input import ImageInput
@@ -74,6 +75,7 @@ class TrackerLink:
         self._stops = self._advertise("stop_target", UInt32)
         self.services = TrackerServices(node, self.name, self._do)
         node.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
+        MismatchWatch(node, self._report)
 
     # What is said to the tracker; called from any thread
 

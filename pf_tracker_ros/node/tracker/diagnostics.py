@@ -15,7 +15,7 @@ from std_msgs.msg import Header
 
 from pf_tracker_ros.node.image_topics import where_images_are
 from pf_tracker_ros.node.message_building import status_message
-from pf_tracker_ros.node.qos import DEFAULT_QOS
+from pf_tracker_ros.node.qos import DEFAULT_QOS, NO_EVENTS
 from pf_tracker_ros.node.tracker.frame_rhythm import Rhythm, loss_message, overload_message, rhythm
 from pf_tracker_ros.stamps import NANOSECONDS
 
@@ -87,7 +87,9 @@ class Diagnostics:
         self._frames: deque[_Frame] = deque(maxlen=_MOST_FRAMES)
         self._last_arrival: float | None = None
         self._began = time.monotonic()
-        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", DEFAULT_QOS)
+        self._publisher = node.create_publisher(
+            DiagnosticArray, "/diagnostics", DEFAULT_QOS, event_callbacks=NO_EVENTS
+        )
         # By the wall's clock: simulated time may stand still, which is worth telling.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(PERIOD, self._publish, clock=clock)

@@ -55,6 +55,10 @@ class Known:
     targets: tuple[TargetStatus, ...] = ()
 
 
+def show_nothing() -> None:
+    """Of a frame that was not looked at, there is nothing to be seen."""
+
+
 class Followed(NamedTuple):
     """What became of one frame.
 
@@ -62,11 +66,14 @@ class Followed(NamedTuple):
         frame: As in the status.
         errors: What was refused, a sentence each.
         jumped_back: Seconds by which time went back with it, 0 if it did not.
+        show: Publishes what people look at, particles and overlay; to be called once all that
+            others act on is out.
     """
 
     frame: str
     errors: tuple[str, ...] = ()
     jumped_back: float = 0.0
+    show: Callable[[], None] = show_nothing
 
 
 class Following(Protocol):
@@ -119,7 +126,7 @@ class Following(Protocol):
         """Begin a frame of which nothing is known so far."""
 
     def process(self, read: Callable[[], NDArray[Any]], header: Header) -> Followed:
-        """Follow into a frame, and publish what is known; raises ValueError.
+        """Follow into a frame, and publish what others act on; raises ValueError.
 
         Args:
             read: Gives the image, and raises what keeps it from that; it is not called for a frame

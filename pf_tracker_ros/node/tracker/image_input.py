@@ -31,6 +31,9 @@ _NEWEST_RELIABLY = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
 # time that took, they come faster than they are looked at. After a hold-up each is looked at.
 _SOON, _MOST_SOON = 0.25, 3
 
+# What to do where a publisher offers less reliability than is asked for.
+RELIABILITY_CURE = "; set image_reliability to auto, or let the publisher be reliable"
+
 # How often `auto` looks who publishes. A publisher that offers less than what is asked for is
 # noticed at once.
 _LOOK_INTERVAL = 0.5
@@ -52,7 +55,7 @@ class ImageInput:
     Args:
         node: The node that subscribes.
         receive: Called with each message, an Image or a CompressedImage.
-        report: Called with a sentence if a publisher and the subscription cannot match.
+        report: Called with a sentence if an override of the quality of service is wrong.
         topic: Its name, in place of `image` and of what the transport makes of that.
     """
 
@@ -160,7 +163,6 @@ class ImageInput:
             receive,
             profile=profile,
             report=self._report,
-            reliability_cure="; set image_reliability to auto, or let the publisher be reliable",
             on_unreliable=on_unreliable,
         )
         is_lossy = self._subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.node.message_building import likelihood_values
 from pf_tracker_ros.node.parameter_group import Values
 from pf_tracker_ros.node.qos import Report
-from pf_tracker_ros.node.tracker.following import Followed, Known
+from pf_tracker_ros.node.tracker.following import Followed, Known, show_nothing
 from pf_tracker_ros.node.tracker.outputs import Outputs
 from pf_tracker_ros.node.tracker.session_settings import set_up
 from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED
@@ -113,14 +114,16 @@ class OneTarget:
             read()
             outcome = Outcome("waiting", None)
         self._log_progress(outcome)
+        show = show_nothing
         if self._outputs and outcome.frame not in SKIPPED:
-            self._outputs.publish(read(), header, outcome.estimate)
+            self._outputs.publish(header, outcome.estimate)
+            show = partial(self._outputs.show, read(), header, outcome.estimate)
             if self._session and self._outputs.wants_likelihood:
                 self._likelihood = self._session.map_likelihood()
             if self._likelihood:
                 self._outputs.publish_likelihood(self._likelihood, header)
         errors = (outcome.refused_target,) if outcome.refused_target else ()
-        return Followed(outcome.frame, errors, outcome.jumped_back)
+        return Followed(outcome.frame, errors, outcome.jumped_back, show)
 
     def pass_over(self, stamp: int) -> None:  # noqa: D102
         if self._session:

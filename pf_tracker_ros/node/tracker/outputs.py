@@ -1,4 +1,4 @@
-"""What the node publishes of each frame besides its status: box, particles, overlay, detections."""
+"""What the node publishes of each frame besides its status: box, detections, particles, overlay."""
 
 from __future__ import annotations
 
@@ -52,14 +52,17 @@ class Outputs:
                 node, DETECTIONS_TYPE, "~/detections", profile=DEFAULT_QOS, report=report
             )
 
-    def publish(self, image: NDArray[Any], header: Header, estimate: Estimate | None) -> None:
-        """Publish what is known after a frame, each message only where somebody listens."""
+    def publish(self, header: Header, estimate: Estimate | None) -> None:
+        """Publish where the target is in a frame, each message only where somebody listens."""
         present = estimate is not None and estimate.state != "lost"
         if estimate and present and self._box.get_subscription_count():
             fill_box_message(self._box_message, estimate.box, header)
             self._box.publish(self._box_message)
         if self._detections and self._detections.get_subscription_count():
             self._detections.publish(detections_message(estimate if present else None, header))
+
+    def show(self, image: NDArray[Any], header: Header, estimate: Estimate | None) -> None:
+        """Publish what people look at, particles and overlay, only where somebody does."""
         if estimate and self._particles.get_subscription_count():
             self._particles.publish(particles_message(estimate, header))
         if self._overlay.get_subscription_count():

@@ -62,9 +62,6 @@ class SeveralInput:
                     self._on_detections,
                     profile=DEFAULT_QOS,
                     report=report,
-                    reliability_cure="; publish detections reliably, or set the parameter "
-                    f"qos_overrides.{node.resolve_topic_name(DETECTIONS_TOPIC)}.subscription"
-                    ".reliability to best_effort",
                     raw=True,
                 )
             )

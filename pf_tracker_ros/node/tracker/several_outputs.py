@@ -46,15 +46,16 @@ class SeveralOutputs:
         if DETECTIONS_TYPE:
             self._detections = publisher(DETECTIONS_TYPE, "~/detections")
 
-    def publish(
-        self, image: NDArray[Any], header: Header, targets: Sequence[TrackedTarget]
-    ) -> None:
-        """Publish what is known after a frame, each message only where somebody listens."""
+    def publish(self, header: Header, targets: Sequence[TrackedTarget]) -> None:
+        """Publish where the targets are in a frame, each message only where somebody listens."""
         present = [target for target in targets if target.estimate.state != "lost"]
         if self._detections and self._detections.get_subscription_count():
             self._detections.publish(several_detections_message(present, header))
         if self._boxes.get_subscription_count():
             self._boxes.publish(boxes_message(present, header))
+
+    def show(self, image: NDArray[Any], header: Header, targets: Sequence[TrackedTarget]) -> None:
+        """Publish what people look at, particles and overlay, only where somebody does."""
         if targets and self._particles.get_subscription_count():
             self._particles.publish(several_particles_message(targets, header))
         if self._overlay.get_subscription_count():

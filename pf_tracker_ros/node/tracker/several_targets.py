@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.node.parameter_group import Values
 from pf_tracker_ros.node.qos import Report
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
-from pf_tracker_ros.node.tracker.following import Followed, Known, TargetStatus
+from pf_tracker_ros.node.tracker.following import Followed, Known, TargetStatus, show_nothing
 from pf_tracker_ros.node.tracker.reporter import Throttle
 from pf_tracker_ros.node.tracker.session_settings import set_up
 from pf_tracker_ros.node.tracker.several_input import DETECTIONS_TOPIC, NOT_INSTALLED, SeveralInput
@@ -158,15 +159,17 @@ class SeveralTargets:
             self._detecting.disregard()
         if self._detecting and outcome.frame not in SKIPPED:
             self._detecting.offer(read(), stamp)
+        show = show_nothing
         if self._outputs and outcome.frame not in SKIPPED:
-            self._outputs.publish(read(), header, outcome.targets)
+            self._outputs.publish(header, outcome.targets)
+            show = partial(self._outputs.show, read(), header, outcome.targets)
             self._log.tell(outcome.targets)
         errors = (
             *outcome.refused,
             *outcome.ended,
             *self._left_out.pick((*failures, *outcome.left_out)),
         )
-        return Followed(outcome.frame, errors, outcome.jumped_back)
+        return Followed(outcome.frame, errors, outcome.jumped_back, show)
 
     def pass_over(self, stamp: int) -> None:  # noqa: D102
         if self._session:

@@ -62,7 +62,6 @@ class TargetInput:
                 receive,
                 profile=DEFAULT_QOS,
                 report=report,
-                reliability_cure="; publish targets reliably",
                 raw=True,
             )
             for kind, topic, receive in (

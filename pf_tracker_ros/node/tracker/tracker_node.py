@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, partial
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -16,6 +16,7 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.decoding.decoder import ImageDecoder
 from pf_tracker_ros.node.managed_node import ManagedNode
 from pf_tracker_ros.node.message_building import TargetError
+from pf_tracker_ros.node.mismatches import MismatchWatch
 from pf_tracker_ros.node.override_sources import files_superseded_by
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.parameter_group import Values
@@ -23,8 +24,8 @@ from pf_tracker_ros.node.parameter_requests import take_whole_requests
 from pf_tracker_ros.node.qos import given_overrides
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.node.tracker.diagnostics import Diagnostics, Health
-from pf_tracker_ros.node.tracker.following import Following
-from pf_tracker_ros.node.tracker.image_input import ImageInput
+from pf_tracker_ros.node.tracker.following import Followed, Following
+from pf_tracker_ros.node.tracker.image_input import RELIABILITY_CURE, ImageInput
 from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
 from pf_tracker_ros.node.tracker.one_target import OneTarget
 from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter
@@ -33,6 +34,8 @@ from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED, SkippedFrames
 from pf_tracker_ros.node.tracker.status import PAUSED, Status, StatusOutput, stamp_text
 from pf_tracker_ros.node.tracker.target_input import TargetInput
 from pf_tracker_ros.stamps import stamp_of
+
+Outcome = TypeVar("Outcome")
 
 
 class TrackerNode(ManagedNode):
@@ -82,6 +85,7 @@ class TrackerNode(ManagedNode):
         self._images = ImageInput(self, self._on_image, self._reporter.report)
         self._diagnostics = Diagnostics(self, self._health, lambda: self._values["stale_after"])
         self._errors_in_health = 0
+        MismatchWatch(self, self._reporter.report, self._cure)
         if self._values["autostart"]:
             self.start()
         else:
@@ -242,31 +246,39 @@ class TrackerNode(ManagedNode):
 
     def _on_image(self, message: Image | CompressedImage) -> None:
         began = time.perf_counter()
-        frame = "refused"
         self._following.begin_frame()
         if self._targets and self._values["max_targets"] > 1:
             self._targets.take_waiting()
-        try:
-            frame = self._process(message)
-        except Exception as error:
+        followed = self._try(partial(self._process, message))
+        if followed is None:
             if not self.context.ok():
                 return
-            self._reporter.report_failure(error)
+            followed = Followed("refused")
         elapsed = time.perf_counter() - began
-        stamp = stamp_of(message.header)
+        frame, stamp = followed.frame, stamp_of(message.header)
         if frame in SKIPPED:
             self._skipped.skip(frame, self._why_skipped(frame, stamp))
         else:
             self._skipped.look_at(stamp)
-        self._diagnostics.count(frame, stamp, elapsed)
         if self._status:
             status = self._current_status(frame)
             self._status.publish(message.header, status, self._reporter, elapsed)
+        self._try(followed.show)
+        self._diagnostics.count(frame, stamp, time.perf_counter() - began)
 
-    def _process(self, message: Image | CompressedImage) -> str:
+    def _try(self, step: Callable[[], Outcome]) -> Outcome | None:
+        """What a step gives; None where it fails, which is told, or the context is gone."""
+        try:
+            return step()
+        except Exception as error:
+            if self.context.ok():
+                self._reporter.report_failure(error)
+            return None
+
+    def _process(self, message: Image | CompressedImage) -> Followed:
         if not self._enabled:
             self._following.pass_over(stamp_of(message.header))
-            return "paused"
+            return Followed("paused")
         read = cache(partial(self._decoder.decode, message))
         followed = self._following.process(read, message.header)
         for error in followed.errors:
@@ -279,9 +291,14 @@ class TrackerNode(ManagedNode):
                 f"time went back by {followed.jumped_back:.3f} s; 'time_jump' is '{choice}'{cure}",
                 throttle_duration_sec=LOG_INTERVAL,
             )
-        return followed.frame
+        return followed
 
     # What the node tells of itself
+
+    def _cure(self, topic: str, policy: str) -> str:
+        """What to do about a publisher of images that offers too little."""
+        is_of_images = topic == self._images.topic and policy == "reliability"
+        return RELIABILITY_CURE if is_of_images else ""
 
     def _why_skipped(self, frame: str, stamp: int) -> str:
         """Why a frame is not looked at, and what to do."""

@@ -9,6 +9,7 @@ import pytest
 from geometry_msgs.msg import PolygonStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
@@ -91,7 +92,8 @@ def one(speaker, images, box):
     estimate = Tracker.from_preset("li2007").start(images[0], box)
 
     def show(name):
-        made.publish(images[0], Header(frame_id=name), estimate)
+        made.publish(Header(frame_id=name), estimate)
+        made.show(images[0], Header(frame_id=name), estimate)
 
     yield Speaker(made, show, errors)
     made.close()
@@ -135,7 +137,8 @@ def test_nothing_is_built_of_several_targets_for_nobody(speaker, built, images, 
     targets = tracker.update(images[1])
     assert targets
     made = several_outputs.SeveralOutputs(speaker, pytest.fail)
-    made.publish(images[1], Header(), targets)
+    made.publish(Header(), targets)
+    made.show(images[1], Header(), targets)
     made.close()
     assert built == []
 
@@ -146,7 +149,9 @@ def test_whoever_listens_hears_the_boxes_alone(speaker, listener, built, images,
     made = several_outputs.SeveralOutputs(speaker, pytest.fail)
     (publisher,) = (one for one in speaker.publishers if one.topic.endswith("boxes"))
     heard = listener.hear(publisher, MarkerArray)
-    made.publish(images[1], Header(), tracker.update(images[1]))
+    targets = tracker.update(images[1])
+    made.publish(Header(), targets)
+    made.show(images[1], Header(), targets)
     listener.wait_for(lambda: heard)
     made.close()
     assert built == ["boxes_message"]
@@ -226,3 +231,24 @@ def test_a_box_is_heard_by_those_who_listen(speaker, listener, one, built):
     one.show("camera")
     listener.wait_for(lambda: heard)
     assert built == ["fill_box_message"]
+
+
+def test_what_is_acted_on_is_out_before_what_is_looked_at(graph, images, box, monkeypatch):
+    client = graph.client(particles=True)
+    node = graph.tracker(client, target_box=box)
+    topics = []
+    publish = Publisher.publish
+
+    def note(publisher, message):
+        if publisher in node.publishers:
+            topics.append(publisher.topic_name.rpartition("/")[2])
+        publish(publisher, message)
+
+    monkeypatch.setattr(Publisher, "publish", note)
+    client.show(images[0], client.at(0))
+    client.wait_for(lambda: client.particles, "particles")
+    assert [topic for topic in topics if topic in {"box", "status", "particles"}] == [
+        "box",
+        "status",
+        "particles",
+    ]

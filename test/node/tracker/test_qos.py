@@ -3,9 +3,11 @@
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PolygonStamped
+from geometry_msgs.msg import PointStamped, PolygonStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image
+
+from pf_tracker_ros.node.mismatches import MismatchWatch
 
 QUICK = {"particles": 20, "image_reliability": "reliable"}
 
@@ -95,8 +97,49 @@ def test_a_best_effort_target_is_told_to_be_reliable(graph, images):
     quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     client.create_publisher(PolygonStamped, "pf_tracker/target", quality)
     text = client.wait_for(lambda: last_error(client), "report")
-    assert "nothing arrives on /pf_tracker/target from" in text
-    assert text.endswith("for RELIABILITY RELIABLE; publish targets reliably")
+    assert text == (
+        "nothing arrives on /pf_tracker/target from /client (RELIABILITY BEST_EFFORT), but "
+        "/pf_tracker asks for RELIABILITY RELIABLE; change it there, or here with the parameter "
+        "qos_overrides./pf_tracker/target.subscription.reliability"
+    )
+
+
+def test_a_topic_with_messages_of_another_type_is_told_of(graph):
+    client = graph.client()
+    graph.tracker(client, **QUICK)
+    other = rclpy.create_node("other", context=graph.context())
+    other.create_publisher(PointStamped, "pf_tracker/target", 1)
+    text = client.wait_for(lambda: last_error(client), "report")
+    assert text == (
+        "nothing arrives on /pf_tracker/target from /other, which publishes "
+        "geometry_msgs/msg/PointStamped, but /pf_tracker takes geometry_msgs/msg/PolygonStamped; "
+        "remap one of the two"
+    )
+    other.destroy_node()
+
+
+def test_whoever_cannot_match_is_told_of_once_each_time_that_it_comes(graph):
+    client = graph.client()
+    tracker = graph.tracker(client, **QUICK)
+    said = []
+    MismatchWatch(tracker, said.append)
+    quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    for count in (1, 2):
+        publisher = client.create_publisher(PolygonStamped, "pf_tracker/target", quality)
+        client.wait_for(lambda count=count: len(said) == count, "report")
+        heard = len(client.health)
+        client.wait_for(lambda heard=heard: len(client.health) == heard + 2, "further looks")
+        assert len(said) == count
+        client.destroy_publisher(publisher)
+        client.wait_for(lambda: tracker.count_publishers("/pf_tracker/target") == 1, "end")
+
+
+def test_no_event_is_asked_for_with_each_image(graph):
+    tracker = graph.tracker()
+    endpoints = [*tracker.publishers, *tracker.subscriptions]
+    asked_for = {one.topic_name for one in endpoints if one.event_handlers}
+    # The first is rclpy's own; images alone are heard anew as soon as a camera offers less.
+    assert asked_for == {"/parameter_events", "/image"}
 
 
 def test_a_status_is_there_for_those_who_come_late(graph, images):
