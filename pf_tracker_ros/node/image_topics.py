@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from rclpy.node import Node
 
 _RAW, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 _SUFFIX = "/compressed"
+_OF_TRACKERS = ("overlay", "likelihood")
 _MOST_NAMED = 3
 
 
@@ -30,8 +31,7 @@ def where_images_are(node: Node, topic: str) -> str:
     more = len(others) - len(named)
     text = ", ".join(named) + (f" and {more} more" if more else "")
     first, kind = next(iter(others.items()))
-    transport = " -p image_transport:=compressed" if kind == _COMPRESSED else ""
-    return f": nobody publishes {topic}, but {text} ({_remapping(first, kind)}{transport})"
+    return f": nobody publishes {topic}, but {text} ({_cure(topic, first, kind)})"
 
 
 def where_images_are_taken(node: Node, topic: str, *, compressed: bool) -> str:
@@ -57,13 +57,34 @@ def where_images_are_taken(node: Node, topic: str, *, compressed: bool) -> str:
 
 
 def _image_topics(node: Node, count: Callable[[str], int]) -> dict[str, str]:
-    """Name to type of the topics of images that somebody publishes or takes, but for its own."""
+    """Name to type of topics of images that somebody publishes or takes, but for its own.
+
+    What trackers make of images is none to be tracked in.
+    """
     own = f"{node.get_fully_qualified_name()}/"
+    kinds = {name: types[0] for name, types in node.get_topic_names_and_types()}
     return {
-        name: types[0]
-        for name, types in node.get_topic_names_and_types()
-        if types[0] in (_RAW, _COMPRESSED) and not name.startswith(own) and count(name)
+        name: kind
+        for name, kind in kinds.items()
+        if kind in (_RAW, _COMPRESSED)
+        and not name.startswith(own)
+        and not _is_of_a_tracker(name, kinds)
+        and count(name)
     }
+
+
+def _is_of_a_tracker(topic: str, kinds: Collection[str]) -> bool:
+    """Whether a tracker makes these images, by what else there is beside them."""
+    node, _, name = topic.rpartition("/")
+    return name in _OF_TRACKERS and f"{node}/particles" in kinds
+
+
+def _cure(topic: str, other: str, kind: str) -> str:
+    """The arguments that let who waits on a topic hear another one."""
+    if kind == _RAW and topic == other + _SUFFIX:
+        return "-p image_transport:=raw"
+    transport = " -p image_transport:=compressed" if kind == _COMPRESSED else ""
+    return _remapping(other, kind) + transport
 
 
 def _remapping(topic: str, kind: str) -> str:

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.duration import Duration, Infinite
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
@@ -17,8 +16,14 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from pf_tracker_ros.node.qos import PREFIX, Report
 
+# A node whose name is not known.
+_NOBODY = "a node"
 # Seconds from one look to the next.
 _PERIOD = 0.5
+# Looks after which somebody is told of whose name is still not known.
+_MOST_UNNAMED = 8
+# rclpy tells of it by itself.
+_OF_RCLPY = "/parameter_events"
 # Those by which two endpoints may differ too much, each on its own.
 _POLICIES = ("reliability", "durability", "deadline", "liveliness", "liveliness_lease_duration")
 
@@ -47,8 +52,11 @@ class _Mismatch(NamedTuple):
 class MismatchWatch:
     """Looks twice a second whether everybody on the node's topics is matched, and tells who is not.
 
-    What is seen in two looks in a row is told, once: an endpoint is discovered before the name of
-    its node is, and one that is about to be exchanged needs no cure.
+    What is seen in two looks in a row is told, once; one that is about to be exchanged needs no
+    cure. An endpoint is discovered before the name of its node is, which is waited for.
+
+    Attributes:
+        lasting: What has been told and has not changed since, a sentence each.
 
     Args:
         node: Whose publishers and subscriptions are looked at.
@@ -61,46 +69,62 @@ class MismatchWatch:
         self._node = node
         self._report = report
         self._cure = cure
-        self._seen: set[_Mismatch] = set()
-        self._told: set[_Mismatch] = set()
+        # How often each has been seen in a row.
+        self._seen: dict[_Mismatch, int] = {}
+        self._told: dict[_Mismatch, str] = {}
+        self.lasting: tuple[str, ...] = ()
         node.create_timer(_PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _look(self) -> None:
         found = dict(self._found())
-        for mismatch, sentence in found.items():
-            if mismatch in self._seen and mismatch not in self._told:
-                self._told.add(mismatch)
-                self._report(sentence)
-        self._seen = set(found)
+        self._seen = {one: self._seen.get(one, 0) + 1 for one in found}
         # One that comes back is told again.
-        self._told &= self._seen
+        self._told = {one: said for one, said in self._told.items() if one in found}
+        for mismatch, sentence in found.items():
+            needed = _MOST_UNNAMED if _NOBODY in sentence else 2
+            if mismatch not in self._told and self._seen[mismatch] >= needed:
+                self._told[mismatch] = sentence
+                self._report(sentence)
+        self.lasting = tuple(self._told.values())
 
     def _found(self) -> Iterator[tuple[_Mismatch, str]]:
         node = self._node
-        for publisher in node.publishers:
-            topic = publisher.topic_name
+        endpoints: list[Publisher | Subscription] = [*node.publishers, *node.subscriptions]
+        for endpoint in endpoints:
+            topic = endpoint.topic_name
             # Of those that match, nothing else has to be asked.
-            if node.count_subscribers(topic) > publisher.get_subscription_count():
-                for stranger in node.get_subscriptions_info_by_topic(topic):
-                    yield from self._compare(publisher, stranger)
-        for subscription in node.subscriptions:
-            topic = subscription.topic_name
-            if node.count_publishers(topic) > subscription.get_publisher_count():
-                for stranger in node.get_publishers_info_by_topic(topic):
-                    yield from self._compare(subscription, stranger)
+            if topic == _OF_RCLPY or not self._is_missed(endpoint):
+                continue
+            publishers = node.get_publishers_info_by_topic(topic)
+            subscriptions = node.get_subscriptions_info_by_topic(topic)
+            publishes = isinstance(endpoint, Publisher)
+            mine, strangers = publishers, subscriptions
+            if not publishes:
+                mine, strangers = strangers, mine
+            me = node.get_fully_qualified_name()
+            own = next((one for one in mine if _name_of(one) == me), None)
+            if own:
+                for stranger in strangers:
+                    yield from self._compare(topic, own, stranger, publishes=publishes)
+
+    def _is_missed(self, endpoint: Publisher | Subscription) -> bool:
+        """Whether there are more on the other side than an endpoint has been matched with."""
+        topic = endpoint.topic_name
+        if isinstance(endpoint, Publisher):
+            return bool(self._node.count_subscribers(topic) > endpoint.get_subscription_count())
+        return bool(self._node.count_publishers(topic) > endpoint.get_publisher_count())
 
     def _compare(
-        self, own: Publisher | Subscription, stranger: TopicEndpointInfo
+        self, topic: str, own: TopicEndpointInfo, stranger: TopicEndpointInfo, *, publishes: bool
     ) -> Iterator[tuple[_Mismatch, str]]:
-        publishes = isinstance(own, Publisher)
-        policy = _difference(own, stranger)
+        """One of the node's own endpoints beside one of the other side, as the graph has them."""
+        policy = _difference(own, stranger, publishes=publishes)
         if policy is None:
             return
-        topic, other = own.topic_name, _name_of(stranger)
-        me = self._node.get_fully_qualified_name()
+        me, other = _name_of(own), _name_of(stranger)
         if policy == "type":
             they, i = ("takes", "publishes") if publishes else ("publishes", "takes")
-            said = f"{other}, which {they} {stranger.topic_type}, but {me} {i} {_type_of(own)}"
+            said = f"{other}, which {they} {stranger.topic_type}, but {me} {i} {own.topic_type}"
             cure = "; remap one of the two"
         else:
             theirs = _value(stranger.qos_profile, policy)
@@ -114,12 +138,14 @@ class MismatchWatch:
         yield _Mismatch(topic, tuple(stranger.endpoint_gid), policy), f"{where} {said}{cure}"
 
 
-def _difference(own: Publisher | Subscription, stranger: TopicEndpointInfo) -> str | None:
+def _difference(
+    own: TopicEndpointInfo, stranger: TopicEndpointInfo, *, publishes: bool
+) -> str | None:
     """What keeps two endpoints from matching, the name of a policy or `type`; None if nothing."""
-    if stranger.topic_type != _type_of(own):
+    if stranger.topic_type != own.topic_type:
         return "type"
     offered, asked = own.qos_profile, stranger.qos_profile
-    if not isinstance(own, Publisher):
+    if not publishes:
         offered, asked = asked, offered
     if _fit(offered, asked):
         return None
@@ -132,29 +158,13 @@ def _difference(own: Publisher | Subscription, stranger: TopicEndpointInfo) -> s
 
 
 def _fit(offered: QoSProfile, asked: QoSProfile) -> bool:
-    compatibility, _ = qos_check_compatible(_plain(offered), _plain(asked))
+    compatibility, _ = qos_check_compatible(offered, asked)
     return compatibility != QoSCompatibility.ERROR
-
-
-def _plain(profile: QoSProfile) -> QoSProfile:
-    """A profile with the times that last for ever left out: the check takes them for a wish."""
-    plain = copy(profile)
-    for name in ("deadline", "liveliness_lease_duration"):
-        if getattr(plain, name) == Infinite:
-            setattr(plain, name, Duration())
-    return plain
-
-
-def _type_of(endpoint: Publisher | Subscription) -> str:
-    """The name of its messages' type, such as `sensor_msgs/msg/Image`."""
-    kind: type = endpoint.msg_type  # type: ignore[assignment]
-    package, folder, *_ = kind.__module__.split(".")
-    return f"{package}/{folder}/{kind.__name__}"
 
 
 def _name_of(endpoint: TopicEndpointInfo) -> str:
     if "UNKNOWN" in endpoint.node_name:
-        return "a node"
+        return _NOBODY
     return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
 
 

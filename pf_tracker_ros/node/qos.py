@@ -27,9 +27,6 @@ LATCHED_QOS = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 
-# Of a publisher, see above.
-NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
-
 PREFIX = "qos_overrides."
 
 
@@ -108,7 +105,7 @@ def advertise(
             message_type,
             topic,
             copy(profile),
-            event_callbacks=NO_EVENTS,
+            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
             qos_overriding_options=options,
         )
 

@@ -22,6 +22,12 @@ from rclpy.utilities import ok, try_shutdown
 
 from pf_tracker_ros.signals import hold_signals, ignore_signals
 
+_HOW_TO_GIVE = (
+    "give names as -r FROM:=TO, parameters as -p NAME:=VALUE, a list of numbers in quotation marks "
+    'and all of one kind ("[62, 31, 53, 70]" or "[62.0, 31.5, 53.0, 70.0]"), and a parameter '
+    "file with the node's name and ros__parameters above the parameters"
+)
+
 # Seconds from one collection of garbage to the next.
 _COLLECT_EVERY = 1.0
 
@@ -43,8 +49,10 @@ def run(create: Callable[[], Node], arguments: list[str] | None = None) -> None:
     reader = hold_signals()
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    except rclpy_implementation.UnknownROSArgsError as error:
+        sys.exit(f"not understood after --ros-args: {str(error).strip('[]')}; {_HOW_TO_GIVE}")
     except RuntimeError as error:
-        sys.exit(str(error))
+        sys.exit(f"the ROS arguments cannot be read: {error}; {_HOW_TO_GIVE}")
     # While nothing can take the context away: one that is half made complains as it goes.
     executor = SingleThreadedExecutor()
     with _ended_by_signal(reader):

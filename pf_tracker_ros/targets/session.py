@@ -24,6 +24,7 @@ from pf_tracker_ros.targets.parameters import MultiTrackerParameters
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.targets.waiting_answers import WaitingAnswers
 from pf_tracker_ros.tracking.frame_clock import FrameClock, TimePolicy, age_of, is_due
+from pf_tracker_ros.tracking.input_checks import check_image
 from pf_tracker_ros.tracking.scaling import size_of
 from pf_tracker_ros.tracking.session import DRAWN_BEFORE_JUMP, FrameOutcome
 
@@ -225,6 +226,8 @@ class MultiSession:
             self._checked = None
             return MultiOutcome(place, self.targets)
         image = read()
+        # Before anything is given up for it.
+        check_image(image)
         self._checked = None
         if place == "jump":
             return self._jump_back(image, stamp)

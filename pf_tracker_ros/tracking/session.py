@@ -21,6 +21,7 @@ from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.frame_clock import FrameClock, TimePolicy, is_due
 from pf_tracker_ros.tracking.frame_history import FrameHistory, PastFrame
+from pf_tracker_ros.tracking.input_checks import check_image
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.scaling import (
@@ -261,7 +262,10 @@ class Session:
         if place == "late" or (place == "duplicate" and not is_asked_for):
             self._checked = None
             return Outcome(place, self.estimate)
-        frame = Frame(read(), stamp)
+        image = read()
+        # Before anything is given up for it.
+        check_image(image)
+        frame = Frame(image, stamp)
         self._checked = None
         if place == "jump":
             return self._jump_back(frame)

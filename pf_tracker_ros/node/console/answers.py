@@ -47,7 +47,9 @@ def box_of(message: PolygonStamped) -> list[float] | None:
     if not corners.size or not np.isfinite(corners).all():
         return None
     low, high = corners.min(axis=0), corners.max(axis=0)
-    return [round(float(value), 3) for value in (*low, *(high - low))]
+    with np.errstate(over="ignore"):
+        box = [round(float(value), 3) for value in (*low, *(high - low))]
+    return box if np.isfinite(box).all() else None
 
 
 def particles_of(message: PointCloud2) -> list[list[float]]:
@@ -64,7 +66,8 @@ def particles_of(message: PointCloud2) -> list[list[float]]:
     if not len(columns) or not columns[:, 5].max() > 0.0:
         return []
     chosen = np.argsort(-columns[:, 5], kind="stable")[:_MOST_PARTICLES]
-    shares = columns[chosen, 5] / columns[:, 5].max()
+    with np.errstate(over="ignore"):
+        shares = np.clip(columns[chosen, 5] / columns[:, 5].max(), 0.0, 1.0)
     table = np.column_stack([columns[chosen, :2], shares]).astype(np.float64)
     return np.round(table, 2).tolist()
 

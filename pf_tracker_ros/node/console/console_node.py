@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from typing import Any
@@ -75,7 +76,12 @@ class ConsoleNode(Node):
         try:
             server.start()
         except OSError as error:
-            self._fail(f"the page cannot be served on {host}:{port}: {error}; give another 'port'")
+            is_taken = error.errno == errno.EADDRINUSE
+            why = "something else is served there" if is_taken else str(error)
+            self._fail(
+                f"the page cannot be served on {host}:{port}: {why}; give another one (-p "
+                'port:=8643; make console CONSOLE_ARGS="--port 8643")'
+            )
             return
         self._server = server
         self.link = server.link

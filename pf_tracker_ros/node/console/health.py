@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 from pf_tracker_ros.node.console.answers import Json
 
 # The diagnostics come once a second; a tracker that says nothing for longer has gone.
@@ -41,19 +43,32 @@ class TrackerHealth:
         """Take what the console itself has to complain about."""
         self._fault, self._fault_at = fault, now
 
-    def told(self, now: float, *, stands_still: bool) -> Json:
+    def told(
+        self,
+        now: float,
+        *,
+        stands_still: bool,
+        others: Callable[[], Sequence[str]] = tuple,
+        mismatches: Sequence[str] = (),
+    ) -> Json:
         """What the page shows.
 
         Args:
             now: The time.
             stands_still: Whether a recording does, so that images are not missed.
+            others: Tells the names of the trackers that there are, for one who asks for another.
+            mismatches: Why the console cannot hear or reach others, a sentence each.
         """
         said = self._diagnostics or self._status
         if self._heard_at is None or said is None:
-            text = (
-                f"no tracker is heard as {self._name}; start it (ros2 run pf_tracker_ros tracker), "
-                "with the ROS_DOMAIN_ID of the console"
+            there = ", ".join(others())
+            cure = (
+                f"there is {there}: start the console with -p tracker:=NAME"
+                if there
+                else "start it (ros2 run pf_tracker_ros tracker), with the ROS_DOMAIN_ID of the "
+                "console"
             )
+            text = f"no tracker is heard as {self._name}; {cure}"
             return {"type": "health", "tracker": "absent", "level": "error", "text": text}
         if now - self._heard_at > _SILENCE:
             text = (
@@ -65,7 +80,10 @@ class TrackerHealth:
         if stands_still and text.startswith("no image for"):
             # No fault of anybody.
             text, level = text.partition("; ")[2], "ok"
+        faults = dict.fromkeys(mismatches)
         if now - self._fault_at < _FAULT_SHOWN:
-            text, level = f"{text}; the console: {self._fault}", "error"
+            faults[self._fault] = None
+        if faults:
+            text, level = f"{text}; the console: {'; '.join(faults)}", "error"
         told = {"type": "health", "tracker": "heard", "level": level, "text": text}
         return told | {name: values.get(name) for name in _SHOWN}

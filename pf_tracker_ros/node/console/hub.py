@@ -8,6 +8,7 @@ from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from functools import partial
 from typing import Any
 
+from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.node.console import player
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node.console.browsers import Browser, Browsers
@@ -26,6 +27,7 @@ from pf_tracker_ros.node.console.requests import (
 from pf_tracker_ros.node.console.tracker_link import TrackerLink
 from pf_tracker_ros.node.console.tracker_services import TrackerError
 from pf_tracker_ros.node.console.tuning import parameter_file, parameter_of
+from pf_tracker_ros.tracking.input_checks import check_box
 
 # How often is looked at what does not come by itself: silence, and frames without an answer.
 _TICK = 0.1
@@ -130,11 +132,21 @@ class Hub:
         elif self._parameters_are_old and self._browsers and not self._reading:
             self._parameters_are_old = False
             self._reading = asyncio.ensure_future(self._read_parameters())
-        self._picker.look(self._health.answered_at, now, may_repeat=self._player is None)
+        self._picker.look(
+            self._health.answered_at,
+            now,
+            may_repeat=self._player is None,
+            stands_still=self._player is not None and self._player.stands_still,
+        )
 
     def _told_by_health(self, now: float) -> Json:
         stands_still = self._player is not None and self._player.stands_still
-        return self._health.told(now, stands_still=stands_still)
+        return self._health.told(
+            now,
+            stands_still=stands_still,
+            others=self._link.trackers_that_are_there,
+            mismatches=self._link.mismatches,
+        )
 
     # Browsers
 
@@ -201,9 +213,21 @@ class Hub:
         x, y, width, height = numbers_of(message, "box", 4)
         stamp = stamp_in(message)
         box = (x, y, width, height)
+        if self._player:
+            # The target there is would be gone before the tracker refuses this one.
+            self._check_box(box)
         # Of several targets, none is tried again: those before it go on.
         if not self._player or self._has_several or not await self._player.try_target(box, stamp):
             await self._picker.send(partial(self._link.send_target, box, stamp))
+
+    def _check_box(self, box: Box) -> None:
+        latest = self._pairing.latest
+        if latest is None or not latest.size:
+            return
+        try:
+            check_box(box, latest.size)
+        except ValueError as error:
+            raise RequestError(f"target refused: {error}") from error
 
     async def _on_click(self, message: Json) -> None:
         x, y = numbers_of(message, "point", 2)

@@ -44,6 +44,12 @@ class Shown:
     parts: Json
 
     @property
+    def size(self) -> tuple[int, int] | None:
+        """(width, height) of the image, pixels; None of one that does not tell."""
+        width, height = getattr(self.image, "width", 0), getattr(self.image, "height", 0)
+        return (width, height) if width and height else None
+
+    @property
     def answer(self) -> Json:
         """The parts that belong to the status."""
         state = self.parts["status"]["values"].get("state") if "status" in self.parts else None

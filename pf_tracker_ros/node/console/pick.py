@@ -19,6 +19,8 @@ _ANSWERED_AFTER = 0.5
 _MOST_ATTEMPTS = 4
 # A target that nothing has been heard of for so long waits for an image.
 _PATIENCE = 3.0
+# The same where no image comes by itself, which a target that is tried needs none of.
+_PATIENCE_STILL = 1.0
 _TICK = 0.1
 _MEETING_TICKS = 20
 
@@ -133,22 +135,27 @@ class Picker:
         if self._pick:
             self._conclude(self._pick.judge_health(health, now))
 
-    def look(self, answered_at: float, now: float, *, may_repeat: bool) -> None:
+    def look(
+        self, answered_at: float, now: float, *, may_repeat: bool, stands_still: bool = False
+    ) -> None:
         """Send again what was lost, and tell what waits for an image.
 
         Args:
             answered_at: As for `Pick.send_again`.
             now: The same.
             may_repeat: Whether the target may be sent again.
+            stands_still: Whether no image comes until somebody lets the recording go on.
         """
         if self._pick is None:
             return
         if may_repeat:
             with contextlib.suppress(TrackerError):
                 self._pick.send_again(answered_at, now)
-        if not self._is_waiting and now - self._pick.sent_at > _PATIENCE:
+        patience = _PATIENCE_STILL if stands_still else _PATIENCE
+        if not self._is_waiting and now - self._pick.sent_at > patience:
             self._is_waiting = True
-            self._tell(Verdict("waiting", "sent; the tracker answers with the next image"))
+            cure = ": press N for it, or play" if stands_still else ""
+            self._tell(Verdict("waiting", f"sent; the tracker answers with the next image{cure}"))
 
     def _conclude(self, verdict: Verdict | None) -> None:
         if verdict:

@@ -115,6 +115,8 @@ class PlayedRecording:
         Returns:
             A sentence, empty if nothing is in the way.
         """
+        if self._replay.failure:
+            return f"the recording cannot go on, start the console anew: {self._replay.failure}"
         said = self._replay.hindrance
         own, other = (
             topic.removesuffix("/compressed") for topic in (self._replay.image_topic, image_topic)

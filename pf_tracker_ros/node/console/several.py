@@ -49,7 +49,10 @@ def boxes_of(message: MarkerArray) -> dict[str, Json]:
         if not corners.size or not np.isfinite(corners).all():
             continue
         low, high = corners.min(axis=0), corners.max(axis=0)
-        box = [round(float(value), 3) for value in (*low, *(high - low))]
+        with np.errstate(over="ignore"):
+            box = [round(float(value), 3) for value in (*low, *(high - low))]
+        if not np.isfinite(box).all():
+            continue
         boxes[str(marker.id)] = {"box": box, "color": _color(marker.color)}
     return boxes
 

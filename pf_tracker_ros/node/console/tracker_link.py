@@ -75,7 +75,7 @@ class TrackerLink:
         self._stops = self._advertise("stop_target", UInt32)
         self.services = TrackerServices(node, self.name, self._do)
         node.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
-        MismatchWatch(node, self._report)
+        self._mismatches = MismatchWatch(node, self._report)
 
     # What is said to the tracker; called from any thread
 
@@ -91,6 +91,16 @@ class TrackerLink:
     def image_topic(self) -> str:
         """The topic that the tracker takes its images from, empty while that is not known."""
         return self._image_topic
+
+    def trackers_that_are_there(self) -> list[str]:
+        """Names of the nodes that seem to be trackers, by their topics."""
+        topics = {name for name, _ in self._node.get_topic_names_and_types()}
+        nodes = (name.removesuffix("/status") for name in topics if name.endswith("/status"))
+        return sorted(
+            name
+            for name in nodes
+            if f"{name}/particles" in topics and self._node.count_publishers(f"{name}/status")
+        )
 
     def follow_images(self, topic: str) -> None:
         """Take the images from the topic that the tracker takes them from.
@@ -229,12 +239,22 @@ class TrackerLink:
 
     def _expect_subscriber(self, publisher: Any) -> None:
         if not publisher.get_subscription_count():
+            topic = publisher.topic_name
+            for mismatch in self.mismatches:
+                if mismatch.startswith(f"{topic} "):
+                    raise TrackerError(mismatch)
             raise TrackerError(
                 f"nobody takes targets on {publisher.topic_name}: is the tracker running and "
                 "active?"
             )
 
+    @property
+    def mismatches(self) -> tuple[str, ...]:
+        """Why the console cannot hear or reach others, a sentence each, as long as that lasts."""
+        return self._mismatches.lasting
+
     def _report(self, fault: str) -> None:
+        self._node.get_logger().warning(fault)
         self._receive("fault", 0, fault)
 
     def _on_image(self, message: Any) -> None:

@@ -88,25 +88,47 @@ def parameter_of(known: Json, value: Any) -> Parameter:
     """
     given = ParameterValue()
     numbers = isinstance(value, list) and all(_is_number(one) for one in value)
+    texts = [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, str)]
+    if not all(_is_sendable(one) for one in texts):
+        raise ValueError(f"parameter '{known['name']}': ROS takes no such text")
     if known["kind"] == "texts" and isinstance(value, list):
         given.type = ParameterType.PARAMETER_STRING_ARRAY
         given.string_array_value = [str(one) for one in value]
     elif numbers:
         given.type = ParameterType.PARAMETER_DOUBLE_ARRAY
-        given.double_array_value = [float(one) for one in value]
+        given.double_array_value = [_float(known, one) for one in value]
     elif isinstance(value, bool):
         given.type, given.bool_value = ParameterType.PARAMETER_BOOL, value
     elif isinstance(value, int) and known["kind"] != "float":
         if abs(value) >= _LARGEST_INTEGER:
-            raise ValueError(f"parameter '{known['name']}': {value:.3g} is too large for ROS")
+            raise _too_large(known)
         given.type, given.integer_value = ParameterType.PARAMETER_INTEGER, value
     elif _is_number(value):
-        given.type, given.double_value = ParameterType.PARAMETER_DOUBLE, float(value)
+        given.type, given.double_value = ParameterType.PARAMETER_DOUBLE, _float(known, value)
     elif isinstance(value, str):
         given.type, given.string_value = ParameterType.PARAMETER_STRING, value
     else:
         raise ValueError(f"parameter '{known['name']}' cannot be set to {value!r}")
     return Parameter(name=known["name"], value=given)
+
+
+def _float(known: Json, value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise _too_large(known) from error
+
+
+def _too_large(known: Json) -> ValueError:
+    return ValueError(f"parameter '{known['name']}': such a number is too large for ROS")
+
+
+def _is_sendable(text: str) -> bool:
+    """Whether a text is UTF-8 without an end in the middle."""
+    try:
+        return "\0" not in text and bool(text.encode() or not text)
+    except UnicodeEncodeError:
+        return False
 
 
 def parameter_file(node: str, known: Sequence[Json]) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import logging
 import socket
 import threading
 from collections import deque
@@ -30,6 +31,7 @@ _LARGEST_REQUEST = 65_536
 # A browser that does not answer within half of this has gone.
 _HEARTBEAT = 20.0
 _START_TIMEOUT = 10.0
+_LOG = logging.getLogger(__name__)
 
 
 class Socket:
@@ -167,7 +169,7 @@ class WebServer:
         assert self._hub is not None
         browser = Socket(response)
         self._sockets.add(response)
-        showing = asyncio.ensure_future(self._hub.welcome(browser))
+        showing = asyncio.ensure_future(self._show(browser, response))
         requests: set[asyncio.Task[None]] = set()
         try:
             async for message in response:
@@ -183,9 +185,18 @@ class WebServer:
                 task.cancel()
         return response
 
+    async def _show(self, browser: Socket, response: web.WebSocketResponse) -> None:
+        """Show everything to a browser; one to which nothing can be shown is to connect anew."""
+        assert self._hub is not None
+        try:
+            await self._hub.welcome(browser)
+        except Exception:
+            _LOG.exception("a browser is left, for it to come back")
+            await response.close(code=1011)
+
 
 def _read(text: str) -> Any:
     try:
         return json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None

@@ -63,6 +63,7 @@ class ReplayNode(Node):
         self.exit_code = 0
         self._published = 0
         self._position = -1
+        self._failure = ""
         self._hindrance = ""
         self._indices: dict[int, int] = {}
         self._played_stamps = PlayedStamps(lambda: self.get_clock().now().nanoseconds)
@@ -145,9 +146,14 @@ class ReplayNode(Node):
             return self._hindrance
         try:
             return _waiting_for(self._missing())
-        except rclpy_implementation.InvalidHandle:
-            # It has been destroyed, perhaps by another thread.
+        except (rclpy_implementation.InvalidHandle, rclpy_implementation.RCLError):
+            # It has been destroyed or shut down, perhaps by another thread.
             return ""
+
+    @property
+    def failure(self) -> str:
+        """Why it has ended before its time, as the log has it; empty if it has not."""
+        return self._failure
 
     def index_of(self, stamp: int) -> int | None:
         """Index of a frame that has been published, one of the last ten thousand.
@@ -195,14 +201,17 @@ class ReplayNode(Node):
         except Stopped:
             pass
         except FootageError as error:
-            self._log.fatal(str(error))
-            self.exit_code = 1
+            self._fail(str(error))
         except Exception:
             # A shutdown takes the publishers away from under this thread.
             if self.context.ok():
-                self._log.fatal(f"playback failed: {traceback.format_exc()}")
-                self.exit_code = 1
+                self._fail(f"playback failed: {traceback.format_exc()}")
         self.context.try_shutdown()
+
+    def _fail(self, reason: str) -> None:
+        self._log.fatal(reason)
+        self._failure = reason
+        self.exit_code = 1
 
     def _play_source(self) -> None:
         count = self._source.count

@@ -15,7 +15,7 @@ from std_msgs.msg import Header
 
 from pf_tracker_ros.node.image_topics import where_images_are
 from pf_tracker_ros.node.message_building import status_message
-from pf_tracker_ros.node.qos import DEFAULT_QOS, NO_EVENTS
+from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, advertise
 from pf_tracker_ros.node.tracker.frame_rhythm import Rhythm, loss_message, overload_message, rhythm
 from pf_tracker_ros.stamps import NANOSECONDS
 
@@ -72,23 +72,30 @@ class Diagnostics:
         node: The node that publishes.
         health: Tells how the node is.
         stale_after: Tells after how many seconds without an image to warn.
+        report: Called with a sentence if an override of the quality of service is wrong.
     """
 
     def __init__(
-        self, node: Node, health: Callable[[], Health], stale_after: Callable[[], float]
+        self,
+        node: Node,
+        health: Callable[[], Health],
+        stale_after: Callable[[], float],
+        report: Report,
     ) -> None:
         self._node = node
         self._health = health
         self._stale_after = stale_after
         self.jumps = 0
         self.lost_share = 0.0
-        self._was_lossy = self._was_silent = False
+        self._was_lossy = False
+        # What the log has said of missing images, but for their number; None while there are some.
+        self._said_missing: str | None = None
         self._outcomes: Counter[str] = Counter()
         self._frames: deque[_Frame] = deque(maxlen=_MOST_FRAMES)
         self._last_arrival: float | None = None
         self._began = time.monotonic()
-        self._publisher = node.create_publisher(
-            DiagnosticArray, "/diagnostics", DEFAULT_QOS, event_callbacks=NO_EVENTS
+        self._publisher = advertise(
+            node, DiagnosticArray, "/diagnostics", profile=DEFAULT_QOS, report=report
         )
         # By the wall's clock: simulated time may stand still, which is worth telling.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -98,7 +105,7 @@ class Diagnostics:
         """Wait for images from now on, as after an activation."""
         self._frames.clear()
         self._last_arrival = None
-        self._was_silent = False
+        self._said_missing = None
         self._began = time.monotonic()
 
     def count(self, outcome: str, stamp: int, processing: float) -> None:
@@ -139,11 +146,14 @@ class Diagnostics:
         is_silent = health.expects_images and silent > self._stale_after()
         if is_silent:
             level = max(level, DiagnosticStatus.WARN)
-            said = f"no image for {silent:.1f} s{where_images_are(self._node, health.image_topic)}"
-            if not self._was_silent:
+            where = where_images_are(self._node, health.image_topic)
+            said = f"no image for {silent:.1f} s{where}"
+            if where != self._said_missing:
                 self._node.get_logger().warning(said)
+            self._said_missing = where
             message = f"{said}; {message}"
-        self._was_silent = is_silent
+        else:
+            self._said_missing = None
         values = self._figures(now, found) | health.values
         self._publisher.publish(status_message(header, name, level, message, values))
 

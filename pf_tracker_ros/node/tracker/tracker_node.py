@@ -21,7 +21,7 @@ from pf_tracker_ros.node.override_sources import files_superseded_by
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.parameter_group import Values
 from pf_tracker_ros.node.parameter_requests import take_whole_requests
-from pf_tracker_ros.node.qos import given_overrides
+from pf_tracker_ros.node.qos import given_overrides, is_overridden
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.node.tracker.diagnostics import Diagnostics, Health
 from pf_tracker_ros.node.tracker.following import Followed, Following
@@ -83,9 +83,11 @@ class TrackerNode(ManagedNode):
         self._preset = self._following.preset(self._values)
         self._decoder = ImageDecoder(self._values["largest_image"])
         self._images = ImageInput(self, self._on_image, self._reporter.report)
-        self._diagnostics = Diagnostics(self, self._health, lambda: self._values["stale_after"])
+        self._diagnostics = Diagnostics(
+            self, self._health, lambda: self._values["stale_after"], self._reporter.report
+        )
         self._errors_in_health = 0
-        MismatchWatch(self, self._reporter.report, self._cure)
+        self._mismatches = MismatchWatch(self, self._reporter.report, self._cure)
         if self._values["autostart"]:
             self.start()
         else:
@@ -285,20 +287,28 @@ class TrackerNode(ManagedNode):
             self._reporter.report(error)
         if followed.jumped_back:
             self._diagnostics.jumps += 1
-            choice = self._values["time_jump"]
-            cure = "; 'restart' is for recordings that begin again" if choice == "keep" else ""
-            self._log.warning(
-                f"time went back by {followed.jumped_back:.3f} s; 'time_jump' is '{choice}'{cure}",
-                throttle_duration_sec=LOG_INTERVAL,
-            )
+            self._tell_of_jump(followed)
         return followed
+
+    def _tell_of_jump(self, followed: Followed) -> None:
+        """Log that time went back: a target that came with the new time needs no advice."""
+        said = f"time went back by {followed.jumped_back:.3f} s"
+        if followed.frame == "started":
+            self._log.info(said, throttle_duration_sec=LOG_INTERVAL)
+            return
+        choice = self._values["time_jump"]
+        cure = "; 'restart' is for recordings that begin again" if choice == "keep" else ""
+        self._log.warning(
+            f"{said}; 'time_jump' is '{choice}'{cure}", throttle_duration_sec=LOG_INTERVAL
+        )
 
     # What the node tells of itself
 
     def _cure(self, topic: str, policy: str) -> str:
         """What to do about a publisher of images that offers too little."""
         is_of_images = topic == self._images.topic and policy == "reliability"
-        return RELIABILITY_CURE if is_of_images else ""
+        is_free = is_of_images and not is_overridden(self, topic, "subscription", policy)
+        return RELIABILITY_CURE if is_free else ""
 
     def _why_skipped(self, frame: str, stamp: int) -> str:
         """Why a frame is not looked at, and what to do."""
@@ -339,6 +349,8 @@ class TrackerNode(ManagedNode):
             if self._binding.refused:
                 level = DiagnosticStatus.ERROR
                 message += f": {'; '.join(self._binding.refused.values())}"
+        for mismatch in self._mismatches.lasting:
+            level, message = max(level, DiagnosticStatus.WARN), f"{mismatch}; {message}"
         errors = self._reporter.count - self._errors_in_health
         self._errors_in_health = self._reporter.count
         if errors and level == DiagnosticStatus.OK:

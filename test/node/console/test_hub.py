@@ -15,6 +15,7 @@ class Link:
 
     name = "/pf_tracker"
     takes_targets = True
+    mismatches = ()
 
     def __init__(self):
         self.sent, self.watched = [], []
@@ -24,6 +25,9 @@ class Link:
 
     def watch_likelihood(self, watched):
         self.likelihood = watched
+
+    def trackers_that_are_there(self):
+        return []
 
     def follow_images(self, topic):
         self.sent.append(("follow", topic))

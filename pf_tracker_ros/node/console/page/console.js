@@ -109,13 +109,17 @@ function showState(state, confidence) {
 
 function showHealth() {
   const heard = health.tracker === "heard";
+  // Without images, only the diagnostics tell how the target is.
+  const isOld = performance.now() - lastStatus > 1000 || lastStatus === null;
+  const misses = heard && isOld && health.text.startsWith("no image for");
   text("connection", heard ? "live" : socket.readyState === WebSocket.OPEN ? "no tracker" : "no console");
   at("connection").dataset.level = heard ? "ok" : "error";
+  // A picture that is old looks so.
+  at("stage").classList.toggle("old", misses || !heard);
+  if (misses || !heard) text("age", "–");
   text("health", health.text);
   at("health").dataset.level = health.level;
   text("topic", heard && health.image_topic ? `${health.image_topic} · ${(health.image_reliability ?? "").replace("_", " ")}` : "");
-  // Without images, only the diagnostics tell how the target is.
-  const isOld = performance.now() - lastStatus > 1000 || lastStatus === null;
   if (!heard || isOld) showState(health.state, health.confidence);
   stage.setBlank(!heard || (isOld && health.state === "idle"));
   stage.setPaused(heard && health.text.startsWith("paused"));

@@ -11,18 +11,20 @@ const plots = [
     Object.entries(values).filter(([key]) => key.startsWith("power_")).map(([key, value]) => [key.slice(6), value])) },
 ];
 const past = [];  // [seconds, values, targets if there are several] of the frames of the last minute
-let drawn = 0;
+let drawn = 0, later = null;
 
 export function add(values, targets) {
   const now = performance.now() / 1000;
   past.push([now, values, targets]);
   while (past[0][0] < now - SECONDS) past.shift();
-  if (now - drawn < INTERVAL / 1000) return;
-  drawn = now;
-  draw(now);
+  if (now - drawn >= INTERVAL / 1000) draw(now);
+  // The last figures of a recording that stands still are to be seen, too.
+  else later ??= setTimeout(() => draw(performance.now() / 1000), INTERVAL);
 }
 
 function draw(now) {
+  clearTimeout(later);
+  [later, drawn] = [null, now];
   for (const { id, top, of } of plots) {
     const lines = new Map();
     let most = 0;
