@@ -57,7 +57,7 @@ lint: $(INSTALLED)  ## lint, format, spelling and types alone
 demo: $(INSTALLED)  ## track three recorded clips through the node; results go to demo/<clip>/
 	$(VENV)/bin/python demo/run.py
 
-console: $(INSTALLED)  ## open the tracker's web page on a recorded clip (CONSOLE_ARGS="--clip bikes")
+console: $(INSTALLED)  ## open the tracker's web page on a recorded clip (CONSOLE_ARGS="--clip bikes --port 8700")
 	$(VENV)/bin/python demo/console.py $(CONSOLE_ARGS)
 
 bench: sequences-given $(BENCH_INSTALLED)  ## all presets and other trackers on SEQUENCES="..." (in .venv-bench)

@@ -56,6 +56,7 @@ class _Summary:
     refused: str = ""
     remark: str = ""
     remarks: int = 0
+    announced: int | None = None
     seconds: float = 0.0
 
     def add(self, tracked: Tracked) -> None:
@@ -236,6 +237,7 @@ def _track(
     stop: _Stop,
 ) -> None:
     began = time.monotonic()
+    summary.announced = recording.frame_count
     try:
         with (
             progress_bar(recording.path.name, recording.frame_count) as advance,
@@ -283,6 +285,12 @@ def _report(
             stop.exit_code,
         )
     if code == errors.DONE:
+        if summary.announced is not None and summary.frames < summary.announced:
+            print(
+                f"track: {options.source} announces {counted(summary.announced, 'frame')}, but "
+                f"only {summary.frames} could be read: it is damaged or cut off",
+                file=sys.stderr,
+            )
         if summary.refused:
             print(
                 f"track: frames were skipped, the first because {summary.refused}", file=sys.stderr

@@ -63,3 +63,19 @@ def test_subscribers_elsewhere_are_named_if_they_take_the_same_kind(waiting):
     compressed = where_images_are_taken(node, "/image/compressed", compressed=True)
     assert compressed == " (there is one of /camera/compressed: -r image:=/camera)"
     assert where_images_are_taken(node, "/raw", compressed=False) == ""
+
+
+def test_what_a_tracker_makes_of_images_is_no_camera(waiting, graph):
+    client, node = waiting
+    graph.tracker()
+    client.wait_for(lambda: node.count_publishers("/pf_tracker/overlay"), "the tracker")
+    assert where_images_are(node, "/none") == (
+        ": nobody publishes /none, but /image (-r image:=/image)"
+    )
+
+
+def test_whoever_waits_for_compressed_images_is_told_of_raw_ones(waiting):
+    _, node = waiting
+    assert where_images_are(node, "/image/compressed") == (
+        ": nobody publishes /image/compressed, but /image (-p image_transport:=raw)"
+    )

@@ -196,3 +196,25 @@ def test_an_error_while_spinning_is_no_end(meddled_node):
 
     with pytest.raises(RuntimeError, match="broken"):
         spin_until_shutdown(meddled_node(fail))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--loop"], "not understood after --ros-args: '--loop'; give names as -r FROM:=TO"),
+        (["-p", "box:=[1, 2.5]"], "the ROS arguments cannot be read: "),
+        (["--params-file", "none.yaml"], "the ROS arguments cannot be read: "),
+    ],
+)
+def test_arguments_that_ros_does_not_take_are_answered_with_how_to_give_them(arguments, said):
+    command = ["from pf_tracker_ros.node.running import run", "import sys", "run(None, sys.argv)"]
+    done = subprocess.run(
+        [sys.executable, "-c", "; ".join(command), "--ros-args", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith(said)
+    assert "-p NAME:=VALUE" in last

@@ -443,3 +443,24 @@ def test_the_second_ctrl_c_ends_it_at_once(start_track, long_sequence, tmp_path)
     assert errors == "track: error: interrupted at once; what was not finished is gone\n"
     assert hidden(output) == []
     assert not (output / "report.html").exists()
+
+
+def test_a_video_that_is_cut_off_is_told_of(track, moving_square, tmp_path):
+    video = tmp_path / "whole.avi"
+    height, width = moving_square.images[0].shape[:2]
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter_fourcc(*"MJPG"), 25, (width, height))
+    for image in moving_square.images:
+        writer.write(image)
+    writer.release()
+    octets = video.read_bytes()
+    cut = tmp_path / "cut.avi"
+    cut.write_bytes(octets[: len(octets) // 2])
+    assert track(video, *BOX, "--output", tmp_path / "whole")[::2] == (0, "")
+    code, said, errors = track(cut, *BOX, "--output", tmp_path / "cut")
+    count = int(said.partition(": ")[2].split()[0])
+    assert 0 < count < 20
+    assert code == 0
+    assert errors.splitlines()[-1] == (
+        f"track: {cut} announces 20 frames, but only {count} could be read: it is damaged or cut "
+        "off"
+    )

@@ -224,6 +224,16 @@ def test_a_jump_back_in_time(session, walkers, policy, kept):
 
 
 @pytest.mark.parametrize("policy", ["keep", "restart", "wait"])
+def test_a_jump_with_an_image_that_is_refused_changes_nothing(session, walkers, policy, as_told):
+    session.time_policy = TimePolicy(policy)
+    before = as_told(show(session, walkers, range(6), every=2).targets)
+    with pytest.raises(ValueError, match="float64"):
+        session.process(walkers.images[6].astype(float), at(6) - 100 * SECOND)
+    assert as_told(session.targets) == before
+    assert session.process(walkers.images[6], at(6) - 100 * SECOND).jumped_back > 99
+
+
+@pytest.mark.parametrize("policy", ["keep", "restart", "wait"])
 def test_answers_of_the_time_before_a_jump_make_no_ghosts(session, walkers, policy):
     session.time_policy = TimePolicy(policy)
     ghost = Detections([[200.0, 10.0, 40.0, 60.0]], [0.95], ["ghost"])

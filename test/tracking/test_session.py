@@ -187,6 +187,18 @@ def jumped(images, box, policy, late_within=SECOND):
     return session, session.process(images[2], START - 5 * SECOND)
 
 
+@pytest.mark.parametrize("policy", ["keep", "restart", "wait"])
+def test_a_jump_back_with_an_image_that_is_refused_changes_nothing(images, box, policy):
+    session = Session(PARAMETERS, seed=3)
+    session.time_policy = TimePolicy(policy, SECOND)
+    session.request(box)
+    before = session.process(images[0], START).estimate
+    with pytest.raises(ValueError, match="float64"):
+        session.process(images[1].astype(float), START - 5 * SECOND)
+    assert session.estimate is before
+    assert session.process(images[1], START - 5 * SECOND).jumped_back == 5.0
+
+
 def test_after_a_jump_back_keep_goes_on(images, box):
     _, outcome = jumped(images, box, "keep")
     assert (outcome.frame, outcome.jumped_back) == ("tracked", 5.04)

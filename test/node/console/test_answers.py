@@ -58,6 +58,11 @@ def test_a_polygon_without_finite_corners_is_no_box():
     assert box_of(polygon) is None
 
 
+def test_weights_of_any_size_are_shares():
+    message = cloud([[1, 2, 0, 4, 5, 1e-40], [1, 2, 0, 4, 5, -3e38]])
+    assert [share for _, _, share in particles_of(message)] == [1.0, 0.0]
+
+
 def test_particles_come_heaviest_first_by_their_share_of_the_largest_weight():
     rows = [(1, 2, 0, 5, 5, 0.25), (3, 4, 0, 5, 5, 0.5)]
     assert particles_of(cloud(rows)) == [[3.0, 4.0, 1.0], [1.0, 2.0, 0.5]]

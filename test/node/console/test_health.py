@@ -28,6 +28,22 @@ def test_a_tracker_that_was_never_heard_is_absent_not_silent():
     assert "/left/pf_tracker" in told["text"]
 
 
+def test_trackers_of_other_names_are_named():
+    health = TrackerHealth("/left/pf_tracker")
+    told = health.told(0.0, stands_still=False, others=lambda: ["/pf_tracker"])
+    assert told["text"] == (
+        "no tracker is heard as /left/pf_tracker; there is /pf_tracker: start the console with -p "
+        "tracker:=NAME"
+    )
+
+
+def test_what_keeps_the_console_from_hearing_is_told_as_long_as_it_lasts(health):
+    health.take_fault("no match", 10.0)
+    for now in (10.1, 11.5):
+        told = health.told(now, stands_still=False, mismatches=["no match"])
+        assert (told["text"], told["level"]) == ("tracking; the console: no match", "error")
+
+
 def test_a_fault_of_the_console_stands_beside_the_nodes_words_for_a_while(health):
     health.take_fault("no match", 10.0)
     health.take_status(DIAGNOSTICS, 20.0)

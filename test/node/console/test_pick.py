@@ -1,6 +1,10 @@
 """What became of a target, read from what the tracker says."""
 
-from pf_tracker_ros.node.console.pick import Pick
+import asyncio
+import threading
+import time
+
+from pf_tracker_ros.node.console.pick import Pick, Picker
 
 
 def make(sent_at, send=lambda: None):
@@ -49,3 +53,22 @@ def test_it_is_sent_again_where_frames_are_answered_that_do_not_tell_of_it():
     for second in range(11, 60):
         pick.send_again(second, now=second)
     assert len(sent) == 3
+
+
+def test_what_waits_for_a_recording_that_stands_still_says_how_it_goes_on():
+    class Link:
+        takes_targets = True
+
+    told = []
+    picker = Picker(Link(), told.append)
+    # In a thread: the browser tests keep an event loop in this one.
+    thread = threading.Thread(target=lambda: asyncio.run(picker.send(lambda: None)))
+    thread.start()
+    thread.join()
+    now = time.monotonic()
+    picker.look(0.0, now, may_repeat=False, stands_still=True)
+    assert told == []
+    picker.look(0.0, now + 2.0, may_repeat=False, stands_still=True)
+    assert [one.text for one in told] == [
+        "sent; the tracker answers with the next image: press N for it, or play"
+    ]

@@ -4,6 +4,8 @@ import re
 import shutil
 import signal
 
+import cv2
+import numpy as np
 import pytest
 import yaml
 
@@ -338,3 +340,34 @@ def test_a_folder_that_cannot_be_written_is_told(player, moving_square, bag):
     player.wait_until(
         lambda: re.search("cannot be saved: .*No such file", player.text("note")), "reason"
     )
+
+
+def test_a_box_that_is_refused_leaves_the_target_alone(player, moving_square):
+    box = draw(player, moving_square.boxes[0])
+    player.keyboard.press("n")
+    at_frame(player, 1)
+    before = player.box
+    player.keyboard.press("r")
+    player.locator("#box-x").fill("5000")
+    player.locator("#box-x").press("Enter")
+    player.wait_until(lambda: "outside the image" in player.text("note"), "refusal")
+    player.keyboard.press("Escape")
+    player.keyboard.press("n")
+    at_frame(player, 2)
+    expected = boxes_in_lockstep(moving_square.images, box, 0)
+    assert before == pytest.approx(expected[stamp_at(1)], abs=2e-3)
+    assert player.box == pytest.approx(expected[stamp_at(2)], abs=2e-3)
+
+
+def test_a_recording_that_breaks_off_is_told_of_and_the_page_goes_on(
+    tracker, start_console, open_page, tmp_path
+):
+    for number, size in enumerate([(120, 160)] * 3 + [(60, 80)]):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((*size, 3), 90, np.uint8))
+    page = open_page(start_console(source=str(tmp_path)).link)
+    page.wait_until(lambda: page.text("frame") == "0 / 3", "first frame")
+    page.keyboard.press(" ")
+    page.wait_until(lambda: "all must be alike" in page.text("problem"), "why it ends")
+    assert "start the console anew" in page.text("problem")
+    page.locator("#seek").fill("0")
+    page.wait_until(lambda: page.text("connection") == "live", "the tracker")

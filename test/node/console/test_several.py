@@ -58,6 +58,7 @@ def test_boxes_are_those_of_the_markers_by_id():
             marker(3, corners_of(10, 20, 30, 40)),
             marker(3, [(10, 20)], "labels"),
             marker(4, [(float("nan"), 0), (1, 1)]),
+            marker(5, [(-1.7e308, 0), (1.7e308, 1)]),
             marker(5, []),
         ]
     )

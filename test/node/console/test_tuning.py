@@ -96,7 +96,9 @@ def test_what_is_given_reaches_the_node_as_it_is_for_the_node_to_judge(kind, giv
     assert (found, type(found)) == (asked, type(asked))
 
 
-@pytest.mark.parametrize("given", [None, {}, [1, "two"], 2**63, -(2**70)])
+@pytest.mark.parametrize(
+    "given", [None, {}, [1, "two"], [1.0, 10**400], 2**63, -(2**70), "\ud800", "default\0more"]
+)
 def test_what_ros_has_no_value_for_is_refused(given):
     with pytest.raises(ValueError, match="'x'"):
         parameter_of({"name": "x", "kind": "int"}, given)
@@ -121,3 +123,9 @@ def test_the_file_holds_the_preset_and_what_differs_from_it():
             }
         }
     }
+
+
+@pytest.mark.parametrize(("kind", "given"), [("float", 10**400), ("texts", ["hog", "\ud800"])])
+def test_what_ros_cannot_write_is_refused_whatever_is_asked_for(kind, given):
+    with pytest.raises(ValueError, match="'x'"):
+        parameter_of({"name": "x", "kind": kind}, given)

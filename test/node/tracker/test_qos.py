@@ -4,7 +4,7 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PolygonStamped
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image
 
 from pf_tracker_ros.node.mismatches import MismatchWatch
@@ -132,6 +132,31 @@ def test_whoever_cannot_match_is_told_of_once_each_time_that_it_comes(graph):
         assert len(said) == count
         client.destroy_publisher(publisher)
         client.wait_for(lambda: tracker.count_publishers("/pf_tracker/target") == 1, "end")
+
+
+def test_a_mismatch_of_any_policy_is_told_and_stays_in_the_diagnostics(graph):
+    client = graph.client()
+    graph.tracker(client, **QUICK)
+    by_hand = QoSProfile(depth=1, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC)
+    client.create_subscription(PolygonStamped, "pf_tracker/box", lambda message: None, by_hand)
+    client.wait_for(lambda: last_error(client), "report")
+    said = (
+        "/pf_tracker/box does not reach /client (LIVELINESS MANUAL_BY_TOPIC), but /pf_tracker "
+        "offers LIVELINESS AUTOMATIC; change it there, or here with the parameter "
+        "qos_overrides./pf_tracker/box.publisher.liveliness"
+    )
+    assert last_error(client) == said
+    heard = len(client.health)
+    client.wait_for(lambda: len(client.health) >= heard + 3, "diagnostics")
+    assert all(said in one.message and one.level == "WARN" for one in client.health[heard + 1 :])
+
+
+def test_the_cure_that_is_named_for_the_diagnostics_is_one(graph):
+    override = {"qos_overrides./diagnostics.publisher.durability": "transient_local"}
+    client = graph.client()
+    node = graph.tracker(client, **override, **QUICK)
+    (found,) = node.get_publishers_info_by_topic("/diagnostics")
+    assert found.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
 
 
 def test_no_event_is_asked_for_with_each_image(graph):
