@@ -52,6 +52,8 @@ _FULLY_ABOVE, _LEAST_COUNT = 0.5, 0.05
 _SIZE_EVERY = 2
 # Seconds from one learning of a confirmed target to the next.
 _LEARN_EVERY = 0.4
+# Seconds without a detection after which the image tells the size again.
+_FORGOTTEN_AFTER = 2.0
 # What a detection adds to the belief in its target, and the most that this can be.
 _HIT, _LEAST_BELIEF, _MOST_BELIEF = 2.0, -1.0, 1.5
 # What the detector misses now it will miss again in a moment: seconds until it decides anew.
@@ -70,7 +72,7 @@ class Updater:
     those behind it, and one that is hidden is carried on by its motion alone. What was
     started by hand and is lost comes last and hides nothing, since nobody knows where it is. A
     detection is one more factor of the likelihood; it then brings the box along, and is learned
-    from. Without any, the image has to tell the size, too.
+    from. Without any, or any more, the image has to tell the size, too.
 
     Args:
         follower: Follows each target.
@@ -173,7 +175,8 @@ class Updater:
             evidence.append(_of_others(boxes, expected))
             is_hidden = own is None and bool(expected.max() > _HIDDEN_ABOVE)
         if not is_hidden:
-            is_sized = own is None and life.is_on_its_own
+            is_forgotten = life.unconfirmed_for > _FORGOTTEN_AFTER
+            is_sized = own is None and (life.is_on_its_own or is_forgotten)
             followed = self._follower.follow(
                 target,
                 frame,

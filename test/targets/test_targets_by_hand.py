@@ -49,6 +49,18 @@ def test_without_a_detector_the_image_tells_the_size(approacher, make_tracker, i
 
 
 @pytest.mark.parametrize("seed", range(3))
+def test_after_a_detector_has_gone_silent_the_image_tells_the_size(
+    approacher, make_tracker, iou, seed
+):
+    tracker = make_tracker(seed)
+    tracker.update(approacher.images[0], INTERVAL, approacher.detections(0))
+    still = approacher.images[-1]
+    for image in (*approacher.images[1:], *[still] * 50):
+        (told,) = tracker.update(image, INTERVAL)
+    assert iou(approacher.boxes[-1][0], told.estimate.box) > 0.6
+
+
+@pytest.mark.parametrize("seed", range(3))
 def test_one_by_hand_that_was_gone_is_found_elsewhere(returner, make_tracker, iou, seed):
     tracker = make_tracker(seed)
     first = tracker.start(returner.images[0], returner.boxes[0][0])
