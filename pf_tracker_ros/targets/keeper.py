@@ -62,7 +62,7 @@ class CrowdKeeper:
             for place in range(len(lives))
         ]
         lives = tell_apart(lives, own)
-        lives = self._updater.update(lives, frame, interval, own)
+        lives = self._updater.update(lives, frame, interval, own, idle_for)
         if seen is not None:
             lives = self._updater.count_misses(lives, own, rhythm)
         crowd = self.initiator.adopt(replace(crowd, lives=lives), own)

@@ -52,8 +52,8 @@ _FULLY_ABOVE, _LEAST_COUNT = 0.5, 0.05
 _SIZE_EVERY = 2
 # Seconds from one learning of a confirmed target to the next.
 _LEARN_EVERY = 0.4
-# Seconds without a detection after which the image tells the size again.
-_FORGOTTEN_AFTER = 2.0
+# Seconds without a detector's answer after which the image tells the sizes again.
+_SILENT_AFTER = 2.0
 # What a detection adds to the belief in its target, and the most that this can be.
 _HIT, _LEAST_BELIEF, _MOST_BELIEF = 2.0, -1.0, 1.5
 # What the detector misses now it will miss again in a moment: seconds until it decides anew.
@@ -89,6 +89,7 @@ class Updater:
         frame: Frame,
         interval: float,
         own: Sequence[Sighting | None],
+        idle_for: float,
     ) -> tuple[Life, ...]:
         """The targets one frame later.
 
@@ -97,6 +98,7 @@ class Updater:
             frame: The next one.
             interval: Seconds since the last one.
             own: The detection of each, None where there is none.
+            idle_for: Seconds since the detector saw a frame.
         """
         updated = list(lives)
         predicted = np.array([life.expected for life in lives]).reshape(-1, 4)
@@ -119,6 +121,7 @@ class Updater:
                     interval,
                     own=own[place],
                     front=front,
+                    is_silent=idle_for > _SILENT_AFTER,
                 )
             updated[place] = life
             if not _is_guess(life):
@@ -155,6 +158,7 @@ class Updater:
         *,
         own: Sighting | None,
         front: Sequence[Life],
+        is_silent: bool,
     ) -> Life:
         """One target, behind others."""
         if own and interval > _PAUSED_AFTER:
@@ -175,8 +179,7 @@ class Updater:
             evidence.append(_of_others(boxes, expected))
             is_hidden = own is None and bool(expected.max() > _HIDDEN_ABOVE)
         if not is_hidden:
-            is_forgotten = life.unconfirmed_for > _FORGOTTEN_AFTER
-            is_sized = own is None and (life.is_on_its_own or is_forgotten)
+            is_sized = own is None and (life.is_on_its_own or is_silent)
             followed = self._follower.follow(
                 target,
                 frame,
