@@ -123,8 +123,8 @@ class MismatchWatch:
             return
         me, other = _name_of(own), _name_of(stranger)
         if policy == "type":
-            they, i = ("takes", "publishes") if publishes else ("publishes", "takes")
-            said = f"{other}, which {they} {stranger.topic_type}, but {me} {i} {own.topic_type}"
+            they, we = ("takes", "publishes") if publishes else ("publishes", "takes")
+            said = f"{other}, which {they} {stranger.topic_type}, but {me} {we} {own.topic_type}"
             cure = "; remap one of the two"
         else:
             theirs = _value(stranger.qos_profile, policy)
