@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -43,7 +43,12 @@ def status_of(status: DiagnosticStatus) -> Json:
 
 def box_of(message: PolygonStamped) -> list[float] | None:
     """The box [x, y, width, height] of a polygon, pixels; None where it has no finite corners."""
-    corners = np.array([(point.x, point.y) for point in message.polygon.points], np.float64)
+    return box_around(message.polygon.points)
+
+
+def box_around(points: Sequence[Any]) -> list[float] | None:
+    """The box [x, y, width, height] around points, pixels; None where it is not finite."""
+    corners = np.array([(point.x, point.y) for point in points], np.float64)
     if not corners.size or not np.isfinite(corners).all():
         return None
     low, high = corners.min(axis=0), corners.max(axis=0)

@@ -6,12 +6,11 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import UInt32
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pf_tracker_ros.node.console.answers import Json, status_of
+from pf_tracker_ros.node.console.answers import Json, box_around, status_of
 
 _BOXES = "boxes"
 _MOST = 1000
@@ -45,15 +44,9 @@ def boxes_of(message: MarkerArray) -> dict[str, Json]:
     for marker in message.markers[: 2 * _MOST + 1]:
         if marker.ns != _BOXES or marker.action != Marker.ADD:
             continue
-        corners = np.array([(point.x, point.y) for point in marker.points], np.float64)
-        if not corners.size or not np.isfinite(corners).all():
-            continue
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        with np.errstate(over="ignore"):
-            box = [round(float(value), 3) for value in (*low, *(high - low))]
-        if not np.isfinite(box).all():
-            continue
-        boxes[str(marker.id)] = {"box": box, "color": _color(marker.color)}
+        box = box_around(marker.points)
+        if box is not None:
+            boxes[str(marker.id)] = {"box": box, "color": _color(marker.color)}
     return boxes
 
 
