@@ -1,7 +1,9 @@
 """What the page shows, and how it goes on where something is missing."""
 
+import contextlib
 import itertools
 import os
+import random
 import signal
 import socket
 
@@ -202,11 +204,22 @@ def test_a_tracker_that_is_killed_is_missed_and_found_again(graph, page):
     page.wait_until(lambda: page.text("connection") == "live", "the tracker again")
 
 
+def free_port():
+    """A port that stays free until it is served on.
+
+    The system gives those from 32768 on to whoever connects, such as the browser that looks for a
+    console that has ended.
+    """
+    for port in random.SystemRandom().sample(range(10_000, 30_000), 100):
+        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", port)):
+            return port
+    raise AssertionError("no port is free")
+
+
 @pytest.fixture
 def mortal(graph, start_console, camera, open_page):
     """(page, console, restart): a page, the process that serves it, what starts another one."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port()
     module = "pf_tracker_ros.node.console.console_node"
     console = graph.process("-p", f"port:={port}", module=module)
     while "console of" not in (line := console.stdout.readline()):
