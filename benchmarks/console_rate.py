@@ -1,14 +1,15 @@
 """What the console's page shows of a camera at 30 Hz, and what that costs the tracker.
 
 Camera, tracker, console and a headless Chromium are processes of their own, on the loopback. The
-same tracker is measured by turns without a console, beside a process that encodes as many JPEGs and
-does nothing else, with a console, with somebody who takes its pictures as a page on another machine
-would, with a browser here that shows its page, and with one behind a relay that lets 5 Mbit/s
-through; each figure is the median over the rounds. What a way adds to the tracker's time for a
-frame is told by the percentiles over the frames of all its turns, in brackets the 95 % interval
-when the rounds are drawn anew. Shown is what the page has drawn when its next animation frame
-begins; the age counts from the stamp, which the camera takes as it publishes. The browser gets the
-time that the others leave (the idle scheduling policy), as it would run on another machine.
+same tracker is measured by turns without a console, beside a subscriber that does nothing with the
+images, which is the least that anybody takes who looks at them, with a console, with somebody who
+takes its pictures as a page on another machine would, with a browser here that shows its page, and
+with one behind a relay that lets 5 Mbit/s through; each figure is the median over the rounds. What
+a way adds to the tracker's time for a frame, and to the age of the answer in the camera, is told by
+the percentiles over the frames of all its turns, in brackets the 95 % interval when the rounds are
+drawn anew. Shown is what the page has drawn when its next animation frame begins; the age counts
+from the stamp, which the camera takes as it publishes. The browser gets the time that the others
+leave (the idle scheduling policy), as it would run on another machine.
 
     python benchmarks/console_rate.py --rounds 5 --seconds 10
 """
@@ -16,66 +17,45 @@ time that the others leave (the idle scheduling policy), as it would run on anot
 from __future__ import annotations
 
 import argparse
-import asyncio
 import contextlib
-import json
-import multiprocessing
 import os
 import shutil
 import signal
 import socket
 import subprocess
 import sys
-import tempfile
-import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from multiprocessing.sharedctypes import Synchronized
-from pathlib import Path
 from typing import Any, NamedTuple
 
-import aiohttp
-import cv2
 import numpy as np
 import rclpy
 from arguments import at_least
+from console_runs.watchers import launcher_of, page_of, relay, taker
 from diagnostic_msgs.msg import DiagnosticArray
 from domain_coordinator import domain_id
 from frame_loss import SIZES, START_TIMEOUT, Camera, moving_noise, play
-from node_runs.processes import cpu_ms
+from node_runs.processes import bare_command, cpu_ms, process
 from numpy.typing import NDArray
-from playwright.sync_api import Browser, sync_playwright
-
-from pf_tracker_ros.node.console.console_node import NICENESS
-from pf_tracker_ros.node.console.pictures import DETAILS
+from playwright.sync_api import sync_playwright
 
 PORT = 8647
 RELAY_PORT = 8648
-LINK_BYTES = 5e6 / 8
 RATE = 30.0
 # How often the rounds are drawn anew for an interval.
 DRAWS = 2000
-# Seconds that a page takes to draw a picture.
-DRAWING = 0.02
-NO_CONSOLE, ENCODER, NO_BROWSER, ELSEWHERE, BROWSER, SLOW = (
+NO_CONSOLE, BARE, NO_BROWSER, ELSEWHERE, BROWSER, SLOW = (
     "no console",
-    "no console, JPEG alone",
+    "no console, a bare subscriber",
     "no browser",
     "a browser elsewhere",
     "a browser",
     "a browser at 5 Mbit/s",
 )
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--disable-background-networking"]
-NOTE_FRAMES = """() => {
-  window.ages = [];
-  const overlay = document.querySelector('#overlay');
-  new MutationObserver(() => {
-    const stamp = Number(BigInt(overlay.dataset.stamp) / 1000n) / 1000;
-    requestAnimationFrame(() => window.ages.push([Date.now(), Date.now() - stamp]));
-  }).observe(overlay, { attributes: true, attributeFilter: ['data-stamp'] });
-}"""
+Values = NDArray[np.float64]
 
 
 class Row(NamedTuple):
@@ -112,10 +92,12 @@ class Turn(NamedTuple):
     Attributes:
         row: Its figures.
         times: Of the tracker for each frame, milliseconds.
+        ages: Of its answers, milliseconds.
     """
 
     row: Row
-    times: NDArray[np.float64]
+    times: Values
+    ages: Values
 
 
 class TimedCamera(Camera):
@@ -148,35 +130,6 @@ def node(module: str, *parameters: str) -> Iterator[int]:
         child.wait(START_TIMEOUT)
 
 
-@contextmanager
-def relay() -> Iterator[None]:
-    """A slow link to the console, as long as it is open."""
-    server = socket.create_server(("127.0.0.1", RELAY_PORT))
-
-    def forward(source: socket.socket, sink: socket.socket, rate: float) -> None:
-        with contextlib.suppress(OSError), source, sink:
-            while octets := source.recv(4096):
-                time.sleep(len(octets) / rate)
-                sink.sendall(octets)
-
-    def accept() -> None:
-        with contextlib.suppress(OSError):
-            while True:
-                browser, _ = server.accept()
-                console = socket.socket()
-                # What waits in buffers is old when it comes.
-                console.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16_384)
-                console.connect(("127.0.0.1", PORT))
-                for ends in ((console, browser, LINK_BYTES), (browser, console, 1e9)):
-                    threading.Thread(target=forward, args=ends, daemon=True).start()
-
-    threading.Thread(target=accept, daemon=True).start()
-    try:
-        yield
-    finally:
-        server.close()
-
-
 def wait_for_server() -> None:
     """Wait until the console serves its page; what it takes to start is no cost of a frame."""
     deadline = time.monotonic() + START_TIMEOUT
@@ -186,81 +139,6 @@ def wait_for_server() -> None:
         if time.monotonic() > deadline:
             raise RuntimeError(f"the console does not serve within {START_TIMEOUT:g} s")
         time.sleep(0.1)
-
-
-def take_pictures(port: int, taken: Synchronized[int]) -> None:
-    """Take and count every picture as the page does, and draw none."""
-
-    async def take() -> None:
-        origin = f"http://127.0.0.1:{port}"
-        async with (
-            aiohttp.ClientSession() as session,
-            session.ws_connect(f"{origin}/socket", origin=origin) as page,
-        ):
-            async for message in page:
-                if message.type == aiohttp.WSMsgType.BINARY:
-                    taken.value += 1
-                    await asyncio.sleep(DRAWING)
-                    await page.send_json({"type": "shown"})
-                elif json.loads(message.data)["type"] == "welcome":
-                    await page.send_json({"type": "welcomed"})
-                    await page.send_json({"type": "view", "width": 1280})
-
-    asyncio.run(take())
-
-
-@contextmanager
-def running(target: Callable[..., None], *arguments: Any) -> Iterator[None]:
-    """A function in a process of its own, as long as it is open."""
-    process = multiprocessing.get_context("spawn").Process(target=target, args=arguments)
-    process.start()
-    try:
-        yield
-    finally:
-        process.kill()
-        process.join()
-
-
-@contextmanager
-def taker(port: int) -> Iterator[None]:
-    """Somebody who takes the pictures, in a process of its own."""
-    taken = multiprocessing.get_context("spawn").Value("l", 0)
-    with running(take_pictures, port, taken):
-        yield
-    if not taken.value:
-        raise RuntimeError("the console sent no pictures")
-
-
-def encode_pictures(width: int, height: int) -> None:
-    """Encode pictures as the console does, as many as the camera has, and do nothing else."""
-    cv2.setNumThreads(1)
-    os.nice(NICENESS)
-    message = moving_noise(width, height)[0]
-    image = np.frombuffer(message.data, np.uint8).reshape(height, width, 3)
-    while True:
-        began = time.monotonic()
-        cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, DETAILS[0].quality])
-        time.sleep(max(0.0, began + 1.0 / RATE - time.monotonic()))
-
-
-@contextmanager
-def launcher_of(chromium: str) -> Iterator[Path]:
-    """A script that starts the browser such that it takes no time from others."""
-    with tempfile.TemporaryDirectory() as folder:
-        script = Path(folder) / "chromium"
-        script.write_text(f'#!/bin/sh\nexec chrt --idle 0 {chromium} "$@"\n')
-        script.chmod(0o755)
-        yield script
-
-
-@contextmanager
-def page_of(browser: Browser, port: int) -> Iterator[Any]:
-    """A page of the console that notes when it has drawn what."""
-    page = browser.new_page()
-    page.goto(f"http://127.0.0.1:{port}/")
-    page.evaluate(NOTE_FRAMES)
-    yield page
-    page.close()
 
 
 def measure(
@@ -285,20 +163,21 @@ def measure(
         for process, was in zip(processes, before, strict=True)
     ]
     times = np.array(camera.times[len(camera.times) // 5 :])
+    ages = 1e3 * np.array(figures.ages)
     row = Row(
         100.0 * len(figures.ages) / figures.published,
         *_middle_and_99(times),
-        *_middle_and_99(1e3 * np.array(figures.ages)),
+        *_middle_and_99(ages),
         costs[0],
         costs[1] if console else np.nan,
     )
     if page is None:
-        return Turn(row, times)
+        return Turn(row, times, ages)
     shown = np.array(page.evaluate("() => window.ages"), np.float64).reshape(-1, 2)
     shown = shown[shown[:, 0] > shown[-1, 0] - 1e3 * seconds]
     rate = (len(shown) - 1) / (shown[-1, 0] - shown[0, 0]) * 1e3
     middle, most = _middle_and_99(shown[:, 1])
-    return Turn(row._replace(shown=rate, shown_age=middle, shown_age_99=most), times)
+    return Turn(row._replace(shown=rate, shown_age=middle, shown_age_99=most), times, ages)
 
 
 def _middle_and_99(values: NDArray[np.float64]) -> tuple[float, float]:
@@ -306,21 +185,20 @@ def _middle_and_99(values: NDArray[np.float64]) -> tuple[float, float]:
     return float(middle), float(most)
 
 
-def _added(turns: Sequence[Turn], without: Sequence[Turn]) -> NDArray[np.float64]:
+def _added(way: Sequence[Values], without: Sequence[Values]) -> Values:
     """(2,) what a way adds to median and 99th percentile of the frames of all its turns."""
-    return np.subtract(
-        *(_middle_and_99(np.concatenate([turn.times for turn in way])) for way in (turns, without))
-    )
+    return np.subtract(*(_middle_and_99(np.concatenate(turns)) for turns in (way, without)))
 
 
-def _drawn_anew(turns: Sequence[Turn], without: Sequence[Turn]) -> NDArray[np.float64]:
-    """(2, 2) bounds of 95 % of `_added` when the rounds are drawn anew, the lower ones first."""
+def _added_cells(way: Sequence[Values], without: Sequence[Values]) -> list[str]:
+    """`_added`, and between what 95 % lie when the rounds are drawn anew."""
     random = np.random.default_rng(0)
     drawn = [
-        _added([turns[place] for place in places], [without[place] for place in places])
-        for places in random.integers(len(turns), size=(DRAWS, len(turns)))
+        _added([way[place] for place in places], [without[place] for place in places])
+        for places in random.integers(len(way), size=(DRAWS, len(way)))
     ]
-    return np.percentile(drawn, [2.5, 97.5], axis=0)
+    columns = zip(_added(way, without), *np.percentile(drawn, [2.5, 97.5], axis=0), strict=True)
+    return [f"{added:+.2f} [{low:+.2f}, {high:+.2f}]" for added, low, high in columns]
 
 
 def print_table(turns: dict[str, list[Turn]]) -> None:
@@ -341,20 +219,17 @@ def print_table(turns: dict[str, list[Turn]]) -> None:
             f"{middle.shown_age:.0f} / {middle.shown_age_99:.0f}",
         ]
         print(f"| {name} | {' | '.join('-' if 'nan' in cell else cell for cell in cells)} |")
-    without = np.array(rows[NO_CONSOLE])
-    for name in (ENCODER, NO_BROWSER, ELSEWHERE, BROWSER, SLOW):
-        cpu = Row(*np.median(np.array(rows[name]) - without, axis=0)).tracker
-        low, high = _drawn_anew(turns[name], turns[NO_CONSOLE])
-        middle, most = (
-            f"{added:+.2f} [{least:+.2f}, {greatest:+.2f}]"
-            for added, least, greatest in zip(
-                _added(turns[name], turns[NO_CONSOLE]), low, high, strict=True
+    print("\nWhat each adds to no console, in milliseconds, [95 %]:\n")
+    print("| | processing, median | 99 % | answer's age, median | 99 % |\n|---|---|---|---|---|")
+    for name in (BARE, NO_BROWSER, ELSEWHERE, BROWSER, SLOW):
+        cells = [
+            cell
+            for of in ("times", "ages")
+            for cell in _added_cells(
+                *([getattr(turn, of) for turn in turns[way]] for way in (name, NO_CONSOLE))
             )
-        )
-        print(
-            f"\n{name}, beside the turns without a console: processing {middle} / {most} ms, "
-            f"CPU {cpu:+.2f} ms a frame"
-        )
+        ]
+        print(f"| {name} | {' | '.join(cells)} |")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -383,11 +258,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         driver = stack.enter_context(sync_playwright())
         launcher = stack.enter_context(launcher_of(chromium))
         browser = driver.chromium.launch(executable_path=launcher, args=FLAGS)
-        stack.enter_context(relay())
+        stack.enter_context(relay(RELAY_PORT, PORT))
         for _ in range(given.rounds):
             turns[NO_CONSOLE].append(measure(frames, given.seconds, tracker))
-            with running(encode_pictures, *SIZES[given.size]):
-                turns[ENCODER].append(measure(frames, given.seconds, tracker))
+            with process(bare_command("reliable"), large_images=False):
+                turns[BARE].append(measure(frames, given.seconds, tracker))
             with node("console.console_node", f"port:={PORT}") as console:
                 wait_for_server()
                 turns[NO_BROWSER].append(measure(frames, given.seconds, tracker, console))

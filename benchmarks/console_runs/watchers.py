@@ -1,0 +1,118 @@
+"""Browsers and links to the console's page."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import multiprocessing
+import socket
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing.sharedctypes import Synchronized
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+from playwright.sync_api import Browser
+
+LINK_BYTES = 5e6 / 8
+# Seconds that a page takes to draw a picture.
+DRAWING = 0.02
+NOTE_FRAMES = """() => {
+  window.ages = [];
+  const overlay = document.querySelector('#overlay');
+  new MutationObserver(() => {
+    const stamp = Number(BigInt(overlay.dataset.stamp) / 1000n) / 1000;
+    requestAnimationFrame(() => window.ages.push([Date.now(), Date.now() - stamp]));
+  }).observe(overlay, { attributes: true, attributeFilter: ['data-stamp'] });
+}"""
+
+
+@contextmanager
+def relay(port: int, console: int) -> Iterator[None]:
+    """A link of 5 Mbit/s from one port to that of the console, as long as it is open."""
+    server = socket.create_server(("127.0.0.1", port))
+
+    def forward(source: socket.socket, sink: socket.socket, rate: float) -> None:
+        with contextlib.suppress(OSError), source, sink:
+            while octets := source.recv(4096):
+                time.sleep(len(octets) / rate)
+                sink.sendall(octets)
+
+    def accept() -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                browser, _ = server.accept()
+                server_side = socket.socket()
+                # What waits in buffers is old when it comes.
+                server_side.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16_384)
+                server_side.connect(("127.0.0.1", console))
+                for ends in ((server_side, browser, LINK_BYTES), (browser, server_side, 1e9)):
+                    threading.Thread(target=forward, args=ends, daemon=True).start()
+
+    threading.Thread(target=accept, daemon=True).start()
+    try:
+        yield
+    finally:
+        server.close()
+
+
+def take_pictures(port: int, taken: Synchronized[int]) -> None:
+    """Take and count every picture as the page does, and draw none."""
+
+    async def take() -> None:
+        origin = f"http://127.0.0.1:{port}"
+        async with (
+            aiohttp.ClientSession() as session,
+            session.ws_connect(f"{origin}/socket", origin=origin) as page,
+        ):
+            async for message in page:
+                if message.type == aiohttp.WSMsgType.BINARY:
+                    taken.value += 1
+                    await asyncio.sleep(DRAWING)
+                    await page.send_json({"type": "shown"})
+                elif json.loads(message.data)["type"] == "welcome":
+                    await page.send_json({"type": "welcomed"})
+                    await page.send_json({"type": "view", "width": 1280})
+
+    asyncio.run(take())
+
+
+@contextmanager
+def taker(port: int) -> Iterator[None]:
+    """Somebody who takes the pictures, in a process of its own."""
+    context = multiprocessing.get_context("spawn")
+    taken = context.Value("l", 0)
+    process = context.Process(target=take_pictures, args=(port, taken))
+    process.start()
+    try:
+        yield
+    finally:
+        process.kill()
+        process.join()
+    if not taken.value:
+        raise RuntimeError("the console sent no pictures")
+
+
+@contextmanager
+def launcher_of(chromium: str) -> Iterator[Path]:
+    """A script that starts the browser such that it takes no time from others."""
+    with tempfile.TemporaryDirectory() as folder:
+        script = Path(folder) / "chromium"
+        script.write_text(f'#!/bin/sh\nexec chrt --idle 0 {chromium} "$@"\n')
+        script.chmod(0o755)
+        yield script
+
+
+@contextmanager
+def page_of(browser: Browser, port: int) -> Iterator[Any]:
+    """A page of the console that notes when it has drawn what."""
+    page = browser.new_page()
+    page.goto(f"http://127.0.0.1:{port}/")
+    page.evaluate(NOTE_FRAMES)
+    yield page
+    page.close()
