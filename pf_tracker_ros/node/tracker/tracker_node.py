@@ -17,6 +17,7 @@ from pf_tracker_ros.decoding.decoder import ImageDecoder
 from pf_tracker_ros.node.managed_node import ManagedNode
 from pf_tracker_ros.node.message_building import TargetError
 from pf_tracker_ros.node.mismatches import MismatchWatch
+from pf_tracker_ros.node.namesakes import NamesakeWatch
 from pf_tracker_ros.node.override_sources import files_superseded_by
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.parameter_group import Values
@@ -88,6 +89,7 @@ class TrackerNode(ManagedNode):
         )
         self._errors_in_health = 0
         self._mismatches = MismatchWatch(self, self._reporter.report, self._cure)
+        self._namesakes = NamesakeWatch(self, self._reporter.report)
         if self._values["autostart"]:
             self.start()
         else:
@@ -349,8 +351,8 @@ class TrackerNode(ManagedNode):
             if self._binding.refused:
                 level = DiagnosticStatus.ERROR
                 message += f": {'; '.join(self._binding.refused.values())}"
-        for mismatch in self._mismatches.lasting:
-            level, message = max(level, DiagnosticStatus.WARN), f"{mismatch}; {message}"
+        for fault in filter(None, (*self._mismatches.lasting, self._namesakes.lasting)):
+            level, message = max(level, DiagnosticStatus.WARN), f"{fault}; {message}"
         errors = self._reporter.count - self._errors_in_health
         self._errors_in_health = self._reporter.count
         if errors and level == DiagnosticStatus.OK:
