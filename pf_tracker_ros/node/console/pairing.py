@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pf_tracker_ros.node.console.answers import Json
@@ -111,6 +111,8 @@ class Pairing:
         self.wanted: set[str] = set()
         self._images: OrderedDict[int, _Waiting] = OrderedDict()
         self._answers: OrderedDict[int, _Answer] = OrderedDict()
+        # The latest, as it waited, and the answer to it.
+        self._shown: _Waiting | None = None
         self._known = _Answer()
         # How long an answer takes, seconds.
         self._usual = 0.0
@@ -140,9 +142,11 @@ class Pairing:
             content: As in `Shown.answer`.
             now: As for `add_image`.
         """
-        if self.latest and stamp == self.latest.stamp and stamp not in self._images:
-            # A part that is late, or another answer, as where a frame is played again.
-            self.add_image(stamp, self.latest.image, now)
+        if self._shown and self._is_latest(stamp) and stamp not in self._images:
+            # A part that is late, or another answer, as where a frame is played again. What has
+            # come since then is newer.
+            self._images[stamp] = replace(self._shown, arrival=now)
+            self._images.move_to_end(stamp, last=False)
             self._answers[stamp] = self._known.copy()
         answer = self._answers.setdefault(stamp, _Answer())
         answer.parts[part], answer.times[part] = content, now
@@ -164,6 +168,7 @@ class Pairing:
                 number = self.latest.number + 1 if self.latest else 1
                 self._known = answer.copy()
                 self.latest = Shown(number, stamp, waiting.image, self._known.parts)
+                self._shown = waiting
                 for other in [s for s, w in self._images.items() if w.order <= waiting.order]:
                     del self._images[other]
                     # Where stamps repeat, as in a loop, this is no answer to the next one.
@@ -176,5 +181,7 @@ class Pairing:
 
         All there was to say may have come before it, with the image of the same stamp before.
         """
-        is_latest = self.latest is not None and stamp == self.latest.stamp
-        return self._known if is_latest else _Answer()
+        return self._known if self._is_latest(stamp) else _Answer()
+
+    def _is_latest(self, stamp: int) -> bool:
+        return self.latest is not None and stamp == self.latest.stamp

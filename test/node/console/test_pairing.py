@@ -164,6 +164,23 @@ def test_a_part_that_is_late_is_shown_at_once(pairing):
     assert pairing.latest.answer.keys() == {"status", "box", "particles"}
 
 
+def test_a_part_that_is_late_hides_no_picture_that_has_come_since(pairing):
+    pairing.wanted = {"particles"}
+    pairing.add_image(2, "picture 2", now=0.0)
+    for part, content in (("status", TRACKING), ("box", [1, 2, 3, 4]), ("particles", [])):
+        pairing.add_answer(2, part, content, now=0.0)
+    assert pairing.choose(now=0.0)
+    pairing.add_image(3, "picture 3", now=0.1)
+    pairing.add_answer(2, "boxes", {}, now=0.1)
+    assert pairing.choose(now=0.1)
+    assert pairing.latest.image == "picture 2"
+    pairing.add_answer(2, "boxes", {}, now=0.2)
+    pairing.add_answer(3, "status", IDLE, now=0.2)
+    assert pairing.choose(now=0.2)
+    assert pairing.latest.image == "picture 3"
+    assert not pairing.choose(now=0.3)
+
+
 def test_what_waits_has_a_limit():
     pairing = Pairing()
     pairing.add_answer(0, "status", IDLE, now=0.0)
