@@ -8,6 +8,8 @@ from rclpy.node import Node
 
 from pf_tracker_ros.node.qos import Report
 
+# A topic that every node publishes on.
+_OF_EVERY_NODE = "/parameter_events"
 # Seconds from one look to the next.
 _PERIOD = 5.0
 # One that ended without a word stays in the graph for 20 s.
@@ -38,7 +40,9 @@ class NamesakeWatch:
     def _look(self) -> None:
         node = self._node
         mine = (node.get_name(), node.get_namespace())
-        others = node.get_node_names_and_namespaces().count(mine) - 1
+        # A node that has gone may stay among the names for long, but has no publishers any more.
+        events = node.get_publishers_info_by_topic(_OF_EVERY_NODE)
+        others = [(one.node_name, one.node_namespace) for one in events].count(mine) - 1
         self._seen = self._seen + 1 if others > 0 else 0
         if self._seen < _LOOKS:
             self.lasting = ""

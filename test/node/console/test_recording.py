@@ -261,6 +261,7 @@ def test_a_target_that_has_just_been_saved_can_be_taken_again(player, moving_squ
     player.locator("#load:enabled").wait_for()
     player.keyboard.press("s")
     player.wait_until(lambda: "stopped" in player.text("note"), "answer")
+    player.wait_until(lambda: player.box is None, "picture without it")
     player.locator("#load").click()
     player.wait_until(lambda: player.stamp == stamp_at(2) and player.box, "box")
     assert player.box == pytest.approx(box, abs=1e-2)

@@ -121,7 +121,7 @@ function showHealth() {
   at("health").dataset.level = health.level;
   text("topic", heard && health.image_topic ? `${health.image_topic} · ${(health.image_reliability ?? "").replace("_", " ")}` : "");
   if (!heard || isOld) showState(health.state, health.confidence);
-  stage.setBlank(!heard || (isOld && health.state === "idle"));
+  stage.setBlank(!heard || (isOld && health.state === "idle"), (heard && health.state) || "");
   stage.setPaused(heard && health.text.startsWith("paused"));
 }
 

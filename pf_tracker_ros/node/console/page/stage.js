@@ -18,6 +18,7 @@ let last = null;         // [x, y, width, height] of the box that was sent
 let trail = [];
 let paused = false;
 let blank = false;       // nothing is drawn over the picture, as nothing is known of it
+let told = "";           // the state, while it is blank
 
 export function show(next, bitmap) {
   if (mode !== "live") {
@@ -44,9 +45,9 @@ export function show(next, bitmap) {
 }
 
 // The answer to the frame comes back with the tracker: a picture that stands still gets no other.
-export function setBlank(now) {
-  if (now === blank) return;
-  blank = now;
+export function setBlank(now, state) {
+  if (now === blank && (!now || state === told)) return;
+  [blank, told] = [now, state];
   trail = [];
   if (frame && mode === "live") drawOverlay();
 }
@@ -67,7 +68,7 @@ export function judge(outcome) {
 function drawOverlay() {
   const { stamp, width, height } = frame, known = blank ? { stamp, width, height } : frame;
   const values = known.status?.values ?? {}, box = known.box ?? null;
-  overlay.dataset.state = values.state ?? "";
+  overlay.dataset.state = values.state ?? (blank ? told : "");
   overlay.dataset.stamp = frame.stamp;
   overlay.dataset.box = JSON.stringify(box);
   place(at("box"), box);
