@@ -95,8 +95,13 @@ class StandIn(Node):
         return result
 
     def spin_until_ended(self, replay_node):
-        """Spin until the replay has come to its end by itself."""
+        """Spin until the replay has come to its end by itself, and what it has sent is here."""
         self.spin_until(lambda: not replay_node.context.ok())
+        # What has been acknowledged has arrived, but may not have been taken yet.
+        before = None
+        while before != len(self.events):
+            before = len(self.events)
+            self.spinner.spin_once(timeout_sec=0.1)
 
     def pause(self):
         """Pause the replay; its response."""
