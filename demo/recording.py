@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from array import array
 from collections.abc import Callable
@@ -39,7 +40,6 @@ _TOPICS_OF_SEVERAL = {
 }
 RECORDED_STATUS = "/recorder/status"
 _EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
-_PROBE_STAMP = 1
 _PROBE_INTERVAL = 0.5
 
 
@@ -103,8 +103,9 @@ class Recorder:
     def meet_tracker(self, timeout: float, check: Callable[[], None]) -> bool:
         """Wait until all that the tracker publishes arrives here.
 
-        DDS makes the two acquainted topic by topic, and what is published before is lost. So a
-        small image is shown to the tracker, which has no target yet, until it comes back.
+        DDS makes the two acquainted topic by topic, and what is published before is lost. So small
+        images are shown to the tracker, which has no target yet, until one comes back. Each has a
+        stamp of its own, long before those of the recording: what comes twice is passed over.
 
         Args:
             timeout: Longest wait in seconds.
@@ -114,16 +115,17 @@ class Recorder:
             Whether it does.
         """
         deadline = time.monotonic() + timeout
+        stamps = itertools.count(1)
         while time.monotonic() < deadline:
             check()
-            self._probes.publish(_probe())
+            self._probes.publish(_probe(next(stamps)))
             if self.wait_until(self._probe_has_returned, _PROBE_INTERVAL):
                 self._node.destroy_publisher(self._probes)
                 return True
         return False
 
     def _probe_has_returned(self) -> bool:
-        return all(_PROBE_STAMP in self.messages[topic] for topic in (STATUS, OVERLAY))
+        return not self.messages[STATUS].keys().isdisjoint(self.messages[OVERLAY])
 
     def _keep(self, topic: str) -> Callable[[bytes], None]:
         def keep(message: bytes) -> None:
@@ -162,9 +164,10 @@ def target_values(message: DiagnosticArray) -> list[dict[str, str]]:
     return [{pair.key: pair.value for pair in status.values} for status in message.status[1:]]
 
 
-def _probe() -> Image:
+def _probe(stamp: int) -> Image:
+    """A small image, its stamp in nanoseconds below 10^9."""
     side = 16
     image = Image(height=side, width=side, encoding="mono8", step=side)
-    image.header.stamp.nanosec = _PROBE_STAMP
+    image.header.stamp.nanosec = stamp
     image.data = array("B", bytes(side * side))
     return image

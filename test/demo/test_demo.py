@@ -266,3 +266,26 @@ def test_a_missing_executable_is_named(tmp_path):
 
     with pytest.raises(DemoError, match=r"no .*/bin/trackr; `make setup` installs it"):
         NodeProcess("trackr", tmp_path / "log")
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_a_tracker_is_met_that_hears_late_of_who_takes_its_overlay(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(DEMO)
+    from processes import NodeProcess
+    from recording import _TOPICS_OF_ALL, OVERLAY, STATUS, Recorder
+
+    with Recorder() as recorder, NodeProcess("tracker", tmp_path / "log") as tracker:
+        node = recorder._node
+        (overlay,) = [one for one in node.subscriptions if one.topic_name == OVERLAY]
+        node.destroy_subscription(overlay)
+        late = []
+
+        def listen_once_the_tracker_has_answered():
+            tracker.check()
+            if recorder.messages[STATUS] and not late:
+                image, _ = _TOPICS_OF_ALL[OVERLAY]
+                keep = recorder._keep(OVERLAY)
+                late.append(node.create_subscription(image, OVERLAY, keep, 10, raw=True))
+
+        assert recorder.meet_tracker(30.0, listen_once_the_tracker_has_answered)
+        assert late
