@@ -9,7 +9,7 @@ from pf_tracker_ros.node.console.answers import Json
 # The diagnostics come once a second; a tracker that says nothing for longer has gone.
 _SILENCE = 1.6
 _FAULT_SHOWN = 6.0
-_SHOWN = ("state", "confidence", "image_topic", "image_reliability", "preset", "input_rate")
+_SHOWN = ("confidence", "image_topic", "image_reliability", "preset", "input_rate")
 
 
 class TrackerHealth:
@@ -27,17 +27,20 @@ class TrackerHealth:
         self._name = name
         self._status: Json | None = None
         self._diagnostics: Json | None = None
+        # Of the newer of the two.
+        self._state: object = None
         self._heard_at: float | None = None
         self._fault, self._fault_at = "", float("-inf")
 
     def take_status(self, status: Json, now: float) -> None:
         """Take the status of a frame."""
         self._heard_at = self.answered_at = now
-        self._status = status
+        self._status, self._state = status, status["values"].get("state")
 
     def take_diagnostics(self, diagnostics: Json, now: float) -> None:
         """Take what the node says of itself once a second."""
         self._heard_at, self._diagnostics = now, diagnostics
+        self._state = diagnostics["values"].get("state")
 
     def take_fault(self, fault: str, now: float) -> None:
         """Take what the console itself has to complain about."""
@@ -86,4 +89,4 @@ class TrackerHealth:
         if faults:
             text, level = f"{text}; the console: {'; '.join(faults)}", "error"
         told = {"type": "health", "tracker": "heard", "level": level, "text": text}
-        return told | {name: values.get(name) for name in _SHOWN}
+        return told | {name: values.get(name) for name in _SHOWN} | {"state": self._state}

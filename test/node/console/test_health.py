@@ -65,3 +65,11 @@ def test_images_are_not_missed_while_a_recording_stands_still(health):
     told = health.told(10.5, stands_still=True)
     assert (told["text"], told["level"]) == ("waiting for a target", "ok")
     assert health.told(10.5, stands_still=False)["level"] == "warn"
+
+
+def test_the_state_is_that_of_the_newest_word(health):
+    health.take_diagnostics({"level": "ok", "message": "", "values": {"state": "idle"}}, 0.5)
+    health.take_status({"level": "ok", "message": "", "values": {"state": "tracking"}}, 0.6)
+    assert health.told(0.7, stands_still=True)["state"] == "tracking"
+    health.take_diagnostics({"level": "ok", "message": "", "values": {"state": "idle"}}, 0.8)
+    assert health.told(0.9, stands_still=True)["state"] == "idle"
