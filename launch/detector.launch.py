@@ -16,7 +16,7 @@ from launch.actions import OpaqueFunction
 from launch_ros.actions import Node
 
 from pf_tracker_ros.launching import Given, argument, shared, tracker_nodes, tracker_parameters
-from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
+from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 
 

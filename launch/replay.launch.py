@@ -78,7 +78,8 @@ def start_replay(context: LaunchContext) -> list[Node | GroupAction]:
         }.items(),
     )
     # A group, because the tracker's arguments would otherwise replace those of the same name here.
-    return [replay, GroupAction([tracker])]
+    # It comes first: where an argument is wrong, nothing runs that would outlive the launch.
+    return [GroupAction([tracker]), replay]
 
 
 def fail_with_replay(context: LaunchContext) -> None:

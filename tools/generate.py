@@ -14,7 +14,7 @@ from typing import Any
 
 from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
-from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
+from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import Declaration, all_declarations, choosers, declarations
 from pf_tracker_ros.targets.parameters import MultiTrackerParameters, multi_preset_parameters
 from pf_tracker_ros.tracking.parameters import TrackerParameters

@@ -72,6 +72,8 @@ class Hog(Cue):
         across, down = cells
         self._columns = np.arange(across + 1)[:, None] / across
         self._rows = np.arange(down + 1)[:, None] / down
+        # It takes several frames' time, which the first frame of a target does not have.
+        _direction_table(bins)
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `Cue.learn`; source: Zhang et al. 2015, section 2."""

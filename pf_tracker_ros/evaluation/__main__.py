@@ -13,7 +13,7 @@ from contextlib import closing, contextmanager
 from types import FrameType
 from typing import Any
 
-from pf_tracker_ros.evaluation.command_line import parse_parameters, parser
+from pf_tracker_ros.evaluation.command_line import parse_parameters, parser, take_parameter_file
 from pf_tracker_ros.evaluation.outputs import Outputs
 from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
 from pf_tracker_ros.evaluation.report import print_table
@@ -59,9 +59,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     # What can be refused is refused before the first frame, not after an hour's work.
     _require("rich")
+    if options.params_file is not None:
+        _require("yaml")
     if options.plot is not None:
         _require("matplotlib")
     report = _begin_report(options)
+    settings = take_parameter_file(options)
+    if settings.most_targets > 1:
+        raise EvaluationError(
+            f"{options.params_file} is for several targets (max_targets {settings.most_targets}); "
+            "one is evaluated here: take max_targets out of the file"
+        )
     parameters = parse_parameters(options.parameter)
     outputs = Outputs(options.output, options.plot, options.preset, parameters)
     make_tracker = functools.partial(Tracker.from_preset, options.preset, parameters=parameters)

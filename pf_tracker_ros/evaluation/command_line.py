@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from pf_tracker_ros.evaluation.results import EvaluationError
-from pf_tracker_ros.parameters import Declaration, all_declarations
+from pf_tracker_ros.parameter_files import TrackerSettings, read_parameter_file
+from pf_tracker_ros.parameters import Declaration, ParameterError, all_declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS
 
+_PRESET = "default"
 _DESCRIPTION = """\
 Evaluate a preset of the tracker on sequences with ground truth: one pass from the first true box,
 no restarts. Prints the success AUC (mean over the overlap thresholds 0, .05, .. 1 of the share of
@@ -87,6 +89,71 @@ def _unquoted(text: str) -> str:
     return text[1:-1] if is_quoted else text
 
 
+def add_tracker_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say which tracker it is: a preset, and what differs from it."""
+    parser.add_argument("--preset", help=f"{', '.join(PRESETS)} (default: {_PRESET})")
+    parser.add_argument(
+        "--parameter",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="another value than the preset's for a parameter; may be repeated",
+    )
+    parser.add_argument(
+        "--params-file",
+        type=Path,
+        metavar="FILE",
+        help="the node's parameter file, such as the console's: its preset and values, over which "
+        "--parameter goes",
+    )
+
+
+def take_parameter_file(options: argparse.Namespace) -> TrackerSettings:
+    """Put what `--params-file` gives into preset and parameters, as if it had been typed.
+
+    Args:
+        options: With those of `add_tracker_options`, which are changed.
+
+    Returns:
+        What the file says; nothing without one.
+
+    Raises:
+        ParameterError: The file cannot be read, or is not for a tracker.
+        EvaluationError: A text has no `=`, or the preset is given twice.
+    """
+    settings = TrackerSettings()
+    if options.params_file is not None:
+        settings = read_parameter_file(options.params_file)
+        if options.preset and settings.preset:
+            raise EvaluationError(
+                f"--preset {options.preset} and {options.params_file} (preset {settings.preset}) "
+                "both give the preset; leave --preset out, or take it out of the file"
+            )
+        # Only the names are of interest here.
+        typed = parse_parameters(options.parameter)
+        options.parameter = [
+            *(
+                f"{name}={_as_typed(name, value)}"
+                for name, value in settings.parameters.items()
+                if name not in typed
+            ),
+            *options.parameter,
+        ]
+    options.preset = options.preset or settings.preset or _PRESET
+    return settings
+
+
+def _as_typed(name: str, value: Any) -> str:
+    """A value of a parameter file as `parse_parameters` takes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if not isinstance(value, tuple):
+        return str(value)
+    if any("," in str(element) for element in value):
+        raise ParameterError(f"parameter '{name}' is {list(value)}; allowed here: without commas")
+    return ",".join(map(str, value))
+
+
 class _Parser(argparse.ArgumentParser):
     """An argument parser that refuses in one line."""
 
@@ -109,16 +176,7 @@ def parser() -> argparse.ArgumentParser:
         help="a sequence folder (groundtruth.txt or groundtruth_rect.txt, and frames), or a folder "
         "of such folders",
     )
-    parser.add_argument(
-        "--preset", default="default", help=f"{', '.join(PRESETS)} (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--parameter",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="another value than the preset's for a parameter; may be repeated",
-    )
+    add_tracker_options(parser)
     parser.add_argument(
         "--seeds",
         type=_positive,

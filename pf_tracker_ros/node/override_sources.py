@@ -8,19 +8,17 @@ dictionary of parameters reaches the node as a file, behind those that the launc
 from __future__ import annotations
 
 import itertools
-import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import yaml
 
+from pf_tracker_ros.parameter_files import applies, names_for
 from pf_tracker_ros.ros_arguments import split_ros_arguments
 
 _FILE_OPTIONS = ("--params-file",)
 _VALUE_OPTIONS = ("-p", "--param")
-# rcl's wildcards for parts of a node's name: any one, and any number of them.
-_WILDCARDS = {"*": "/[^/]+", "**": "(?:/[^/]+)*"}
 
 
 def files_superseded_by(name: str, node_name: str, command_line: Sequence[str]) -> set[str]:
@@ -56,7 +54,7 @@ def _sources(node_name: str, command_line: Sequence[str]) -> Iterator[_Source]:
         elif option in _VALUE_OPTIONS:
             # Of one node alone: node:name:=value.
             node, _, name = value.partition(":=")[0].rpartition(":")
-            if not node or re.fullmatch(_expression(node), node_name):
+            if not node or applies(node, node_name):
                 yield _Source({name}, is_file=False)
 
 
@@ -69,34 +67,4 @@ def _names_in_file(path: Path, node_name: str) -> Iterator[str]:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, yaml.YAMLError):
         return
-    for pattern, parameters in _sections(document, ""):
-        if re.fullmatch(_expression(pattern), node_name):
-            yield from _flat_names(parameters, "")
-
-
-def _sections(document: Any, prefix: str) -> Iterator[tuple[str, Any]]:
-    """Pattern of node names, and the parameters of those nodes."""
-    for key, value in _items(document):
-        if key == "ros__parameters":
-            yield prefix, value
-        else:
-            yield from _sections(value, f"{prefix}/{key.strip('/')}")
-
-
-def _flat_names(parameters: Any, prefix: str) -> Iterator[str]:
-    for key, value in _items(parameters):
-        if isinstance(value, dict):
-            yield from _flat_names(value, f"{prefix}{key}.")
-        else:
-            yield prefix + key
-
-
-def _items(mapping: Any) -> Iterable[tuple[str, Any]]:
-    if isinstance(mapping, dict):
-        return ((str(key), value) for key, value in mapping.items())
-    return ()
-
-
-def _expression(pattern: str) -> str:
-    parts = pattern.strip("/").split("/")
-    return "".join(_WILDCARDS.get(part, "/" + re.escape(part)) for part in parts)
+    yield from names_for(document, node_name)

@@ -39,6 +39,7 @@ from pf_tracker_ros.recordings.plan import (
     open_asked,
     plan_for,
     require,
+    take_settings,
 )
 from pf_tracker_ros.recordings.progress import progress_bar
 from pf_tracker_ros.recordings.recording import Recording
@@ -121,6 +122,7 @@ def _run(options: argparse.Namespace, stop: _Stop, source_name: str | None) -> i
         if wanted:
             require(package, extra)
     _check_kind(options)
+    take_settings(options)
     check_request(options)
     if options.archive is not None:
         stop.at_once = True

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import NoReturn
 
 from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.evaluation.command_line import add_tracker_options
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.stores import as_place
 from pf_tracker_ros.recordings.plan import BESIDE, DETECTORS
-from pf_tracker_ros.tracking.presets import PRESETS
 
 _DESCRIPTION = """\
 Track a target, or several, through a recording, without a ROS graph: a bag, a video, a folder of
@@ -94,19 +94,8 @@ def parser() -> argparse.ArgumentParser:
         "(needs aiohttp)",
     )
     _add_detections(parser)
-    parser.add_argument(
-        "--preset", default="default", help=f"{', '.join(PRESETS)} (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--parameter",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="another value than the preset's for a parameter; may be repeated",
-    )
-    parser.add_argument(
-        "--seed", type=_seed, default=0, metavar="N", help="as the node's (default: %(default)s)"
-    )
+    add_tracker_options(parser)
+    parser.add_argument("--seed", type=_seed, metavar="N", help="as the node's (default: 0)")
     parser.add_argument(
         "--video", action="store_true", help="write overlay.mp4: what ~/overlay shows"
     )

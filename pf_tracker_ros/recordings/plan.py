@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pf_tracker_ros.evaluation.command_line import parse_parameters
+from pf_tracker_ros.evaluation.command_line import parse_parameters, take_parameter_file
 from pf_tracker_ros.footage import is_bag
 from pf_tracker_ros.footage.access import is_there
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 DETECTORS = ("people", "motion")
 """Keys of `pf_tracker_ros.targets.built_in_detectors.DETECTORS`, known without SciPy."""
+
+_MOST = "targets.most"
 
 BESIDE = Path()
 """What an option stands for that is given without its file or folder: the one beside.
@@ -144,16 +146,31 @@ def plan_for(
     try:
         if draw is not None:
             targets = draw(_most_targets(options))
-        several = detected or len(targets) > 1
-        if draw is not None and not several:
-            # How many would be drawn was not known when the parameters were chosen.
-            several = not _suit_one_target(options)
+        # One target alone may be that of a tracker of several, whose parameters are given then.
+        several = detected or len(targets) > 1 or not _suit_one_target(options)
         parameters = _parameters(options, several=several)
         return Plan(recording, targets, hearing, several, options.preset, parameters, options.seed)
     except BaseException:
         if hearing is not None:
             hearing.close()
         raise
+
+
+def take_settings(options: argparse.Namespace) -> None:
+    """Put what a parameter file gives into preset, parameters and seed, as if it had been typed.
+
+    Args:
+        options: Of the command line, which are changed.
+
+    Raises:
+        ParameterError: The file cannot be read, or is not for a tracker.
+        EvaluationError: What is given contradicts it.
+    """
+    settings = take_parameter_file(options)
+    if settings.most_targets > 1 and _MOST not in parse_parameters(options.parameter):
+        options.parameter.append(f"{_MOST}={settings.most_targets}")
+    if options.seed is None:
+        options.seed = settings.seed or 0
 
 
 def is_detected(options: argparse.Namespace) -> bool:
@@ -199,7 +216,7 @@ def _most_targets(options: argparse.Namespace) -> int:
     from pf_tracker_ros.targets.multi_tracker import MultiTracker
 
     values = MultiTracker.from_preset(options.preset, options.seed, parameters).parameters
-    return int(values["targets.most"])
+    return int(values[_MOST])
 
 
 def _parameters(options: argparse.Namespace, *, several: bool) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from pf_tracker_ros.targets.relearning import (
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.tracking.camera import Camera
 from pf_tracker_ros.tracking.follower import Follower
-from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_interval
+from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_interval, check_seed
 from pf_tracker_ros.tracking.scaling import scaled_to
 from pf_tracker_ros.tracking.tracker import NOMINAL_INTERVAL, usual_arithmetic
 
@@ -54,6 +54,7 @@ class MultiTracker:
 
     Raises:
         ParameterError: The parameters contradict each other.
+        ValueError: The seed is no whole number from 0.
     """
 
     def __init__(self, parameters: MultiTrackerParameters, seed: int = 0) -> None:
@@ -62,10 +63,10 @@ class MultiTracker:
                 f"parameters is {parameters!r}; for a preset, use MultiTracker.from_preset(name)"
             )
         self._parameters = parameters
-        self._seed = seed
+        self._seed = check_seed(seed)
         with usual_arithmetic():
             self._follower = Follower(parameters, has_several=True)
-        self._keeper = CrowdKeeper(self._follower, parameters, seed)
+        self._keeper = CrowdKeeper(self._follower, parameters, self._seed)
         self._camera = self._new_camera()
         self._crowd = Crowd()
         self._history = History()
@@ -92,6 +93,7 @@ class MultiTracker:
 
         Raises:
             ParameterError: No such preset or parameter, or a value that is not allowed.
+            ValueError: The seed is no whole number from 0.
         """
         values = multi_preset_parameters(preset)
         values = change(MultiTrackerParameters, values, parameters or {})

@@ -1,4 +1,4 @@
-"""Checks of what comes from outside: images, boxes, times."""
+"""Checks of what comes from outside: images, boxes, times, seeds."""
 
 from __future__ import annotations
 
@@ -68,6 +68,17 @@ def check_interval(interval: float) -> float:
     if seconds is None or seconds.shape != () or not 0.0 <= seconds < math.inf:
         raise ValueError(f"dt is {interval!r}; allowed: a finite number of seconds from 0 up")
     return float(seconds)
+
+
+def check_seed(seed: object) -> int:
+    """The seed as an int.
+
+    Raises:
+        ValueError: Not a whole number from 0.
+    """
+    if isinstance(seed, int | np.integer) and not isinstance(seed, bool) and seed >= 0:
+        return int(seed)
+    raise ValueError(f"seed is {seed!r}; allowed: a whole number from 0 up")
 
 
 def _numbers(values: object) -> NDArray[np.float64] | None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pf_tracker_ros.parameters import ParameterError, build, change, declarations, flatten
 from pf_tracker_ros.tracking.estimate import Estimate, TrackState
 from pf_tracker_ros.tracking.follower import Follower
-from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_interval
+from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_interval, check_seed
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
@@ -39,6 +39,7 @@ class Tracker:
 
     Raises:
         ParameterError: The parameters contradict each other.
+        ValueError: The seed is no whole number from 0.
     """
 
     def __init__(self, parameters: TrackerParameters, seed: int = 0) -> None:
@@ -46,7 +47,7 @@ class Tracker:
             raise TypeError(
                 f"parameters is {parameters!r}; for a preset, use Tracker.from_preset(name)"
             )
-        self._seed = seed
+        self._seed = check_seed(seed)
         self._tracked: _Tracked | None = None
         with usual_arithmetic():
             self._follower = Follower(parameters)
@@ -67,6 +68,7 @@ class Tracker:
 
         Raises:
             ParameterError: No such preset or parameter, or a value that is not allowed.
+            ValueError: The seed is no whole number from 0.
         """
         values = change(TrackerParameters, preset_parameters(preset), parameters or {})
         return cls(build(TrackerParameters, values), seed)

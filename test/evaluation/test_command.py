@@ -315,3 +315,22 @@ def test_plot_shows_the_preset(short_sequence, tmp_path):
     assert min(image.shape[:2]) >= 400
     # The preset's curve is the only thing in color.
     assert (image.max(axis=2) - image.min(axis=2) > 60).any()
+
+
+def test_a_parameter_file_says_what_could_be_typed(short_sequence, tmp_path):
+    own = tmp_path / "own.yaml"
+    text = "/pf_tracker:\n  ros__parameters: {preset: li2007, particles: 20, seed: 5}\n"
+    own.write_text(text)
+    documents = []
+    for name, arguments in {
+        "file.json": ("--params-file", own),
+        "typed.json": ("--preset", "li2007", "--parameter", "particles=20"),
+    }.items():
+        given = (short_sequence, *arguments, "--seeds", "1", "--output", name)
+        done = evaluate(*given, directory=tmp_path)
+        assert done.returncode == 0, done.stderr
+        documents.append(json.loads((tmp_path / name).read_text()))
+    assert without_times(documents[0]) == without_times(documents[1])
+    own.write_text(text.replace("preset", "max_targets: 4, preset"))
+    said = refusal(short_sequence, "--params-file", own, directory=tmp_path)
+    assert "is for several targets (max_targets 4)" in said

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from pf_tracker_ros.decoding.image_decoding import ENCODINGS
-from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
+from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 
 REPOSITORY = Path(__file__).resolve().parents[2]

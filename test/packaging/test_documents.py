@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
+from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import all_declarations, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 

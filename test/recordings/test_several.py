@@ -303,7 +303,6 @@ def test_a_built_in_detector_that_finds_nothing_says_so(tracked, source, name, f
         (["--detector", "motion", "--detections", "d.csv"], "not allowed with argument"),
         (["--detector", "motion", "--parameter", "targets.most=0"], "targets.most"),
         (["--detector", "motion", "--parameter", "targets.least=1"], "targets.least"),
-        (["--box", "1,2,30,40", "--parameter", "targets.most=3"], "targets.most"),
         (
             ["--box", "1,2,30,40", "--box", "50,2,30,40", "--parameter", "targets.most=1"],
             "box from --box: there is 1 target, as many as there may be",

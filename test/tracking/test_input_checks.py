@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Tracker
+from pf_tracker_ros.targets.multi_tracker import MultiTracker
 
 BOX = (82.0, 82.0, 36.0, 36.0)
 
@@ -120,3 +121,18 @@ def test_any_real_number_is_an_interval(interval):
         tracker.update(IMAGE, dt=dt) for tracker, dt in zip(trackers, (interval, 2.0), strict=True)
     )
     assert given == expected
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, 1.0, "1", True, None, [1], np.float64(3), np.int64(-1)])
+@pytest.mark.parametrize("kind", [Tracker, MultiTracker])
+def test_a_bad_seed_is_refused_at_once(kind, seed):
+    with pytest.raises(ValueError, match=r"seed is .*; allowed: a whole number from 0 up"):
+        kind.from_preset("li2007", seed=seed)
+
+
+def test_any_whole_number_is_a_seed():
+    estimates = [
+        Tracker.from_preset("li2007", seed).start(IMAGE, BOX)
+        for seed in (7, np.uint8(7), 7 + 2**70)
+    ]
+    assert estimates[0] == estimates[1] != estimates[2]

@@ -70,6 +70,11 @@ class GradientsAndColors:
 
     stride = _CELL_PIXELS
 
+    def __init__(self) -> None:
+        # They take several frames' time, which the first frame of a target does not have.
+        _direction_tables()
+        _name_table()
+
     def extract(self, window: NDArray[np.uint8]) -> NDArray[np.float32]:
         """See `Features.extract`."""
         cells = window.shape[0] // _CELL_PIXELS
@@ -194,10 +199,11 @@ def _name_table() -> NDArray[np.float32]:
     blue, green, red = np.meshgrid(level, level, level, indexing="ij")
     colors = np.stack([red, green, blue], axis=-1).reshape(-1, 3)
     named = np.array(_NAMED_COLORS) / 255
-    distance = np.linalg.norm(_lab(colors)[:, None] - _lab(named)[None], axis=2)
+    lab = _lab(colors)
+    distance = np.linalg.norm(lab[:, None] - _lab(named)[None], axis=2)
     fit = np.exp(-0.5 * np.square(distance / _NAME_REACH))
     fit /= fit.sum(axis=1, keepdims=True) + 1e-9
-    chroma = np.linalg.norm(_lab(colors)[:, 1:], axis=1)
+    chroma = np.linalg.norm(lab[:, 1:], axis=1)
     commonness = np.exp(-0.5 * np.square(chroma / _COMMON_CHROMA))
     return (0.25 * _COLOR_WEIGHT * _principal(fit, commonness, _COLORS)).astype(np.float32)
 

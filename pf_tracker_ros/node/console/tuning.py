@@ -15,7 +15,8 @@ from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterType, Pa
 from rclpy.parameter import parameter_value_to_python
 
 from pf_tracker_ros.node.console.answers import Json
-from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
+from pf_tracker_ros.node_parameters import NodeParameters
+from pf_tracker_ros.parameter_files import OF_EVERY_NODE
 from pf_tracker_ros.parameters import Declaration, ParameterError, all_declarations, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
@@ -23,8 +24,6 @@ from pf_tracker_ros.tracking.presets import preset_parameters
 _NODE = declarations(NodeParameters)
 _TRACKER = all_declarations(TrackerParameters)
 _ORDER = {name: place for place, name in enumerate([*_NODE, *_TRACKER])}
-# Of every node, or of its endpoints: nothing to tune.
-_NOT_SHOWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 _KINDS = {
     ParameterType.PARAMETER_BOOL: "bool",
     ParameterType.PARAMETER_INTEGER: "int",
@@ -38,7 +37,7 @@ _LARGEST_INTEGER = 2**63
 
 def shown_names(names: Sequence[str]) -> list[str]:
     """The names of parameters that can be tuned, in the order of docs/parameters.md."""
-    known = [name for name in names if not name.startswith(_NOT_SHOWN)]
+    known = [name for name in names if not name.startswith(OF_EVERY_NODE)]
     return sorted(known, key=lambda name: (_ORDER.get(name, len(_ORDER)), name))
 
 

@@ -27,13 +27,13 @@ from pf_tracker_ros.node.running import run
 from pf_tracker_ros.node.tracker.diagnostics import Diagnostics, Health
 from pf_tracker_ros.node.tracker.following import Followed, Following
 from pf_tracker_ros.node.tracker.image_input import RELIABILITY_CURE, ImageInput
-from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
 from pf_tracker_ros.node.tracker.one_target import OneTarget
 from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter
 from pf_tracker_ros.node.tracker.services import Services
 from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED, SkippedFrames
 from pf_tracker_ros.node.tracker.status import PAUSED, Status, StatusOutput, stamp_text
 from pf_tracker_ros.node.tracker.target_input import TargetInput
+from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.stamps import stamp_of
 
 Outcome = TypeVar("Outcome")

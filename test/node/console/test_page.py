@@ -122,7 +122,7 @@ def test_the_state_and_its_figures_are_those_of_the_status(camera, page):
 
 
 @pytest.mark.usefixtures("tracker")
-def test_the_last_minute_of_the_figures_is_drawn(camera, page):
+def test_the_last_minute_of_the_figures_is_drawn(camera, page, client):
     camera.show_on(page)
     page.drag(camera.box_at(page.stamp))
     camera.show_until(lambda: page.box, "box")
@@ -136,8 +136,15 @@ def test_the_last_minute_of_the_figures_is_drawn(camera, page):
     # The default preset has two cues.
     camera.show_until(lambda: powers.count() == 2, "line for each cue")
     camera.show_until(lambda: page.locator("#cues li").count() == 2, "share of each cue")
-    shares = [float(text.split()[-1]) for text in page.locator("#cues li").all_inner_texts()]
+    legend = page.locator("#cues li")
+    shares = [float(text.split()[-1]) for text in legend.all_inner_texts()]
     assert sum(shares) == pytest.approx(1.0, abs=0.02)
+    # A line of the last minute stays, but its cue has no share any more.
+    client.set_parameters(cues=["correlation_response"])
+    camera.show_until(
+        lambda: legend.all_inner_texts() == ["color contrast \u2013", "correlation response 1.00"],
+        "share of the only cue",
+    )
 
 
 def test_the_likelihood_is_shown_on_demand(tracker, camera, page):

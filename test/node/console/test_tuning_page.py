@@ -132,6 +132,20 @@ def test_what_others_set_is_shown(tuned, client):
     tuned.wait_until(lambda: field(tuned, "particles").input_value() == "123", "the value")
 
 
+def test_a_number_of_many_digits_is_shown_short_and_told_in_full(tuned, client):
+    exact = 1.0467401794744694e-08
+    client.set_parameters(**{"template.update_above": exact})
+    shown = field(tuned, "template.update_above")
+    tuned.wait_until(lambda: shown.input_value() == "1.04674e-8", "the value, short")
+    assert float(shown.get_attribute("title")) == exact
+    # Whoever only looks at it changes nothing.
+    shown.focus()
+    shown.press("Tab")
+    client.set_parameters(particles=123)
+    tuned.wait_until(lambda: field(tuned, "particles").input_value() == "123", "the value")
+    assert client.get_parameters("template.update_above") == [exact]
+
+
 def test_what_differs_from_the_preset_is_given_as_a_parameter_file(tuned, client):
     client.set_parameters(particles=123, cues=["correlation_response"])
     tuned.wait_until(lambda: field(tuned, "particles").input_value() == "123", "the value")

@@ -3,7 +3,7 @@
 import pytest
 from rclpy.parameter import Parameter
 
-from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
+from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import all_declarations, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters

@@ -142,7 +142,7 @@ def test_the_replay_publisher_hands_the_tracker_only_arguments_that_it_has():
 def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
     pytest.importorskip("rclpy")
     from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
-    from pf_tracker_ros.node.tracker.node_parameters import NodeParameters
+    from pf_tracker_ros.node_parameters import NodeParameters
     from pf_tracker_ros.parameters import declarations
     from pf_tracker_ros.targets.parameters import SeveralTargetsParameters
 
@@ -238,6 +238,16 @@ def test_a_wrong_argument_ends_the_launch_with_the_reason(shell, given, told):
     outcome = shell.run(f"{TRACKER} {given}")
     assert outcome.returncode != 0
     assert told in outcome.stdout + outcome.stderr
+
+
+@pytest.mark.parametrize(
+    "given", ["preset:=lee2007", "params_file:=none.yaml", "seed:=some", "console:=perhaps"]
+)
+def test_a_wrong_argument_of_the_tracker_starts_no_replay(shell, drive, given):
+    outcome = shell.run(f"{REPLAY} source:={drive} {TARGET} {given}")
+    assert outcome.returncode != 0
+    assert f"argument {given}" in outcome.stdout + outcome.stderr
+    assert "process started" not in outcome.stdout + outcome.stderr
 
 
 def test_a_tracker_takes_the_preset_over_the_file_and_the_time_from_the_clock(

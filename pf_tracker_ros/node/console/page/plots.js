@@ -41,7 +41,7 @@ function draw(now) {
     while (svg.children.length > lines.size) svg.lastChild.remove();
     while (svg.children.length < lines.size) svg.append(document.createElementNS(SVG, "path"));
     [...lines.values()].forEach((points, i) => svg.children[i].setAttribute("d", path(points, now, highest)));
-    if (id === "powers") legend([...lines].map(([name, points]) => [name, points.at(-1)[1]]));
+    if (id === "powers") legend([...lines.keys()].map((name) => [name, of(past.at(-1)[1])[name]]));
     else at(`top-${id}`).textContent = highest.toFixed(highest < 2 ? 1 : 0);
   }
 }
@@ -61,5 +61,5 @@ function legend(cues) {
   const list = at("cues");
   while (list.children.length > cues.length) list.lastChild.remove();
   while (list.children.length < cues.length) list.append(document.createElement("li"));
-  cues.forEach(([name, value], i) => { list.children[i].textContent = `${name.replaceAll("_", " ")} ${value.toFixed(2)}`; });
+  cues.forEach(([name, value], i) => { list.children[i].textContent = `${name.replaceAll("_", " ")} ${value?.toFixed(2) ?? "–"}`; });
 }

@@ -95,6 +95,8 @@ function numeric(one, give) {
   const input = element("input", { type: "number", step: "any" });
   const slider = element("input", { type: "range", min: 0, max: 1, step: 0.001, tabIndex: -1 });
   slider.setAttribute("aria-hidden", "true");  // the field beside it says the same
+  // What the field is too narrow for is told in full by its title.
+  const text = (value) => String(one.kind === "int" ? value : Number(value.toPrecision(6)));
   const digits = (value) => one.kind === "int" ? Math.round(value) : Number(value.toPrecision(3));
   input.onchange = () => give(numberOf(input.value));
   slider.oninput = () => { input.value = digits(toValue(slider.valueAsNumber, one.range)); };
@@ -102,7 +104,7 @@ function numeric(one, give) {
   return {
     inputs: one.range ? [input, slider] : [input],
     show(value) {
-      if (document.activeElement !== input || !input.matches("[aria-invalid]")) input.value = value;
+      if (document.activeElement !== input || !input.matches("[aria-invalid]")) [input.value, input.title] = [text(value), value];
       if (one.range) slider.value = toPlace(value, one.range);
     },
   };

@@ -1,0 +1,152 @@
+"""ROS parameter files, as far as they can be understood without ROS."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.footage.access import check_file
+from pf_tracker_ros.node_parameters import NodeParameters
+from pf_tracker_ros.parameters import ParameterError, declarations
+
+OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+"""How the names of parameters begin that every node, or each of its endpoints, has."""
+
+_NODE_NAME = "pf_tracker"
+_NODE = declarations(NodeParameters)
+# rcl's wildcards for parts of a node's name: any one, and any number of them.
+_WILDCARDS = {"*": "/[^/]+", "**": "(?:/[^/]+)*"}
+
+
+@dataclass(frozen=True)
+class TrackerSettings:
+    """What a parameter file says of the tracker itself, and not of the node around it.
+
+    Attributes:
+        preset: Name of the preset, None where the file gives none.
+        seed: None where it gives none.
+        most_targets: The node's `max_targets`; above 1, they are for several targets.
+        parameters: Full name to value of what is given beside the preset. Whether such a parameter
+            exists, and takes that value, is for the tracker to judge.
+    """
+
+    preset: str | None = None
+    seed: int | None = None
+    most_targets: int = 1
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+
+def read_parameter_file(path: Path | str) -> TrackerSettings:
+    """Read what a ROS parameter file says of the tracker, such as one that the console gives.
+
+    Its sections for a node `pf_tracker` in any namespace are taken, a later one over an earlier
+    one; where there is only one section, whatever node it is for.
+
+    Args:
+        path: The file.
+
+    Raises:
+        ParameterError: It cannot be read, or has no parameters of a tracker.
+    """
+    # Only the commands that read such files need it.
+    import yaml
+
+    path = Path(path)
+    try:
+        check_file(path, "parameter file")
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FootageError as error:
+        raise ParameterError(str(error)) from error
+    except Exception as error:
+        # Besides its own errors PyYAML raises many others: of what is nested too deeply, or has a
+        # tag that does not suit it.
+        reason = " ".join(str(error).split())
+        raise ParameterError(f"{path} cannot be read as YAML ({reason})") from error
+    values: dict[str, Any] = {}
+    for section in _sections_of_a_tracker(path, document):
+        values |= _flat(section, "")
+    given = {name: _judged(path, name, values[name]) for name in _NODE if name in values}
+    return TrackerSettings(
+        given.get("preset"),
+        given.get("seed"),
+        given.get("max_targets", 1),
+        {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in values.items()
+            if name not in _NODE and not name.startswith(OF_EVERY_NODE)
+        },
+    )
+
+
+def names_for(document: Any, node_name: str) -> Iterator[str]:
+    """The full names of the parameters that a file gives a node, some of them several times.
+
+    Args:
+        document: Content of the file.
+        node_name: Fully qualified name of the node.
+    """
+    for pattern, parameters in _sections(document, ""):
+        if applies(pattern, node_name):
+            yield from _flat(parameters, "")
+
+
+def applies(pattern: str, node_name: str) -> bool:
+    """Whether a node's fully qualified name is one that rcl's pattern of names is for."""
+    parts = pattern.strip("/").split("/")
+    expression = "".join(_WILDCARDS.get(part, "/" + re.escape(part)) for part in parts)
+    return re.fullmatch(expression, node_name) is not None
+
+
+def _sections_of_a_tracker(path: Path, document: Any) -> list[Any]:
+    sections = list(_sections(document, ""))
+    if not sections:
+        raise ParameterError(
+            f"{path} is no ROS parameter file: it has no ros__parameters below the name of a node"
+        )
+    if len(sections) == 1:
+        return [sections[0][1]]
+    named = (*_WILDCARDS, _NODE_NAME)
+    found = [section for name, section in sections if name.rpartition("/")[2] in named]
+    if not found:
+        nodes = ", ".join(name for name, _ in sections)
+        raise ParameterError(f"{path} has parameters of {nodes}; allowed: of {_NODE_NAME}")
+    return found
+
+
+def _judged(path: Path, name: str, value: Any) -> Any:
+    if isinstance(value, list):
+        value = tuple(value)
+    try:
+        return _NODE[name].validate(value)
+    except ParameterError as error:
+        raise ParameterError(f"{path}: {error}") from None
+
+
+def _sections(document: Any, prefix: str) -> Iterator[tuple[str, Any]]:
+    """Pattern of node names, and the parameters of those nodes."""
+    for key, value in _items(document):
+        if key == "ros__parameters":
+            yield prefix, value
+        else:
+            yield from _sections(value, f"{prefix}/{key.strip('/')}")
+
+
+def _flat(parameters: Any, prefix: str) -> dict[str, Any]:
+    """Full name to value."""
+    flat: dict[str, Any] = {}
+    for key, value in _items(parameters):
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = value
+    return flat
+
+
+def _items(mapping: Any) -> Iterable[tuple[str, Any]]:
+    if isinstance(mapping, dict):
+        return ((str(key), value) for key, value in mapping.items())
+    return ()

@@ -1,0 +1,91 @@
+"""`track` with the node's parameter file."""
+
+import pytest
+
+BOX = ("--box", "20,30,24,24")
+OWN = """\
+/pf_tracker:
+  ros__parameters:
+    preset: "li2007"
+    seed: 3
+    click_size: 20.0
+    particles: 20
+    cues: ["color_histogram", "hog"]
+    template: {update_above: 1.5e-1}
+"""
+
+
+@pytest.fixture
+def own(tmp_path):
+    path = tmp_path / "own.yaml"
+    path.write_text(OWN)
+    return path
+
+
+@pytest.fixture
+def tracked(track, rows, moving_square_sequence, tmp_path):
+    """The rows of boxes.csv with some arguments."""
+
+    def run(*arguments):
+        output = tmp_path / f"out{len(list(tmp_path.iterdir()))}"
+        code, _, errors = track(moving_square_sequence, "--output", output, *arguments)
+        assert (code, errors) == (0, "")
+        return rows(output)
+
+    return run
+
+
+def test_a_file_says_what_could_be_typed(tracked, own):
+    typed = tracked(
+        *BOX,
+        *("--preset", "li2007", "--seed", 3, "--parameter", "particles=20"),
+        *("--parameter", "cues=color_histogram,hog", "--parameter", "template.update_above=0.15"),
+    )
+    assert tracked(*BOX, "--params-file", own) == typed
+    assert tracked(*BOX, "--params-file", own, "--seed", 4) != typed
+
+
+def test_what_is_typed_comes_over_the_file(tracked, own):
+    over = ("--parameter", "particles=30", "--parameter", "template.update_above=0.5")
+    typed = ("--preset", "li2007", "--seed", 3, "--parameter", "cues=color_histogram,hog")
+    assert tracked(*BOX, "--params-file", own, *over) == tracked(*BOX, *typed, *over)
+
+
+def test_a_preset_is_given_once(track, moving_square_sequence, own, tmp_path):
+    arguments = (moving_square_sequence, "--output", tmp_path / "out", "--params-file", own)
+    code, _, errors = track(*arguments, "--preset", "default")
+    assert code == 2
+    assert "--preset default and" in errors
+    assert "(preset li2007) both give the preset; leave --preset out" in errors
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_for_several_targets_tracks_one_as_one_of_several(tracked, own):
+    own.write_text(OWN.replace("preset:", "max_targets: 5\n    preset:"))
+    found = tracked(*BOX, "--params-file", own)
+    # Of several targets there is a label.
+    assert found[0]["label"] == ""
+    several = ("--preset", "li2007", "--seed", 3, "--parameter", "targets.most=5")
+    cues = ("--parameter", "cues=color_histogram,hog", "--parameter", "particles=20")
+    update = ("--parameter", "template.update_above=0.15")
+    assert tracked(*BOX, *several, *cues, *update) == found
+    assert tracked(*BOX, "--params-file", own, "--parameter", "targets.most=7") == found
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("particels: 5", "did you mean 'particles'"),
+        ("track: {lost_after: soon}", "parameter 'track.lost_after' is 'soon'"),
+        ("particles:", "parameter 'particles' is 'None'"),
+        ('detector: {labels: ["a, b"]}', "allowed here: without commas"),
+    ],
+)
+def test_a_wrong_value_is_told_by_its_name(track, moving_square_sequence, own, line, said):
+    own.write_text(f"/**:\n  ros__parameters:\n    {line}\n")
+    output = own.parent / "out"
+    arguments = (moving_square_sequence, "--output", output, "--params-file", own)
+    code, _, errors = track(*arguments)
+    assert code == 2
+    assert said in errors
+    assert len(errors.splitlines()) == 1

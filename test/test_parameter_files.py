@@ -1,0 +1,111 @@
+"""What a ROS parameter file says of the tracker, and what the commands make of it."""
+
+import pytest
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.parameter_files import TrackerSettings, read_parameter_file
+from pf_tracker_ros.parameters import ParameterError, all_declarations
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
+
+TUNED = """\
+"/left/pf_tracker":
+  ros__parameters:
+    preset: zhang2015
+    seed: 4
+    max_targets: 1
+    click_size: 30.0
+    target_box: [1.0, 2.0, 30.0, 40.0]
+    use_sim_time: true
+    qos_overrides: {/image: {subscription: {depth: 3}}}
+    particles: 50
+    resampling: {threshold: 0.25}
+    cues: [hog, color_histogram]
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Writes a parameter file."""
+
+    def write(text):
+        path = tmp_path / "own.yaml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def test_what_is_of_the_tracker_is_read_and_what_is_of_the_node_left_out(file):
+    assert read_parameter_file(file(TUNED)) == TrackerSettings(
+        "zhang2015",
+        4,
+        1,
+        {"particles": 50, "resampling.threshold": 0.25, "cues": ("hog", "color_histogram")},
+    )
+
+
+def test_the_library_takes_what_was_read(file):
+    settings = read_parameter_file(file(TUNED))
+    tracker = Tracker.from_preset(settings.preset, settings.seed, settings.parameters)
+    assert tracker.parameters["particles"] == 50
+    assert tracker.parameters["cues"] == ("hog", "color_histogram")
+
+
+@pytest.mark.parametrize(
+    ("text", "parameters"),
+    [
+        ("any_name:\n  ros__parameters: {particles: 7}\n", {"particles": 7}),
+        (
+            "/**:\n  ros__parameters: {particles: 7, cues: [hog]}\n"
+            "left:\n  pf_tracker:\n    ros__parameters: {particles: 8}\n"
+            "/left/camera:\n  ros__parameters: {rate: 30}\n",
+            {"particles": 8, "cues": ("hog",)},
+        ),
+        ("/*:\n  ros__parameters: {}\n/a:\n  ros__parameters: {particles: 7}\n", {}),
+        ("pf_tracker:\n  ros__parameters:\n", {}),
+    ],
+)
+def test_the_sections_of_a_tracker_are_taken(file, text, parameters):
+    assert read_parameter_file(file(text)).parameters == parameters
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_every_value_of_a_preset_comes_back(file, preset):
+    values = preset_parameters(preset)
+    lines = [
+        f"    {name}: {list(value) if isinstance(value, tuple) else value!r}"
+        for name, value in values.items()
+    ]
+    text = "/**:\n  ros__parameters:\n" + "\n".join(lines).replace("True", "true")
+    assert read_parameter_file(file(text.replace("False", "false"))).parameters == values
+    assert values.keys() <= all_declarations(TrackerParameters).keys()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a: [", "own.yaml cannot be read as YAML"),
+        ("- 1", "own.yaml is no ROS parameter file: it has no ros__parameters"),
+        ("particles: 5", "own.yaml is no ROS parameter file: it has no ros__parameters"),
+        (
+            "/a:\n  ros__parameters: {x: 1}\n/n/b:\n  ros__parameters: {x: 1}\n",
+            "own.yaml has parameters of /a, /n/b; allowed: of pf_tracker",
+        ),
+        ("/**:\n  ros__parameters: {preset: best}\n", "own.yaml: parameter 'preset' is 'best'"),
+        ("/**:\n  ros__parameters: {seed: -1}\n", "own.yaml: parameter 'seed' is -1"),
+        ("/**:\n  ros__parameters: {max_targets: x}\n", "own.yaml: parameter 'max_targets' is 'x'"),
+        ("/**:\n  ros__parameters: {target_box: [1]}\n", "own.yaml: parameter 'target_box' is"),
+    ],
+)
+def test_what_is_no_parameter_file_of_a_tracker_is_refused(file, text, said):
+    with pytest.raises(ParameterError, match=r"own\.yaml") as error:
+        read_parameter_file(file(text))
+    assert said in str(error.value)
+
+
+def test_a_file_that_is_not_there_or_none_is_refused(tmp_path):
+    with pytest.raises(ParameterError, match="No such file"):
+        read_parameter_file(tmp_path / "none.yaml")
+    with pytest.raises(ParameterError, match="is a folder"):
+        read_parameter_file(tmp_path)
