@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.footage.access import check_file
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import ParameterError, declarations
+from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
 OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """How the names of parameters begin that every node, or each of its endpoints, has."""
@@ -52,20 +51,11 @@ def read_parameter_file(path: Path | str) -> TrackerSettings:
     Raises:
         ParameterError: It cannot be read, or has no parameters of a tracker.
     """
-    # Only the commands that read such files need it.
-    import yaml
-
     path = Path(path)
     try:
-        check_file(path, "parameter file")
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FootageError as error:
+        document = read_yaml(path, "parameter file")
+    except YamlError as error:
         raise ParameterError(str(error)) from error
-    except Exception as error:
-        # Besides its own errors PyYAML raises many others: of what is nested too deeply, or has a
-        # tag that does not suit it.
-        reason = " ".join(str(error).split())
-        raise ParameterError(f"{path} cannot be read as YAML ({reason})") from error
     values: dict[str, Any] = {}
     for section in _sections_of_a_tracker(path, document):
         values |= _flat(section, "")

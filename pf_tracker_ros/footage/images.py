@@ -72,10 +72,15 @@ def read_image(path: Path) -> NDArray[Any]:
     check_file(path, "image")
     # Not by its name, which OpenCV takes as UTF-8 alone.
     octets = np.fromfile(path, dtype=np.uint8)
-    image = cv2.imdecode(octets, _READ_FLAGS) if octets.size else None
+    reason = ""
+    try:
+        image = cv2.imdecode(octets, _READ_FLAGS) if octets.size else None
+    except cv2.error as error:
+        # More pixels than OpenCV or the memory takes.
+        image, reason = None, f" ({' '.join(error.err.split())})"
     if image is None:
         raise FootageError(
-            f"image {path} cannot be decoded; accepted are {', '.join(IMAGE_SUFFIXES)}"
+            f"image {path} cannot be decoded{reason}; accepted are {', '.join(IMAGE_SUFFIXES)}"
         )
     eight_bit = image.dtype == np.uint8 and (image.ndim == 2 or image.shape[2] == 3)
     sixteen_bit_gray = image.dtype == np.uint16 and image.ndim == 2

@@ -101,7 +101,7 @@ def _read_meta(path: Path) -> dict[str, Any]:
     check_file(path, "meta data")
     try:
         meta = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise FootageError(f"{path} cannot be read as JSON: {error}") from error
     if not isinstance(meta, dict):
         raise FootageError(f"{path} holds {type(meta).__name__}; expected a JSON object")

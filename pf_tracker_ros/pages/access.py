@@ -69,13 +69,15 @@ class Access:
                 parts = urlsplit("")
             if parts.scheme in ("http", "https") and parts.netloc.lower() == host.lower():
                 return ""
-        return f"a page of {origin or 'unknown origin'} may not drive this one"
+        named = origin.encode(errors="backslashreplace").decode() if origin else "unknown origin"
+        return f"a page of {named} may not drive this one"
 
     def admits(self, token: str | None) -> bool:
         """Whether a token, None without one, is the one that is asked for, if any is."""
         if not self.token:
             return True
-        return secrets.compare_digest((token or "").encode(), self.token.encode())
+        given = (token or "").encode(errors="surrogatepass")
+        return secrets.compare_digest(given, self.token.encode())
 
     def _is_own(self, name: str) -> bool:
         # An address cannot be made to lead elsewhere, as a name can.

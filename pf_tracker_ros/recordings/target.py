@@ -26,13 +26,13 @@ from textwrap import indent
 from typing import Any
 
 from pf_tracker_ros.boxes import Box, as_box
-from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.footage.access import check_file, is_there, resolved
+from pf_tracker_ros.footage.access import is_there, resolved
 from pf_tracker_ros.footage.messages import box_as_sent
 from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_TARGET, RecordingError
 from pf_tracker_ros.recordings.placing import put_in_place
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
+from pf_tracker_ros.yaml_files import YamlError, quoted, read_yaml
 
 _KEYS = {"target_box", "frame", "stamp", "label", "recording", "image_size"}
 _SHARED_KEYS = {"recording", "image_size"}
@@ -116,7 +116,8 @@ def choose_target(recording: Recording, box: Sequence[float] | None) -> Target:
         RecordingError: There is none, there are several, or the target file is wrong or of another
             recording.
     """
-    return _only(choose_targets(recording, () if box is None else (box,)))
+    targets = choose_targets(recording, () if box is None else (box,))
+    return _only(targets, target_file(recording.path))
 
 
 def choose_targets(
@@ -156,7 +157,7 @@ def choose_targets(
 
 def read_target_file(path: Path, source: Path) -> Target:
     """Read a target file of one target; see `read_targets`."""
-    return _only(read_targets(path, source))
+    return _only(read_targets(path, source), path)
 
 
 def read_targets(path: Path, source: Path) -> tuple[Target, ...]:
@@ -229,15 +230,19 @@ def save_targets(targets: Sequence[Target], path: Path) -> None:
         put_in_place(draft, path)
 
 
-def _only(targets: Sequence[Target]) -> Target:
+def _only(targets: Sequence[Target], path: Path) -> Target:
     """The target, where there is only one.
+
+    Args:
+        targets: At least one.
+        path: File that several are of.
 
     Raises:
         RecordingError: There are several.
     """
     if len(targets) > 1:
         raise RecordingError(
-            f"{targets[0].source} lists {len(targets)} targets; allowed here: one, as several are "
+            f"{path} lists {len(targets)} targets; allowed here: one, as several are "
             "for the command track alone",
             WRONG_TARGET,
         )
@@ -286,18 +291,10 @@ def _target(path: Path, of: str, document: dict[str, Any], source: Path) -> Targ
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
-    import yaml
-
     try:
-        check_file(path, "target file")
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FootageError as error:
+        document = read_yaml(path, "target file")
+    except YamlError as error:
         raise RecordingError(str(error), WRONG_TARGET) from error
-    except Exception as error:
-        # Besides its own errors PyYAML raises many others: of what is nested too deeply, or has a
-        # tag that does not suit it.
-        reason = " ".join(str(error).split())
-        raise RecordingError(f"{path} cannot be read as YAML ({reason})", WRONG_TARGET) from error
     if not isinstance(document, dict):
         raise _wrong(path, "it", document, "a mapping with target_box, frame and stamp")
     return document
@@ -343,7 +340,7 @@ def _numbers(path: Path, what: str, value: Any, count: int, allowed: str) -> lis
 
 
 def _wrong(path: Path, what: str, value: Any, allowed: str) -> RecordingError:
-    return RecordingError(f"{path}: {what} is {value!r}; allowed: {allowed}", WRONG_TARGET)
+    return RecordingError(f"{path}: {what} is {quoted(value)}; allowed: {allowed}", WRONG_TARGET)
 
 
 def _size_text(size: tuple[int, int] | None) -> str:

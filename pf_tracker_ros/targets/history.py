@@ -131,9 +131,12 @@ class History:
         since = 0.0
         for moment in reversed(self._moments):
             back.append(moment)
-            if age <= since + max(moment.interval, NOMINAL_INTERVAL) / 2:
+            if age <= since + moment.interval / 2:
                 return back[::-1]
             since += moment.interval
+        if self.is_whole and age <= since - self.first.interval + NOMINAL_INTERVAL / 2:
+            # Before the first frame of all, there was none that could be nearer.
+            return back[::-1]
         return None
 
     def revise(self, moments: Sequence[Moment]) -> None:

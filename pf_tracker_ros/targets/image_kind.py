@@ -21,8 +21,10 @@ class ImageKind:
     """Knows what images the targets were followed in, and those in a row that fit none of them."""
 
     def __init__(self) -> None:
-        # Of the last image that was accepted, in words.
-        self._name = ""
+        # Of the last image that was accepted, in words, and its stamp.
+        self._name, self._stamp = "", 0
+        # Stamp of the last image of another size or kind than those since; 0 if there was none.
+        self._others_until = 0
         # Images in a row that fit no target, and the earliest of their stamps.
         self._misfits = self._misfits_since = 0
 
@@ -36,9 +38,34 @@ class ImageKind:
         """Whether so many images in a row fit no target that others will not come."""
         return self._misfits >= _MOST_MISFITS
 
-    def accept(self, image: NDArray[np.generic]) -> None:
-        """Take the kind of an image for that of the targets."""
-        self._name = _name_of(image)
+    def accept(self, image: NDArray[np.generic], stamp: int) -> None:
+        """Take the kind of an image for that of the targets.
+
+        Args:
+            image: That the targets are followed into.
+            stamp: Of the image, nanoseconds.
+        """
+        name = _name_of(image)
+        if stamp < self._stamp:
+            self._others_until = 0
+        elif self._name and name != self._name:
+            self._others_until = self._stamp
+        self._name, self._stamp = name, stamp
+
+    def is_of_others(self, stamp: int) -> bool:
+        """Whether a stamp is of the time when the images were of another size or kind."""
+        return 0 < stamp <= self._others_until
+
+    def check_drawn(self, drawn: Drawn) -> None:
+        """Refuse a target that was drawn on an image of another size or kind than those of now.
+
+        Raises:
+            ValueError: It was.
+        """
+        if self.is_of_others(drawn.stamp):
+            raise ValueError(
+                f"it was drawn on an image of another size or kind than the last one, {self._name}"
+            )
 
     def fit(self) -> None:
         """Count an image that the targets can go on with, or that all begins anew with."""

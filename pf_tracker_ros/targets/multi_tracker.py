@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import ParameterError, build, change, flatten
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.detections import Detections, Sighting, sightings, usable
 from pf_tracker_ros.targets.hindsight import fill_in, follow_alone, merged, work_out
@@ -247,12 +248,14 @@ class MultiTracker:
             Its id, never that of another.
 
         Raises:
-            ValueError: The image, the box or the label is not usable; all targets are kept.
+            ValueError: The image, the box or the label is not usable, or there are as many targets
+                as there may be; all are kept.
         """
         check_image(image)
         if not isinstance(label, str):
             raise ValueError(f"label is {label!r}; allowed: a text")
         first_box = check_box(box, (image.shape[1], image.shape[0]))
+        self.check_room(len(self.targets))
         if self._shape and self._shape != (image.shape, image.dtype):
             raise ValueError(self._misfit(image))
         with usual_arithmetic():
@@ -284,8 +287,8 @@ class MultiTracker:
             Its id, never that of another.
 
         Raises:
-            ValueError: The box, the age or the label is not usable, or no frame is kept from then;
-                all targets are kept.
+            ValueError: The box, the age or the label is not usable, no frame is kept from then, or
+                there are as many targets as there may be; all are kept.
         """
         back, frame = check_interval(age), self._camera.frame
         if not isinstance(label, str):
@@ -293,14 +296,35 @@ class MultiTracker:
         if frame is None:
             raise ValueError(_NO_FRAME)
         first_box = check_box(box, frame.size)
+        self.check_room(len(self.targets))
         moments = self._history.since(back)
-        if moments is None and back > NOMINAL_INTERVAL / 2:
+        if moments is None and (len(self._history) or back > NOMINAL_INTERVAL / 2):
             raise ValueError(
                 f"it was drawn on a frame from {back:.3f} s ago; allowed: one of the last "
                 f"{len(self._history)}, back to {self._history.seconds:.3f} s ago"
             )
         with usual_arithmetic():
             return self._begin(frame, first_box, label, moments or ())
+
+    def check_room(self, count: int) -> None:
+        """Refuse one more target where there are as many as there may be, or more.
+
+        Args:
+            count: Targets that there are, or that are to begin before it.
+
+        Raises:
+            ValueError: There is no room for it.
+        """
+        most = self._parameters.targets.most
+        if count == most:
+            raise ValueError(
+                f"there {'is' if most == 1 else 'are'} {counted(most, 'target')}, as many as there "
+                "may be; stop one first, or allow more"
+            )
+        if count > most:
+            raise ValueError(
+                f"there are {count} targets, and there may be {most}; stop {count - most + 1} first"
+            )
 
     def _begin(self, frame: Frame, box: Box, label: str, moments: Sequence[Moment]) -> int:
         """Take a new target.

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.parameters import build
-from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.drawn import Drawn
 from pf_tracker_ros.targets.history import History
@@ -148,7 +147,7 @@ class MultiSession:
         self._clock.check_ahead(stamp)
         is_other_kind = self._kind.is_doubtful
         others = 0 if is_other_kind else len(self.targets)
-        self._check_room(others + len(self._requested))
+        self._tracker.check_room(others + len(self._requested))
         self._requested.append(Drawn(box, label, stamp, is_other_kind))
 
     def withdraw(self) -> None:
@@ -275,14 +274,15 @@ class MultiSession:
         """
         if self._fit(image, stamp):
             interval = None
+        self._kind.accept(image, stamp)
+        of_others = self._answers.forget_all_of(self._kind.is_of_others)
         self._tracker.update(image, interval, self._answers.due(stamp))
         self._clock.take(stamp, interval)
-        self._kind.accept(image)
         self._answers.forget_due(stamp)
         started = self._start_requested(image, stamp)
         kept = {target.id for target in self.targets}
         self._drawn = {id: drawn for id, drawn in self._drawn.items() if id in kept}
-        left_out = (*self._tracker.left_out, *self._answers.tell_dropped())
+        left_out = (*self._tracker.left_out, *of_others, *self._answers.tell_dropped())
         frame: FrameOutcome = "tracked" if self.targets else "waiting"
         return self._outcome(frame, started, left_out, jumped_back)
 
@@ -314,7 +314,7 @@ class MultiSession:
         for drawn in due:
             age = age_of(drawn.stamp, stamp)
             try:
-                self._check_room(len(self.targets))
+                self._kind.check_drawn(drawn)
                 id = self._tracker.start_earlier(drawn.box, age, drawn.label)
             except ValueError as error:
                 self._refused.append(f"target refused: {error}")
@@ -322,23 +322,6 @@ class MultiSession:
                 started.append(id)
                 self._drawn[id] = drawn._replace(image_size=size_of(image))
         return started
-
-    def _check_room(self, count: int) -> None:
-        """Refuse one more target where there are as many as there may be, or more.
-
-        Args:
-            count: Targets that there are, or that are to begin before it.
-        """
-        most = self._tracker.parameters["targets.most"]
-        if count == most:
-            raise ValueError(
-                f"there {'is' if most == 1 else 'are'} {counted(most, 'target')}, as many as there "
-                "may be; stop one first, or allow more"
-            )
-        if count > most:
-            raise ValueError(
-                f"there are {count} targets, and there may be {most}; stop {count - most + 1} first"
-            )
 
     def _fit(self, image: NDArray[np.generic], stamp: int) -> bool:
         """Go on with images of another size, or of another camera.

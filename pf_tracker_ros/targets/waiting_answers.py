@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.tracking.frame_clock import age_of, is_due
 
@@ -44,6 +46,25 @@ class WaitingAnswers:
     def forget_due(self, stamp: int) -> None:
         """Forget those that count with a frame."""
         self._answers = [one for one in self._answers if not is_due(one.stamp, stamp)]
+
+    def forget_all_of(self, is_meant: Callable[[int], bool]) -> tuple[str, ...]:
+        """Forget those of images that were of another size or kind than those of now.
+
+        Args:
+            is_meant: Tells by the stamp of an image whether it was.
+
+        Returns:
+            A sentence on them, if there are any.
+        """
+        kept = [one for one in self._answers if not is_meant(one.stamp)]
+        count = len(self._answers) - len(kept)
+        self._answers = kept
+        if not count:
+            return ()
+        return (
+            f"{counted(count, 'answer')} of the detector left out, of images of another size or "
+            "kind than those of now",
+        )
 
     def clear(self) -> None:
         """Forget all; how many were dropped is still to be told."""

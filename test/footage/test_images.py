@@ -1,5 +1,7 @@
 import os
 import random
+import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -85,6 +87,24 @@ def test_an_image_that_does_not_decode_is_named(tmp_path, pictures, write_images
     frames = open_footage(tmp_path).frames()
     next(frames)
     with pytest.raises(FootageError, match=r"2\.png cannot be decoded"):
+        next(frames)
+
+
+def test_an_image_of_more_pixels_than_there_can_be_is_named(tmp_path, pictures, write_images):
+    write_images(tmp_path, {"1.png": pictures[0]})
+    header = struct.pack(">2I5B", 40_000, 40_000, 8, 2, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(bytes(100))), (b"IEND", b""))
+    octets = b"".join(
+        struct.pack(">I", len(content))
+        + kind
+        + content
+        + struct.pack(">I", zlib.crc32(kind + content))
+        for kind, content in chunks
+    )
+    (tmp_path / "2.png").write_bytes(b"\x89PNG\r\n\x1a\n" + octets)
+    frames = open_footage(tmp_path).frames()
+    next(frames)
+    with pytest.raises(FootageError, match=r"2\.png cannot be decoded \(.*MAX_IMAGE_PIXELS\)"):
         next(frames)
 
 

@@ -114,6 +114,7 @@ def test_a_box_is_needed_for_each_frame(image_sequence):
     [
         ("{", "cannot be read as JSON"),
         ("[]", "expected a JSON object"),
+        ('{"a":' * 3000, "cannot be read as JSON: maximum recursion depth"),
         ('{"video": "../gone.avi"}', "there is no video"),
         ('{"video": 3}', "'video' is 3"),
         ('{"video": "x.avi", "first_frame": -1}', "'first_frame' is -1"),

@@ -55,8 +55,10 @@ def test_only_a_page_of_the_same_origin_may_drive():
         f"http://{OWN}.attacker.example",
         f"file://{OWN}",
         "http://[",
+        # As octets come that are no UTF-8.
+        "http://\udcff\udcfe",
     ):
-        assert "may not drive" in access.refuse_origin(origin, OWN)
+        assert b"may not drive" in access.refuse_origin(origin, OWN).encode()
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
@@ -72,7 +74,7 @@ def test_anything_wider_asks_for_a_token_that_is_new_each_time(host):
     assert len(access.token) >= 32
     assert access.token != Access(host).token
     assert access.admits(access.token)
-    for wrong in (None, "", access.token[:-1], access.token + "x", "ünïcode"):
+    for wrong in (None, "", access.token[:-1], access.token + "x", "ünïcode", "\udcff"):
         assert not access.admits(wrong)
 
 

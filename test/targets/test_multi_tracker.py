@@ -1,5 +1,6 @@
 import copy
 import pickle
+from functools import partial
 
 import numpy as np
 import pytest
@@ -75,6 +76,17 @@ def test_what_the_detector_does_not_find_again_ends(walkers, make_tracker):
 
 def test_no_more_targets_start_than_are_allowed(run, walkers, make_tracker):
     assert len(run(make_tracker(targets__most=2), walkers, frames=1)[0]) == 2
+
+
+def test_no_more_than_are_allowed_are_started_by_hand_either(walkers, make_tracker):
+    tracker = make_tracker(targets__most=2)
+    for box in walkers.boxes[0][:2]:
+        tracker.start(walkers.images[0], box)
+    for start in (tracker.start_earlier, partial(tracker.start, walkers.images[0])):
+        with pytest.raises(ValueError, match="there are 2 targets, as many as there may be"):
+            start(walkers.boxes[0][2])
+    tracker.stop(1)
+    assert tracker.start(walkers.images[0], walkers.boxes[0][2]) == 3
 
 
 def test_low_scores_start_nothing(walkers, make_tracker):

@@ -323,6 +323,31 @@ def test_a_camera_that_comes_back_with_another_size(session, walkers, iou, scale
         assert max(iou(target.estimate.box, scale * box) for box in walkers.boxes[11]) > 0.5
 
 
+@pytest.mark.parametrize("rate", [30, 60, 200])
+def test_what_is_of_images_of_another_size_counts_nowhere(session, walkers, rate):
+    step = SECOND // rate
+    stamps = [START + number * step for number in range(6)]
+    for image, stamp in zip(walkers.images[:3], stamps, strict=False):
+        session.process(image, stamp)
+    larger = cv2.resize(walkers.images[3], None, fx=2.0, fy=2.0)
+    session.request(tuple(walkers.boxes[2][0]), stamps[2])
+    outcome = session.process(larger, stamps[3])
+    assert (outcome.started, outcome.targets) == ((), ())
+    assert outcome.refused == (
+        "target refused: it was drawn on an image of another size or kind than the last one, "
+        f"{larger.shape} uint8",
+    )
+    session.add_detections(walkers.detections(2), stamps[2])
+    session.add_detections(walkers.detections(1), stamps[1])
+    outcome = session.process(larger, stamps[4])
+    assert outcome.targets == ()
+    assert outcome.left_out == (
+        "2 answers of the detector left out, of images of another size or kind than those of now",
+    )
+    session.request(tuple(2.0 * walkers.boxes[3][0]), stamps[3])
+    assert session.process(larger, stamps[5]).started == (1,)
+
+
 def test_images_of_another_kind_are_refused_until_it_is_clear_that_they_stay(session, walkers):
     show(session, walkers, range(8), every=4)
     gray = [image[..., 0].copy() for image in walkers.images]

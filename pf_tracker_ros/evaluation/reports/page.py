@@ -151,7 +151,7 @@ def read_results(path: Path) -> Results:
         raise EvaluationError(
             f"{path} cannot be read ({error.strerror or type(error).__name__})"
         ) from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise EvaluationError(f"{path} cannot be read as JSON ({error})") from error
     try:
         scores = {

@@ -178,8 +178,9 @@ class Hub:
                 raise RequestError(f"there is no request {kind!r}")
             await self._requests[kind](message)
         except (RequestError, TrackerError) as error:
+            about = kind if isinstance(kind, str) else None
             await browser.send_json(
-                {"type": "note", "about": kind, "ok": False, "text": str(error)}
+                {"type": "note", "about": about, "ok": False, "text": str(error)}
             )
 
     def _watch(self) -> None:

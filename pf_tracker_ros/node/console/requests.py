@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from pf_tracker_ros.node.console.answers import Json
+from pf_tracker_ros.stamps import NANOSECONDS
 
 _LARGEST_COORDINATE = 1e6
+# The seconds of a stamp are a 32-bit number with a sign.
+_LATEST_STAMP = 2**31 * NANOSECONDS
 
 
 class RequestError(ValueError):
@@ -66,4 +69,6 @@ def stamp_in(message: Json) -> int:
     text = message.get("stamp")
     if not isinstance(text, str) or not text.isascii() or not text.isdigit() or len(text) > 19:
         raise RequestError("'stamp' has to be a text of digits, nanoseconds")
+    if int(text) >= _LATEST_STAMP:
+        raise RequestError("'stamp' is later than ROS has a time for")
     return int(text)

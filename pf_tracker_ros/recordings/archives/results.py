@@ -322,7 +322,7 @@ def _is_of_results(text: str) -> bool:
     """Whether this is in the `done.json` of results, of whichever run and version."""
     try:
         document = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return False
     return isinstance(document, dict) and {"name", "source", "key"} <= document.keys()
 

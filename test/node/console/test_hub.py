@@ -1,6 +1,7 @@
 """What all browsers share, with stand-ins for browser and link: only what needs no ROS graph."""
 
 import asyncio
+import json
 import threading
 
 import numpy as np
@@ -93,6 +94,9 @@ def run():
         {"type": 7},
         {"type": "unknown"},
         {"type": ["stop"]},
+        {"type": float("nan")},
+        {"type": [float("inf")]},
+        {"a": float("nan")},
         {"type": "target"},
         {"type": "target", "box": [1, 2, 3], "stamp": "1"},
         {"type": "target", "box": [1, 2, 3, "4"], "stamp": "1"},
@@ -104,6 +108,7 @@ def run():
         {"type": "target", "box": [1, 2, 3, 4], "stamp": "-1"},
         {"type": "target", "box": [1, 2, 3, 4], "stamp": "²"},
         {"type": "target", "box": [1, 2, 3, 4], "stamp": "9" * 30},
+        {"type": "target", "box": [1, 2, 3, 4], "stamp": "9" * 19},
         {"type": "click", "point": "here", "stamp": "1"},
         {"type": "enable", "enabled": "yes"},
     ],
@@ -117,6 +122,8 @@ def test_what_no_page_would_ask_is_refused_in_words(run, message):
     assert sent == []
     assert note["ok"] is False
     assert note["text"]
+    # As it is sent.
+    assert json.dumps(note, allow_nan=False)
 
 
 def test_a_stamp_keeps_all_its_digits(run):
