@@ -71,6 +71,11 @@ def test_every_figure_is_that_of_the_results(evaluated, page):
         for figure, value in figures.items()
     }
     assert Cells(page).found == expected
+    before, after = (
+        json.loads((evaluated / name).read_text())["mean"]["success_auc"]
+        for name in ("before.json", "r.json")
+    )
+    assert f"the mean went from {before:.3f} (1 seed) to {after:.3f} (2 seeds)." in page
     assert f"default [{document['mean']['success_auc']:.3f}]" not in page
     for figure in ("success_auc", "precision_20px"):
         assert f"li2007 [{document['mean'][figure]:.3f}]" in page
@@ -199,7 +204,7 @@ def test_what_became_better_and_worse_is_told(tmp_path):
         for name, value in (("up", 0.4), ("down", 0.7), ("same", 0.495), ("gone", 0.1))
     }
     path = tmp_path / "old.json"
-    path.write_text(json.dumps({"preset": "li2007", "sequences": sequences}))
+    path.write_text(json.dumps({"preset": "li2007", "seeds": 1, "sequences": sequences}))
     found = changes([content(name) for name in ("down", "same", "up", "new")], read_results(path))
     assert [(one.name, one.verdict) for one in found] == [
         ("up", "better"),
@@ -209,7 +214,7 @@ def test_what_became_better_and_worse_is_told(tmp_path):
     assert found[0].difference == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("text", ["{", "[]", '{"preset": "a", "sequences": {"b": {}}}'])
+@pytest.mark.parametrize("text", ["{", "[]", '{"preset": "a", "seeds": 1, "sequences": {"b": {}}}'])
 def test_what_is_no_file_of_results_is_refused(tmp_path, text):
     (tmp_path / "old.json").write_text(text)
     with pytest.raises(EvaluationError, match=r"old\.json"):

@@ -15,6 +15,7 @@ from pf_tracker_ros.evaluation.reports.content import SequenceContent
 from pf_tracker_ros.evaluation.reports.drawings import precision_plot, series_plots, success_plot
 from pf_tracker_ros.evaluation.reports.pictures import Picture
 from pf_tracker_ros.evaluation.results import EvaluationError, Scores
+from pf_tracker_ros.plurals import counted
 
 REPORT_FILE = "report.html"
 # Differences of the success AUC below this are noise of the seeds.
@@ -46,6 +47,7 @@ class Report:
         sections: A section a sequence.
         mean: Means over the sequences, None where there is no truth.
         compared: Label to the results of other runs.
+        seeds: How many the means are of.
         kind: What a section is about.
     """
 
@@ -55,6 +57,7 @@ class Report:
     sections: Sequence[Section]
     mean: Scores | None = None
     compared: Mapping[str, Results] = field(default_factory=dict)
+    seeds: int = 1
     kind: str = "sequence"
 
 
@@ -63,10 +66,12 @@ class Results(NamedTuple):
 
     Attributes:
         preset: That was evaluated.
+        seeds: How many the figures are the mean of.
         scores: Name of a sequence to its figures.
     """
 
     preset: str
+    seeds: int
     scores: Mapping[str, Scores]
 
 
@@ -109,7 +114,11 @@ def render(report: Report) -> str:
         report=report,
         plots=plots,
         sections=list(zip(report.sections, series, strict=True)),
-        changes={label: changes(contents, other) for label, other in report.compared.items()},
+        changes={
+            label: (counted(other.seeds, "seed"), changes(contents, other))
+            for label, other in report.compared.items()
+        },
+        seeds=counted(report.seeds, "seed"),
         has_scores=any(each.scores is not None for each in contents),
         is_known=lambda value: not math.isnan(value),
     )
@@ -158,7 +167,7 @@ def read_results(path: Path) -> Results:
             str(name): Scores(**{figure: float(figures[figure]) for figure in _FIGURES})
             for name, figures in document["sequences"].items()
         }
-        return Results(str(document["preset"]), scores)
+        return Results(str(document["preset"]), int(document["seeds"]), scores)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise EvaluationError(
             f"{path} is no file of results; allowed: what `evaluate --output` writes"

@@ -76,6 +76,7 @@ class EvaluationReport:
         report = Report(
             title=f"Evaluation of {preset} on {counted(len(sections), 'sequence')}",
             preset=preset,
+            seeds=seeds,
             facts=facts,
             sections=sections,
             mean=mean_scores([result for _, result in results]),
