@@ -75,7 +75,7 @@ def test_every_figure_is_that_of_the_results(evaluated, page):
         json.loads((evaluated / name).read_text())["mean"]["success_auc"]
         for name in ("before.json", "r.json")
     )
-    assert f"the mean went from {before:.3f} (1 seed) to {after:.3f} (2 seeds)." in page
+    assert f"the mean went from {before:.3f} (1 seed) to {after:.3f} (3 seeds)." in page
     assert f"default [{document['mean']['success_auc']:.3f}]" not in page
     for figure in ("success_auc", "precision_20px"):
         assert f"li2007 [{document['mean'][figure]:.3f}]" in page
