@@ -68,14 +68,15 @@ export function judge(outcome) {
 function drawOverlay() {
   const { stamp, width, height } = frame, known = blank ? { stamp, width, height } : frame;
   const values = known.status?.values ?? {}, box = known.box ?? null;
+  // Asked for after something was drawn, it would lay out the page once more.
+  const unit = frame.width / overlay.clientWidth || 1;
   overlay.dataset.state = values.state ?? (blank ? told : "");
   overlay.dataset.stamp = frame.stamp;
   overlay.dataset.box = JSON.stringify(box);
   place(at("box"), box);
   place(at("halo"), box);
   heat.show(known);
-  targets.show(known);
-  const unit = frame.width / overlay.clientWidth || 1;
+  targets.show(known, unit);
   set(at("particles"), { d: (known.particles ?? []).map(([x, y, weight]) => {
     const side = unit * (1.5 + 5 * weight);
     return `M${(x - side / 2).toFixed(1)} ${(y - side / 2).toFixed(1)}h${side.toFixed(1)}v${side.toFixed(1)}h-${side.toFixed(1)}z`;

@@ -36,8 +36,9 @@ function draw(parent, boxes, unit) {
 
 const milliseconds = (stamp) => Number(BigInt(stamp) / 1000000n);
 
-export function show(frame) {
-  const boxes = frame.boxes ?? {}, found = frame.status?.targets ?? [], unit = frame.width / at("overlay").clientWidth || 1;
+// The unit is a pixel of the screen, in those of the image.
+export function show(frame, unit) {
+  const boxes = frame.boxes ?? {}, found = frame.status?.targets ?? [];
   for (const [id, { color }] of Object.entries(boxes)) colors.set(id, color);
   draw(at("targets"), found.filter(({ id }) => boxes[id]).map((one) =>
     ({ box: boxes[one.id].box, stroke: boxes[one.id].color, state: one.state, words: title(one) })), unit);
