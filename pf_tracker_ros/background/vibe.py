@@ -317,7 +317,8 @@ class BackgroundModel:
             shift = self._alignment
         elif not shift[:2, 2].any():
             return "still"
-        self._alignment = np.linalg.inv(shift) @ self._alignment
+        # From the pixels that the model has now to those of the image.
+        self._alignment = self._alignment @ np.linalg.inv(shift)
         self._warp(shift, planes)
         return "warped"
 

@@ -2,7 +2,7 @@
 
 from pf_tracker_ros.filter.affine_motion import AffineMotion
 from pf_tracker_ros.filter.foresight import KalmanForesight
-from pf_tracker_ros.filter.gaussian import Gaussian
+from pf_tracker_ros.filter.gaussian import DegenerateError, Gaussian
 from pf_tracker_ros.filter.limits import LONGEST_PREDICTION
 from pf_tracker_ros.filter.motion import (
     MOTION_MODELS,
@@ -42,6 +42,7 @@ __all__ = [
     "AffineMotion",
     "BestKeepingResampler",
     "CenterPrior",
+    "DegenerateError",
     "EffectiveSampleSizeResampler",
     "ForeseenMotion",
     "Gaussian",

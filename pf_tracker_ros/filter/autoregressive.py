@@ -27,6 +27,9 @@ from pf_tracker_ros.filter.motion import (
 from pf_tracker_ros.filter.proposals import Transition
 from pf_tracker_ros.parameters import declared
 
+# Coefficients of less than this, both of them, leave nothing of an offset after one step.
+_FORGETS_BELOW = 1e-3
+
 
 @dataclass(frozen=True)
 class SecondOrderAutoregressiveParameters:
@@ -189,11 +192,14 @@ def transition_power(
 
     By the roots a, b of z^2 = first z + second: M^t = a^t 1 + (b^t - a^t) / (b - a) (M - a 1).
     A negative root has no real power of part of a step; its real part is taken, which is right for
-    whole steps.
+    whole steps. Where both roots are next to 0, one step forgets everything, and no part of a step
+    has a power: it is the mean of none and of one.
     """
     if steps == 0.0:
         return np.eye(2)
     transition = np.array([[first_coefficient, second_coefficient], [1.0, 0.0]])
+    if steps < 1.0 and max(abs(first_coefficient), abs(second_coefficient)) < _FORGETS_BELOW:
+        return (1.0 - steps) * np.eye(2) + steps * transition
     spread = np.sqrt(complex(first_coefficient**2 / 4.0 + second_coefficient))
     one, other = first_coefficient / 2.0 + spread, first_coefficient / 2.0 - spread
     slope = (

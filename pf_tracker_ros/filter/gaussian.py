@@ -16,6 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
+class DegenerateError(ValueError):
+    """Numbers that nothing can be computed with, such as an unstable motion grows."""
+
+
 @dataclass(frozen=True, eq=False)
 class Gaussian:
     """A normal distribution of a D-dimensional state; every operation returns another one.
@@ -25,7 +29,8 @@ class Gaussian:
         covariance: (D, D), symmetric.
 
     Raises:
-        ValueError: The shapes do not fit together, or a number is not finite.
+        ValueError: The shapes do not fit together.
+        DegenerateError: A number is not finite.
     """
 
     mean: NDArray[np.float64]
@@ -40,7 +45,7 @@ class Gaussian:
                 "expected (D,) and (D, D)"
             )
         if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
-            raise ValueError("mean and covariance must be finite numbers")
+            raise DegenerateError("mean and covariance must be finite numbers")
         mean.setflags(write=False)
         covariance.setflags(write=False)
         object.__setattr__(self, "mean", mean)
@@ -114,7 +119,9 @@ class Gaussian:
         try:
             return np.asarray(np.linalg.cholesky(self.covariance), dtype=np.float64)
         except np.linalg.LinAlgError:
-            raise ValueError("a density needs a covariance that is positive definite") from None
+            raise DegenerateError(
+                "a density needs a covariance that is positive definite"
+            ) from None
 
     @cached_property
     def _whitener(self) -> NDArray[np.float64]:

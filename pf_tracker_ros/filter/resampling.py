@@ -1,8 +1,9 @@
 """Resampling schemes: which particles go on, and how often each.
 
-Every scheme is unbiased: particle i is drawn `count * weight_i` times on average. They differ in
-the variance of the draws, smallest for the systematic one. All take O(N + count) time but the
-multinomial one, whose random numbers are sorted first.
+Every scheme but those that keep the best particle is unbiased: particle i is drawn
+`count * weight_i` times on average. They differ in the variance of the draws, smallest for the
+systematic one. All take O(N + count log N) time, and the multinomial and the residual one sort
+random numbers first.
 
 Reference: Douc, Cappe, Moulines 2005, "Comparison of resampling schemes for particle filtering".
 """

@@ -116,6 +116,10 @@ class Frame:
             self._shared[key] = compute()
         return self._shared[key]  # type: ignore[return-value]
 
+    def forget_what_was_made(self) -> None:
+        """Free the memory of views and maps; whoever asks for one again has it made anew."""
+        self._views, self._shared = {}, {}
+
     def _converted(self, part: Part) -> NDArray[np.uint8]:
         return self._to_8_bit(self.image[part.slices])
 

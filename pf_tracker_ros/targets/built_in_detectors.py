@@ -116,6 +116,8 @@ class MotionDetector:
     ) -> Detections | None:
         """See `Detector.detect`; the label is "moving", the score the share of it that moves."""
         frame = self._eye.open(image, interval)
+        if self._eye.is_new:
+            self._last, self._found = None, np.zeros((0, 4))
         if frame.foreground is None or frame.background is None or frame.background.name != "ready":
             return None
         mask, reduction = frame.foreground
@@ -157,6 +159,9 @@ def _clusters(mask: NDArray[np.uint8]) -> NDArray[np.intp]:
 class _Eye:
     """Makes frames of images, and begins anew where they are of another size or kind.
 
+    Attributes:
+        is_new: Whether it has begun with the last image.
+
     Args:
         seed: Seeds the background model.
         background: Of the model; None for none.
@@ -166,10 +171,12 @@ class _Eye:
         self._seed, self._background = seed, background
         self._camera = Camera(seed, lays_ghosts=True)
         self._kind: tuple[Any, ...] = ()
+        self.is_new = False
 
     def open(self, image: NDArray[np.generic], interval: float) -> Frame:
         check_image(image)
-        if self._kind != (image.shape, image.dtype):
+        self.is_new = self._kind != (image.shape, image.dtype)
+        if self.is_new:
             self._camera = Camera(self._seed, lays_ghosts=True)
             self._kind = (image.shape, image.dtype)
         with usual_arithmetic():

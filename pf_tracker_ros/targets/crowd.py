@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.targets.geometry import overlaps
 from pf_tracker_ros.targets.life import Key, Life
+
+SAME_ABOVE = 0.5
+"""A target that a late detection has started is another one if they overlap by more than this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +42,30 @@ class Crowd:
             gone=tuple(life.carried(camera_motion) for life in self.gone),
         )
 
-    def without(self, key: Key) -> Crowd:
-        """The same, without one of them, followed or gone."""
+    def without(self, stopped: Life) -> Crowd:
+        """The same, without one of them, followed or gone.
+
+        Where a late detection has started another one in its place, without that.
+
+        Args:
+            stopped: As it was when it was to be forgotten.
+        """
+        everybody = (*self.lives, *self.gone)
+        key = stopped.key
+        if all(one.key != key for one in everybody):
+            key = _in_place_of(stopped, everybody)
         return replace(
             self,
             lives=tuple(one for one in self.lives if one.key != key),
             gone=tuple(one for one in self.gone if one.key != key),
         )
+
+
+def _in_place_of(stopped: Life, others: Sequence[Life]) -> Key:
+    """The key of the target that is where another one was; that one's own where none is."""
+    started = [one for one in others if not one.by_hand]
+    if not started:
+        return stopped.key
+    same = overlaps(stopped.box[None], np.array([one.box for one in started]))[0]
+    best = int(same.argmax())
+    return started[best].key if same[best] > SAME_ABOVE else stopped.key

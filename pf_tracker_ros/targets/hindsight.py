@@ -73,8 +73,8 @@ def work_out(keeper: CrowdKeeper, moments: Sequence[Moment]) -> tuple[Crowd, lis
         revised.append(replace(moment, before=crowd))
         crowd = keeper.advance(crowd, moment.frame, moment.interval, moment.seen)
         crowd = keeper.initiator.join(crowd, moment.begun)
-        for key in moment.stopped:
-            crowd = crowd.without(key)
+        for life in moment.stopped:
+            crowd = crowd.without(life)
     return crowd, revised
 
 

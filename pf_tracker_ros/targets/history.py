@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.detections import Sighting
-from pf_tracker_ros.targets.life import Key, Life
+from pf_tracker_ros.targets.life import Life
 from pf_tracker_ros.tracking.tracker import NOMINAL_INTERVAL
 
 # How late a detection may be, in seconds.
@@ -29,7 +29,7 @@ class Moment:
         before: The targets as that left them.
         seen: What a detector found in it; None where it did not run.
         begun: Targets that were then asked for by hand.
-        stopped: Targets that were then forgotten by hand.
+        stopped: Targets that were then forgotten by hand, as they were.
     """
 
     frame: Frame
@@ -37,7 +37,7 @@ class Moment:
     before: Crowd
     seen: tuple[Sighting, ...] | None = None
     begun: tuple[Life, ...] = ()
-    stopped: tuple[Key, ...] = ()
+    stopped: tuple[Life, ...] = ()
 
 
 class History:
@@ -87,6 +87,8 @@ class History:
         """Keep a moment, the newest; the oldest beyond the bounds are dropped, this one never."""
         if self._moments:
             self.seconds += moment.interval
+            # What was made of an image is as large again, and seldom asked for once more.
+            self.last.frame.forget_what_was_made()
         self._moments.append(moment)
         self._bytes += moment.frame.image.nbytes
         self._trim()

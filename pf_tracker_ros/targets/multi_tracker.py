@@ -139,11 +139,11 @@ class MultiTracker:
         with usual_arithmetic():
             crowd, moments = self._adapted(other)
         self._history.put(moments)
+        if other._follower.background != self._follower.background:
+            self._camera.forget_background()
         self._crowd, self._seed = crowd, other._seed
         self._parameters, self._follower = other._parameters, other._follower
         self._keeper = other._keeper
-        if not self._follower.background:
-            self._camera.forget_background()
 
     def check_parameters(self, other: MultiTracker) -> None:
         """Try what `share_parameters` would do, and change nothing.
@@ -365,10 +365,10 @@ class MultiTracker:
         if life is None:
             known = ", ".join(str(target.id) for target in self.targets) or "none"
             raise ValueError(f"no target has the id {id!r}; there are: {known}")
-        self._crowd = self._crowd.without(life.key)
+        self._crowd = self._crowd.without(life)
         if len(self._history):
             last = self._history.last
-            self._history.revise([replace(last, stopped=(*last.stopped, life.key))])
+            self._history.revise([replace(last, stopped=(*last.stopped, life))])
 
     def update(
         self,

@@ -6,13 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pf_tracker_ros.targets.crowd import Crowd
+from pf_tracker_ros.targets.crowd import SAME_ABOVE, Crowd
 from pf_tracker_ros.targets.geometry import overlaps
 from pf_tracker_ros.targets.life import Key, Life
 
-# A target that a late detection has started in the place of another keeps the id of that one if
-# they overlap by more than this.
-_SAME_ABOVE = 0.5
 # Names of targets that are remembered beyond those that there are.
 _MOST_NAMES = 10_000
 
@@ -64,7 +61,7 @@ class Names:
                 continue
             same = overlaps(life.box[None], np.array([one.box for _, one in lost]))[0]
             best = int(same.argmax())
-            if same[best] > _SAME_ABOVE:
+            if same[best] > SAME_ABOVE:
                 name, before = lost.pop(best)
                 # Worked out once more, that one may be back, as another one.
                 del self._ids[before.key]

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.filter import (
     MOTION_MODELS,
     ForeseenMotion,
@@ -15,6 +16,7 @@ from pf_tracker_ros.filter import (
     ParticleSet,
 )
 from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.target import Target
 
 
 class Beginning:
@@ -45,6 +47,32 @@ class Beginning:
         """
         states = motion.prior(self._particles, draw)
         return ParticleSet.uniform(motion.constrain(states, image_size))
+
+    def spread_anew(
+        self,
+        target: Target,
+        box: NDArray[np.float64],
+        image_size: tuple[int, int],
+        draw: np.random.Generator,
+    ) -> tuple[ParticleSet, NDArray[np.float64]]:
+        """Particles of a target around another (4,) box, and their (N, 4) boxes.
+
+        Args:
+            target: Whose motion they go on with.
+            box: In pixels.
+            image_size: (width, height), pixels.
+            draw: Source of randomness.
+        """
+        motion = self.motion(as_box(box))
+        particles = self.spread(motion, image_size, draw)
+        boxes = motion.boxes(particles.states)
+        if "log_scale" in motion.columns:
+            # The motion of the target counts it from the first box.
+            states = particles.states.copy()
+            scale = np.log(box[2:] / np.array(target.first_box[2:])).mean()
+            states[:, motion.columns.index("log_scale")] += scale
+            particles = particles.move(states)
+        return particles, boxes
 
     def foresight(self, motion: MotionModel) -> KalmanForesight | None:
         """The Kalman filter of a motion; None where none is asked for."""

@@ -108,7 +108,8 @@ class FrameClock:
         self.begins_anew = False
         self._jump: _Jump | None = None
         self._interval = 0.0
-        # Stamps between which no frame was looked at, up to and with the later one.
+        # Stamps between which no frame counts any more, up to and with the later one: none was
+        # looked at, or what was found in them was to be forgotten.
         self._passed = (0, 0)
 
     def place(self, stamp: int, late_within: int, requested: Collection[int] = ()) -> Place:
@@ -138,6 +139,7 @@ class FrameClock:
         and what came before an earlier jump is long forgotten.
         """
         self.begins_anew, self._jump = True, None
+        self._passed = (0, self.last)
 
     def since_last(self, stamp: int) -> float | None:
         """Seconds from the last frame that was taken to another; None where nobody knows."""
@@ -159,7 +161,8 @@ class FrameClock:
     def pass_over(self, stamp: int) -> None:
         """Let time go on with a frame that nobody looks at."""
         self._seen = stamp
-        self._passed = (self.last, stamp)
+        after, until = self._passed
+        self._passed = (after if until >= self.last else self.last, stamp)
 
     def jump_back(self, stamp: int) -> float:
         """Let time begin anew with a frame, which is still to be taken.
@@ -182,7 +185,7 @@ class FrameClock:
         return jump is not None and 0 not in (stamp, now) and jump.is_before(stamp, now)
 
     def was_passed_over(self, stamp: int) -> bool:
-        """Whether the frame of a stamp is one of the last that nobody looked at."""
+        """Whether the frame of a stamp is one of the last that count no more."""
         after, until = self._passed
         return after < stamp <= until
 

@@ -97,9 +97,7 @@ class Judge:
             box, judged = found.box, self._believe(found, judged)
         if box is None:
             return judged
-        motion = self._beginning.motion(as_box(box))
-        particles = self._beginning.spread(motion, measured.frame.size, draw)
-        boxes = motion.boxes(particles.states)
+        particles, boxes = self._beginning.spread_anew(target, box, measured.frame.size, draw)
         return replace(judged, box=box, particles=particles, boxes=boxes, learns=False)
 
     def _find(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import replace
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from pf_tracker_ros.filter import (
     LONGEST_PREDICTION,
+    DegenerateError,
+    ForeseenMotion,
     KalmanForesight,
     KalmanProposalParameters,
     ParticleSet,
@@ -79,10 +82,23 @@ class KalmanPredictor(Predictor):
         if target.foresight is None:
             return super().predict(target, interval, image_size, draw)
         interval = min(interval, LONGEST_PREDICTION)
-        foresight = target.foresight.predict(interval)
         # Out of sight, nothing corrects the filter, and its prediction is no better than the prior.
         share = self._share if target.track.state == "tracking" else 0.0
-        proposed = foresight.propose(target.particles.states, interval, share, draw)
+        before = target.particles.states
+        try:
+            foresight = target.foresight.predict(interval)
+            proposed = foresight.propose(before, interval, share, draw)
+        except DegenerateError:
+            foresight = _begun_anew(target)
+            proposed = foresight.propose(before, interval, 0.0, draw)
         states = target.motion.constrain(proposed.states, image_size)
         particles = target.particles.move(states).reweight(proposed.log_ratio)
         return Prediction(particles, interval, foresight)
+
+
+def _begun_anew(target: Target) -> KalmanForesight:
+    """The Kalman filter of a target as it begins, where the particles are."""
+    begun = cast(ForeseenMotion, target.motion).foresight()
+    mean = begun.belief.mean.copy()
+    mean[: len(target.particles.mean)] = target.particles.mean
+    return replace(begun, belief=replace(begun.belief, mean=mean))

@@ -134,6 +134,8 @@ class Session:
         self._seed = seed
         self._tracker = Tracker(build(TrackerParameters, parameters), seed)
         self._requested: _RequestedTarget | None = None
+        # What the next outcome is to tell: the frame at hand may be refused, and tell nothing.
+        self._refused = ""
         self._estimate: Estimate | None = None
         self._first: _FirstBox | None = None
         self._sighting: _Sighting | None = None
@@ -269,17 +271,16 @@ class Session:
         self._checked = None
         if place == "jump":
             return self._jump_back(frame)
-        started, refused_target = self._start_requested(frame, self.history)
-        if started:
+        if started := self._start_requested(frame, self.history):
             return started
         if place == "duplicate":
-            return Outcome(place, self.estimate, refused_target)
+            return Outcome(place, self.estimate, self._tell_refused())
         if not self._tracker.started:
             self._take(frame, None)
-            return Outcome("waiting", None, refused_target)
-        return self._track(frame, refused_target)
+            return Outcome("waiting", None, self._tell_refused())
+        return self._track(frame)
 
-    def _start_requested(self, frame: Frame, history: FrameHistory) -> tuple[Outcome | None, str]:
+    def _start_requested(self, frame: Frame, history: FrameHistory) -> Outcome | None:
         """Start on what was asked for on frames up to this one.
 
         Args:
@@ -287,16 +288,22 @@ class Session:
             history: The frames before.
 
         Returns:
-            The outcome, None where nothing starts; why what was asked for does not, or empty.
+            The outcome, None where nothing starts.
         """
         requested = self._requested
         if requested is None or not is_due(requested.stamp, frame.stamp):
-            return None, ""
+            return None
         self._requested = None
         try:
-            return self._start(_frames_of(requested, frame, history), requested.box), ""
+            return self._start(_frames_of(requested, frame, history), requested.box)
         except ValueError as error:
-            return None, f"target refused: {error}"
+            self._refused = f"target refused: {error}"
+            return None
+
+    def _tell_refused(self) -> str:
+        """Why what was asked for did not start, if that is still to be told."""
+        refused, self._refused = self._refused, ""
+        return refused
 
     def _start(self, frames: Sequence[PastFrame], box: Box) -> Outcome:
         # A tracker of its own for each target: the one before stays as it is if this is refused.
@@ -310,38 +317,34 @@ class Session:
         self._tracker, self._sighting = tracker, sighting
         self._first = _FirstBox(box, frames[0].size)
         self._take(frames[-1], estimate)
-        return Outcome("started", estimate, caught_up=len(frames) - 1)
+        return Outcome("started", estimate, self._tell_refused(), caught_up=len(frames) - 1)
 
     def _jump_back(self, frame: Frame) -> Outcome:
         """Go on in a time that began anew, without what waits for frames of the old one."""
         is_of_since = self._clock.begins_anew
         seconds = self._clock.jump_back(frame.stamp)
-        requested, refused = self._requested, ""
+        requested = self._requested
         is_lost = requested and self._clock.is_of_before(requested.stamp, frame.stamp)
         if is_lost and not is_of_since:
-            self._requested, refused = None, DRAWN_BEFORE_JUMP
-        started, why_not = self._start_requested(frame, FrameHistory())
-        if started:
-            return replace(started, jumped_back=seconds)
-        return replace(self._begin_anew(frame, refused or why_not), jumped_back=seconds)
+            self._requested, self._refused = None, DRAWN_BEFORE_JUMP
+        outcome = self._start_requested(frame, FrameHistory()) or self._begin_anew(frame)
+        return replace(outcome, jumped_back=seconds)
 
-    def _begin_anew(self, frame: Frame, refused_target: str) -> Outcome:
+    def _begin_anew(self, frame: Frame) -> Outcome:
         """Do what the policy says with the target of the old time, on a frame of the new one."""
         policy = self.time_policy.on_jump
         if policy == "keep" and self._tracker.started:
-            return self._track(frame, refused_target, goes_on=False)
+            return self._track(frame, goes_on=False)
         if policy == "restart" and self._tracker.started and self._first:
             try:
-                started = self._start([frame], _box_in(frame.image, self._first))
+                return self._start([frame], _box_in(frame.image, self._first))
             except ValueError as error:
-                refused_target = f"target refused: {error}"
-            else:
-                return replace(started, refused_target=refused_target)
+                self._refused = f"target refused: {error}"
         self._forget_target()
         self._take(frame, None)
-        return Outcome("waiting", None, refused_target)
+        return Outcome("waiting", None, self._tell_refused())
 
-    def _track(self, frame: Frame, refused_target: str, *, goes_on: bool = True) -> Outcome:
+    def _track(self, frame: Frame, *, goes_on: bool = True) -> Outcome:
         """Follow the target into a frame; time goes on with it, or has begun anew."""
         tracker, before = self._tracker, self._followed_until
         if not tracker.fits(frame.image) and self._sighting:
@@ -355,7 +358,7 @@ class Session:
         if estimate.state == "tracking":
             self._sighting = _Sighting(frame, estimate.box)
         self._take(frame, estimate)
-        return Outcome("tracked", estimate, refused_target)
+        return Outcome("tracked", estimate, self._tell_refused())
 
     def _scaled_to(self, image: NDArray[np.generic], sighting: _Sighting) -> Tracker | None:
         """A tracker that learns the target from a sighting scaled to an image's size.

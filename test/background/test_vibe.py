@@ -170,6 +170,27 @@ def test_a_panning_camera_leaves_the_background_background_and_a_mover_foregroun
     assert (lost[~mover] > 0).mean() > 0.3
 
 
+def test_what_is_left_of_the_camera_s_motion_is_of_the_model_as_it_was_moved(monkeypatch):
+    """A pan with zoom: all shifts of the model and what is left of them are the whole motion."""
+    model = model_of(textured(), moving_camera=True)
+    motion = np.array([[1.002, 0.0, 12.0], [0.0, 1.002, 0.0], [0.0, 0.0, 1.0]])
+    shifts = [np.eye(3)]
+    warp = model._warp
+
+    def noted(shift, planes):
+        shifts.append(shift.copy())
+        warp(shift, planes)
+
+    monkeypatch.setattr(model._camera, "update", lambda gray: motion.copy())
+    monkeypatch.setattr(model, "_warp", noted)
+    whole = np.eye(3)
+    for _ in range(20):
+        model.update(textured())
+        whole = motion @ whole
+        moved = np.linalg.multi_dot([*shifts[::-1], np.eye(3)])
+        np.testing.assert_allclose(model._alignment @ moved, whole, atol=1e-9)
+
+
 def test_a_still_camera_is_left_alone():
     image = view(textured(), 0, 0)
     model = model_of(image, moving_camera=True)

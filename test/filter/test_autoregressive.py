@@ -90,6 +90,15 @@ def test_without_noise_many_short_steps_are_one_long_step(coefficients):
     np.testing.assert_allclose(many, run(still(*coefficients), start, 1), rtol=1e-9)
 
 
+@pytest.mark.parametrize("coefficients", [(0.0, 0.0), (1e-200, 0.0), (-1e-9, 1e-9)])
+def test_what_forgets_in_one_step_forgets_a_part_of_it_in_a_part_of_a_step(coefficients):
+    for part in (0.01, 0.25, 0.83, 0.999):
+        power = transition_power(*coefficients, part)
+        np.testing.assert_allclose(power, [[1 - part, 0.0], [part, 1 - part]], atol=1e-8)
+    np.testing.assert_allclose(transition_power(*coefficients, 1.0), [[0, 0], [1, 0]], atol=1e-8)
+    np.testing.assert_allclose(transition_power(*coefficients, 1.5), np.zeros((2, 2)), atol=0.01)
+
+
 def test_no_time_no_motion():
     start = state(REFERENCE + 8.0, REFERENCE)
     model = SecondOrderAutoregressive(BOX, SecondOrderAutoregressiveParameters())

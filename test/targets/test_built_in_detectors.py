@@ -87,6 +87,24 @@ def test_images_of_another_size_are_another_background():
     assert detector.detect(np.ascontiguousarray(image[:200]), 0.2) is None
 
 
+def test_what_was_found_in_images_of_another_size_is_not_known_in_these():
+    """What came while the background was learned, and stands still since, never moved."""
+
+    def found_last(detector):
+        for number in range(30):
+            image = np.full((480, 640, 3), 90, np.uint8)
+            if number >= 5:
+                image[100:150, 136:166] = 250
+            found = detector.detect(image, 0.2)
+        return found.boxes.tolist()
+
+    detector = MotionDetector()
+    for image, _ in moving(30):
+        found = detector.detect(image, 0.2)
+    assert len(found) == 1
+    assert found_last(detector) == found_last(MotionDetector())
+
+
 @pytest.mark.parametrize("make", [PeopleDetector, MotionDetector])
 def test_what_is_no_image_is_refused(make):
     with pytest.raises(ValueError, match="image is"):

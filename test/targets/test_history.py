@@ -1,5 +1,7 @@
 """Which of the kept frames an age is of."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -47,3 +49,20 @@ def test_what_is_a_little_older_than_the_first_frame_of_all_is_of_that():
     history = history_of([0.0, 1 / 60])
     assert numbers(history.since(1 / 60 + 0.019)) == [0, 1]
     assert history.since(1 / 60 + 0.021) is None
+
+
+def test_of_all_frames_but_the_newest_only_the_image_is_kept():
+    image = np.random.default_rng(0).integers(0, 60_000, (400, 400), dtype=np.uint16)
+    history = History()
+    seen = []
+    tracemalloc.start()
+    for number in range(5):
+        frame = Frame(image.copy(), span=(0.0, 60_000.0))
+        seen.append((frame, frame.pixels.copy()))
+        history.add(Moment(frame, 0.04, Crowd(frame=number)))
+    held = tracemalloc.get_traced_memory()[0] - sum(view.nbytes for _, view in seen)
+    tracemalloc.stop()
+    # Five images, and one view of 8 bit.
+    assert held < 5.6 * image.nbytes
+    for frame, view in seen:
+        np.testing.assert_array_equal(frame.pixels, view)

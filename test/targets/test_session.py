@@ -189,6 +189,15 @@ def test_stop_forgets_all_and_stop_target_one(session, walkers):
     assert ids(show(session, walkers, [7, 8, 9, 10], every=2)) == [4, 5, 6]
 
 
+def test_an_answer_that_was_under_way_at_the_stop_is_no_fault(session, walkers):
+    show(session, walkers, range(6), every=2)
+    session.stop()
+    session.add_detections(walkers.detections(4), at(4))
+    outcome = session.process(walkers.images[6], at(6))
+    assert (outcome.targets, outcome.left_out) == ((), ())
+    assert ids(show(session, walkers, range(7, 12), every=2)) == [4, 5, 6]
+
+
 def test_what_was_said_before_the_stop_starts_nothing_after_it(session, walkers):
     show(session, walkers, range(3))
     for number in (1, 2):

@@ -38,6 +38,25 @@ def test_what_was_stopped_stays_so_when_a_late_detection_comes(walkers, make_tra
     assert number not in [target.id for target in answer]
 
 
+@pytest.mark.parametrize("comes", [7, 8, 10])
+def test_what_a_detector_started_stays_stopped_when_an_earlier_answer_comes(
+    walkers, make_tracker, comes
+):
+    """The answer of frame 2 lets the target of frame 4 begin two frames before, as another one."""
+    tracker = make_tracker()
+    for frame in range(12):
+        answers = []
+        if frame == 4:
+            answers.append(walkers.detections(4, targets=[1]))
+        if frame == comes:
+            answers.append(walkers.detections(2, targets=[1], age=(comes - 2) * INTERVAL))
+        told = tracker.update(walkers.images[frame], INTERVAL, answers)
+        if frame == 5:
+            tracker.stop(told[0].id)
+        elif frame > 5:
+            assert told == ()
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_without_a_detector_the_image_tells_the_size(approacher, make_tracker, iou, seed):
     """The target is 1.7 times as large in the end: in its first size its IoU would be .35."""

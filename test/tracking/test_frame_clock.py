@@ -143,6 +143,14 @@ def test_frames_that_were_passed_over_are_those_since_the_last_one_taken(clock):
     assert not clock.was_passed_over(at(30.5))
 
 
+def test_frames_before_a_new_beginning_count_no_more_also_with_a_pause_after_it(clock):
+    clock.begin_anew()
+    assert [clock.was_passed_over(at(seconds)) for seconds in (1, 29, 30)] == [True, True, False]
+    clock.pass_over(at(40))
+    assert [clock.was_passed_over(at(seconds)) for seconds in (29, 40, 41)] == [True, True, False]
+    assert not clock.was_passed_over(0)
+
+
 def test_frames_that_are_passed_over_move_the_time_that_detectors_know(clock):
     clock.pass_over(at(100))
     clock.check_ahead(at(159))

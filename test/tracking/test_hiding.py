@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
+from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues import Match
 from pf_tracker_ros.filter import ParticleSet
 from pf_tracker_ros.filter.randomness import Randomness
@@ -90,3 +92,39 @@ def test_the_parameter_chooses(way, make_follower, couple):
     off = np.abs(np.array(target.estimate.box) - couple.second[-1]).max()
     assert off < 6.0 if way == "follow" else off > 20.0
     assert (target.templates["color_histogram"] is learned) == (way == "coast")
+
+
+def test_a_lost_target_that_is_followed_keeps_its_size_in_a_motion_that_counts_from_the_first():
+    """It grew to twice its size before it went; the affine motion has its scale as a logarithm."""
+    ground = cv2.GaussianBlur(
+        np.random.default_rng(0).integers(0, 255, (240, 320, 3)).astype(np.uint8), (0, 0), 3
+    )
+    sprite = np.zeros((40, 30, 3), np.uint8)
+    sprite[:20], sprite[20:] = (20, 20, 220), (200, 30, 30)
+
+    def picture(scale):
+        image = ground.copy()
+        part = cv2.resize(sprite, None, fx=scale, fy=scale)
+        image[80 : 80 + len(part), 100 : 100 + part.shape[1]] = part
+        return image
+
+    values = {
+        "track.while_hidden": "follow",
+        "cues": ("color_histogram", "gradient_orientation"),
+        "proposal.method": "transition",
+        "motion.size_noise": 0.3,
+        "motion.position_noise": 0.3,
+        "particles": 600,
+        "template.update_above": 0.3,
+    }
+    tracker = Tracker.from_preset("zhang_bo", parameters=values)
+    tracker.start(picture(1.0), (100, 80, 30, 40))
+    for step in range(1, 120):
+        seen = tracker.update(picture(1 + step / 120))
+    assert seen.box[2] > 50.0
+    for _ in range(60):
+        gone = tracker.update(ground)
+    assert gone.state == "lost"
+    found = tracker.update(picture(2.0))
+    assert found.state == "tracking"
+    assert found.box[2] == pytest.approx(60.0, rel=0.2)

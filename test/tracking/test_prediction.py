@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pf_tracker_ros import Tracker
 from pf_tracker_ros.filter import LONGEST_PREDICTION, Gaussian, propose_from_prediction
 from pf_tracker_ros.filter.proposals import KalmanProposalParameters
 from pf_tracker_ros.filter.randomness import Randomness
@@ -127,3 +128,23 @@ def test_out_of_sight_all_particles_come_from_the_transition_prior(state, make_t
         target.particles.states
     )
     np.testing.assert_allclose(prediction.particles.states, target.motion.constrain(states, SIZE))
+
+
+@pytest.mark.parametrize("gap", [1.0, 10.0])
+@pytest.mark.parametrize("while_hidden", ["follow", "coast"])
+def test_a_motion_that_is_not_stable_does_not_end_the_tracking(couple, gap, while_hidden):
+    """The printed coefficients: an offset grows to 10^9 times itself in a second."""
+    values = {
+        "motion.model": "second_order_autoregressive",
+        "motion.first_coefficient": 2.5,
+        "motion.second_coefficient": -0.5,
+        "cues": ("color_histogram", "gradient_orientation"),
+        "track.occluded_below": 0.0,
+        "track.while_hidden": while_hidden,
+    }
+    tracker = Tracker.from_preset("zhang_bo", parameters=values)
+    tracker.start(couple.images[0], couple.first[0])
+    for number in range(12):
+        tracker.update(couple.images[0], gap if number == 4 else 0.04)
+        assert np.isfinite(tracker.estimate.box).all()
+        assert np.isfinite(tracker.estimate.covariance).all()

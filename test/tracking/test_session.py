@@ -132,6 +132,19 @@ def test_a_refused_target_leaves_the_last_one_tracked(started, images, box):
     assert same(outcome.estimate, library(images[:2], box, [0.04])[0])
 
 
+def test_a_target_that_is_refused_with_a_frame_that_is_refused_too_is_told_of_with_the_next(
+    started, images
+):
+    started.request((1000.0, 0.0, 10.0, 10.0))
+    with pytest.raises(ValueError, match="image is"):
+        started.process(images[1][:40], START + 40_000_000)
+    assert started.requested_stamp is None
+    outcome = started.process(images[1], START + 80_000_000)
+    assert outcome.frame == "tracked"
+    assert "the center of box (1000, 0, 10, 10) is outside" in outcome.refused_target
+    assert started.process(images[2], START + 120_000_000).refused_target == ""
+
+
 def test_a_refused_target_without_another_leaves_the_session_waiting(session, images):
     session.request((1000.0, 0.0, 10.0, 10.0))
     assert session.process(images[0], START).frame == "waiting"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -11,6 +11,7 @@ from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.client import Client
 from rclpy.node import Node
+from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from pf_tracker_ros.node.console.answers import Json
@@ -114,21 +115,35 @@ class TrackerServices:
         loop = asyncio.get_running_loop()
         for _ in range(_ATTEMPTS):
             answer: asyncio.Future[Any] = loop.create_future()
-            self._do(partial(_call, client, request, loop, answer))
+            asked: list[Future] = []
+            self._do(partial(_call, client, request, loop, answer, asked))
             try:
                 return await asyncio.wait_for(answer, _PATIENCE)
             except asyncio.TimeoutError:
-                continue
+                # The client would wait for it as long as it lives.
+                self._do(partial(_give_up, client, asked))
         raise TrackerError(f"{client.srv_name} does not answer")
 
 
 def _call(
-    client: Client, request: Any, loop: asyncio.AbstractEventLoop, answer: asyncio.Future[Any]
+    client: Client,
+    request: Any,
+    loop: asyncio.AbstractEventLoop,
+    answer: asyncio.Future[Any],
+    asked: list[Future],
 ) -> None:
+    """Ask a service, in the executor; what was asked is noted down."""
+
     def settle(done: Any) -> None:
         loop.call_soon_threadsafe(_settle, answer, done)
 
-    client.call_async(request).add_done_callback(settle)
+    asked.append(client.call_async(request))
+    asked[0].add_done_callback(settle)
+
+
+def _give_up(client: Client, asked: Sequence[Future]) -> None:
+    for future in asked:
+        client.remove_pending_request(future)
 
 
 def _settle(answer: asyncio.Future[Any], done: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -29,6 +30,8 @@ class DrawingThread:
     def __init__(self, publisher: Publisher, report: Report) -> None:
         self._publisher = publisher
         self._report = report
+        self._lock = threading.Lock()
+        self._is_at_work = False
         self._waiting: deque[Callable[[], Image]] = deque(maxlen=_MOST_WAITING)
         self._errors: deque[Exception] = deque(maxlen=1)
         self._executor = ThreadPoolExecutor(1, thread_name_prefix="overlay")
@@ -42,21 +45,26 @@ class DrawingThread:
         # Here and not in the thread: whoever takes the report is of the one that tracks.
         while self._errors:
             self._report(f"the overlay of a frame was not published: {self._errors.popleft()}")
-        self._waiting.append(picture)
-        self._executor.submit(self._publish_next)
+        with self._lock:
+            self._waiting.append(picture)
+            if self._is_at_work:
+                return
+            self._is_at_work = True
+        self._executor.submit(self._publish_waiting)
 
     def close(self) -> None:
         """End the thread, once it has published what waits."""
         self._executor.shutdown()
 
-    def _publish_next(self) -> None:
-        try:
-            picture = self._waiting.popleft()
-        except IndexError:
-            # Newer ones took its place, and have been published.
-            return
-        try:
-            self._publisher.publish(picture())
-        except Exception as error:
-            # Whatever drawing raises, or a context that goes away: only this picture is lost by it.
-            self._errors.append(error)
+    def _publish_waiting(self) -> None:
+        while True:
+            with self._lock:
+                if not self._waiting:
+                    self._is_at_work = False
+                    return
+                picture = self._waiting.popleft()
+            try:
+                self._publisher.publish(picture())
+            except Exception as error:
+                # Whatever drawing raises, or a context that goes away: only this picture is lost.
+                self._errors.append(error)

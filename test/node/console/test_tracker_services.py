@@ -1,0 +1,23 @@
+"""The console's requests to a tracker."""
+
+import asyncio
+
+import pytest
+from std_srvs.srv import Trigger
+
+from pf_tracker_ros.node.console import tracker_services
+from pf_tracker_ros.node.console.tracker_services import TrackerError, TrackerServices
+
+
+def test_what_is_not_answered_in_time_is_not_waited_for_any_more(client, monkeypatch):
+    """A tracker that hangs: its service is there, and nobody takes the requests."""
+    server = client.create_service(Trigger, "/hangs/stop", lambda request, response: response)
+    services = TrackerServices(client, "/hangs", lambda action: action())
+    client.wait_for(services._stop.service_is_ready, "the service")
+    client.destroy_service(server)
+    monkeypatch.setattr(services._stop, "service_is_ready", lambda: True)
+    monkeypatch.setattr(tracker_services, "_PATIENCE", 0.05)
+    for _ in range(3):
+        with pytest.raises(TrackerError, match="/hangs/stop does not answer"):
+            asyncio.run(services.stop())
+    assert not services._stop._pending_requests
