@@ -152,7 +152,7 @@ class Follower:
         templates, distraction = self._measurer.learn(frame, box)
         hidden_for = self.parameters.track.lost_after if state == "lost" else 0.0
         track = Track(state, hidden_for)
-        confidence = 1.0 if state == "tracking" else 0.0
+        confidence = 0.0 if state == "lost" else 1.0
         judged = Judgment(box, confidence, track, particles, motion.boxes(particles.states))
         return Target(
             first_box=first_box,

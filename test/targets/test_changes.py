@@ -100,15 +100,15 @@ def test_a_background_model_with_other_parameters_begins_anew(walkers, make_trac
 
 
 def test_a_lost_target_stays_lost_for_sure_when_it_is_learned_again(walkers, make_tracker):
-    tracker = make_tracker()
+    tracker = make_tracker(track__lost_after=0.5)
     tracker.start(walkers.images[0], walkers.boxes[0][0])
     blank = np.full_like(walkers.images[0], 120)
     for _ in range(12):
         (target,) = tracker.update(blank, INTERVAL)
-    assert target.estimate.state != "tracking"
+    assert target.estimate.state == "lost"
     tracker.set_parameters({"working_size": 30})
     (target,) = tracker.targets
-    assert target.estimate.state != "tracking"
+    assert target.estimate.state == "lost"
     assert target.estimate.confidence == 0.0
 
 

@@ -1,6 +1,7 @@
 """The console's requests to a tracker."""
 
 import asyncio
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from std_srvs.srv import Trigger
@@ -17,7 +18,10 @@ def test_what_is_not_answered_in_time_is_not_waited_for_any_more(client, monkeyp
     client.destroy_service(server)
     monkeypatch.setattr(services._stop, "service_is_ready", lambda: True)
     monkeypatch.setattr(tracker_services, "_PATIENCE", 0.05)
-    for _ in range(3):
-        with pytest.raises(TrackerError, match="/hangs/stop does not answer"):
-            asyncio.run(services.stop())
+    # In a thread, since the tests with a browser leave an event loop running in this one.
+    with ThreadPoolExecutor(1) as executor:
+        for _ in range(3):
+            asked = executor.submit(lambda: asyncio.run(services.stop()))
+            with pytest.raises(TrackerError, match="/hangs/stop does not answer"):
+                asked.result()
     assert not services._stop._pending_requests
