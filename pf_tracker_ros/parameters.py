@@ -143,12 +143,15 @@ class Declaration:
         return number_type(element)
 
     def _refusal(self, value: Any) -> ParameterError:
-        text = repr(value)
-        if len(text) > _LONGEST_QUOTE:
-            text = f"{text[:_LONGEST_QUOTE]}..."
         return ParameterError(
-            f"parameter '{self.name}' is {text}; allowed: {self.type_name}, {self.allowed}"
+            f"parameter '{self.name}' is {quoted(value)}; allowed: {self.type_name}, {self.allowed}"
         )
+
+
+def quoted(value: Any) -> str:
+    """A value as a message quotes it, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST_QUOTE else f"{text[:_LONGEST_QUOTE]}..."
 
 
 def declared(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import reprlib
 from pathlib import Path
 from typing import Any
 
@@ -43,13 +42,3 @@ def read_yaml(path: Path, what: str) -> Any:
         # tag that does not suit it.
         reason = " ".join(str(error).split())
         raise YamlError(f"{path} cannot be read as YAML ({reason})") from error
-
-
-def quoted(value: Any) -> str:
-    """A value of a file as a message quotes it, cut where it is long or deep."""
-    return _QUOTES.repr(value)
-
-
-_QUOTES = reprlib.Repr()
-_QUOTES.maxlevel, _QUOTES.maxlist, _QUOTES.maxdict = 4, 20, 20
-_QUOTES.maxstring = _QUOTES.maxother = 200

@@ -7,15 +7,15 @@ dictionary of parameters reaches the node as a file, behind those that the launc
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import yaml
-
 from pf_tracker_ros.parameter_files import applies, names_for
 from pf_tracker_ros.ros_arguments import split_ros_arguments
+from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
 _FILE_OPTIONS = ("--params-file",)
 _VALUE_OPTIONS = ("-p", "--param")
@@ -59,12 +59,7 @@ def _sources(node_name: str, command_line: Sequence[str]) -> Iterator[_Source]:
 
 
 def _names_in_file(path: Path, node_name: str) -> Iterator[str]:
-    # A pipe is empty once rcl has read it, and opening it again may never end.
-    if not path.is_file():
-        return
-    # rcl has read the file before, so whatever cannot be read here does not concern parameters.
-    try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, yaml.YAMLError):
-        return
-    yield from names_for(document, node_name)
+    # rcl has read the file before, so whatever cannot be read here does not concern parameters; a
+    # pipe is empty by then.
+    with contextlib.suppress(YamlError):
+        yield from names_for(read_yaml(path, "parameter file"), node_name)

@@ -28,11 +28,12 @@ from typing import Any
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.footage.access import is_there, resolved
 from pf_tracker_ros.footage.messages import box_as_sent
+from pf_tracker_ros.parameters import quoted
 from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_TARGET, RecordingError
 from pf_tracker_ros.recordings.placing import put_in_place
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
-from pf_tracker_ros.yaml_files import YamlError, quoted, read_yaml
+from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
 _KEYS = {"target_box", "frame", "stamp", "label", "recording", "image_size"}
 _SHARED_KEYS = {"recording", "image_size"}

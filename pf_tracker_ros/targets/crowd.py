@@ -13,7 +13,8 @@ from pf_tracker_ros.targets.geometry import overlaps
 from pf_tracker_ros.targets.life import Key, Life
 
 SAME_ABOVE = 0.5
-"""A target that a late detection has started is another one if they overlap by more than this."""
+"""A target that a late detection has started is the one that was there before if they overlap by
+more than this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +63,7 @@ class Crowd:
 
 
 def _in_place_of(stopped: Life, others: Sequence[Life]) -> Key:
-    """The key of the target that is where another one was; that one's own where none is."""
+    """The key of the target that a detector started where another one was; else that one's own."""
     started = [one for one in others if not one.by_hand]
     if not started:
         return stopped.key
