@@ -77,6 +77,7 @@ class PlayedRecording:
             "stay_at_end": True,
         }
         self._replay = ReplayNode(
+            spectator=node,
             context=self._context,
             namespace=node.get_namespace(),
             cli_args=["--ros-args", *remapped],

@@ -54,11 +54,13 @@ class ReplayNode(Node):
         has_begun: Whether it plays, or has played, its source.
 
     Args:
+        spectator: As for `ReplayOutputs`.
         **options: Of `rclpy.node.Node`.
     """
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, *, spectator: Node | None = None, **options: Any) -> None:
         super().__init__("replay", **options)
+        self._spectator = spectator
         self._log = self.get_logger()  # type: ignore[no-untyped-call]
         self.exit_code = 0
         self._published = 0
@@ -96,7 +98,7 @@ class ReplayNode(Node):
         self._fixed = parameters
         self._source = source
         self._playback = Playback(paused=parameters.start_paused)
-        self._outputs = ReplayOutputs(self, source, parameters, self._playback)
+        self._outputs = ReplayOutputs(self, source, parameters, self._playback, self._spectator)
         if parameters.lockstep:
             self._status_subscription = self.create_subscription(
                 DiagnosticArray, parameters.lockstep_status, self._on_status, DEPTH

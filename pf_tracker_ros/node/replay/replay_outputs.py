@@ -29,6 +29,7 @@ _TARGET_DEPTH = 1
 _ACKNOWLEDGE_TIMEOUT = 5.0
 # Whoever runs already has been discovered by then; nobody else is waited for without a target.
 _DISCOVERY_TIMEOUT = 2.0
+_UNKNOWN_NODE = ("_NODE_NAME_UNKNOWN_", "_NODE_NAMESPACE_UNKNOWN_")
 
 
 class ReplayOutputs:
@@ -42,15 +43,22 @@ class ReplayOutputs:
         source: What is published.
         parameters: Which of it, where to, and how reliably.
         playback: Whose waits end when it is stopped.
+        spectator: A node that only shows the images, so that nothing is played for it alone.
 
     Raises:
         NameValidationException: The name of a topic cannot be one.
     """
 
     def __init__(
-        self, node: Node, source: ReplaySource, parameters: ReplayParameters, playback: Playback
+        self,
+        node: Node,
+        source: ReplaySource,
+        parameters: ReplayParameters,
+        playback: Playback,
+        spectator: Node | None = None,
     ) -> None:
         self._node = node
+        self._spectator = spectator
         self._target_box = parameters.target_box
         self._frame_id = parameters.frame_id
         self._is_lockstep = parameters.lockstep
@@ -109,9 +117,7 @@ class ReplayOutputs:
 
     def wait_for_subscriber(self) -> None:
         """Wait a moment for somebody to take the images."""
-        self._playback.wait_for(
-            lambda: self._images.get_subscription_count() > 0, _DISCOVERY_TIMEOUT
-        )
+        self._playback.wait_for(lambda: self._is_taken(self._images), _DISCOVERY_TIMEOUT)
 
     def wait_for_delivery(self) -> None:
         """Wait until the last messages have arrived."""
@@ -126,7 +132,7 @@ class ReplayOutputs:
             needed.append(self._images)
         missing = []
         for publisher in needed:
-            if publisher.get_subscription_count() == 0:
+            if not self._is_taken(publisher):
                 compressed = publisher.msg_type is CompressedImage
                 hint = " (tracker: image_transport:=compressed)" if compressed else ""
                 missing.append(f"a subscriber of {publisher.topic_name}{hint}")
@@ -134,7 +140,7 @@ class ReplayOutputs:
 
     def elsewhere(self) -> str:
         """Where images are waited for, if they are not here."""
-        if self._images.get_subscription_count():
+        if self._is_taken(self._images):
             return ""
         return where_images_are_taken(
             self._node, self._images.topic_name, compressed=self._is_compressed
@@ -148,6 +154,21 @@ class ReplayOutputs:
             for subscriber in subscribers
             if subscriber.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
         ]
+
+    def _is_taken(self, publisher: Publisher) -> bool:
+        """Whether anybody but the spectator takes what is published."""
+        if self._spectator is None or publisher.get_subscription_count() == 0:
+            return bool(publisher.get_subscription_count())
+        # Until an endpoint's node is known, it may be the spectator's.
+        passed_over = {
+            (self._spectator.get_name(), self._spectator.get_namespace()),
+            _UNKNOWN_NODE,
+        }
+        subscribers = self._node.get_subscriptions_info_by_topic(publisher.topic_name)
+        return any(
+            (subscriber.node_name, subscriber.node_namespace) not in passed_over
+            for subscriber in subscribers
+        )
 
     def _wait_for_acknowledgment(self, publisher: Publisher) -> None:
         acknowledged = self._playback.wait_for(

@@ -143,10 +143,11 @@ def stand_in(graph, services_of):
 def replay(graph):
     """Start the replay publisher in a thread, in a context of its own; returns the node."""
 
-    def start(**parameters):
+    def start(spectator=None, **parameters):
         # On a busy machine an answer may take its time; no frame shall be sent twice for that.
         parameters = {"lockstep_timeout": 5.0, **parameters}
         node = ReplayNode(
+            spectator=spectator,
             context=graph.context(),
             parameter_overrides=[
                 Parameter(name, value=str(value) if isinstance(value, Path) else value)

@@ -4,6 +4,8 @@ import itertools
 import time
 
 import pytest
+from rclpy.node import Node
+from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
 from pf_tracker_ros.node.replay import replay_node
@@ -171,6 +173,20 @@ def test_a_replay_that_stands_still_tells_who_has_gone(pictures, stand_in, repla
     (heard,) = [s for s in tracker.subscriptions if s.topic_name == "/image"]
     tracker.destroy_subscription(heard)
     tracker.spin_until(lambda: node.hindrance == "waiting for a subscriber of /image")
+
+
+def test_nothing_is_played_for_a_spectator_alone(pictures, stand_in, replay, graph):
+    tracker = stand_in()
+    spectator = Node("spectator", context=graph.context())
+    graph.run(spectator)
+    spectator.create_subscription(Image, "image", lambda image: None, 10)
+    node = replay(spectator=spectator, source=pictures.folder, lockstep=True)
+    tracker.spin_until(lambda: node.count_subscribers("/image") == 1)
+    tracker.spin_until(lambda: node.hindrance == "waiting for a subscriber of /image")
+    assert node.position == -1
+    tracker.listen()
+    tracker.spin_until_ended(node)
+    assert tracker.stamps() == pictures.stamps
 
 
 def test_it_waits_at_its_end_where_it_is_to_stay(pictures, stand_in, replay):
