@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from pf_tracker_ros.evaluation.__main__ import main
 from pf_tracker_ros.evaluation.reports.content import SequenceContent, kept_boxes
-from pf_tracker_ros.evaluation.reports.page import changes, read_results
+from pf_tracker_ros.evaluation.reports.page import Report, Section, changes, read_results, render
 from pf_tracker_ros.evaluation.results import EvaluationError, Scores
 
 pytest.importorskip("jinja2")
@@ -227,6 +228,29 @@ def test_losses_are_the_frames_in_a_row_that_are_called_lost():
     states = ("tracking", "lost", "lost", "occluded", "lost", "tracking")
     assert content(states=states).losses == [(1, 2), (4, 4)]
     assert content(states=states).share_by_state["lost"] == 0.5
+
+
+def test_the_shares_of_a_target_that_ended_and_came_back_are_all_told():
+    states = ("tracking", "absent", "absent", "skipped", "lost", "tracking", "tracking", "tracking")
+    other = ("tracking", "tracking")
+    came_back = replace(content(states=states), first=4)
+    sections = [
+        Section(came_back, {}),
+        Section(content("other", states=other), {}),
+    ]
+    page = render(Report("several", "default", {}, sections, kind="target"))
+    found = re.findall(r'<td data-state="(\w+)" data-value="([^"]*)"', page)
+    assert found[:5] == [
+        ("tracking", "0.5"),
+        ("occluded", "0.0"),
+        ("lost", "0.125"),
+        ("absent", "0.25"),
+        ("skipped", "0.125"),
+    ]
+    assert [float(share) for _, share in found[5:]] == [1, 0, 0, 0, 0]
+    text = " ".join(re.sub("<[^>]*>", " ", page).split())
+    assert "Lost in frames 8. Absent in frames 5 to 6." in text
+    assert "Never lost." in text
 
 
 def test_the_worst_frames_are_not_neighbors_and_come_worst_first():

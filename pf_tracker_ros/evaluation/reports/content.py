@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -18,6 +18,10 @@ _WORST = 10
 _STRIP = 8
 # Neighbors look alike: of worst frames that follow each other one is enough.
 _APART = 5
+
+
+_ALWAYS_TOLD = ("tracking", "occluded", "lost")
+_ELSE_TOLD = ("idle", "absent", "skipped")
 
 
 class Stretch(NamedTuple):
@@ -94,7 +98,7 @@ class SequenceContent:
     @property
     def share_by_state(self) -> dict[str, float]:
         """State to the share of frames in it, 0 to 1."""
-        names = dict.fromkeys(("tracking", "occluded", "lost", *self.states))
+        names = dict.fromkeys((*_ALWAYS_TOLD, *self.states))
         return {name: self.states.count(name) / self.frames for name in names}
 
     @property
@@ -126,6 +130,15 @@ class SequenceContent:
         known = np.asarray(np.isfinite(self.boxes).all(axis=1))
         found = measure(np.where(known[:, None], self.boxes, 0.0), self.true_boxes)
         return np.asarray(np.where(known, found, np.nan))
+
+
+def told_states(states: Collection[str]) -> tuple[str, ...]:
+    """The states that a table has columns for, so that the shares of a row are all there.
+
+    Args:
+        states: That there are in any row.
+    """
+    return (*_ALWAYS_TOLD, *(state for state in _ELSE_TOLD if state in states))
 
 
 def content_of(result: SequenceResult) -> SequenceContent:

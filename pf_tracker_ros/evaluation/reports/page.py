@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pf_tracker_ros.evaluation.reports.content import SequenceContent
+from pf_tracker_ros.evaluation.reports.content import SequenceContent, told_states
 from pf_tracker_ros.evaluation.reports.drawings import precision_plot, series_plots, success_plot
 from pf_tracker_ros.evaluation.reports.pictures import Picture
 from pf_tracker_ros.evaluation.results import EvaluationError, Scores
@@ -119,6 +119,7 @@ def render(report: Report) -> str:
             for label, other in report.compared.items()
         },
         seeds=counted(report.seeds, "seed"),
+        states=told_states({state for each in contents for state in each.states}),
         has_scores=any(each.scores is not None for each in contents),
         is_known=lambda value: not math.isnan(value),
     )

@@ -13,6 +13,7 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from urllib.parse import quote
 
+from pf_tracker_ros.evaluation.reports.content import told_states
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE, fill
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
@@ -153,6 +154,7 @@ def _write_report(
             "recordings": f"{len(found)}, of which {failed} failed",
             "frames": str(frames),
         },
+        states=_told_states(found),
         # What needs to be looked at comes first.
         rows=[
             {
@@ -168,6 +170,10 @@ def _write_report(
     results.put_text(page, REPORT_FILE)
 
 
+def _told_states(entries: Sequence[ArchiveEntry]) -> tuple[str, ...]:
+    return told_states({state for entry in entries for state in entry.states})
+
+
 def _print_table(entries: Sequence[ArchiveEntry], tracked: int, results: Results) -> None:
     from rich.console import Console
     from rich.table import Table
@@ -175,13 +181,14 @@ def _print_table(entries: Sequence[ArchiveEntry], tracked: int, results: Results
 
     table = Table()
     table.add_column("recording", overflow="fold")
-    for heading in ("frames", "tracking", "occluded", "lost"):
+    states = _told_states(entries)
+    for heading in ("frames", *states):
         table.add_column(heading, justify="right")
     table.add_column("", overflow="fold")
     for entry in entries:
         shares = [
             f"{entry.states.get(state, 0) / entry.frames:.0%}" if entry.frames else ""
-            for state in ("tracking", "occluded", "lost")
+            for state in states
         ]
         frames = str(entry.frames) if entry.frames else ""
         # Names go in as Text: square brackets in a plain string are markup to Rich.
