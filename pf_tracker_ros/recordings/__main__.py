@@ -207,7 +207,7 @@ def _draw(
     if is_url(options.source):
         kept = f"not saved, as {options.source} is not a place on this machine"
     else:
-        kept = _kept(targets, target_file(recording.path))
+        kept = _kept(targets, recording.path)
     drawn = "; ".join(
         f"{','.join(f'{value:.10g}' for value in target.box or ())} in frame {target.frame}"
         for target in targets
@@ -220,15 +220,14 @@ def _announce(address: str) -> None:
     print(f"draw the targets at {address} (Ctrl-C gives it up)", flush=True)
 
 
-def _kept(targets: Sequence[Target], path: Path) -> str:
-    """What became of the file of targets."""
+def _kept(targets: Sequence[Target], source: Path) -> str:
+    """What became of the file of a recording's targets."""
     try:
-        save_targets(targets, path)
+        return f"saved as {save_targets(targets, source)}"
     except FileExistsError:
-        return f"not saved, as {path} is there already"
+        return f"not saved, as {target_file(source)} is there already"
     except OSError as error:
-        return f"not saved, as {unwritable(path, error)}"
-    return f"saved as {path}"
+        return f"not saved, as {unwritable(target_file(source), error)}"
 
 
 def _track(

@@ -190,18 +190,24 @@ def read_targets(path: Path, source: Path) -> tuple[Target, ...]:
     return tuple(targets)
 
 
-def target_text(targets: Sequence[Target]) -> str:
-    """Targets, at least one, as their file has them."""
+def target_text(targets: Sequence[Target], source: Path) -> str:
+    """Targets as their file has them.
+
+    Args:
+        targets: At least one, each with a box.
+        source: The recording that they are in.
+    """
     texts = [_entry_text(target) for target in targets]
+    recording = _yaml_line("recording", resolved(source).name)
     if len(texts) == 1:
-        return f"# A target in the recording beside this file, drawn on a page.\n{texts[0]}"
+        heading = "# A target in the recording beside this file, drawn on a page."
+        return f"{heading}\n{texts[0]}{recording}"
     entries = "".join(f"- {indent(text, '  ')[2:]}" for text in texts)
-    return f"# Targets in the recording beside this file, drawn on a page.\ntargets:\n{entries}"
+    heading = "# Targets in the recording beside this file, drawn on a page."
+    return f"{heading}\ntargets:\n{entries}{recording}"
 
 
 def _entry_text(target: Target) -> str:
-    import yaml
-
     assert target.box is not None
     box = ", ".join(str(float(value)) for value in target.box)
     text = (
@@ -209,26 +215,38 @@ def _entry_text(target: Target) -> str:
         f"frame: {target.frame}  # on which it was drawn, counted from 0\n"
         f"stamp: {target.stamp}  # of that frame, nanoseconds\n"
     )
-    if not target.label:
-        return text
-    label = yaml.safe_dump({"label": target.label}, allow_unicode=True, width=math.inf)
-    return f"{text}{label}"
+    if target.label:
+        text += _yaml_line("label", target.label)
+    if target.image_size:
+        text += "image_size: [{}, {}]  # width, height, pixels\n".format(*target.image_size)
+    return text
 
 
-def save_targets(targets: Sequence[Target], path: Path) -> None:
-    """Write a target file where none is yet, whole or not at all.
+def _yaml_line(name: str, value: str) -> str:
+    import yaml
+
+    return str(yaml.safe_dump({name: value}, allow_unicode=True, width=math.inf))
+
+
+def save_targets(targets: Sequence[Target], source: Path) -> Path:
+    """Write the target file of a recording where there is none yet, whole or not at all.
 
     Args:
-        targets: At least one, each with a box.
-        path: The file.
+        targets: As for `target_text`.
+        source: Likewise.
+
+    Returns:
+        Path of the file.
 
     Raises:
         OSError: It cannot be written, or there is one.
     """
+    path = target_file(source)
     with tempfile.TemporaryDirectory(prefix=".track_", dir=path.parent) as folder:
         draft = Path(folder) / path.name
-        draft.write_text(target_text(targets), encoding="utf-8")
+        draft.write_text(target_text(targets, source), encoding="utf-8")
         put_in_place(draft, path)
+    return path
 
 
 def _only(targets: Sequence[Target], path: Path) -> Target:
@@ -286,7 +304,7 @@ def _target(path: Path, of: str, document: dict[str, Any], source: Path) -> Targ
         stamp=_whole(path, of, document, "stamp") or 0,
         frame=_whole(path, of, document, "frame"),
         image_size=image_size,
-        source=f"{path}{of and ','}{of}",
+        source=f"{of.removeprefix(' of ')} of {path}" if of else str(path),
         label=_label(path, of, document.get("label")),
     )
 

@@ -198,6 +198,7 @@ def test_a_box_is_drawn_put_right_by_a_corner_and_tracked(
     assert (frame, found) == (0, pytest.approx(BOX, abs=0.5))
     saved = yaml.safe_load(file.read_text())
     assert (saved["frame"], saved["stamp"]) == (0, 10**9)
+    assert (saved["recording"], saved["image_size"]) == ("img", [160, 120])
     # What was saved is the same target.
     assert track(images, "--output", tmp_path / "again", *QUICK)[0] == 0
     assert (tmp_path / "again/boxes.csv").read_bytes() == (tmp_path / "out/boxes.csv").read_bytes()
@@ -263,7 +264,10 @@ def test_several_targets_are_drawn_taken_back_and_tracked(
     file = images.parent / "img.target.yaml"
     assert said.splitlines()[0].startswith("targets ")
     assert f"saved as {file}" in said
-    first, second = yaml.safe_load(file.read_text())["targets"]
+    saved = yaml.safe_load(file.read_text())
+    assert saved["recording"] == "img"
+    first, second = saved["targets"]
+    assert first["image_size"] == second["image_size"] == [160, 120]
     assert first["label"] == "\u00e4: 'square'"
     assert (first["frame"], first["target_box"]) == (0, pytest.approx(BOX, abs=0.5))
     assert (second["frame"], second["target_box"]) == (2, [62.0, 45.0, 40.0, 30.0])

@@ -85,7 +85,7 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
         (
             "targets: [{target_box: [1, 2, 30, 40], frame: 7}, {target_box: [1, 2, 9, 9], "
             "frame: 900}]",
-            "of target 2 is of a frame number 900, which this recording does not have",
+            "img.target.yaml is of a frame number 900, which this recording does not have",
         ),
     ],
 )

@@ -214,21 +214,21 @@ class Hub:
         x, y, width, height = numbers_of(message, "box", 4)
         stamp = stamp_in(message)
         box = (x, y, width, height)
-        if self._player:
-            # The target there is would be gone before the tracker refuses this one.
-            self._check_box(box)
-        # Of several targets, none is tried again: those before it go on.
-        if not self._player or self._has_several or not await self._player.try_target(box, stamp):
+        if not self._player or not await self._is_tried(self._player, box, stamp):
             await self._picker.send(partial(self._link.send_target, box, stamp))
 
-    def _check_box(self, box: Box) -> None:
+    async def _is_tried(self, player: Player, box: Box, stamp: int) -> bool:
+        """Whether the recording goes on from the frame that a target was drawn on."""
         latest = self._pairing.latest
-        if latest is None or not latest.size:
-            return
-        try:
-            check_box(box, latest.size)
-        except ValueError as error:
-            raise RequestError(f"target refused: {error}") from error
+        image_size = latest.size if latest else None
+        if image_size:
+            # The target there is would be gone before the tracker refuses this one.
+            try:
+                check_box(box, image_size)
+            except ValueError as error:
+                raise RequestError(f"target refused: {error}") from error
+        # Of several targets, none is tried again: those before it go on.
+        return not self._has_several and await player.try_target(box, stamp, image_size)
 
     async def _on_click(self, message: Json) -> None:
         x, y = numbers_of(message, "point", 2)

@@ -36,11 +36,13 @@ class PickedTarget:
         box: (x, y, width, height), pixels.
         stamp: Of the frame, nanoseconds.
         frame: Its index, counted from 0.
+        image_size: (width, height) of its image, None where that is unknown.
     """
 
     box: Box
     stamp: int
     frame: int
+    image_size: tuple[int, int] | None
 
 
 class PlayedRecording:
@@ -186,7 +188,8 @@ class PlayedRecording:
         Raises:
             OSError: It cannot be written.
         """
-        text = target_text([Target(target.box, target.stamp, target.frame)])
+        saved = Target(target.box, target.stamp, target.frame, target.image_size)
+        text = target_text([saved], self._path)
         path = self._target_file
         unfinished = path.with_name(f".{path.name}.{os.getpid()}")
         unfinished.write_text(text, encoding="utf-8")
@@ -208,7 +211,7 @@ class PlayedRecording:
         with contextlib.closing(recording.frames()) as frames:
             for frame in frames:
                 if box := target.box_in(frame):
-                    return PickedTarget(box, frame.stamp, frame.index)
+                    return PickedTarget(box, frame.stamp, frame.index, target.image_size)
         raise target.missed()
 
     def _look_for_target(self) -> None:

@@ -99,12 +99,18 @@ class Player:
             self._show_first_at = now + _FIRST_FRAME_INTERVAL
             self._recording.seek(self._recording.frame)
 
-    async def try_target(self, box: Box, stamp: int) -> bool:
-        """Play on from the frame that a target was drawn on; whether the recording has it."""
+    async def try_target(self, box: Box, stamp: int, image_size: tuple[int, int] | None) -> bool:
+        """Play on from the frame that a target was drawn on; whether the recording has it.
+
+        Args:
+            box: (x, y, width, height), pixels.
+            stamp: Of the frame, nanoseconds.
+            image_size: As of `PickedTarget`.
+        """
         frame = self._recording.index_of(stamp)
         if frame is None:
             return False
-        self.picked = PickedTarget(box, stamp, frame)
+        self.picked = PickedTarget(box, stamp, frame, image_size)
         await self._go_to(frame)
         return True
 

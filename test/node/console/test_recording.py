@@ -222,6 +222,8 @@ def test_the_target_is_saved_beside_the_recording(player, moving_square, bag):
         "target_box": pytest.approx(box, abs=1e-2),
         "frame": 3,
         "stamp": stamp_at(3),
+        "recording": "drive",
+        "image_size": [160, 120],
     }
     assert [path.name for path in bag.parent.iterdir() if path.name.startswith(".")] == []
 
