@@ -51,7 +51,9 @@ class Hub:
         self._picker = Picker(link, self._tell_verdict)
         self._player: Player | None = None
         if recording:
-            self._player = Player(recording, link, self._picker, self._browsers.tell)
+            self._player = Player(
+                recording, link, self._picker, self._browsers.tell, lambda: self._has_several
+            )
         self._parameters: list[Json] = []
         self._reading: asyncio.Task[None] | None = None
         self._parameters_are_old = True
@@ -227,8 +229,7 @@ class Hub:
                 check_box(box, image_size)
             except ValueError as error:
                 raise RequestError(f"target refused: {error}") from error
-        # Of several targets, none is tried again: those before it go on.
-        return not self._has_several and await player.try_target(box, stamp, image_size)
+        return await player.try_target(box, stamp, image_size)
 
     async def _on_click(self, message: Json) -> None:
         x, y = numbers_of(message, "point", 2)

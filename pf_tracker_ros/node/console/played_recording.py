@@ -141,6 +141,11 @@ class PlayedRecording:
         self._replay.playback.paused = paused
 
     @property
+    def is_at_end(self) -> bool:
+        """Whether there is nothing to play but what has been played."""
+        return self._replay.playback.is_at_end
+
+    @property
     def frame(self) -> int:
         """Index of the frame that was played last, 0 before the first."""
         return max(0, self._replay.position)

@@ -32,6 +32,7 @@ class Player:
         link: To the tracker.
         picker: Sends the target.
         tell: Tells all browsers something.
+        has_several: Whether the tracker follows several targets.
     """
 
     def __init__(
@@ -40,12 +41,14 @@ class Player:
         link: TrackerLink,
         picker: Picker,
         tell: Callable[[Json], Awaitable[None]],
+        has_several: Callable[[], bool],
     ) -> None:
         self.picked: PickedTarget | None = None
         self._recording = recording
         self._link = link
         self._picker = picker
         self._tell = tell
+        self._has_several = has_several
         self._told: Json = {}
         self._show_first_at = float("-inf")
         self._seeking = asyncio.Lock()
@@ -66,7 +69,8 @@ class Player:
         """What the page shows of the recording."""
         return {
             "type": "recording",
-            "saves": self.picked is not None,
+            # What cannot be saved is asked for all the same, to be told why.
+            "saves": self.picked is not None or self._has_several(),
             "problem": self._recording.hindrance(self._link.image_topic),
             **self._recording.state,
             "playing": self._plays,
@@ -100,15 +104,20 @@ class Player:
             self._recording.seek(self._recording.frame)
 
     async def try_target(self, box: Box, stamp: int, image_size: tuple[int, int] | None) -> bool:
-        """Play on from the frame that a target was drawn on; whether the recording has it.
+        """Play on from the frame that a target was drawn on.
+
+        Of several targets, none is tried again: those before it go on.
 
         Args:
             box: (x, y, width, height), pixels.
             stamp: Of the frame, nanoseconds.
             image_size: As of `PickedTarget`.
+
+        Returns:
+            Whether it does.
         """
         frame = self._recording.index_of(stamp)
-        if frame is None:
+        if frame is None or self._has_several():
             return False
         self.picked = PickedTarget(box, stamp, frame, image_size)
         await self._go_to(frame)
@@ -118,6 +127,8 @@ class Player:
         playing = flag_of(message, "playing")
         if self._seeking.locked():
             self._plays_after, self._steps_after = playing, 0
+        elif playing and self._recording.is_at_end:
+            await self._go_to(0, plays=True)
         else:
             self._recording.paused = not playing
 
@@ -138,6 +149,10 @@ class Player:
             raise RequestError(refusal)
 
     async def _on_save(self, message: Json) -> None:
+        if self._has_several():
+            raise RequestError(
+                "several targets are not saved from here; the command track --draw saves them"
+            )
         if self.picked is None:
             raise RequestError("there is no target to save; draw one first")
         try:
@@ -157,14 +172,19 @@ class Player:
         self.picked = target
         await self._go_to(target.frame)
 
-    async def _go_to(self, frame: int) -> None:
+    async def _go_to(self, frame: int, *, plays: bool | None = None) -> None:
         """Play a frame of the recording so that the boxes are those of a run in lockstep.
 
         With a target, that begins on the frame that it was drawn on.
+
+        Args:
+            frame: Its index, counted from 0.
+            plays: Whether it plays on from there; None if it does so now.
         """
         recording, loop = self._recording, asyncio.get_running_loop()
         async with self._seeking:
-            self._plays_after, self._steps_after = not recording.paused, 0
+            self._plays_after = not recording.paused if plays is None else plays
+            self._steps_after = 0
             recording.paused = True
             try:
                 if not await loop.run_in_executor(None, recording.settle):

@@ -49,6 +49,7 @@ class Playback:
         self._steps = 0
         self._sought: int | None = None
         self._holding = False
+        self._at_end = False
         self._answer: int | None = None
         self._last_due: float | None = None
         self._last_time: int | None = None
@@ -70,6 +71,11 @@ class Playback:
         with self._changed:
             self._paused = paused
             self._changed.notify_all()
+
+    @property
+    def is_at_end(self) -> bool:
+        """Whether it waits at the end of the source."""
+        return self._at_end
 
     def step(self, count: int = 1) -> None:
         """Let so many items pass a pause, at once."""
@@ -107,10 +113,13 @@ class Playback:
             Stopped: The playback was stopped.
         """
         with self._changed:
-            self._paused, self._steps = True, 0
-            while True:
-                self._raise_what_was_asked()
-                self._hold()
+            self._paused, self._steps, self._at_end = True, 0, True
+            try:
+                while True:
+                    self._raise_what_was_asked()
+                    self._hold()
+            finally:
+                self._at_end = False
 
     def begin_pass(self) -> None:
         """Begin the source again: its first item is due one frame after its last."""

@@ -228,6 +228,42 @@ def test_the_target_is_saved_beside_the_recording(player, moving_square, bag):
     assert [path.name for path in bag.parent.iterdir() if path.name.startswith(".")] == []
 
 
+def test_play_at_the_end_begins_again(player, moving_square):
+    box = draw(player, moving_square.boxes[0])
+    expected = boxes_in_lockstep(moving_square.images, box, 0)
+    for _ in range(2):
+        go_to(player, 19)
+        player.wait_until(lambda: player.text("pause-word") == "Play", "end")
+        player.keyboard.press(" ")
+        player.wait_until(lambda: player.stamp < stamp_at(19), "beginning")
+        at_frame(player, 19)
+        assert player.box == pytest.approx(expected[stamp_at(19)], abs=2e-3)
+
+
+def test_a_button_that_was_clicked_leaves_the_keys_to_the_page(player, moving_square):
+    draw(player, moving_square.boxes[0])
+    player.locator("#save").click()
+    player.wait_until(lambda: "saved as" in player.text("note"), "answer")
+    player.keyboard.press(" ")
+    at_frame(player, 19)
+    # Chosen with the keys it stays chosen, and a space works it.
+    player.locator("#back").focus()
+    player.keyboard.press(" ")
+    at_frame(player, 18)
+    player.keyboard.press(" ")
+    at_frame(player, 17)
+
+
+def test_several_targets_are_not_saved_and_that_is_told(
+    graph, client, start_console, open_page, bag
+):
+    graph.tracker(client, max_targets=2)
+    page = open_page(start_console(source=str(bag)).link)
+    at_frame(page, 0)
+    page.locator("#save:enabled").click()
+    page.wait_until(lambda: "track --draw" in page.text("note"), "what saves them")
+
+
 @pytest.fixture
 def saved(bag):
     """A function that writes the target file of the recording."""

@@ -191,6 +191,15 @@ function stop() {
   send({ type: "stop" });
 }
 
+// What was clicked or chosen with a pointer keeps no keys from the shortcuts.
+function freeKeys() {
+  let byPointer = false;
+  document.addEventListener("pointerdown", () => { byPointer = true; }, true);
+  document.addEventListener("keydown", () => { byPointer = false; }, true);
+  document.addEventListener("click", ({ target }) => { if (byPointer) target.closest("button, a, summary")?.blur(); });
+  document.addEventListener("change", ({ target }) => { if (byPointer && target.matches("select, [type=range], [type=checkbox]")) target.blur(); });
+}
+
 export function begin(sender, notes) {
   [send, note] = [sender, notes];
   drawing.begin(() => frame && [frame.width, frame.height]);
@@ -199,6 +208,7 @@ export function begin(sender, notes) {
   overlay.addEventListener("pointerup", onUp);
   overlay.addEventListener("pointercancel", live);
   document.addEventListener("keydown", onKey);
+  freeKeys();
   at("draw").addEventListener("click", startDrawing);
   at("pause").addEventListener("click", pause);
   at("stop").addEventListener("click", stop);
