@@ -154,7 +154,7 @@ def test_only_where_the_detections_have_changed_it_is_done_again(track, detected
 
 
 def test_an_archive_of_bags_takes_detections_of_a_topic(
-    track, rows, write_walkers, detections_message, library
+    track, rows, walkers, write_sequence, write_walkers, detections_message, library
 ):
     bag = write_walkers([])
     archive = bag.with_name("archive")
@@ -162,11 +162,18 @@ def test_an_archive_of_bags_takes_detections_of_a_topic(
     bag.rename(archive / "unheard")
     answers = [(library.at(4) + 1000, detections_message(library.at(4), library.boxes[4]))]
     write_walkers(answers).rename(archive / "heard")
+    # They have targets, and can have no topic.
     (archive / "clip.mp4").write_bytes(b"no bag")
+    (archive / "clip.target.yaml").write_text("target_box: [1, 2, 30, 40]")
+    write_sequence("sequence", walkers[0], np.array(walkers[1])[:, 0], archive)
     output = archive / "boxes"
     given = ("--archive", archive, "--output", output, "--detections-topic", "/found", "--bag")
-    code, _, errors = track(*given)
+    code, said, errors = track(*given)
     assert code == 1
+    assert "2 recordings: 1 tracked, 0 done before, 1 failed" in said
+    assert said.splitlines()[-1] == (
+        "2 recordings are left out, such as clip.mp4: /found is looked for in bags"
+    )
     assert "unheard has no topic /found of type" in one_sentence(errors)
     heard = {4: [(library.said(4), 4)]}
     assert library.as_told(rows(output / "heard")) == library.track((), heard)
@@ -194,16 +201,19 @@ def test_a_detector_is_asked_about_every_recording_of_a_folder(track, walkers, s
     assert "2 recordings: 0 tracked, 2 done before" in track(*given)[1]
 
 
-def test_a_dry_run_tells_of_what_has_no_target(track, detected_archive, tmp_path):
+def test_what_has_no_target_is_told_of(track, detected_archive, tmp_path):
     (detected_archive / "none.target.yaml").write_text("target_box: [30, 20, 24, 40]")
-    given = ("--archive", detected_archive, "--output", tmp_path / "out", "--dry-run", *QUICK)
-    code, said, _ = track(*given)
+    given = ("--archive", detected_archive, "--output", tmp_path / "out", *QUICK)
+    code, said, _ = track(*given, "--dry-run")
     assert code == 0
-    assert said.splitlines()[-1] == (
+    left_out = (
         "2 recordings without a target are left out, such as day_0/pair: --detections, "
         "--detections-topic or --detector finds targets"
     )
-    assert "left out" not in track(*given, "--detector", "motion")[1]
+    assert said.splitlines()[-1] == left_out
+    assert "left out" not in track(*given, "--dry-run", "--detector", "motion")[1]
+    code, said, _ = track(*given)
+    assert (code, said.splitlines()[-1]) == (0, left_out)
 
 
 def test_where_nothing_can_be_detected_it_says_in_what(track, tmp_path):

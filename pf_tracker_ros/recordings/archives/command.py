@@ -75,11 +75,13 @@ def run_archive(options: argparse.Namespace) -> int:
     with choose_executor(options.ray, options.jobs, needed_memory) as executor:
         if options.dry_run:
             _print_plan(make_tasks(recordings, results, _arguments(options)), executor, options)
-            _print_untargeted(options, recordings)
+            _print_left_out(options, recordings)
             return DONE
         with results.alone() as place:
             tasks = make_tasks(recordings, place, _arguments(options))
-            return _run(tasks, place, executor, options)
+            exit_code = _run(tasks, place, executor, options)
+    _print_left_out(options, recordings)
+    return exit_code
 
 
 def _run(
@@ -241,9 +243,14 @@ def _print_plan(
     print(f"{text}; {failing} cannot be tracked" if failing else text)
 
 
-def _print_untargeted(options: argparse.Namespace, recordings: Mapping[str, Place]) -> None:
-    """Tell of what is left out of a folder for want of targets."""
-    if is_url(options.archive) or detected_recordings(options) is not None:
+def _print_left_out(options: argparse.Namespace, recordings: Mapping[str, Place]) -> None:
+    """Tell of what is left out of a folder: what has no target, or cannot have detections."""
+    why, cure = " without a target", "--detections, --detections-topic or --detector finds targets"
+    if options.detections_topic:
+        why, cure = "", f"{options.detections_topic} is looked for in bags"
+    elif detected_recordings(options) is not None:
+        return
+    if is_url(options.archive):
         return
     # What two rules together would refuse is no reason to fail here.
     with contextlib.suppress(FootageError, RecordingError):
@@ -251,8 +258,8 @@ def _print_untargeted(options: argparse.Namespace, recordings: Mapping[str, Plac
         if others:
             verb = "is" if len(others) == 1 else "are"
             print(
-                f"{counted(len(others), 'recording')} without a target {verb} left out, such as "
-                f"{min(others)}: --detections, --detections-topic or --detector finds targets"
+                f"{counted(len(others), 'recording')}{why} {verb} left out, such as "
+                f"{min(others)}: {cure}"
             )
 
 

@@ -28,11 +28,14 @@ class DetectedRecordings:
         named: What they are, for messages.
         includes: Whether something is one, by its name and those beside it.
         with_images: Whether a folder of images is one too.
+        with_targeted: Whether there may be any in each recording with a target too; else those
+            that are none themselves are left out.
     """
 
     named: str
     includes: Callable[[Path], bool]
     with_images: bool
+    with_targeted: bool = True
 
     def is_images(self, folder: Path) -> bool:
         """Whether a folder in which no recording is found is one itself.
@@ -49,7 +52,7 @@ class DetectedRecordings:
 def detected_recordings(options: argparse.Namespace) -> DetectedRecordings | None:
     """Those for the options of `track`; None where nothing is detected."""
     if options.detections_topic:
-        return DetectedRecordings("bags", _is_bag, with_images=False)
+        return DetectedRecordings("bags", _is_bag, with_images=False, with_targeted=False)
     if options.detector:
         return any_footage()
     if options.detections:

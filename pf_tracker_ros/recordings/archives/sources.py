@@ -189,15 +189,16 @@ def _in_store(archive: str, detected: DetectedRecordings | None) -> tuple[Place,
 
 
 def _below(folder: Path, detected: DetectedRecordings | None) -> list[Path]:
+    with_targeted = detected is None or detected.with_targeted
     if ground_truth_file(folder) is not None:
-        return [resolved(folder)]
+        return [resolved(folder)] if with_targeted else []
     found = []
     for path in entries(folder):
         if path.name.startswith("."):
             continue
-        has_target = not path.name.endswith(TARGET_ENDING) and is_there(target_file(path))
-        is_targeted = has_target and _is_recording(path)
-        if is_targeted or (detected is not None and detected.includes(path)):
+        if (with_targeted and _is_targeted(path)) or (
+            detected is not None and detected.includes(path)
+        ):
             found.append(resolved(path))
         elif path.is_dir() and not path.is_symlink():
             found += _below(path, detected)
@@ -206,8 +207,10 @@ def _below(folder: Path, detected: DetectedRecordings | None) -> list[Path]:
     return found
 
 
-def _is_recording(path: Path) -> bool:
-    """Whether this is what the target file beside it is for, and not another file of that name."""
+def _is_targeted(path: Path) -> bool:
+    """Whether there is a target file beside it, and not for another file of that name."""
+    if path.name.endswith(TARGET_ENDING) or not is_there(target_file(path)):
+        return False
     if named := _named_in(target_file(path)):
         return resolved(path).name == named
     return path.is_dir() or is_bag(path) or is_only_one(path)
