@@ -13,7 +13,12 @@ from contextlib import closing, contextmanager
 from types import FrameType
 from typing import Any
 
-from pf_tracker_ros.evaluation.command_line import parse_parameters, parser, take_parameter_file
+from pf_tracker_ros.evaluation.command_line import (
+    parse_parameters,
+    parser,
+    take_parameter_file,
+    told_of_file,
+)
 from pf_tracker_ros.evaluation.outputs import Outputs
 from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
 from pf_tracker_ros.evaluation.report import print_table
@@ -23,6 +28,7 @@ from pf_tracker_ros.evaluation.sequences import open_sequences
 from pf_tracker_ros.evaluation.several import evaluate_each
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.tracking.presets import PresetInForce
 from pf_tracker_ros.tracking.tracker import Tracker
 
 SUCCESS, INCOMPLETE, REFUSED, INTERRUPTED, NO_READER, TERMINATED = 0, 1, 2, 130, 141, 143
@@ -71,9 +77,13 @@ def _run(options: argparse.Namespace) -> int:
             "one is evaluated here: take max_targets out of the file"
         )
     parameters = parse_parameters(options.parameter)
-    outputs = Outputs(options.output, options.plot, options.preset, parameters)
     make_tracker = functools.partial(Tracker.from_preset, options.preset, parameters=parameters)
-    make_tracker(0)
+    try:
+        values = make_tracker(0).parameters
+    except ParameterError as error:
+        raise told_of_file(error, options) from None
+    summary = PresetInForce.of({"preset": options.preset, **values}).summary
+    outputs = Outputs(options.output, options.plot, options.preset, parameters, summary)
     sequences, unopened = open_sequences(options.sequences)
     if not sequences:
         for failure in unopened:
@@ -99,12 +109,12 @@ def _run(options: argparse.Namespace) -> int:
         _complain("no sequence could be evaluated")
         return INCOMPLETE
     evaluated = [(sequences[number], results[number]) for number in sorted(results)]
-    is_reported = report is None or _write_report(report, options.preset, parameters, evaluated)
+    is_reported = report is None or _write_report(report, summary, parameters, evaluated)
     runs = "1 seed" if options.seeds == 1 else f"mean of {options.seeds} seeds"
     is_evaluated = not unopened and len(results) == len(sequences)
     is_complete = is_evaluated and outputs.are_written and is_reported
     try:
-        print_table(f"preset {options.preset}, {runs}", _in_order(results))
+        print_table(f"preset {summary}; {runs}", _in_order(results))
     except BrokenPipeError:
         return NO_READER if is_complete else INCOMPLETE
     except OSError as error:

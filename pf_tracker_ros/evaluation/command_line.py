@@ -112,7 +112,8 @@ def take_parameter_file(options: argparse.Namespace) -> TrackerSettings:
     """Put what `--params-file` gives into preset and parameters, as if it had been typed.
 
     Args:
-        options: With those of `add_tracker_options`, which are changed.
+        options: With those of `add_tracker_options`, which are changed. They get the names that
+            came from the file, `from_file`.
 
     Returns:
         What the file says; nothing without one.
@@ -122,6 +123,7 @@ def take_parameter_file(options: argparse.Namespace) -> TrackerSettings:
         EvaluationError: A text has no `=`, or the preset is given twice.
     """
     settings = TrackerSettings()
+    options.from_file = ()
     if options.params_file is not None:
         settings = read_parameter_file(options.params_file)
         if options.preset and settings.preset:
@@ -131,11 +133,11 @@ def take_parameter_file(options: argparse.Namespace) -> TrackerSettings:
             )
         # Only the names are of interest here.
         typed = parse_parameters(options.parameter)
+        options.from_file = tuple(name for name in settings.parameters if name not in typed)
         options.parameter = [
             *(
-                f"{name}={_as_typed(name, value)}"
-                for name, value in settings.parameters.items()
-                if name not in typed
+                f"{name}={_as_typed(options.params_file, name, settings.parameters[name])}"
+                for name in options.from_file
             ),
             *options.parameter,
         ]
@@ -143,14 +145,28 @@ def take_parameter_file(options: argparse.Namespace) -> TrackerSettings:
     return settings
 
 
-def _as_typed(name: str, value: Any) -> str:
+def told_of_file(error: ParameterError, options: argparse.Namespace) -> ParameterError:
+    """An error of the tracker's that names the parameter file where its value came from there.
+
+    Args:
+        error: The error.
+        options: As `take_parameter_file` left them.
+    """
+    if any(f"'{name}'" in str(error) for name in options.from_file):
+        return ParameterError(f"{options.params_file}: {error}")
+    return error
+
+
+def _as_typed(path: Path, name: str, value: Any) -> str:
     """A value of a parameter file as `parse_parameters` takes it."""
     if isinstance(value, bool):
         return str(value).lower()
     if not isinstance(value, tuple):
         return str(value)
     if any("," in str(element) for element in value):
-        raise ParameterError(f"parameter '{name}' is {list(value)}; allowed here: without commas")
+        raise ParameterError(
+            f"{path}: parameter '{name}' is {list(value)}; allowed here: without commas"
+        )
     return ",".join(map(str, value))
 
 

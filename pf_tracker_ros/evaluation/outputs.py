@@ -24,6 +24,7 @@ class Outputs:
         plot: Image file of the success plot; None for none.
         preset: The preset that is evaluated.
         parameters: Where it differs from the preset.
+        label: Of the curve in the plot.
 
     Raises:
         EvaluationError: One cannot be written, or the plot's format is unknown.
@@ -35,9 +36,11 @@ class Outputs:
         plot: Path | None,
         preset: str,
         parameters: Mapping[str, Any],
+        label: str,
     ) -> None:
         self._preset = preset
         self._parameters = parameters
+        self._label = label
         self._document = None if document is None else OutputFile(document)
         if plot is not None:
             check_plot_format(plot)
@@ -72,4 +75,4 @@ class Outputs:
     def _draw(self, results: Sequence[SequenceResult], path: Path) -> None:
         curves = {result.name: result.success_curve for result in results}
         mean = np.mean(list(curves.values()), axis=0)
-        save_success_plot(path, {self._preset: mean}, details=curves)
+        save_success_plot(path, {self._label: mean}, details=curves)

@@ -43,7 +43,7 @@ def save_success_plot(
     Args:
         path: The file; its ending decides on the format (.png, .pdf, .svg, ...).
         curves: Label to (21,) success curve, for example one of each tracker.
-        details: Further curves in thin gray behind the others, for example of single sequences.
+        details: Curves of single sequences, in thin gray behind the others.
         dashed: Labels of `curves` to draw as dashed lines, for example of what one compares with.
 
     Raises:
@@ -64,8 +64,10 @@ def save_success_plot(
         title="success",
     )
     axes.grid(alpha=0.3)
-    for curve in (details or {}).values():
-        axes.plot(SUCCESS_THRESHOLDS, curve, color="0.75", linewidth=0.8)
+    for number, curve in enumerate((details or {}).values()):
+        # One of them stands for all in the legend.
+        label = None if number else "single sequences"
+        axes.plot(SUCCESS_THRESHOLDS, curve, color="0.75", linewidth=0.8, label=label)
     areas = {label: float(np.mean(curve)) for label, curve in curves.items()}
     for label in sorted(areas, key=areas.__getitem__, reverse=True):
         axes.plot(

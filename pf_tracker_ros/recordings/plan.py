@@ -10,7 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pf_tracker_ros.evaluation.command_line import parse_parameters, take_parameter_file
+from pf_tracker_ros.evaluation.command_line import (
+    parse_parameters,
+    take_parameter_file,
+    told_of_file,
+)
 from pf_tracker_ros.footage import is_bag
 from pf_tracker_ros.footage.access import is_there
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
@@ -224,7 +228,10 @@ def _parameters(options: argparse.Namespace, *, several: bool) -> dict[str, Any]
     tunables = _several_tunables() if several else None
     given = options.parameter
     parameters = parse_parameters(given, tunables=tunables) if tunables else parse_parameters(given)
-    _summary(options.preset, parameters, options.seed, several=several)
+    try:
+        _summary(options.preset, parameters, options.seed, several=several)
+    except ParameterError as error:
+        raise told_of_file(error, options) from None
     return parameters
 
 

@@ -329,8 +329,12 @@ def test_a_parameter_file_says_what_could_be_typed(short_sequence, tmp_path):
         given = (short_sequence, *arguments, "--seeds", "1", "--output", name)
         done = evaluate(*given, directory=tmp_path)
         assert done.returncode == 0, done.stderr
+        assert done.stdout.startswith("preset li2007, 1 value changed; 1 seed")
         documents.append(json.loads((tmp_path / name).read_text()))
     assert without_times(documents[0]) == without_times(documents[1])
+    own.write_text(text.replace("particles", "particels"))
+    said = refusal(short_sequence, "--params-file", own, directory=tmp_path)
+    assert f"{own}: no parameter 'particels'" in said
     own.write_text(text.replace("preset", "max_targets: 4, preset"))
     said = refusal(short_sequence, "--params-file", own, directory=tmp_path)
     assert "is for several targets (max_targets 4)" in said

@@ -79,7 +79,7 @@ def test_every_figure_is_that_of_the_results(evaluated, page):
     assert f"the mean went from {before:.3f} (1 seed) to {after:.3f} (3 seeds)." in page
     assert f"default [{document['mean']['success_auc']:.3f}]" not in page
     for figure in ("success_auc", "precision_20px"):
-        assert f"li2007 [{document['mean'][figure]:.3f}]" in page
+        assert f"li2007, 1 value changed [{document['mean'][figure]:.3f}]" in page
 
 
 def test_it_refers_to_nothing_but_itself(page):
@@ -135,7 +135,7 @@ def test_a_browser_shows_it_without_an_error_a_request_or_a_page_too_wide(browse
         width,
     )
     assert said["errors"] == []
-    assert said["title"] == "Evaluation of li2007 on 2 sequences"
+    assert said["title"] == "Evaluation on 2 sequences: li2007, 1 value changed"
     assert said["scroll"] <= said["width"] == width
     assert said["unloaded"] == 0
     assert said["resources"] == []

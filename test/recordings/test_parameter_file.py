@@ -72,6 +72,14 @@ def test_a_file_for_several_targets_tracks_one_as_one_of_several(tracked, own):
     assert tracked(*BOX, "--params-file", own, "--parameter", "targets.most=7") == found
 
 
+def test_a_wrong_value_that_is_typed_is_not_the_files(track, moving_square_sequence, own):
+    arguments = (moving_square_sequence, "--output", own.parent / "out", "--params-file", own)
+    code, _, errors = track(*arguments, "--parameter", "particles=none")
+    assert code == 2
+    assert "parameter 'particles' is 'none'" in errors
+    assert str(own) not in errors
+
+
 @pytest.mark.parametrize(
     ("line", "said"),
     [
@@ -88,4 +96,5 @@ def test_a_wrong_value_is_told_by_its_name(track, moving_square_sequence, own, l
     code, _, errors = track(*arguments)
     assert code == 2
     assert said in errors
+    assert f"{own}: " in errors
     assert len(errors.splitlines()) == 1

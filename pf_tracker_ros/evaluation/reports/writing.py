@@ -51,7 +51,7 @@ class EvaluationReport:
         """Write the page.
 
         Args:
-            preset: That was evaluated.
+            preset: That was evaluated, as `PresetInForce.summary` has it.
             parameters: Where it differs from the preset.
             results: Each sequence, which is read again for its pictures, and its result.
 
@@ -74,7 +74,7 @@ class EvaluationReport:
             "seeds": f"{seeds}" + ("; plots by frame and pictures are of the first" * (seeds > 1)),
         }
         report = Report(
-            title=f"Evaluation of {preset} on {counted(len(sections), 'sequence')}",
+            title=f"Evaluation on {counted(len(sections), 'sequence')}: {preset}",
             preset=preset,
             seeds=seeds,
             facts=facts,
