@@ -17,7 +17,7 @@ from pf_tracker_ros.evaluation.command_line import (
     parse_parameters,
     parser,
     take_parameter_file,
-    told_of_file,
+    telling_of_file,
 )
 from pf_tracker_ros.evaluation.outputs import Outputs
 from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
@@ -78,10 +78,8 @@ def _run(options: argparse.Namespace) -> int:
         )
     parameters = parse_parameters(options.parameter)
     make_tracker = functools.partial(Tracker.from_preset, options.preset, parameters=parameters)
-    try:
+    with telling_of_file(options):
         values = make_tracker(0).parameters
-    except ParameterError as error:
-        raise told_of_file(error, options) from None
     summary = PresetInForce.of({"preset": options.preset, **values}).summary
     outputs = Outputs(options.output, options.plot, options.preset, parameters, summary)
     sequences, unopened = open_sequences(options.sequences)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -145,16 +146,22 @@ def take_parameter_file(options: argparse.Namespace) -> TrackerSettings:
     return settings
 
 
-def told_of_file(error: ParameterError, options: argparse.Namespace) -> ParameterError:
-    """An error of the tracker's that names the parameter file where its value came from there.
+@contextmanager
+def telling_of_file(options: argparse.Namespace) -> Iterator[None]:
+    """Name the parameter file in what is said of a value that came from there.
 
     Args:
-        error: The error.
         options: As `take_parameter_file` left them.
+
+    Raises:
+        ParameterError: As in the block.
     """
-    if any(f"'{name}'" in str(error) for name in options.from_file):
-        return ParameterError(f"{options.params_file}: {error}")
-    return error
+    try:
+        yield
+    except ParameterError as error:
+        if any(f"'{name}'" in str(error) for name in options.from_file):
+            raise ParameterError(f"{options.params_file}: {error}") from None
+        raise
 
 
 def _as_typed(path: Path, name: str, value: Any) -> str:

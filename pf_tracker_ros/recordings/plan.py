@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from pf_tracker_ros.evaluation.command_line import (
     parse_parameters,
     take_parameter_file,
-    told_of_file,
+    telling_of_file,
 )
 from pf_tracker_ros.footage import is_bag
 from pf_tracker_ros.footage.access import is_there
@@ -228,10 +228,8 @@ def _parameters(options: argparse.Namespace, *, several: bool) -> dict[str, Any]
     tunables = _several_tunables() if several else None
     given = options.parameter
     parameters = parse_parameters(given, tunables=tunables) if tunables else parse_parameters(given)
-    try:
+    with telling_of_file(options):
         _summary(options.preset, parameters, options.seed, several=several)
-    except ParameterError as error:
-        raise told_of_file(error, options) from None
     return parameters
 
 

@@ -154,7 +154,7 @@ def test_only_where_the_detections_have_changed_it_is_done_again(track, detected
 
 
 def test_an_archive_of_bags_takes_detections_of_a_topic(
-    track, rows, walkers, write_sequence, write_walkers, detections_message, library
+    track, rows, write_walkers, detections_message, library
 ):
     bag = write_walkers([])
     archive = bag.with_name("archive")
@@ -165,7 +165,8 @@ def test_an_archive_of_bags_takes_detections_of_a_topic(
     # They have targets, and can have no topic.
     (archive / "clip.mp4").write_bytes(b"no bag")
     (archive / "clip.target.yaml").write_text("target_box: [1, 2, 30, 40]")
-    write_sequence("sequence", walkers[0], np.array(walkers[1])[:, 0], archive)
+    (archive / "sequence").mkdir()
+    (archive / "sequence" / "groundtruth.txt").write_text("1,2,30,40\n")
     output = archive / "boxes"
     given = ("--archive", archive, "--output", output, "--detections-topic", "/found", "--bag")
     code, said, errors = track(*given)
