@@ -137,7 +137,7 @@ def _check_kind(options: argparse.Namespace) -> None:
     """Refuse what is for an archive without one."""
     if options.archive is not None:
         return
-    for option in ("dry_run", "ray"):
+    for option in ("dry_run", "ray", "jobs"):
         if getattr(options, option):
             what = f"--{option.replace('_', '-')} is for an archive"
             raise RecordingError(f"{what}; give one with --archive FOLDER_OR_LIST")

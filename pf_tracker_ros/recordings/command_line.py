@@ -140,7 +140,7 @@ def parser() -> argparse.ArgumentParser:
         type=_jobs,
         metavar="N",
         help="recordings of an archive at once, each on a core of its own (default: 1, on Ray as "
-        "many as there are cores)",
+        "many as the cluster has cores for)",
     )
     parser.add_argument(
         "--ray",

@@ -188,7 +188,10 @@ class TrackedRun:
     def _short_overlap(self, expected: float) -> tuple[str, int | None]:
         kind = "the stored result" if self.stored else "the truth"
         if math.isnan(self.overlap):
-            return f"no frame could be compared with {kind}, expected {expected:g}", None
+            problem = f"no frame could be compared with {kind}, expected {expected:g}"
+            if self.stored is None:
+                problem += "; without a truth give stored='drive.boxes.csv', and pytest --update"
+            return problem, None
         worst = int(np.nanargmin(self.overlaps))
         return (
             f"the overlap with {kind} is {self.overlap:.3f}, expected at least {expected:g}; it is "
@@ -297,6 +300,7 @@ def run_node(
 
 
 def _read_boxes(path: Path) -> NDArray[np.float64]:
+    problem = ""
     try:
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
@@ -306,11 +310,12 @@ def _read_boxes(path: Path) -> NDArray[np.float64]:
         names = ("x", "y", "width", "height")
         boxes = [[float(row[name] or math.nan) for name in names] for row in rows]
     except FileNotFoundError:
-        pytest.fail(f"there is no stored result {path}; pytest --update stores one", pytrace=False)
+        problem = f"there is no stored result {path}"
     except (OSError, ValueError, KeyError, TypeError) as error:
-        pytest.fail(
-            f"{path} is no stored result ({error}); pytest --update stores one", pytrace=False
-        )
+        problem = f"{path} is no stored result ({error})"
+    # Not while the error is handled, which pytest would show before it.
+    if problem:
+        pytest.fail(f"{problem}; pytest --update stores one", pytrace=False)
     return np.array(boxes, dtype=np.float64).reshape(-1, 4)
 
 

@@ -334,8 +334,8 @@ def test_a_target_file_is_for_the_recording_that_it_names(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("drive.mp4",), "source is for one recording"),
-        (("--box", "1,2,3,4"), "box is for one recording"),
+        (("drive.mp4",), "SOURCE is for one recording"),
+        (("--box", "1,2,3,4"), "--box is for one recording"),
         (("--report", "there"), "--report has no folder here"),
         (("--jobs", "0"), "whole numbers from 1"),
     ],
@@ -351,6 +351,15 @@ def test_what_is_for_one_recording_is_refused(archive, track, tmp_path, argument
         code, _, errors = track("--output", tmp_path / "out", option, "drive.mp4")
         assert code == 2
         assert f"drive.mp4 was taken for {option}: SOURCE comes first" in errors
+
+
+@pytest.mark.parametrize("option", ["--ray=local", "--jobs=2", "--dry-run"])
+def test_what_is_for_an_archive_is_refused_without_one(
+    track, moving_square_sequence, tmp_path, option
+):
+    code, _, errors = track(moving_square_sequence, "--output", tmp_path / "out", option)
+    assert code == 2
+    assert f"{option.partition('=')[0]} is for an archive" in errors
 
 
 def test_links_that_lead_in_a_circle_are_told_and_stop_nothing(

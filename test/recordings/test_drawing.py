@@ -420,7 +420,7 @@ def test_what_is_refused_anyway_is_refused_before_the_page(track, images, monkey
     assert "none.csv" in errors
     code, _, errors = track("--archive", images.parent, "--output", tmp_path / "b", "--draw")
     assert code == 2
-    assert "draw is for one recording; allowed: without --archive" in errors
+    assert "--draw is for one recording; allowed: without --archive" in errors
     monkeypatch.setitem(sys.modules, "aiohttp", None)
     code, _, errors = track(images, "--output", tmp_path / "c", "--draw")
     assert code == 2

@@ -125,9 +125,6 @@ def test_without_ray_it_says_what_to_install(archive, track, monkeypatch, tmp_pa
     code, _, errors = track(*arguments)
     assert code == 2
     assert "ray is not installed: pip install ray, or '.[ray]' in the sources" in errors
-    code, _, errors = track(archive / "day_0" / "drive_0", *arguments[2:])
-    assert code == 2
-    assert "--ray is for an archive" in errors
 
 
 class Losing:

@@ -96,7 +96,7 @@ def test_a_file_of_several_targets_that_is_wrong(track, source, tmp_path, text, 
     assert said in one_sentence(errors)
 
 
-@pytest.mark.parametrize("label", ["", ",-1,-1,-1", ",walker"])
+@pytest.mark.parametrize("label", ["", ",-1,-1,-1", ",walker", ",walker,-1,"])
 def test_detections_of_a_file_start_and_correct_targets(
     tracked, source, library, write_detections, label
 ):
@@ -131,6 +131,7 @@ def test_detections_of_a_file_start_and_correct_targets(
         ("1,-1,2,3,4,5,62.1", "the score is 62.1; allowed: 0 to 1"),
         ("1,-1,2,3,4,5,high", "the score is 'high'"),
         ("\x00\xff", "line 1: the frame is"),
+        ("1,-1,2,3,4,5,0.9,car, red", 'the label is car, red; allowed: "car, red", as it has'),
         ('1,-1,2,3,4,5,0.9,"car\n2,-1,2,3,4,5,0.9\n', "cannot be read (unexpected end of data)"),
     ],
 )

@@ -228,6 +228,7 @@ def test_a_users_test_stores_its_result_and_compares_with_it(run_pytest, tmp_pat
     outcome = run_pytest()
     assert outcome.returncode == 1
     assert "square.boxes.csv; pytest --update stores one" in outcome.stdout
+    assert "FileNotFoundError" not in outcome.stdout
     assert run_pytest("--update").returncode == 0
     stored = tmp_path / "square.boxes.csv"
     assert len(stored.read_text().splitlines()) == 21

@@ -59,9 +59,9 @@ def run_archive(options: argparse.Namespace) -> int:
         RecordingError: The request cannot be carried out.
         FootageError: The archive cannot be read.
     """
-    for option in ("source", "box", "draw"):
+    for option, name in (("source", "SOURCE"), ("box", "--box"), ("draw", "--draw")):
         if getattr(options, option) not in (None, False):
-            raise RecordingError(f"{option} is for one recording; allowed: without --archive")
+            raise RecordingError(f"{name} is for one recording; allowed: without --archive")
     if options.detections is not None and options.detections is not BESIDE:
         raise RecordingError(
             f"a file of detections is for one recording; allowed here: {DETECTIONS} alone, which "

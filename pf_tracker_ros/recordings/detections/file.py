@@ -129,9 +129,18 @@ def _number(text: str, name: str) -> float:
 
 
 def _label(cells: Sequence[str]) -> str:
-    label = cells[_LEAST_COLUMNS] if len(cells) > _LEAST_COLUMNS else ""
+    label, *others = cells[_LEAST_COLUMNS:] or [""]
+    if not label or _is_number(label):
+        return ""
+    if any(other and not _is_number(other) for other in others):
+        parts = ", ".join([label, *others])
+        raise ValueError(f'the label is {parts}; allowed: "{parts}", as it has a comma')
+    return label
+
+
+def _is_number(text: str) -> bool:
     try:
-        float(label)
+        float(text)
     except ValueError:
-        return label
-    return ""
+        return False
+    return True
