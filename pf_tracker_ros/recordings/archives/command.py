@@ -186,15 +186,16 @@ def _print_table(entries: Sequence[ArchiveEntry], tracked: int, results: Results
     states = _told_states(entries)
     for heading in ("frames", *states):
         table.add_column(heading, justify="right")
-    table.add_column("", overflow="fold")
+    table.add_column("")
     for entry in entries:
         shares = [
             f"{entry.states.get(state, 0) / entry.frames:.0%}" if entry.frames else ""
             for state in states
         ]
         frames = str(entry.frames) if entry.frames else ""
-        # Names go in as Text: square brackets in a plain string are markup to Rich.
-        table.add_row(Text(entry.name), frames, *shares, Text(entry.error))
+        # Names go in as Text: square brackets in a plain string are markup to Rich. Why it failed
+        # has been told, and would leave the names no room.
+        table.add_row(Text(entry.name), frames, *shares, "failed" if entry.error else "")
     Console().print(table)
     if idle := [entry.name for entry in entries if _is_idle(entry)]:
         print(

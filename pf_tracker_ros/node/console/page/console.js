@@ -117,7 +117,8 @@ function showHealth() {
   // A picture that is old looks so.
   at("stage").classList.toggle("old", misses || !heard);
   if (misses || !heard) text("age", "–");
-  text("health", health.text);
+  // The state alone is told in large.
+  text("health", ["tracking", "occluded", "lost"].includes(health.text) ? "" : health.text);
   at("health").dataset.level = health.level;
   text("topic", heard && health.image_topic ? `${health.image_topic} · ${(health.image_reliability ?? "").replace("_", " ")}` : "");
   if (!heard || isOld) showState(health.state, health.confidence);

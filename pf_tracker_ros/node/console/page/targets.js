@@ -67,7 +67,9 @@ function add(id) {
   const [row, mark, text, stop] = ["li", "i", "span", "button"].map((name) => document.createElement(name));
   Object.assign(stop, { type: "button", textContent: "Stop", onclick() { send({ type: "stop_target", id }); } });
   row.append(mark, text, stop);
-  at("target-list").append(row);
+  row.dataset.id = id;
+  const list = at("target-list"), isAfter = ({ dataset }) => Number(dataset.id) > Number(id);
+  list.insertBefore(row, [...list.children].find(isAfter) ?? null);  // by their ids
   rows.set(id, { row, mark, text, stop });
 }
 
@@ -75,6 +77,7 @@ function add(id) {
 export function allow(count) {
   most = count;
   at("targets-card").hidden = most < 2;
+  document.body.classList.toggle("several", most > 1);  // what there is of one target alone goes
   at("heat-button").disabled = most > 1;  // there is one likelihood for one target
 }
 

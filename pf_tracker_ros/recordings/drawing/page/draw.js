@@ -92,7 +92,7 @@ async function put(answer) {
   at("stage").style.setProperty("--ratio", width / height);
   at("missing").hidden = true;
   seek.value = frame.number;
-  at("frame").textContent = frame.number;
+  at("frame").textContent = Number(seek.max) ? `${frame.number} / ${seek.max}` : frame.number;
   drawing.show(drawing.box(), mode === "editing");
   showKept();
 }
