@@ -40,8 +40,8 @@ class SequenceContent:
         boxes: (frames, 4) x, y, width, height in pixels; a row of NaN where there is none. While
             the target is lost, the last one before.
         true_boxes: (frames, 4), a row of NaN where the target is absent; None without any truth.
-        states: (frames,) "tracking", "occluded", "lost", "idle", "skipped", or "absent" for one of
-            several targets that had ended.
+        states: (frames,) "tracking", "occluded", "lost", "idle", "skipped", or "absent" where one
+            of several targets was not told of.
         confidence: (frames,) 0 to 1, NaN where it is unknown.
         effective_sample_size: (frames,), NaN where it is unknown.
         powers: Name of a cue to its (frames,) power.
