@@ -40,7 +40,8 @@ class Light:
     would not know the colors again; divided by that factor, they do.
 
     Attributes:
-        gain: The brightness, 1 is as before.
+        gain: The brightness, 1 is as before; above 0, without a bound, so that light that comes
+            back is as it was.
         thumbnail: Of the last image; None before the first, and for images of more than 8 bits,
             which have a gain control.
         change: The brightness against that of the image before.
@@ -67,7 +68,6 @@ class Light:
         thumbnail = _thumbnail(image)
         change = 1.0 if self.thumbnail is None else _change(self.thumbnail, thumbnail)
         gain = change * self.gain ** math.exp(-interval / _TIME)
-        gain = min(max(gain, 1.0 / _MOST), _MOST)
         return Light(1.0 if abs(math.log(gain)) < _LEAST_CHANGE else gain, thumbnail, change)
 
 
@@ -76,7 +76,8 @@ UNCHANGED = Light()
 
 
 def relit_levels(gain: float) -> NDArray[np.uint8]:
-    """(256,) what each level becomes if the light is taken back by a factor."""
+    """(256,) what each level becomes if light is taken back by a factor, up to the most."""
+    gain = min(max(gain, 1.0 / _MOST), _MOST)
     return np.rint(np.minimum(np.arange(256) / gain, 255.0)).astype(np.uint8)
 
 

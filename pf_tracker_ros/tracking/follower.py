@@ -35,8 +35,11 @@ from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.prediction import KalmanPredictor, Prediction, Predictor
 from pf_tracker_ros.tracking.redetection import Found, Redetector
 from pf_tracker_ros.tracking.steering import Steering
-from pf_tracker_ros.tracking.target import Target
+from pf_tracker_ros.tracking.target import BeforeJump, Target
 from pf_tracker_ros.tracking.track_state import Track
+
+# Seconds after which light that has jumped is there to stay.
+_LASTS = 2.0
 
 
 class _Learned(NamedTuple):
@@ -45,10 +48,12 @@ class _Learned(NamedTuple):
     Attributes:
         templates: Of the target.
         foresight: The Kalman filter, corrected where the target was seen.
+        before_jump: As of the target.
     """
 
     templates: Templates
     foresight: KalmanForesight | None
+    before_jump: BeforeJump | None
 
 
 class Follower:
@@ -195,6 +200,7 @@ class Follower:
         Bo, section 3.3; `docs/papers.md` names the lines.
         """
         draw = target.randomness.generator()
+        target = _in_the_light_of(frame, target, interval)
         prediction = self._predictor.predict(target, interval, frame.size, draw)
         measured = self._measurer.measure(
             target, frame, prediction, draw, evidence, looks_for_size=looks_for_size
@@ -210,20 +216,22 @@ class Follower:
 
         Source: Li et al. 2007, equations (9) and (10), and w_Th; Zhang Bo, section 3.3.
         """
-        templates, foresight = target.templates, prediction.foresight
-        is_hidden = judged.track.state != "tracking"
-        if measured.frame.light.has_jumped and target.track.state == "tracking" and is_hidden:
+        templates, foresight, earlier = target.templates, prediction.foresight, target.before_jump
+        rules, match, light = self.parameters.template, measured.match, measured.frame.light
+        goes_now = target.track.state == "tracking" and judged.track.state != "tracking"
+        if light.has_jumped and goes_now and rules.update_above < 1.0:
             # What was seen until now is still there, and only looks like nothing that was learned.
-            return _Learned(self._measurer.templates(measured.frame, measured.box), foresight)
+            earlier = BeforeJump(templates, light.change)
+            templates = self._measurer.templates(measured.frame, measured.box)
+            return _Learned(templates, foresight, earlier)
         if not judged.learns:
-            return _Learned(templates, foresight)
-        rules, match = self.parameters.template, measured.match
+            return _Learned(templates, foresight, earlier)
         is_sure = match.similarity >= rules.confidence_asked(target.followed_frames)
         if is_sure and math.exp(match.log_likelihood) > rules.update_above:
             templates = self._fusion.update(templates, measured.seen)
         if foresight:
             foresight = foresight.correct(measured.particles.mean, measured.particles.covariance)
-        return _Learned(templates, foresight)
+        return _Learned(templates, foresight, earlier)
 
     def _advance(
         self,
@@ -263,6 +271,7 @@ class Follower:
             followed_frames=target.followed_frames + 1,
             randomness=Randomness.of(draw),
             estimate=estimate,
+            before_jump=learned.before_jump,
             rival=measured.rival,
         )
 
@@ -298,6 +307,7 @@ class Follower:
                 name: one for name, one in target.first_templates.items() if name in known
             },
             distraction={name: one for name, one in target.distraction.items() if name in known},
+            before_jump=None,
         )
 
     def map_likelihood(self, target: Target, frame: Frame) -> LikelihoodMap:
@@ -308,3 +318,14 @@ class Follower:
             target.estimate.powers,
             partial(self._measurer.log_likelihoods, target, frame),
         )
+
+
+def _in_the_light_of(frame: Frame, target: Target, interval: float) -> Target:
+    """A target as it looked before the light jumped, if that has been a flash."""
+    earlier, light = target.before_jump, frame.light
+    if earlier is None:
+        return target
+    if light.has_jumped and (light.change > 1.0) != (earlier.change > 1.0):
+        return replace(target, templates=earlier.templates, before_jump=None)
+    age = earlier.age + interval
+    return replace(target, before_jump=replace(earlier, age=age) if age < _LASTS else None)

@@ -113,7 +113,7 @@ class Steering:
     def relearn(self, target: Target, frame: Frame) -> Target:
         """The target with templates of what is in its box now, as if it was first seen here."""
         templates = self._measurer.templates(frame, np.array(target.estimate.box))
-        return replace(target, templates=templates, first_templates=templates)
+        return replace(target, templates=templates, first_templates=templates, before_jump=None)
 
 
 def _moved(

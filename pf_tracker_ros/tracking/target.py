@@ -16,6 +16,21 @@ from pf_tracker_ros.tracking.track_state import Track
 
 
 @dataclass(frozen=True, eq=False)
+class BeforeJump:
+    """What a target looked like before the light jumped.
+
+    Attributes:
+        templates: Of then.
+        change: The brightness after the jump, relative to that before.
+        age: Seconds since then.
+    """
+
+    templates: Templates
+    change: float
+    age: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
 class Target:
     """All that is known of one target, a value: a frame makes another of it.
 
@@ -39,6 +54,8 @@ class Target:
         followed_frames: Frames since the first one.
         randomness: Where its own source of random numbers stands.
         estimate: As told in the last frame.
+        before_jump: What it looked like before the light jumped, while that may be a flash; None
+            where it has not.
         rival: (4,) box, pixels, of what looked like it beside it in the last frame; None where
             nothing did, or nobody looked for it.
     """
@@ -58,4 +75,5 @@ class Target:
     followed_frames: int
     randomness: Randomness
     estimate: Estimate
+    before_jump: BeforeJump | None = None
     rival: NDArray[np.float64] | None = None

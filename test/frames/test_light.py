@@ -73,6 +73,15 @@ def test_a_light_that_comes_and_goes_leaves_nothing():
     assert followed([image, lit(image, 0.5), image]) == 1.0
 
 
+@pytest.mark.parametrize("gain", [0.15, 0.2])
+def test_not_even_where_it_is_beyond_what_can_be_taken_back(gain):
+    image = scene(low=100, high=190)
+    light = Light().follow(image, INTERVAL).follow(lit(image, gain), INTERVAL)
+    assert light.gain == pytest.approx(gain, rel=0.05)
+    np.testing.assert_array_equal(relit_levels(light.gain), relit_levels(0.25))
+    assert followed([image, image], light) == 1.0
+
+
 def test_the_jumps_of_several_images_are_one():
     image = scene()
     steps = [lit(image, gain) for gain in (1.0, 0.9, 0.8, 0.7, 0.6)]
@@ -112,12 +121,14 @@ def test_what_the_camera_regains_by_itself_is_given_back():
     st.lists(st.floats(0.0, 30.0), min_size=1, max_size=8),
     st.sampled_from([(1, 1), (1, 400), (300, 2), (37, 53)]),
 )
-def test_whatever_comes_the_gain_stays_within_a_factor_of_four(gains, size):
+def test_whatever_comes_levels_change_by_a_factor_of_four_at_most(gains, size):
     image = scene(3, 0, 256, size).reshape(*size, 3)
     light = Light()
     for gain in gains:
         light = light.follow(lit(image, gain).reshape(*size, 3), INTERVAL)
-        assert 0.25 <= light.gain <= 4.0
+        levels = np.arange(256)
+        assert (relit_levels(light.gain) >= np.floor(levels / 4.0)).all()
+        assert (relit_levels(light.gain) <= np.minimum(4 * levels, 255)).all()
 
 
 @pytest.mark.parametrize("kind", [np.uint16, np.float32])

@@ -47,6 +47,27 @@ def walked(seed=0, frames=30, ground=GROUND):
     return tracker
 
 
+@pytest.mark.parametrize("frames", [1, 3])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_flash_in_which_the_target_looks_like_nothing_leaves_no_trace(frames, seed):
+    """It saturates, so that what is seen in it is not what was learned, nor what comes after."""
+    ground = texture(1, HEIGHT, WIDTH, 30, 80)[..., :1].repeat(3, axis=2)
+    target = texture(2, SIDE, SIDE, 80, 200)[..., :1].repeat(3, axis=2)
+    tracker = Tracker.from_preset("default", seed)
+    tracker.start(shown(40, 40, ground, target), box(40, 40))
+    for index in range(1, 50):
+        image = shown(40 + 2 * index, 40, ground, target)
+        is_flash = 20 <= index < 20 + frames
+        estimate = tracker.update(
+            cv2.convertScaleAbs(image, alpha=3.0 if is_flash else 1.0), INTERVAL
+        )
+        if index == 20:
+            assert estimate.state != "tracking"
+        if index >= 30:
+            assert estimate.state == "tracking", index
+    assert overlap_with(estimate, 40 + 2 * 49, 40) > 0.88
+
+
 @pytest.mark.parametrize("gain", [0.5, 1.7])
 @pytest.mark.parametrize("seed", range(3))
 def test_light_that_jumps_leaves_the_target_where_it_is(gain, seed):
