@@ -8,7 +8,7 @@ from pathlib import Path
 from pf_tracker_ros.evaluation.ground_truth import usable_ground_truth
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure
 from pf_tracker_ros.footage import Footage, FootageError, read_sequence
-from pf_tracker_ros.footage.access import entries, exists
+from pf_tracker_ros.footage.access import entries, exists, is_folder
 from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILE, ground_truth_file
 from pf_tracker_ros.footage.sequences import IMAGE_FOLDER
 
@@ -104,10 +104,14 @@ def find_sequences(folders: Iterable[str | Path]) -> list[Path]:
 def _sequences_of(folder: Path) -> list[Path]:
     if ground_truth_file(folder) is not None:
         return [folder]
-    subfolders = (entry for entry in entries(folder) if exists(entry) and entry.is_dir())
+    subfolders = (entry for entry in entries(folder) if is_folder(entry))
     return sorted(entry.resolve() for entry in subfolders if _is_meant_as_one(entry))
 
 
 def _is_meant_as_one(folder: Path) -> bool:
     images = folder / IMAGE_FOLDER
-    return ground_truth_file(folder) is not None or (exists(images) and images.is_dir())
+    try:
+        return ground_truth_file(folder) is not None or (exists(images) and images.is_dir())
+    except FootageError:
+        # Told of with the sequences that cannot be evaluated on.
+        return True

@@ -47,14 +47,20 @@ from pf_tracker_ros.recordings.target import Target, save_targets
 from pf_tracker_ros.recordings.tracking import Tracked
 
 _SIGNALS = {signal.SIGINT: errors.INTERRUPTED, signal.SIGTERM: errors.TERMINATED}
+# Why a frame that is not refused is not tracked.
+_SKIPPED_FOR = {
+    "duplicate": "its stamp is that of the frame before",
+    "late": "its stamp is before that of the frame before",
+}
 
 
 @dataclass
 class _Summary:
-    """What is told at the end."""
+    """What is told at the end of the recording of a name."""
 
+    name: str
     states: Counter[str] = field(default_factory=Counter)
-    refused: str = ""
+    skipped: str = ""
     remark: str = ""
     remarks: int = 0
     announced: int | None = None
@@ -62,7 +68,7 @@ class _Summary:
 
     def add(self, tracked: Tracked) -> None:
         self.states[tracked.state] += 1
-        self.refused = self.refused or tracked.problem
+        self.skipped = self.skipped or tracked.problem or _SKIPPED_FOR.get(tracked.outcome, "")
         if tracked.remarks and not self.remark:
             self.remark = f"frame {tracked.frame.index}: {tracked.remarks[0]}"
         self.remarks += len(tracked.remarks)
@@ -168,7 +174,7 @@ def _run_one(
 
 def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -> int:
     outputs = open_outputs(options, plan, name)
-    summary = _Summary()
+    summary = _Summary(name)
     failures: list[Exception] = []
     try:
         try:
@@ -288,13 +294,13 @@ def _report(
     if code == errors.DONE:
         if summary.announced is not None and summary.frames < summary.announced:
             print(
-                f"track: {options.source} announces {counted(summary.announced, 'frame')}, but "
+                f"track: {summary.name} announces {counted(summary.announced, 'frame')}, but "
                 f"only {summary.frames} could be read: it is damaged or cut off",
                 file=sys.stderr,
             )
-        if summary.refused:
+        if summary.skipped:
             print(
-                f"track: frames were skipped, the first because {summary.refused}", file=sys.stderr
+                f"track: frames were skipped, the first because {summary.skipped}", file=sys.stderr
             )
         if summary.remark:
             print(

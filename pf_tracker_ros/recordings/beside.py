@@ -9,6 +9,11 @@ from pf_tracker_ros.footage.access import entries, is_folder, resolved
 TARGET_ENDING = ".target.yaml"
 DETECTIONS_ENDING = ".detections.csv"
 ENDINGS = (TARGET_ENDING, DETECTIONS_ENDING)
+# What a file holds is not known before it is opened, which in an object store takes a copy.
+_VIDEO_SUFFIXES = (
+    ".3gp", ".avi", ".flv", ".m2ts", ".m4v", ".mjpeg", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg",
+    ".mts", ".ogv", ".webm", ".wmv",
+)  # fmt: skip
 
 
 def file_beside(source: Path, ending: str) -> Path:
@@ -16,6 +21,11 @@ def file_beside(source: Path, ending: str) -> Path:
     place = resolved(source)
     name = place.name if is_folder(place) else place.stem
     return place.with_name(f"{name}{ending}")
+
+
+def is_video_by_name(path: Path) -> bool:
+    """Whether the ending of a file's name is that of videos."""
+    return path.suffix.lower() in _VIDEO_SUFFIXES
 
 
 def is_only_one(path: Path) -> bool:

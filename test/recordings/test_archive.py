@@ -1,13 +1,16 @@
 """An archive: every recording once, whatever is killed on the way."""
 
+import errno
 import json
 import os
 import random
 import re
 import signal
 import time
+from pathlib import Path
 from urllib.parse import unquote, unquote_to_bytes
 
+import cv2
 import pytest
 
 from pf_tracker_ros.footage import FootageError
@@ -329,6 +332,50 @@ def test_a_target_file_is_for_the_recording_that_it_names(tmp_path):
     target = tmp_path / "drive.target.yaml"
     target.write_text("recording: drive.avi\ntarget_box: [1, 2, 3, 4]")
     assert list(find_recordings(tmp_path)) == ["drive.avi"]
+    # Where it names none, it is for what is a video by its name, and not for what stands beside it.
+    target.write_text("target_box: [1, 2, 3, 4]")
+    assert list(find_recordings(tmp_path)) == ["drive.avi", "drive.mp4"]
+    (tmp_path / "DJI_1.MP4").write_bytes(b"")
+    (tmp_path / "DJI_1.SRT").write_bytes(b"")
+    (tmp_path / "DJI_1.target.yaml").write_text("target_box: [1, 2, 3, 4]")
+    assert "DJI_1.MP4" in find_recordings(tmp_path)
+    assert "DJI_1.SRT" not in find_recordings(tmp_path)
+
+
+def test_what_is_damaged_is_told_of_and_what_may_not_be_read_stops_nothing(
+    track, write_sequence, moving_square, monkeypatch, tmp_path
+):
+    folder, output = tmp_path / "archive", tmp_path / "out"
+    write_sequence("sound", moving_square.images, moving_square.boxes, folder)
+    height, width = moving_square.images[0].shape[:2]
+    path = str(folder / "cut.avi")
+    video = cv2.VideoWriter(path, cv2.VideoWriter_fourcc(*"MJPG"), 25, (width, height))
+    for image in moving_square.images:
+        video.write(image)
+    video.release()
+    octets = Path(path).read_bytes()
+    Path(path).write_bytes(octets[: len(octets) // 2])
+    (folder / "cut.target.yaml").write_text("target_box: [20, 30, 24, 24]")
+    (folder / "lost+found").mkdir()
+    exists = Path.exists
+
+    def refuse(self, *arguments):
+        if self.parent.name == "lost+found":
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return exists(self, *arguments)
+
+    # Whoever runs the tests may read everything.
+    monkeypatch.setattr(Path, "exists", refuse)
+    code, said, errors = track("--archive", folder, "--output", output, *QUICK)
+    assert code == 1
+    assert "3 recordings: 2 tracked, 0 done before, 1 failed" in said
+    (line,) = (line for line in errors.splitlines() if line.startswith("track: error: "))
+    assert "lost+found" in line
+    remark = "announces 20 frames, but only"
+    assert f"track: cut.avi: {path} {remark}" in errors
+    entries = {entry["name"]: entry for entry in json.loads((output / "archive.json").read_text())}
+    assert remark in entries["cut.avi"]["remarks"][0]
+    assert entries["sound"]["remarks"] == []
 
 
 @pytest.mark.parametrize(

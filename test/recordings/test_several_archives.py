@@ -83,10 +83,11 @@ def test_an_archive_may_have_a_detector(track, walkers, write_sequence, tmp_path
     given = ("--archive", tmp_path / "list.txt", "--output", tmp_path / "out", *QUICK)
     code, _, errors = track(*given, "--detector", "motion", "--detector-rate", "25")
     assert code == 0
-    (line,) = errors.splitlines()
     name = f"{source.name}/img"
+    remark, idle = errors.splitlines()
+    assert remark.startswith(f"track: {name}: the detector 'motion' found nothing in 16 frames")
     said = "track: in 1 of 1 recording there was no target in any frame, such as in "
-    assert line == said + name
+    assert idle == said + name
     with (tmp_path / "out" / source.name / "img" / "boxes.csv").open() as file:
         assert {row["frame"] for row in csv.DictReader(file)} == {str(n) for n in range(COUNT)}
     # With another detector it is not the same work.

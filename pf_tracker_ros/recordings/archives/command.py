@@ -101,6 +101,8 @@ def _run(
                 found[task.name] = entry
                 if entry.error:
                     print(f"track: error: {entry.error}", file=sys.stderr)
+                for remark in entry.remarks:
+                    print(f"track: {entry.name}: {remark}", file=sys.stderr)
                 advance()
     finally:
         # One may be done of which its worker could not tell any more.
@@ -165,8 +167,9 @@ def _write_report(
                 "frames": entry.frames,
                 "states": entry.states,
                 "error": entry.error,
+                "remarks": entry.remarks,
             }
-            for entry in sorted(found, key=lambda entry: not entry.error)
+            for entry in sorted(found, key=lambda entry: (not entry.error, not entry.remarks))
         ],
     )
     results.put_text(page, REPORT_FILE)
@@ -193,9 +196,10 @@ def _print_table(entries: Sequence[ArchiveEntry], tracked: int, results: Results
             for state in states
         ]
         frames = str(entry.frames) if entry.frames else ""
-        # Names go in as Text: square brackets in a plain string are markup to Rich. Why it failed
+        # Names go in as Text: square brackets in a plain string are markup to Rich. What is wrong
         # has been told, and would leave the names no room.
-        table.add_row(Text(entry.name), frames, *shares, "failed" if entry.error else "")
+        verdict = "failed" if entry.error else "remark" if entry.remarks else ""
+        table.add_row(Text(entry.name), frames, *shares, verdict)
     Console().print(table)
     if idle := [entry.name for entry in entries if _is_idle(entry)]:
         print(

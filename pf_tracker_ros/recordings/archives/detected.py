@@ -10,14 +10,13 @@ from pathlib import Path
 from pf_tracker_ros.footage import is_bag
 from pf_tracker_ros.footage.access import entries, exists, is_there
 from pf_tracker_ros.footage.images import IMAGE_SUFFIXES
-from pf_tracker_ros.recordings.beside import DETECTIONS_ENDING, detections_file, is_only_one
+from pf_tracker_ros.recordings.beside import (
+    DETECTIONS_ENDING,
+    detections_file,
+    is_only_one,
+    is_video_by_name,
+)
 from pf_tracker_ros.recordings.files import BAG, BOXES, VIDEO
-
-# What a file holds is not known before it is opened, which in an object store takes a copy.
-_VIDEO_SUFFIXES = (
-    ".3gp", ".avi", ".flv", ".m2ts", ".m4v", ".mjpeg", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg",
-    ".mts", ".ogv", ".webm", ".wmv",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ def _is_bag(path: Path) -> bool:
 
 
 def _is_footage(path: Path) -> bool:
-    if path.suffix.lower() in _VIDEO_SUFFIXES:
+    if is_video_by_name(path):
         return not path.is_dir() and not _is_output(path, VIDEO)
     return _is_bag(path)
 

@@ -27,6 +27,7 @@ from pf_tracker_ros.recordings.beside import (
     TARGET_ENDING,
     detections_file,
     is_only_one,
+    is_video_by_name,
     target_file,
 )
 from pf_tracker_ros.recordings.errors import DISK_IS_FULL, RecordingError, unwritable
@@ -201,7 +202,11 @@ def _below(folder: Path, detected: DetectedRecordings | None) -> list[Path]:
         ):
             found.append(resolved(path))
         elif path.is_dir() and not path.is_symlink():
-            found += _below(path, detected)
+            try:
+                found += _below(path, detected)
+            except FootageError:
+                # Told of with the recordings that fail.
+                found.append(resolved(path))
     if not found and detected is not None and detected.is_images(folder):
         return [resolved(folder)]
     return found
@@ -213,7 +218,8 @@ def _is_targeted(path: Path) -> bool:
         return False
     if named := _named_in(target_file(path)):
         return resolved(path).name == named
-    return path.is_dir() or is_bag(path) or is_only_one(path)
+    # Of a video there may be more, such as the subtitles of a drone's camera.
+    return path.is_dir() or is_bag(path) or is_video_by_name(path) or is_only_one(path)
 
 
 def _named_in(path: Path) -> str | None:

@@ -76,6 +76,7 @@ class ArchiveEntry:
         error: Why it was not, or empty.
         frames: Number of frames.
         states: State to number of frames.
+        remarks: What there is to say of it beside that, a sentence each.
     """
 
     name: str
@@ -85,6 +86,7 @@ class ArchiveEntry:
     error: str
     frames: int
     states: dict[str, int]
+    remarks: Sequence[str] = ()
 
 
 def make_tasks(
@@ -190,7 +192,7 @@ def _tracked(task: ArchiveTask, source: Path, made: Path) -> ArchiveEntry | Work
     if code != DONE:
         return _failed(task, code, _sentence(said.getvalue()))
     try:
-        entry = _entry(task, made)
+        entry = _entry(task, made, _remarks(said.getvalue()))
         (made / DONE_FILE).write_text(json.dumps(asdict(entry), indent=1) + "\n")
         # Only whole ones let their folder be replaced.
         flush_to_disk(made / DONE_FILE)
@@ -207,7 +209,7 @@ def _key(source: Place, arguments: Sequence[str]) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
 
 
-def _entry(task: ArchiveTask, made: Path) -> ArchiveEntry:
+def _entry(task: ArchiveTask, made: Path, remarks: Sequence[str]) -> ArchiveEntry:
     by_frame: dict[str, set[str]] = defaultdict(set)
     with (made / "boxes.csv").open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
@@ -215,12 +217,18 @@ def _entry(task: ArchiveTask, made: Path) -> ArchiveEntry:
     # A frame is as the target in it that is seen best.
     states = Counter(min(found, key=_STATES.index) for found in by_frame.values())
     return ArchiveEntry(
-        task.name, str(task.source), task.key, DONE, "", states.total(), dict(states)
+        task.name, str(task.source), task.key, DONE, "", states.total(), dict(states), remarks
     )
 
 
 def _failed(task: ArchiveTask, exit_code: int, error: str) -> ArchiveEntry:
     return ArchiveEntry(task.name, str(task.source), task.key, exit_code, error, 0, {})
+
+
+def _remarks(said: str) -> list[str]:
+    """What `track` had to say of a recording that it has tracked."""
+    prefix = "track: "
+    return [line.removeprefix(prefix) for line in said.splitlines() if line.startswith(prefix)]
 
 
 def _sentence(said: str) -> str:
