@@ -80,7 +80,11 @@ class ForegroundCue(Cue):
         return None
 
     def contrast(self, region: Region, boxes: BoxesByAxis) -> NDArray[np.float64]:
-        """Share of foreground, 0 to 1, in boxes minus that in their rings; one for each box."""
+        """Share of foreground in boxes minus that in their rings, -1 to 1; one for each box.
+
+        Pixels of the mask are counted whole and areas are not, so that the share in a box of few
+        pixels is off by up to one row and one column of them.
+        """
         mask, reduction = region.frame.foreground or Foreground(np.zeros((1, 1), np.uint8), 1)
 
         def integrate() -> NDArray[np.int32]:

@@ -89,7 +89,12 @@ class Hub:
         self._browsers.close()
 
     def parameter_file(self) -> str:
-        """The preset and what differs from it, as a ROS parameter file."""
+        """The preset and what differs from it, as a ROS parameter file.
+
+        Raises:
+            RequestError: The tracker's parameters are not known.
+        """
+        self._known("preset")
         return parameter_file(self._link.name, self._parameters)
 
     # What comes from the tracker

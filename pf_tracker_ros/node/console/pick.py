@@ -107,11 +107,12 @@ class Picker:
         self._pick: Pick | None = None
         self._is_waiting = False
 
-    async def send(self, send: Callable[[], None]) -> None:
+    async def send(self, send: Callable[[], None], *, is_sent_later: bool = False) -> None:
         """Send a target, and expect a verdict on it.
 
         Args:
             send: Does so, and again where it may have been lost.
+            is_sent_later: Whether somebody else sends it at first, in a moment.
 
         Raises:
             TrackerError: Nobody takes targets.
@@ -121,7 +122,10 @@ class Picker:
             if self._link.takes_targets:
                 break
             await asyncio.sleep(_TICK)
-        send()
+        if is_sent_later:
+            self._link.expect_takers()
+        else:
+            send()
         self._pick = Pick(time.monotonic(), send)
         self._is_waiting = False
 

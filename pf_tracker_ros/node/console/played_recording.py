@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -109,6 +110,10 @@ class PlayedRecording:
             "target": self._target_file.name if self._has_target else "",
         }
 
+    def before_frame(self, call: Callable[[int], None]) -> None:
+        """Have something done before each frame goes out, in another thread; see `ReplayNode`."""
+        self._replay.before_frame = call
+
     def hindrance(self, image_topic: str) -> str:
         """Why it does not go on, and what to do where it and the tracker use other topics.
 
@@ -151,6 +156,11 @@ class PlayedRecording:
         return max(0, self._replay.position)
 
     @property
+    def stamp(self) -> int:
+        """Of the frame that was played last, nanoseconds; 0 before the first."""
+        return self._replay.stamp
+
+    @property
     def last_frame(self) -> int | None:
         """Index of the last frame, None where the source does not tell how many there are."""
         count = self._replay.frame_count
@@ -163,6 +173,10 @@ class PlayedRecording:
     def step(self, count: int = 1) -> None:
         """Play so many frames, as fast as the tracker, and stand still."""
         self._replay.playback.step(count)
+
+    def drop_steps(self) -> None:
+        """Play no more of the frames that it was asked to step to."""
+        self._replay.playback.drop_steps()
 
     def seek(self, frame: int) -> None:
         """Play a frame, and go on from it unless it stands still."""

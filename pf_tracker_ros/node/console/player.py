@@ -13,9 +13,15 @@ from pf_tracker_ros.node.console.pick import Picker
 from pf_tracker_ros.node.console.played_recording import PickedTarget, PlayedRecording
 from pf_tracker_ros.node.console.requests import RequestError, flag_of, number_of, whole_of
 from pf_tracker_ros.node.console.tracker_link import TrackerLink
+from pf_tracker_ros.node.console.tracker_services import TrackerError
 from pf_tracker_ros.recordings import RecordingError
+from pf_tracker_ros.stamps import NANOSECONDS
 
 _FIRST_FRAME_INTERVAL = 1.0
+# A tracker takes no target of a frame that is a minute ahead of its time.
+_NEAR = 30 * NANOSECONDS
+# Each waits for two seconds.
+_ATTEMPTS = 3
 
 REQUESTS = ("play", "step", "seek", "rate", "save", "load")
 """What can be asked of a recording."""
@@ -55,6 +61,9 @@ class Player:
         # What is wanted once a frame that is sought has been found; until then it stands still.
         self._plays_after = False
         self._steps_after = 0
+        # The target to be sent with its frame.
+        self._due: PickedTarget | None = None
+        recording.before_frame(self._send_due)
         self.requests: Mapping[str, Callable[[Json], Awaitable[None]]] = {
             "play": self._on_play,
             "step": self._on_step,
@@ -131,6 +140,8 @@ class Player:
             await self._go_to(0, plays=True)
         else:
             self._recording.paused = not playing
+            if not playing:
+                self._recording.drop_steps()
 
     async def _on_step(self, message: Json) -> None:
         if self._seeking.locked():
@@ -172,6 +183,31 @@ class Player:
         self.picked = target
         await self._go_to(target.frame)
 
+    async def _approach(self, target: PickedTarget) -> None:
+        """Bring the tracker's time near the frame of a target, if it is far before that."""
+        if target.frame and target.stamp - self._recording.stamp > _NEAR:
+            self._recording.seek(target.frame - 1)
+            loop = asyncio.get_running_loop()
+            await loop.run_in_executor(None, self._recording.settle)
+
+    def _send_due(self, index: int) -> None:
+        """Send the target with the frame that it was drawn on, before that goes out.
+
+        Called in another thread, which plays the frame after it.
+        """
+        target = self._due
+        if target is None or index != target.frame:
+            return
+        self._due = None
+        for _ in range(_ATTEMPTS):
+            try:
+                self._link.send_target(target.box, target.stamp)
+            except TrackerError:
+                # The page tells of a tracker that is not there.
+                return
+            if self._link.await_target():
+                return
+
     async def _go_to(self, frame: int, *, plays: bool | None = None) -> None:
         """Play a frame of the recording so that the boxes are those of a run in lockstep.
 
@@ -191,15 +227,13 @@ class Player:
                     raise RequestError("the tracker does not answer the recording's last frame")
                 await self._link.services.stop()
                 target, first = self.picked, frame
+                self._due = target
                 if target:
-                    send = partial(self._link.send_target, target.box, target.stamp)
                     first = min(frame, target.frame)
                     if first == target.frame:
-                        await self._picker.send(send)
-                    else:
-                        send()
-                    while not await loop.run_in_executor(None, self._link.await_target):
-                        send()
+                        await self._approach(target)
+                        send = partial(self._link.send_target, target.box, target.stamp)
+                        await self._picker.send(send, is_sent_later=True)
                 recording.seek(first)
                 if frame > first:
                     recording.step(frame - first)

@@ -122,7 +122,7 @@ class TrackerLink:
         Raises:
             TrackerError: Nobody takes targets.
         """
-        self._expect_subscriber(self._targets)
+        self.expect_takers()
         message = box_message(box, PolygonStamped().header)
         set_stamp(message.header, stamp)
         self._targets.publish(message)
@@ -133,6 +133,14 @@ class TrackerLink:
         return bool(
             self._targets.get_subscription_count() and self._clicks.get_subscription_count()
         )
+
+    def expect_takers(self) -> None:
+        """Make sure that somebody takes targets.
+
+        Raises:
+            TrackerError: Nobody does.
+        """
+        self._expect_subscriber(self._targets)
 
     def await_target(self) -> bool:
         """Wait until the tracker has the target that was sent last; whether it has."""

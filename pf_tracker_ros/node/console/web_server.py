@@ -13,7 +13,7 @@ import logging
 import socket
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from aiohttp import WSMsgType, web
 
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node.console.hub import Hub
+from pf_tracker_ros.node.console.requests import RequestError
 from pf_tracker_ros.pages.access import Access
 from pf_tracker_ros.pages.serving import Site
 
@@ -30,6 +31,8 @@ _PARAMETER_FILE = "tracker.yaml"
 _LARGEST_REQUEST = 65_536
 # A browser that does not answer within half of this has gone.
 _HEARTBEAT = 20.0
+# Seconds in which a browser takes what is sent to it; one that sleeps keeps the others waiting.
+_TAKEN_WITHIN = 4.0
 _START_TIMEOUT = 10.0
 _LOG = logging.getLogger(__name__)
 
@@ -37,22 +40,35 @@ _LOG = logging.getLogger(__name__)
 class Socket:
     """A browser's socket; what is sent into one that is closing is lost.
 
+    One that takes nothing for a while is cut off; a browser that wakes up comes back by itself.
+
     Args:
         response: The socket.
+        transport: What it goes over.
     """
 
-    def __init__(self, response: web.WebSocketResponse) -> None:
+    def __init__(
+        self, response: web.WebSocketResponse, transport: asyncio.Transport | None
+    ) -> None:
         self._response = response
+        self._transport = transport
 
     async def send_json(self, message: Json) -> None:
         """Send a message."""
-        with contextlib.suppress(ConnectionError, RuntimeError):
-            await self._response.send_str(json.dumps(message, allow_nan=False))
+        await self._send(self._response.send_str(json.dumps(message, allow_nan=False)))
 
     async def send_bytes(self, message: bytes) -> None:
         """Send a frame."""
-        with contextlib.suppress(ConnectionError, RuntimeError):
-            await self._response.send_bytes(message)
+        await self._send(self._response.send_bytes(message))
+
+    async def _send(self, sending: Coroutine[Any, Any, None]) -> None:
+        try:
+            await asyncio.wait_for(sending, _TAKEN_WITHIN)
+        except asyncio.TimeoutError:
+            if self._transport:
+                self._transport.abort()
+        except (ConnectionError, RuntimeError):
+            return
 
 
 class WebServer:
@@ -153,9 +169,13 @@ class WebServer:
 
     async def _on_parameter_file(self, request: web.Request) -> web.Response:
         assert self._hub is not None
+        try:
+            text = self._hub.parameter_file()
+        except RequestError as error:
+            raise web.HTTPServiceUnavailable(text=str(error)) from error
         disposition = f'attachment; filename="{_PARAMETER_FILE}"'
         return web.Response(
-            text=self._hub.parameter_file(),
+            text=text,
             content_type="application/yaml",
             headers={"Content-Disposition": disposition},
         )
@@ -165,9 +185,13 @@ class WebServer:
         response = web.WebSocketResponse(
             heartbeat=_HEARTBEAT, max_msg_size=_LARGEST_REQUEST, compress=False
         )
-        await response.prepare(request)
+        try:
+            await response.prepare(request)
+        except ConnectionError:
+            # It has gone already.
+            return response
         assert self._hub is not None
-        browser = Socket(response)
+        browser = Socket(response, request.transport)
         self._sockets.add(response)
         showing = asyncio.ensure_future(self._show(browser, response))
         requests: set[asyncio.Task[None]] = set()

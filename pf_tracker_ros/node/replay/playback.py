@@ -84,6 +84,11 @@ class Playback:
             self._holding = False
             self._changed.notify_all()
 
+    def drop_steps(self) -> None:
+        """Let no more items pass a pause than have."""
+        with self._changed:
+            self._steps = 0
+
     def seek(self, index: int) -> None:
         """Go on from an item, counted from 0; a pause lets that one pass."""
         with self._changed:

@@ -10,7 +10,7 @@ import itertools
 import sys
 import threading
 import traceback
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from typing import Any
 
@@ -52,6 +52,8 @@ class ReplayNode(Node):
     Attributes:
         exit_code: 1 once the source has failed while it was played, else 0.
         has_begun: Whether it plays, or has played, its source.
+        before_frame: Called in the playback's thread with the index of each frame before it goes
+            out.
 
     Args:
         spectator: As for `ReplayOutputs`.
@@ -61,10 +63,12 @@ class ReplayNode(Node):
     def __init__(self, *, spectator: Node | None = None, **options: Any) -> None:
         super().__init__("replay", **options)
         self._spectator = spectator
+        self.before_frame: Callable[[int], None] = lambda index: None
         self._log = self.get_logger()  # type: ignore[no-untyped-call]
         self.exit_code = 0
         self._published = 0
         self._position = -1
+        self._stamp = 0
         self._failure = ""
         self._hindrance = ""
         self._indices: dict[int, int] = {}
@@ -127,6 +131,11 @@ class ReplayNode(Node):
     def position(self) -> int:
         """Index of the frame that was published last, counted from 0; -1 before the first."""
         return self._position
+
+    @property
+    def stamp(self) -> int:
+        """Of the frame that was published last, nanoseconds; 0 before the first."""
+        return self._stamp
 
     @property
     def frame_count(self) -> int | None:
@@ -256,10 +265,11 @@ class ReplayNode(Node):
                 item = self._stamped(read)
                 if target_is_due:
                     target_is_due = not self._send_target(item)
+                self.before_frame(index)
                 self._playback.forget_answer()
                 self._remember(item.stamp, index)
                 self._outputs.publish(item)
-                self._position = index
+                self._position, self._stamp = index, item.stamp
                 self._published += 1
                 if self._fixed.lockstep:
                     self._wait_for_status(item)

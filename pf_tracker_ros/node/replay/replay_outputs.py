@@ -43,7 +43,8 @@ class ReplayOutputs:
         source: What is published.
         parameters: Which of it, where to, and how reliably.
         playback: Whose waits end when it is stopped.
-        spectator: A node that only shows the images, so that nothing is played for it alone.
+        spectator: A node that only shows the images: nothing is played for it alone, nor before it
+            is there.
 
     Raises:
         NameValidationException: The name of a topic cannot be one.
@@ -156,19 +157,16 @@ class ReplayOutputs:
         ]
 
     def _is_taken(self, publisher: Publisher) -> bool:
-        """Whether anybody but the spectator takes what is published."""
-        if self._spectator is None or publisher.get_subscription_count() == 0:
+        """Whether anybody takes what is published, beside the spectator where there is one."""
+        if self._spectator is None or publisher is not self._images:
             return bool(publisher.get_subscription_count())
-        # Until an endpoint's node is known, it may be the spectator's.
-        passed_over = {
-            (self._spectator.get_name(), self._spectator.get_namespace()),
-            _UNKNOWN_NODE,
+        spectator = (self._spectator.get_name(), self._spectator.get_namespace())
+        subscribers = {
+            (subscriber.node_name, subscriber.node_namespace)
+            for subscriber in self._node.get_subscriptions_info_by_topic(publisher.topic_name)
         }
-        subscribers = self._node.get_subscriptions_info_by_topic(publisher.topic_name)
-        return any(
-            (subscriber.node_name, subscriber.node_namespace) not in passed_over
-            for subscriber in subscribers
-        )
+        # Until an endpoint's node is known, it may be the spectator's.
+        return spectator in subscribers and bool(subscribers - {spectator, _UNKNOWN_NODE})
 
     def _wait_for_acknowledgment(self, publisher: Publisher) -> None:
         acknowledged = self._playback.wait_for(

@@ -14,10 +14,22 @@ from pf_tracker_ros.tracking.session import Session
 
 
 @pytest.fixture
-def bag(tmp_path, write_bag, make_stamped, moving_square):
+def bag(write_square):
     """The moving square as a bag: 20 frames at 25 Hz."""
+    return write_square(stamp_at)
+
+
+@pytest.fixture
+def write_square(tmp_path, write_bag, make_stamped, moving_square):
+    """A function that writes the moving square as a bag, given the stamp of each frame."""
+    return lambda stamp_at: write_bag(
+        tmp_path / "drive", rows_of(moving_square.images, make_stamped, stamp_at)
+    )
+
+
+def rows_of(images, make_stamped, stamp_at):
     rows = []
-    for index, image in enumerate(moving_square.images):
+    for index, image in enumerate(images):
         stamp = stamp_at(index)
         message = make_stamped(
             "sensor_msgs/msg/Image",
@@ -30,7 +42,7 @@ def bag(tmp_path, write_bag, make_stamped, moving_square):
             data=image.reshape(-1),
         )
         rows.append(("/image", "sensor_msgs/msg/Image", stamp, message))
-    return write_bag(tmp_path / "drive", rows)
+    return rows
 
 
 def stamp_at(index):
@@ -289,6 +301,34 @@ def test_a_saved_target_is_tried_from_its_frame(
     expected = boxes_in_lockstep(moving_square.images, tuple(box), 3)
     go_to(page, 8)
     assert page.box == pytest.approx(expected[stamp_at(8)], abs=2e-3)
+
+
+@pytest.mark.usefixtures("tracker")
+def test_a_target_minutes_ahead_waits_for_its_frame(
+    write_square, start_console, open_page, moving_square
+):
+    """A tracker alone takes it for one of another clock."""
+
+    def stamp_in(index):
+        return stamp_at(index) + (10**11 if index >= 8 else 0)
+
+    bag = write_square(stamp_in)
+    box = [float(value) for value in moving_square.boxes[15]]
+    text = yaml.safe_dump({"target_box": box, "frame": 15, "stamp": stamp_in(15)})
+    (bag.parent / "drive.target.yaml").write_text(text)
+    page = open_page(start_console(source=str(bag)).link)
+    page.wait_until(lambda: page.shows(stamp_in(0)), "first frame")
+    page.locator("#speed").select_option("0")
+    page.locator("#load:enabled").click()
+    page.wait_until(lambda: page.shows(stamp_in(15)) and page.box, "box")
+    assert page.box == pytest.approx(box, abs=1e-2)
+    page.locator("#seek").fill("2")
+    page.wait_until(lambda: page.shows(stamp_in(2)), "frame 2")
+    assert page.box is None
+    page.keyboard.press("Space")
+    page.wait_until(lambda: page.shows(stamp_in(19)) and page.box, "box")
+    assert "refused" not in page.text("note")
+    assert page.locator("#save").is_enabled()
 
 
 def test_a_target_that_has_just_been_saved_can_be_taken_again(player, moving_square):

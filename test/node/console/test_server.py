@@ -1,14 +1,17 @@
 """The web server as other programs meet it, without a browser."""
 
+import asyncio
 import http.client
 import re
 import socket
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from urllib.parse import urlsplit
 
 import pytest
 
+from pf_tracker_ros.node.console import web_server
 from pf_tracker_ros.pages.access import HEADERS
 
 UPGRADE = {
@@ -43,11 +46,17 @@ def test_the_page_and_its_parts_are_served_with_the_policy(console, ask):
     status, headers, body = ask(console.link)
     assert status == 200
     assert headers.items() >= HEADERS.items()
-    for path in re.findall(r'(?:src|href)="([^"]+)"', body):
+    for path in set(re.findall(r'(?:src|href)="([^"]+)"', body)) - {"/tracker.yaml"}:
         status, headers, _ = ask(console.link, path)
         assert status == 200
         assert headers.items() >= HEADERS.items()
         assert headers["Content-Type"].split(";")[0] != "application/octet-stream"
+
+
+def test_there_is_no_parameter_file_before_the_parameters_are_known(console, ask):
+    status, headers, body = ask(console.link, "/tracker.yaml")
+    assert (status, body) == (503, "the tracker's parameters are not known yet")
+    assert headers.items() >= HEADERS.items()
 
 
 def test_nothing_else_is_served(console, ask):
@@ -136,3 +145,27 @@ def test_a_port_that_is_taken_is_told(start_console, console, graph, capfd):
 def test_a_wrong_parameter_is_told(start_console, capfd):
     assert start_console(port=70_000).exit_code == 1
     assert "'port'" in capfd.readouterr().err
+
+
+def test_a_browser_that_takes_nothing_is_cut_off_and_keeps_nobody_waiting(monkeypatch):
+    monkeypatch.setattr(web_server, "_TAKEN_WITHIN", 0.05)
+    aborted = []
+
+    class Asleep:
+        async def send_str(self, text):
+            await asyncio.Event().wait()
+
+        send_bytes = send_str
+
+    class Transport:
+        def abort(self):
+            aborted.append(True)
+
+    async def send():
+        browser = web_server.Socket(Asleep(), Transport())
+        await asyncio.gather(browser.send_json({}), browser.send_bytes(b""))
+
+    # In a thread: the browser tests keep an event loop in this one.
+    with ThreadPoolExecutor(1) as executor:
+        executor.submit(lambda: asyncio.run(send())).result()
+    assert aborted == [True, True]

@@ -78,6 +78,16 @@ def test_the_first_item_of_the_next_pass_keeps_the_distance_of_the_last_two():
     assert time.monotonic() - began >= 0.06 - TOLERATED_LAG / 2
 
 
+def test_steps_that_are_dropped_let_nothing_pass():
+    playback = Playback(paused=True)
+    playback.step(3)
+    playback.wait_until_due(0, None)
+    playback.drop_steps()
+    threading.Timer(0.05, playback.stop).start()
+    with pytest.raises(Stopped):
+        playback.wait_until_due(1, None)
+
+
 def test_being_late_is_told_and_not_caught_up_with():
     playback = Playback()
     playback.wait_until_due(0, lambda: 1.0)

@@ -17,6 +17,7 @@ export function show(parameters) {
     waiting = parameters;
     return;
   }
+  document.getElementById("yaml").hidden = !parameters.length;
   const now = JSON.stringify(parameters.map(({ value, ...rest }) => rest));
   if (now !== structure) build(parameters);
   structure = now;
