@@ -18,22 +18,24 @@ from launch_ros.actions import Node
 from pf_tracker_ros.launching import Given, argument, shared, tracker_nodes, tracker_parameters
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
+from pf_tracker_ros.targets.parameters import SeveralTargetsParameters
 
 
 def start_tracker(context: LaunchContext) -> list[Node]:
     """The tracker node with what was given, and a console; the rest is for their own defaults."""
     given = Given(context)
     parameters = tracker_parameters(given)
-    parameters["max_targets"] = given.number("max_targets", int)
-    detectors = declarations(NodeParameters)["built_in_detector"].choices
-    if detector := given.choice("built_in_detector", detectors):
-        parameters["built_in_detector"] = detector
+    declared = declarations(NodeParameters)
+    for name in ("max_targets", "built_in_detector", "built_in_detector_rate"):
+        if given.text(name):
+            parameters[name] = given.parameter(name, declared[name])
     if labels := given.words("labels"):
         parameters["detector.labels"] = labels
     if given.text("score_above"):
-        parameters["detector.score_above"] = given.number("score_above", float)
-    if given.text("built_in_detector_rate"):
-        parameters["built_in_detector_rate"] = given.number("built_in_detector_rate", float)
+        declared = declarations(SeveralTargetsParameters)
+        parameters["detector.score_above"] = given.parameter(
+            "score_above", declared["detector.score_above"]
+        )
     topics = {"image": given.text("image"), "detections": given.text("detections")}
     return tracker_nodes(given, parameters, topics)
 

@@ -16,13 +16,17 @@ from launch.actions import (
     GroupAction,
     IncludeLaunchDescription,
     OpaqueFunction,
+    RegisterEventHandler,
     Shutdown,
 )
+from launch.event_handlers import OnProcessExit
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from pf_tracker_ros.launching import PACKAGE, Given, argument, shared
+from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
+from pf_tracker_ros.parameters import declarations
 
 TEXTS = ("bag_topic",)
 FLAGS = ("loop", "start_paused", "lockstep", "target_from_ground_truth", "publish_clock")
@@ -40,12 +44,12 @@ FOR_THE_TRACKER = (
 )
 
 
-def start_replay(context: LaunchContext) -> list[Node | GroupAction]:
+def start_replay(context: LaunchContext) -> list[Node | GroupAction | RegisterEventHandler]:
     """The replay publisher with what was given, and the tracker that it plays to."""
     given = Given(context)
     parameters = {name: ParameterValue(given.text(name), value_type=str) for name in TEXTS}
     parameters |= {name: given.flag(name) for name in FLAGS}
-    parameters["rate"] = given.number("rate", float)
+    parameters["rate"] = given.parameter("rate", declarations(ReplayParameters)["rate"])
     if box := given.box("target_box"):
         parameters["target_box"] = box
     image = given.text("image")
@@ -58,7 +62,7 @@ def start_replay(context: LaunchContext) -> list[Node | GroupAction]:
         arguments=[given.text("source"), *given.log_arguments()],
         on_exit=[
             Shutdown(reason="the replay has ended"),
-            OpaqueFunction(function=fail_with_replay),
+            OpaqueFunction(function=fail_with, args=["replay publisher"]),
         ],
         **given.of_each_node(),
     )
@@ -79,14 +83,24 @@ def start_replay(context: LaunchContext) -> list[Node | GroupAction]:
     )
     # A group, because the tracker's arguments would otherwise replace those of the same name here.
     # It comes first: where an argument is wrong, nothing runs that would outlive the launch.
-    return [GroupAction([tracker]), replay]
+    # Without a tracker the replay would wait for one, or play to nobody.
+    watch = RegisterEventHandler(
+        OnProcessExit(
+            target_action=lambda action: getattr(action, "node_executable", "") == "tracker",
+            on_exit=[
+                Shutdown(reason="the tracker has ended"),
+                OpaqueFunction(function=fail_with, args=["tracker"]),
+            ],
+        )
+    )
+    return [watch, GroupAction([tracker]), replay]
 
 
-def fail_with_replay(context: LaunchContext) -> None:
-    """Let the launch fail where the replay publisher has ended by itself with an error."""
+def fail_with(context: LaunchContext, name: str) -> None:
+    """Let the launch fail where a process of it has ended by itself with an error."""
     code = context.locals.event.returncode
     if code and not context.is_shutdown:
-        raise RuntimeError(f"the replay publisher has ended with the exit code {code}")
+        raise RuntimeError(f"the {name} has ended with the exit code {code}")
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,13 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from pf_tracker_ros.tracking.presets import PRESETS
+from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
+from pf_tracker_ros.node_parameters import NodeParameters
+from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
 
 PACKAGE = "pf_tracker_ros"
 # Arguments that are parameters of the tracker and have the names of these.
-TEXTS = ("image_reliability", "image_transport")
+OF_THE_TRACKER = ("preset", "image_reliability", "image_transport", "seed")
 _LOG_LEVELS = "debug, info, warn, error, fatal"
 
 # Description and default of the arguments of every launch file that starts a tracker first of all.
@@ -70,23 +72,27 @@ class Given:
             raise ValueError(f"argument {name}:={text}; allowed: true or false")
         return _FLAGS[text.lower()]
 
-    def number(self, name: str, kind: type[Any]) -> Any:
-        """An argument that is a number.
+    def parameter(self, name: str, declaration: Declaration) -> Any:
+        """An argument that is a parameter of a node, one number or one word.
 
         Args:
             name: Of the argument.
-            kind: `int` or `float`.
+            declaration: Of the parameter.
 
         Raises:
-            ValueError: It is none.
+            ValueError: The parameter cannot have it.
         """
-        text = self.text(name)
+        text, kind = self.text(name), declaration.type
         try:
-            return kind(text)
+            value = declaration.validate(kind(text))
+        except ParameterError as error:
+            allowed = str(error).rpartition("; ")[2]
+            raise ValueError(f"argument {name}:={text}; {allowed}") from None
         except ValueError:
             raise ValueError(
                 f"argument {name}:={text}; allowed: a number, {kind.__name__}"
             ) from None
+        return ParameterValue(value, value_type=str) if kind is str else value
 
     def file(self, name: str) -> list[str]:
         """An argument that is the path of a file; empty is no file.
@@ -99,17 +105,6 @@ class Given:
             raise ValueError(f"argument {name}:={text}; there is no such file")
         return [str(Path(text).expanduser())] if text else []
 
-    def choice(self, name: str, choices: Collection[str]) -> str:
-        """An argument that is one of some words; empty is none of them.
-
-        Raises:
-            ValueError: It is something else.
-        """
-        text = self.text(name)
-        if text and text not in choices:
-            raise ValueError(f"argument {name}:={text}; allowed: {', '.join(choices)}")
-        return text
-
     def box(self, name: str) -> list[float]:
         """An argument that is four numbers, with or without brackets; empty is no box.
 
@@ -121,8 +116,11 @@ class Given:
             numbers = [float(part) for part in text.strip("[] ").split(",") if part.strip()]
         except ValueError:
             numbers = [0.0]
-        if len(numbers) not in (0, 4):
-            raise ValueError(f"argument {name}:={text}; allowed: [x, y, width, height] in pixels")
+        if len(numbers) not in (0, 4) or min(numbers[2:], default=1.0) <= 0.0:
+            raise ValueError(
+                f"argument {name}:={text}; allowed: [x, y, width, height] in pixels, width and "
+                "height above 0"
+            )
         return numbers
 
     def words(self, name: str) -> list[str]:
@@ -179,13 +177,10 @@ def tracker_parameters(given: Given) -> dict[str, Any]:
         ValueError: One of them is not allowed.
     """
     parameters: dict[str, Any] = {"use_sim_time": given.flag("use_sim_time")}
-    for name in TEXTS:
+    declared = declarations(NodeParameters)
+    for name in OF_THE_TRACKER:
         if given.text(name):
-            parameters[name] = ParameterValue(given.text(name), value_type=str)
-    if preset := given.choice("preset", PRESETS):
-        parameters["preset"] = preset
-    if given.text("seed"):
-        parameters["seed"] = given.number("seed", int)
+            parameters[name] = given.parameter(name, declared[name])
     return parameters
 
 
@@ -210,6 +205,9 @@ def tracker_nodes(
     all_parameters = [*given.file("params_file"), dict(parameters)]
     nodes = [Node(executable="tracker", name="pf_tracker", parameters=all_parameters, **of_both)]
     if given.flag("console"):
-        port = {"port": given.number("console_port", int)} if given.text("console_port") else {}
+        port = {}
+        if given.text("console_port"):
+            declared = declarations(ConsoleParameters)["port"]
+            port = {"port": given.parameter("console_port", declared)}
         nodes.append(Node(executable="console", name="console", parameters=[port], **of_both))
     return nodes

@@ -230,6 +230,10 @@ def test_a_recording_that_cannot_be_played_ends_the_launch(shell, drive, argumen
         ("log_level:=loud", "argument log_level:=loud; allowed: debug, info"),
         ("console:=true console_port:=web", "argument console_port:=web; allowed: a number, int"),
         ("target_box:=[1,2]", "argument target_box:=[1,2]; allowed: [x, y, width, height]"),
+        ("target_box:=[1,2,-3,4]", "allowed: [x, y, width, height] in pixels, width and height"),
+        ("seed:=-5", "argument seed:=-5; allowed: 0 to 2147483647"),
+        ("image_transport:=jpeg", "argument image_transport:=jpeg; allowed: raw, compressed"),
+        ("console:=true console_port:=99999", "argument console_port:=99999; allowed: 0 to 65535"),
         ("params_file:=none.yaml", "argument params_file:=none.yaml; there is no such file"),
         ("preset:=lee2007", "argument preset:=lee2007; allowed: default, li2007, zhang2015"),
     ],
@@ -238,6 +242,16 @@ def test_a_wrong_argument_ends_the_launch_with_the_reason(shell, given, told):
     outcome = shell.run(f"{TRACKER} {given}")
     assert outcome.returncode != 0
     assert told in outcome.stdout + outcome.stderr
+
+
+@pytest.mark.parametrize("lockstep", ["true", "false"])
+def test_a_replay_launch_ends_with_its_tracker(shell, drive, lockstep):
+    broken = shell.folder / "broken.yaml"
+    broken.write_text("pf_tracker: [")
+    arguments = f"{TARGET} params_file:={broken} lockstep:={lockstep} loop:=true"
+    with shell.started(f"{REPLAY} source:={drive} {arguments}") as launch:
+        assert launch.wait(40.0) == 1
+    assert "the tracker has ended with the exit code 1" in launch.output
 
 
 @pytest.mark.parametrize(
@@ -294,6 +308,8 @@ def test_the_built_in_detector_of_people_needs_nothing_else(shell, heard, drive)
     [
         ("max_targets:=many", "argument max_targets:=many; allowed: a number, int"),
         ("score_above:=high", "argument score_above:=high; allowed: a number, float"),
+        ("score_above:=7", "argument score_above:=7; allowed: 0 to 1"),
+        ("max_targets:=0", "argument max_targets:=0; allowed: 1 to 1000"),
         ("preset:=lee2007", "argument preset:=lee2007; allowed: default, li2007, zhang2015"),
         ("built_in_detector:=cars", "built_in_detector:=cars; allowed: none, people, motion"),
     ],
