@@ -86,8 +86,9 @@ class Given:
         try:
             value = declaration.validate(kind(text))
         except ParameterError as error:
-            allowed = str(error).rpartition("; ")[2]
-            raise ValueError(f"argument {name}:={text}; {allowed}") from None
+            _, _, allowed = str(error).rpartition("allowed: ")
+            allowed = ", ".join(declaration.choices) or allowed
+            raise ValueError(f"argument {name}:={text}; allowed: {allowed}") from None
         except ValueError:
             raise ValueError(
                 f"argument {name}:={text}; allowed: a number, {kind.__name__}"
