@@ -71,6 +71,12 @@ class Outcome:
 class _RequestedTarget:
     box: Box
     stamp: int
+    # Whether it has waited for a frame with which time goes back to it.
+    has_waited: bool = False
+
+
+class _OfLongAgoError(ValueError):
+    """The frame that a target was drawn on is not kept any more."""
 
 
 @dataclass(frozen=True)
@@ -296,9 +302,16 @@ class Session:
         self._requested = None
         try:
             return self._start(_frames_of(requested, frame, history), requested.box)
+        except _OfLongAgoError as error:
+            elapsed = frame.stamp - requested.stamp
+            if elapsed > self.time_policy.late_within and not requested.has_waited:
+                # A recording that begins again may have sent it before its first frame.
+                self._requested = replace(requested, has_waited=True)
+            else:
+                self._refused = f"target refused: {error}"
         except ValueError as error:
             self._refused = f"target refused: {error}"
-            return None
+        return None
 
     def _tell_refused(self) -> str:
         """Why what was asked for did not start, if that is still to be told."""
@@ -411,7 +424,7 @@ def _frames_of(requested: _RequestedTarget, frame: Frame, history: FrameHistory)
     # What was dropped before time went back says nothing of the frames since.
     is_dropped = requested.stamp <= history.dropped_until < frame.stamp
     if behind > _SUBSTITUTE_WITHIN or is_dropped:
-        raise ValueError(
+        raise _OfLongAgoError(
             f"it was drawn on a frame from {behind / NANOSECONDS:.3f} s before the oldest one "
             f"here; allowed: one of the last {counted(len(kept) + 1, 'frame')}, back to "
             f"{reach:.3f} s ago (parameters 'history_frames' and 'history_megabytes'), or "

@@ -334,10 +334,29 @@ def test_a_target_is_caught_up_through_a_bounded_number_of_frames(
 
 
 def test_a_target_from_long_before_the_first_frame_is_refused(session, images, box):
+    """It may be of a recording that begins again, which the next frame tells."""
     session.request(box, START)
     outcome = session.process(images[0], START + SECOND + 1)
+    assert (outcome.frame, outcome.refused_target) == ("waiting", "")
+    outcome = session.process(images[0], START + SECOND + 40_000_000)
     assert outcome.frame == "waiting"
     assert "1.000 s before the oldest one here" in outcome.refused_target
+
+
+def test_a_target_that_comes_before_the_last_frame_of_a_pass_waits_for_the_first_of_the_next(
+    started, images, box
+):
+    """As where a tracker is a frame behind a replay in a loop."""
+    started.history.limit(frames=8, megabytes=10.0)
+    stamps = [START + index * 100_000_000 for index in range(len(images))]
+    for image, stamp in zip(images[1:-1], stamps[1:-1], strict=True):
+        started.process(image, stamp)
+    started.request(box, START)
+    outcome = started.process(images[-1], stamps[-1])
+    assert (outcome.frame, outcome.refused_target) == ("tracked", "")
+    outcome = started.process(images[0], START)
+    assert (outcome.frame, outcome.refused_target) == ("started", "")
+    assert outcome.estimate.box == pytest.approx(box)
 
 
 def test_a_target_stamped_by_another_clock_is_refused(watching, box):
