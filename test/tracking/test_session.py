@@ -340,7 +340,7 @@ def test_a_target_from_long_before_the_first_frame_is_refused(session, images, b
     assert (outcome.frame, outcome.refused_target) == ("waiting", "")
     outcome = session.process(images[0], START + SECOND + 40_000_000)
     assert outcome.frame == "waiting"
-    assert "1.000 s before the oldest one here" in outcome.refused_target
+    assert "1.040 s before the oldest one here" in outcome.refused_target
 
 
 def test_a_target_that_comes_before_the_last_frame_of_a_pass_waits_for_the_first_of_the_next(
