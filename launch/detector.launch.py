@@ -20,13 +20,16 @@ from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.targets.parameters import SeveralTargetsParameters
 
+# Arguments that are parameters of the tracker and have the names of these.
+OF_THE_NODE = ("max_targets", "built_in_detector", "built_in_detector_rate")
+
 
 def start_tracker(context: LaunchContext) -> list[Node]:
     """The tracker node with what was given, and a console; the rest is for their own defaults."""
     given = Given(context)
     parameters = tracker_parameters(given)
     declared = declarations(NodeParameters)
-    for name in ("max_targets", "built_in_detector", "built_in_detector_rate"):
+    for name in OF_THE_NODE:
         if given.text(name):
             parameters[name] = given.parameter(name, declared[name])
     if labels := given.words("labels"):

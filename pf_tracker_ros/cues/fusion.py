@@ -62,14 +62,15 @@ class TemplateParameters:
     )
     confident_above: float = declared(
         0.0,
-        "No template is updated unless the frame at hand alone gives at least this confidence, "
-        "which rises from 0 over the first 40 frames.",
+        "No template is updated unless what the box holds looks at least so much like it, 0 to 1 "
+        "as a confidence; the least rises from 0 to this over the first 40 frames. Light that "
+        "jumps is learned all the same.",
         minimum=0.0,
         maximum=1.0,
     )
 
-    def confidence_asked(self, frames: int) -> float:
-        """The least confidence that lets the templates be updated, 0 to 1.
+    def similarity_asked(self, frames: int) -> float:
+        """The least similarity that lets the templates be updated, 0 to 1.
 
         Args:
             frames: For which the target has been followed.

@@ -27,6 +27,9 @@ def _normalized(log_weights: NDArray[np.float64]) -> NDArray[np.float64]:
     if math.isnan(largest):
         log_weights[np.isnan(log_weights)] = -np.inf
         largest = float(log_weights.max())
+    if largest == math.inf:
+        log_weights = np.where(log_weights == math.inf, 0.0, -np.inf)
+        largest = 0.0
     if math.isfinite(largest):
         log_weights -= largest
         log_weights -= math.log(np.exp(log_weights).sum())
@@ -40,8 +43,9 @@ class ParticleSet:
     """N weighted samples of a D-dimensional state; every operation returns another set.
 
     Weights are kept as logarithms, normalized at construction: a product of many small likelihoods
-    would underflow. A log weight that is NaN counts as minus infinity, a weight of zero. Where no
-    particle has a positive weight, all get the same, since nothing then speaks for any of them.
+    would underflow. A log weight that is NaN counts as minus infinity, a weight of zero; those that
+    are infinite share all of the weight. Where no particle has a positive weight, all get the same,
+    since nothing then speaks for any of them.
 
     Attributes:
         states: (N, D) read-only.

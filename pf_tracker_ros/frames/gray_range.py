@@ -38,7 +38,13 @@ def gray_range(image: NDArray[np.generic]) -> GrayRange | None:
 def sample(image: NDArray[np.generic]) -> Values:
     """(N,) values all over an image of uint16 or float32, those that are not finite left out."""
     stride = math.ceil(math.sqrt(image.size / _SAMPLES))
-    values = image[::stride, ::stride].ravel()
+    height, width = image.shape[:2]
+    down = across = stride
+    if min(height, width) < stride:
+        # A side that is so short is looked at in full, the other one the less.
+        longer = math.ceil(image.size / _SAMPLES)
+        down, across = (1, longer) if height < width else (longer, 1)
+    values = image[::down, ::across].ravel()
     return values if image.dtype == np.uint16 else values[np.isfinite(values)]
 
 

@@ -226,7 +226,7 @@ class Follower:
             return _Learned(templates, foresight, earlier)
         if not judged.learns:
             return _Learned(templates, foresight, earlier)
-        is_sure = match.similarity >= rules.confidence_asked(target.followed_frames)
+        is_sure = match.similarity >= rules.similarity_asked(target.followed_frames)
         if is_sure and math.exp(match.log_likelihood) > rules.update_above:
             templates = self._fusion.update(templates, measured.seen)
         if foresight:

@@ -66,8 +66,10 @@ class Coast:
 
     def judge(self, target: Target, measured: Measurement, judged: Judgment) -> Judgment:
         """See `WhileHidden.judge`."""
-        box = target.motion.boxes(measured.predicted.mean[None])[0]
-        return replace(judged, box=box, particles=measured.predicted, learns=False)
+        predicted = measured.unsearched or measured.predicted
+        box = target.motion.boxes(predicted.mean[None])[0]
+        boxes = target.motion.boxes(predicted.states)
+        return replace(judged, box=box, particles=predicted, boxes=boxes, learns=False)
 
     def begin_anew(self, target: Target, judged: Judgment) -> NDArray[np.float64] | None:
         """See `WhileHidden.begin_anew`."""
@@ -81,7 +83,8 @@ class Coast:
         foresight: KalmanForesight | None,
     ) -> tuple[ParticleSet, KalmanForesight | None]:
         """See `WhileHidden.go_on`."""
-        if judged.track.state == "lost":
+        # Another number of them that was just asked for has been drawn.
+        if judged.track.state == "lost" and len(particles) == len(target.particles):
             return target.particles, target.foresight
         return particles, foresight
 

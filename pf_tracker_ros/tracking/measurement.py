@@ -51,6 +51,7 @@ class Measurement(NamedTuple):
         runner_up: (4,) likeliest box beside the target's, pixels; None without a search.
         rival: (4,) box of what looks like the target beside it; None where nothing does, or nobody
             looks for it.
+        unsearched: The particles where the motion alone took them; None without a search.
     """
 
     frame: Frame
@@ -65,6 +66,7 @@ class Measurement(NamedTuple):
     search: Search | None = None
     runner_up: NDArray[np.float64] | None = None
     rival: NDArray[np.float64] | None = None
+    unsearched: ParticleSet | None = None
 
     @property
     def spread(self) -> float:
@@ -278,6 +280,7 @@ class SearchingMeasurer(Measurer):
             search,
             runner_up,
             rival,
+            prediction.particles,
         )
 
     def covariance(

@@ -26,7 +26,8 @@ NOMINAL_INTERVAL = 0.04
 class Tracker:
     """Tracks one target.
 
-    The same frames, box, parameters and seed give the same estimates, to the bit, on one machine.
+    The same frames, box, parameters and seed give the same estimates, to the bit, on one machine;
+    beyond ten thousand particles with one number of threads for NumPy's linear algebra.
 
     A tracker can be copied and pickled, with its target: the copy goes on with the same bits and on
     its own. `copy.copy` is as deep as `copy.deepcopy`, since two trackers cannot share a background

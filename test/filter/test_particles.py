@@ -57,6 +57,12 @@ def test_a_likelihood_of_zero_everywhere_leaves_the_weights(nothing):
     np.testing.assert_allclose(particles.reweight([nothing, nothing]).weights, [0.3, 0.7])
 
 
+def test_particles_of_infinite_likelihood_share_all_of_the_weight():
+    particles = ParticleSet(np.zeros((4, 1)), np.log([0.1, 0.2, 0.3, 0.4]))
+    weighed = particles.reweight([np.inf, 0.0, np.nan, np.inf])
+    np.testing.assert_allclose(weighed.weights, [0.5, 0.0, 0.0, 0.5])
+
+
 def test_a_particle_of_nan_likelihood_gets_no_weight():
     particles = ParticleSet.uniform(np.zeros((3, 1))).reweight([0.0, np.nan, 0.0])
     np.testing.assert_allclose(particles.weights, [0.5, 0.0, 0.5])

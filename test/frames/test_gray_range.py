@@ -7,7 +7,7 @@ import pytest
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.gain_control import GainControl
-from pf_tracker_ros.frames.gray_range import adapt_range, gray_range, to_8_bit
+from pf_tracker_ros.frames.gray_range import adapt_range, gray_range, sample, to_8_bit
 
 
 def thermal(low, high, seed=0):
@@ -24,6 +24,15 @@ def test_dead_and_hot_pixels_do_not_stretch_the_range():
 def test_the_range_of_a_large_image_is_that_of_a_sample():
     large = np.tile(thermal(7000, 8000), (5, 5))
     assert gray_range(large) == pytest.approx(gray_range(thermal(7000, 8000)), rel=0.01)
+
+
+@pytest.mark.parametrize("shape", [(1, 10**6), (10**6, 1), (3, 300_000), (700, 900), (5, 7)])
+def test_at_most_so_many_pixels_are_looked_at_all_over_the_image(shape):
+    image = np.arange(shape[0] * shape[1], dtype=np.float32).reshape(shape)
+    values = sample(image)
+    assert min(image.size, 9_000) <= values.size <= min(image.size, 20_500)
+    assert values.min() == 0
+    assert values.max() > 0.99 * image.max() - 3
 
 
 def test_the_range_follows_the_images_exponentially():

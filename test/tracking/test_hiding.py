@@ -128,3 +128,34 @@ def test_a_lost_target_that_is_followed_keeps_its_size_in_a_motion_that_counts_f
     found = tracker.update(picture(2.0))
     assert found.state == "tracking"
     assert found.box[2] == pytest.approx(60.0, rel=0.2)
+
+
+def test_a_target_that_is_lost_goes_on_with_the_number_of_particles_that_is_asked_for(couple):
+    tracker = Tracker.from_preset("li2007")
+    tracker.start(couple.images[0], couple.first[0])
+    blank = np.zeros_like(couple.images[0])
+    for _ in range(80):
+        estimate = tracker.update(blank, 0.04)
+    assert estimate.state == "lost"
+    tracker.set_parameters({"particles": 200})
+    for _ in range(2):
+        estimate = tracker.update(blank, 0.04)
+    assert (estimate.state, len(estimate.weights)) == ("lost", 200)
+
+
+def test_coasting_takes_no_particles_from_a_search(couple):
+    """With the same noise, a cloud spreads as far whether places were looked at or not."""
+    spreads = {}
+    for method in ("search", "transition"):
+        changed = {"proposal.method": method, "track.while_hidden": "coast", "particles": 2000}
+        tracker = Tracker.from_preset("default", 0, {**changed, "track.lost_after": 100.0})
+        tracker.start(couple.images[0], couple.first[0])
+        for _ in range(20):
+            tracker.update(couple.images[0], 0.04)
+        for _ in range(10):
+            estimate = tracker.update(np.zeros_like(couple.images[0]), 0.04)
+        assert estimate.state == "occluded"
+        centers = estimate.particles[:, :2]
+        mean = estimate.weights @ centers
+        spreads[method] = np.sqrt(estimate.weights @ ((centers - mean) ** 2).sum(axis=1))
+    assert spreads["search"] < 1.3 * spreads["transition"]

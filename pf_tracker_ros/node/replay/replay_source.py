@@ -22,6 +22,7 @@ from pf_tracker_ros.footage import (
     open_footage,
 )
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE
+from pf_tracker_ros.footage.cdr import read_compressed_image, read_image
 from pf_tracker_ros.node.message_building import box_message, image_message
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.stamps import set_stamp
@@ -129,7 +130,13 @@ class BagSource:
 
     def items(self) -> Generator[ReplayItem, None, None]:
         """Read the images in order; see `ReplaySource.items`."""
-        for image in self._bag.images():
+        read = read_compressed_image if self.image_type is CompressedImage else read_image
+        for index, image in enumerate(self._bag.images()):
+            # What cannot be read reaches no subscriber, which lockstep would wait for.
+            try:
+                read(image.message)
+            except FootageError as error:
+                raise FootageError(f"bag {self._bag.path}, frame {index}: {error}") from error
             yield ReplayItem(image.stamp, image.log_time, image.message, image.ground_truth)
 
 

@@ -111,3 +111,20 @@ def test_the_image_publisher_is_as_reliable_as_asked(pictures, stand_in, replay,
     tracker.spin_until(lambda: tracker.count_publishers("/image") == 1)
     (publisher,) = tracker.get_publishers_info_by_topic("/image")
     assert publisher.qos_profile.reliability == ReliabilityPolicy[reliability.upper()]
+
+
+def test_a_message_that_cannot_be_read_ends_the_replay_with_the_reason(
+    recordings, stand_in, replay, capfd
+):
+    """In lockstep nobody would answer it."""
+    rows = list(recordings.rows)
+    rows[2] = (*rows[2][:3], rows[2][3][:30])
+    path = recordings.write(rows)
+    tracker = stand_in()
+    tracker.listen()
+    node = replay(source=path, lockstep=True)
+    tracker.spin_until_ended(node)
+    assert node.exit_code == 1
+    assert tracker.seen("image") == [row[3] for row in rows[:2]]
+    log = capfd.readouterr().err
+    assert f"bag {path}, frame 2: a message of 30 bytes is cut off, or of another type" in log

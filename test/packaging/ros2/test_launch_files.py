@@ -110,7 +110,7 @@ def test_what_is_shared_is_read_where_it_is_called():
     assert both <= read(detector) & read(tracker)
     assert "large_images" in read(replay)
     assert "use_sim_time" not in read(replay)
-    assert {"preset", "seed"} <= parameters_set(detector) & parameters_set(tracker)
+    assert {"preset", "seed"} <= {*constants(parsed(SHARING))["OF_THE_TRACKER"]}
     assert parameters_set(replay) == {"rate", "target_box"}
 
 
@@ -157,8 +157,10 @@ def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
         tree = parsed(path)
         assert parameters_set(tree) <= known.keys()
         values = shared | constants(tree)
-        assert all(known[name].type is str for name in values["TEXTS"])
+        assert all(known[name].type is str for name in values.get("TEXTS", ()))
         assert all(known[name].type is bool for name in values.get("FLAGS", ()))
+        assert {*values.get("OF_THE_NODE", ())} <= known.keys()
+    assert {*shared["OF_THE_TRACKER"]} <= of_node.keys()
 
 
 # From here on the launch files are run.
