@@ -100,6 +100,7 @@ class ParameterBinding:
         *,
         usual: Callable[[Values], Values] | None = None,
         renewed_by: str = "",
+        kept: Collection[str] = (),
         superseded: Collection[str] = (),
         keeps_read_only: bool = True,
     ) -> None:
@@ -113,11 +114,14 @@ class ParameterBinding:
                 another than the declared default; may name what is not there.
             renewed_by: Full name of a parameter that was declared before: when it is set, all of
                 this group begin anew from `usual`.
+            kept: Full names of those that do not.
             superseded: Full names that count as not given at start-up.
             keeps_read_only: Whether what is declared read-only is so on the node; it can't be
                 where it does not stay.
         """
-        group = ParameterGroup(group_type, keeps_read_only, usual or (lambda _: {}), renewed_by)
+        superseded = set(superseded) - set(kept)
+        usual = usual or (lambda _: {})
+        group = ParameterGroup(group_type, keeps_read_only, usual, renewed_by, kept)
         given = {name: one for name, one in self._overrides.items() if name not in superseded}
         reading = group.read(given, {}, self.values)
         refused = dict(reading.wrong)
@@ -127,7 +131,7 @@ class ParameterBinding:
         for reason in refused.values():
             self._report(reason)
         self.refused |= refused
-        self._superseded |= group.every.keys() & set(superseded)
+        self._superseded |= group.every.keys() & superseded
         self._groups.append(group)
         self.values |= reading.values
         self._put(reading.there.values(), reading.values)
@@ -216,7 +220,7 @@ class ParameterBinding:
         for group in self._groups:
             before = {name: one for name, one in self.values.items() if name in group.every}
             if group.renewed_by in request.changes:
-                before = {}
+                before = {name: one for name, one in before.items() if name in group.kept}
             reading = group.read(given, before, request.values)
             request.there.update(reading.there)
             request.values.update(reading.values)

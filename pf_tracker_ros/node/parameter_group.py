@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -51,12 +51,14 @@ class ParameterGroup:
             than the declared default; may name what is not there.
         renewed_by: Full name of a parameter of a group before: when it is set, all of this group
             begin anew from `usual`. Empty for none.
+        kept: Full names of those that do not.
     """
 
     group_type: type
     keeps_read_only: bool
     usual: Callable[[Values], Values]
     renewed_by: str
+    kept: Collection[str] = ()
 
     @cached_property
     def every(self) -> dict[str, Declaration]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -85,6 +85,10 @@ class Following(Protocol):
     @property
     def tunables(self) -> type:
         """The declared group of the tracker's parameters."""
+
+    @property
+    def kept(self) -> Collection[str]:
+        """Full names of those that no preset decides on."""
 
     def usual(self, preset: str) -> Values:
         """Full name to value of each of the tracker's parameters in a preset."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import partial
 from typing import Any
 
@@ -37,6 +37,7 @@ class OneTarget:
     """
 
     tunables = TrackerParameters
+    kept: Collection[str] = ()
 
     def __init__(self, logger: Any) -> None:
         self._log = logger

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import partial
 from typing import Any
 
@@ -21,7 +21,7 @@ from pf_tracker_ros.node.tracker.several_input import DETECTIONS_TOPIC, NOT_INST
 from pf_tracker_ros.node.tracker.several_outputs import SeveralOutputs
 from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED
 from pf_tracker_ros.node.tracker.state_log import TargetsLog
-from pf_tracker_ros.parameters import declarations
+from pf_tracker_ros.parameters import all_declarations, declarations
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS, Detector
@@ -48,6 +48,10 @@ class SeveralTargets:
     """
 
     tunables = SeveralTargetsParameters
+    # They tell of the detector that there is, and not of how it is made use of.
+    kept: Collection[str] = tuple(
+        name for name in all_declarations(SeveralTargetsParameters) if name.startswith("detector.")
+    )
 
     def __init__(self, logger: Any) -> None:
         self._logger = logger

@@ -71,6 +71,7 @@ class TrackerNode(ManagedNode):
             self._following.tunables,
             usual=lambda values: self._following.usual(values["preset"]),
             renewed_by="preset",
+            kept=self._following.kept,
             superseded=files_superseded_by(
                 "preset",
                 self.get_fully_qualified_name(),
