@@ -12,12 +12,13 @@ _OF_TRACKERS = ("overlay", "likelihood")
 _MOST_NAMED = 3
 
 
-def where_images_are(node: Node, topic: str) -> str:
+def where_images_are(node: Node, topic: str, *, compressed: bool = False) -> str:
     """What to do about images that do not come, where nobody publishes them.
 
     Args:
         node: That waits for them.
         topic: Full name of the topic on which it does.
+        compressed: Whether it waits for compressed images.
 
     Returns:
         The end of a sentence; empty where the topic has a publisher.
@@ -31,7 +32,8 @@ def where_images_are(node: Node, topic: str) -> str:
     more = len(others) - len(named)
     text = ", ".join(named) + (f" and {more} more" if more else "")
     first, kind = next(iter(others.items()))
-    return f": nobody publishes {topic}, but {text} ({_cure(topic, first, kind)})"
+    cure = _cure(topic, first, kind, compressed=compressed)
+    return f": nobody publishes {topic}, but {text} ({cure})"
 
 
 def where_images_are_taken(node: Node, topic: str, *, compressed: bool) -> str:
@@ -79,9 +81,9 @@ def _is_of_a_tracker(topic: str, kinds: Collection[str]) -> bool:
     return name in _OF_TRACKERS and f"{node}/particles" in kinds
 
 
-def _cure(topic: str, other: str, kind: str) -> str:
+def _cure(topic: str, other: str, kind: str, *, compressed: bool) -> str:
     """The arguments that let who waits on a topic hear another one."""
-    if kind == _RAW and topic == other + _SUFFIX:
+    if kind == _RAW and compressed and topic == other + _SUFFIX:
         return "-p image_transport:=raw"
     transport = " -p image_transport:=compressed" if kind == _COMPRESSED else ""
     return _remapping(other, kind) + transport

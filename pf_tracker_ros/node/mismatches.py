@@ -24,6 +24,7 @@ _PERIOD = 0.5
 _MOST_UNNAMED = 8
 # rclpy tells of it by itself.
 _OF_RCLPY = "/parameter_events"
+_RAW, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 # Those by which two endpoints may differ too much, each on its own.
 _POLICIES = ("reliability", "durability", "deadline", "liveliness", "liveliness_lease_duration")
 
@@ -125,7 +126,9 @@ class MismatchWatch:
         if policy == "type":
             they, we = ("takes", "publishes") if publishes else ("publishes", "takes")
             said = f"{other}, which {they} {stranger.topic_type}, but {me} {we} {own.topic_type}"
-            cure = "; remap one of the two"
+            cure = "; " + _type_cure(
+                topic, own.topic_type, stranger.topic_type, publishes=publishes
+            )
         else:
             theirs = _value(stranger.qos_profile, policy)
             mine = _value(own.qos_profile, policy)
@@ -136,6 +139,15 @@ class MismatchWatch:
             )
         where = f"{topic} does not reach" if publishes else f"nothing arrives on {topic} from"
         yield _Mismatch(topic, tuple(stranger.endpoint_gid), policy), f"{where} {said}{cure}"
+
+
+def _type_cure(topic: str, own: str, other: str, *, publishes: bool) -> str:
+    """What to do where a topic has messages of two types."""
+    if not publishes and (own, other) == (_RAW, _COMPRESSED):
+        base = topic.removesuffix("/compressed")
+        remapping = "" if base == topic else f" -r image:={base}"
+        return f"take them with -p image_transport:=compressed{remapping}"
+    return "remap one of the two" if publishes else f"publish {own}, or remap one of the two"
 
 
 def _difference(

@@ -28,6 +28,8 @@ _HOW_TO_GIVE = (
     "file with the node's name and ros__parameters above the parameters"
 )
 
+_OF_ARGUMENTS = "Couldn't parse"
+
 # Seconds from one collection of garbage to the next.
 _COLLECT_EVERY = 1.0
 
@@ -52,7 +54,10 @@ def run(create: Callable[[], Node], arguments: list[str] | None = None) -> None:
     except rclpy_implementation.UnknownROSArgsError as error:
         sys.exit(f"not understood after --ros-args: {str(error).strip('[]')}; {_HOW_TO_GIVE}")
     except RuntimeError as error:
-        sys.exit(f"the ROS arguments cannot be read: {error}; {_HOW_TO_GIVE}")
+        # It has one kind of error for all that keeps it from starting.
+        if _OF_ARGUMENTS in str(error):
+            sys.exit(f"the ROS arguments cannot be read: {error}; {_HOW_TO_GIVE}")
+        sys.exit(f"ROS cannot start: {error}")
     # While nothing can take the context away: one that is half made complains as it goes.
     executor = SingleThreadedExecutor()
     with _ended_by_signal(reader):

@@ -38,6 +38,14 @@ def test_of_many_topics_a_few_are_named_and_compressed_ones_get_their_transport(
     )
 
 
+def test_raw_images_beside_a_topic_of_compressed_ones_are_taken_by_transport_or_name(waiting):
+    _, node = waiting
+    said = ": nobody publishes /image/compressed, but /image ("
+    for compressed, cure in ((True, "-p image_transport:=raw"), (False, "-r image:=/image")):
+        found = where_images_are(node, "/image/compressed", compressed=compressed)
+        assert found == f"{said}{cure})"
+
+
 def test_what_a_node_publishes_itself_is_no_camera(graph):
     node = graph.client()
     node.destroy_publisher(node.images)
@@ -71,11 +79,4 @@ def test_what_a_tracker_makes_of_images_is_no_camera(waiting, graph):
     client.wait_for(lambda: node.count_publishers("/pf_tracker/overlay"), "the tracker")
     assert where_images_are(node, "/none") == (
         ": nobody publishes /none, but /image (-r image:=/image)"
-    )
-
-
-def test_whoever_waits_for_compressed_images_is_told_of_raw_ones(waiting):
-    _, node = waiting
-    assert where_images_are(node, "/image/compressed") == (
-        ": nobody publishes /image/compressed, but /image (-p image_transport:=raw)"
     )

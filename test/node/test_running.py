@@ -218,3 +218,15 @@ def test_arguments_that_ros_does_not_take_are_answered_with_how_to_give_them(arg
     last = done.stderr.splitlines()[-1]
     assert last.startswith(said)
     assert "-p NAME:=VALUE" in last
+
+
+def test_what_keeps_ros_from_starting_is_not_blamed_on_the_arguments(monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
+    command = ["from pf_tracker_ros.node.running import run", "import sys", "run(None, sys.argv)"]
+    done = subprocess.run(
+        [sys.executable, "-c", "; ".join(command)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("ROS cannot start: ")
+    assert "ROS_DOMAIN_ID is not an integral number" in last

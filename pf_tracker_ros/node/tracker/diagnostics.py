@@ -42,6 +42,7 @@ class Health:
         expects_images: Whether it is a fault if none come.
         image_topic: Of the images, empty while they are not subscribed to.
         image_reliability: With which they are subscribed to, `reliable` or `best_effort`.
+        is_compressed: Whether they are to come compressed.
         values: More to know, key to value.
     """
 
@@ -50,6 +51,7 @@ class Health:
     expects_images: bool
     image_topic: str
     image_reliability: str
+    is_compressed: bool
     values: dict[str, Value]
 
 
@@ -146,7 +148,9 @@ class Diagnostics:
         is_silent = health.expects_images and silent > self._stale_after()
         if is_silent:
             level = max(level, DiagnosticStatus.WARN)
-            where = where_images_are(self._node, health.image_topic)
+            where = where_images_are(
+                self._node, health.image_topic, compressed=health.is_compressed
+            )
             said = f"no image for {silent:.1f} s{where}"
             if where != self._said_missing:
                 self._node.get_logger().warning(said)

@@ -375,6 +375,7 @@ class TrackerNode(ManagedNode):
             expects_images=active and self._enabled,
             image_topic=self._images.topic,
             image_reliability=self._images.reliability,
+            is_compressed=self._values["image_transport"] == "compressed",
             values=values,
         )
 

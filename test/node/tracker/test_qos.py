@@ -113,9 +113,17 @@ def test_a_topic_with_messages_of_another_type_is_told_of(graph):
     assert text == (
         "nothing arrives on /pf_tracker/target from /other, which publishes "
         "geometry_msgs/msg/PointStamped, but /pf_tracker takes geometry_msgs/msg/PolygonStamped; "
-        "remap one of the two"
+        "publish geometry_msgs/msg/PolygonStamped, or remap one of the two"
     )
     other.destroy_node()
+
+
+def test_compressed_images_where_raw_ones_are_taken_are_told_of_with_how_to_take_them(graph):
+    client = graph.client()
+    graph.tracker(client, cli_args=["--ros-args", "-r", "image:=/eye/compressed"], **QUICK)
+    client.create_publisher(CompressedImage, "/eye/compressed", 1)
+    text = client.wait_for(lambda: last_error(client), "report")
+    assert text.endswith("; take them with -p image_transport:=compressed -r image:=/eye")
 
 
 def test_whoever_cannot_match_is_told_of_once_each_time_that_it_comes(graph):
