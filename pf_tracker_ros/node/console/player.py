@@ -196,7 +196,8 @@ class Player:
         Called in another thread, which plays the frame after it.
         """
         target = self._due
-        if target is None or index != target.frame:
+        # One that was stopped or refused meanwhile is due no more.
+        if target is None or target is not self.picked or index != target.frame:
             return
         self._due = None
         for _ in range(_ATTEMPTS):

@@ -224,6 +224,18 @@ def test_stop_forgets_the_target_of_the_recording(player, moving_square):
     assert player.box is None
 
 
+def test_a_target_that_waits_for_its_frame_is_forgotten_by_stop(player, moving_square):
+    go_to(player, 4)
+    draw(player, moving_square.boxes[4])
+    go_to(player, 2)
+    player.keyboard.press("s")
+    player.wait_until(lambda: "there was no target" in player.text("note"), "answer")
+    for index in (3, 4, 5):
+        player.keyboard.press("n")
+        at_frame(player, index)
+        assert player.box is None, index
+
+
 def test_the_target_is_saved_beside_the_recording(player, moving_square, bag):
     go_to(player, 3)
     box = draw(player, moving_square.boxes[3])
