@@ -393,6 +393,28 @@ def test_the_bag_is_logged_when_the_images_were(
     assert times == {row[2] for row in messages}
 
 
+@pytest.mark.parametrize("step", [0, -10_000_000])
+def test_frames_that_are_skipped_for_their_stamps_are_told_of_with_the_reason(
+    track, make_stamped, write_bag, tmp_path, step
+):
+    rows = []
+    for index in range(4):
+        pixels = np.zeros(120 * 160 * 3, np.uint8)
+        message = make_stamped(
+            "sensor_msgs/msg/Image", 5 * 10**9 + index * step, height=120, width=160,
+            encoding="bgr8", is_bigendian=0, step=480, data=pixels,
+        )  # fmt: skip
+        rows.append(("/eye", "sensor_msgs/msg/Image", 5 * 10**9 + index, message))
+    bag = write_bag(tmp_path / "drive", rows)
+    code, said, errors = track(bag, "--output", tmp_path / "out", *BOX, *QUICK)
+    assert code == 0
+    assert "75% skipped" in said
+    reason = "before that of" if step else "that of"
+    assert errors == (
+        f"track: frames were skipped, the first because its stamp is {reason} the frame before\n"
+    )
+
+
 def test_the_image_topic_of_a_bag_can_be_named(track, rows, moving_square_sequence, tmp_path):
     bag = tmp_path / "drive.mcap"
     write_footage(open_footage(moving_square_sequence), bag, topic="/left/image")
