@@ -22,7 +22,8 @@ _PATIENCE = 3.0
 # The same where no image comes by itself, which a target that is tried needs none of.
 _PATIENCE_STILL = 1.0
 _TICK = 0.1
-_MEETING_TICKS = 20
+# As of the services.
+_MEETING_TICKS = 50
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,8 @@ from pf_tracker_ros.node.console.tuning import shaped, shown_names
 _PATIENCE = 2.0
 _ATTEMPTS = 2
 _TICK = 0.1
-_MEETING_TICKS = 20
+# Participants announce themselves every 3 seconds: where a packet is lost they meet that late.
+_MEETING_TICKS = 50
 
 
 class TrackerError(Exception):

@@ -66,6 +66,8 @@ def player(tracker, start_console, open_page, bag):
     page = open_page(start_console(source=str(bag)).link)
     page.wait_until(lambda: page.stamp == stamp_at(0), "first frame")
     page.wait_until(lambda: page.text("frame") == "0 / 19", "position")
+    # The services may be found later than the images.
+    page.locator("#groups details").first.wait_for(state="attached")
     return page
 
 
