@@ -9,7 +9,9 @@ a way adds to the tracker's time for a frame, and to the age of the answer in th
 the percentiles over the frames of all its turns, in brackets the 95 % interval when the rounds are
 drawn anew. Shown is what the page has drawn when its next animation frame begins; the age counts
 from the stamp, which the camera takes as it publishes. The browser gets the time that the others
-leave (the idle scheduling policy), as it would run on another machine.
+leave (the idle scheduling policy, and the last place among the sessions), as it would run on
+another machine. The images have the spectrum of pictures of the world, so that they cost as JPEG
+what those of a camera do.
 
     python benchmarks/console_rate.py --rounds 5 --seconds 10
 """
@@ -33,10 +35,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import rclpy
 from arguments import at_least
+from console_runs.scene import camera_like
 from console_runs.watchers import launcher_of, page_of, relay, taker
 from diagnostic_msgs.msg import DiagnosticArray
 from domain_coordinator import domain_id
-from frame_loss import SIZES, START_TIMEOUT, Camera, moving_noise, play
+from frame_loss import SIZES, START_TIMEOUT, Camera, moving_over, play
 from node_runs.processes import bare_command, cpu_ms, process
 from numpy.typing import NDArray
 from playwright.sync_api import sync_playwright
@@ -244,7 +247,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--size", choices=SIZES, default="768x576")
     given = parser.parse_args(arguments)
     chromium = shutil.which("chromium") or parser.error("needs Chromium: apt install chromium")
-    frames = moving_noise(*SIZES[given.size])
+    frames = moving_over(camera_like(*SIZES[given.size]))
     turns: dict[str, list[Turn]] = defaultdict(list)
     with domain_id() as domain, contextlib.ExitStack() as stack:
         os.environ |= {

@@ -28,6 +28,7 @@ import rclpy
 from arguments import at_least
 from diagnostic_msgs.msg import DiagnosticArray
 from domain_coordinator import domain_id
+from numpy.typing import NDArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -99,10 +100,15 @@ class Camera(Node):
 
 
 def moving_noise(width: int, height: int) -> list[Image]:
-    """Frames of a textured square that goes left and right over a textured ground."""
+    """Frames of a textured square that goes left and right over a ground of noise."""
     generator = np.random.default_rng(0)
-    ground = generator.integers(60, 120, (height, width, 3), dtype=np.uint8)
-    square = generator.integers(150, 255, (40, 40, 3), dtype=np.uint8)
+    return moving_over(generator.integers(60, 120, (height, width, 3), dtype=np.uint8))
+
+
+def moving_over(ground: NDArray[np.uint8]) -> list[Image]:
+    """Frames of a textured square that goes left and right over a (height, width, 3) ground."""
+    height, width = ground.shape[:2]
+    square = np.random.default_rng(1).integers(150, 255, (40, 40, 3), dtype=np.uint8)
     messages = []
     for step in [*range(30), *range(28, 0, -1)]:
         image = ground.copy()

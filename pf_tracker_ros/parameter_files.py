@@ -84,6 +84,11 @@ def names_for(document: Any, node_name: str) -> Iterator[str]:
             yield from _flat(parameters, "")
 
 
+def patterns_of(document: Any) -> list[str]:
+    """The patterns of node names that a file has parameters for, in its order."""
+    return list(dict.fromkeys(pattern for pattern, _ in _sections(document, "")))
+
+
 def applies(pattern: str, node_name: str) -> bool:
     """Whether a node's fully qualified name is one that rcl's pattern of names is for."""
     parts = pattern.strip("/").split("/")

@@ -27,7 +27,8 @@ def where_images_are(node: Node, topic: str, *, compressed: bool = False) -> str
         return ""
     others = _image_topics(node, node.count_publishers)
     if not others:
-        return f": nobody publishes {topic}, nor other images"
+        domain = node.context.get_domain_id()
+        return f": nobody publishes {topic}, nor other images, with ROS_DOMAIN_ID {domain}"
     named = list(others)[:_MOST_NAMED]
     more = len(others) - len(named)
     text = ", ".join(named) + (f" and {more} more" if more else "")

@@ -1,4 +1,4 @@
-"""In which order parameters were given at start-up: rcl hands them over merged.
+"""What gave the parameters at start-up, and in which order: rcl hands them over merged.
 
 A preset replaces the values of the parameter files before it, and of those alone: what the command
 line names by `-p` is meant beside it, and a file behind it comes over it. (A launch file's
@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from pf_tracker_ros.parameter_files import applies, names_for
+from pf_tracker_ros.parameter_files import applies, names_for, patterns_of
 from pf_tracker_ros.ros_arguments import split_ros_arguments
 from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
@@ -38,6 +38,31 @@ def files_superseded_by(name: str, node_name: str, command_line: Sequence[str]) 
     kept = {one for source in sources[last:] for one in source.names}
     kept |= {one for source in sources if not source.is_file for one in source.names}
     return {one for source in sources[:last] for one in source.names} - kept
+
+
+def files_for_others(node_name: str, command_line: Sequence[str]) -> Iterator[str]:
+    """What is to be told of each parameter file that gives a node nothing, as rcl tells nothing.
+
+    Args:
+        node_name: Fully qualified name of the node.
+        command_line: As for `files_superseded_by`.
+    """
+    for path in _files(command_line):
+        with contextlib.suppress(YamlError):
+            patterns = patterns_of(read_yaml(path, "parameter file"))
+            if patterns and not any(applies(pattern, node_name) for pattern in patterns):
+                yield (
+                    f"the parameter file {path} gives {node_name} nothing: it is for "
+                    f"{' and '.join(patterns)}; {node_name} or /** has to stand above its "
+                    "ros__parameters"
+                )
+
+
+def _files(command_line: Sequence[str]) -> Iterator[Path]:
+    _, arguments = split_ros_arguments(command_line)
+    for option, value in itertools.pairwise(arguments):
+        if option in _FILE_OPTIONS:
+            yield Path(value)
 
 
 class _Source(NamedTuple):

@@ -20,6 +20,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
 
+from pf_tracker_ros.node.override_sources import files_for_others
 from pf_tracker_ros.signals import hold_signals, ignore_signals
 
 _HOW_TO_GIVE = (
@@ -62,7 +63,12 @@ def run(create: Callable[[], Node], arguments: list[str] | None = None) -> None:
     executor = SingleThreadedExecutor()
     with _ended_by_signal(reader):
         try:
-            _spin(executor, _started(create))
+            node = _started(create)
+            for problem in files_for_others(
+                node.get_fully_qualified_name(), sys.argv if arguments is None else arguments
+            ):
+                node.get_logger().warning(problem)
+            _spin(executor, node)
         except Exception:
             # Whatever is half made when the context goes away may raise anything.
             if ok():

@@ -190,13 +190,7 @@ def read_targets(path: Path, source: Path) -> tuple[Target, ...]:
     return tuple(targets)
 
 
-def target_text(targets: Sequence[Target], source: Path) -> str:
-    """Targets as their file has them.
-
-    Args:
-        targets: At least one, each with a box.
-        source: The recording that they are in.
-    """
+def _file_text(targets: Sequence[Target], source: Path) -> str:
     texts = [_entry_text(target) for target in targets]
     recording = _yaml_line("recording", resolved(source).name)
     if len(texts) == 1:
@@ -228,24 +222,29 @@ def _yaml_line(name: str, value: str) -> str:
     return str(yaml.safe_dump({name: value}, allow_unicode=True, width=math.inf))
 
 
-def save_targets(targets: Sequence[Target], source: Path) -> Path:
-    """Write the target file of a recording where there is none yet, whole or not at all.
+def save_targets(targets: Sequence[Target], source: Path, *, may_replace: bool = False) -> Path:
+    """Write the target file of a recording, whole or not at all.
 
     Args:
-        targets: As for `target_text`.
-        source: Likewise.
+        targets: At least one, each with a box.
+        source: The recording that they are in.
+        may_replace: Whether one that is there may be written over; of a link, what it leads to.
 
     Returns:
         Path of the file.
 
     Raises:
-        OSError: It cannot be written, or there is one.
+        OSError: It cannot be written, or there is one that may not be written over.
     """
     path = target_file(source)
-    with tempfile.TemporaryDirectory(prefix=".track_", dir=path.parent) as folder:
-        draft = Path(folder) / path.name
-        draft.write_text(target_text(targets, source), encoding="utf-8")
-        put_in_place(draft, path)
+    place = resolved(path) if may_replace else path
+    with tempfile.TemporaryDirectory(prefix=".track_", dir=place.parent) as folder:
+        draft = Path(folder) / place.name
+        draft.write_text(_file_text(targets, source), encoding="utf-8")
+        if may_replace:
+            draft.replace(place)
+        else:
+            put_in_place(draft, place)
     return path
 
 

@@ -163,9 +163,8 @@ class MultiTracker:
         for life in unseen:
             if life.is_told and life.key in self._names:
                 raise ParameterError(
-                    f"the target {self._names[life.key]} would have to be learned again, and was "
-                    f"not seen in the last {self._history.seconds:.2g} s; stop it first, or wait "
-                    "until it is seen"
+                    f"the target {self._names[life.key]} would have to be learned again, and no "
+                    "frame that is still kept shows it; stop it first, or wait until it is seen"
                 )
         return crowd, ()
 

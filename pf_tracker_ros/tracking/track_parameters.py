@@ -16,7 +16,8 @@ class TrackParameters(TrackThresholds):
     confidence_rate: float = declared(
         1.0,
         "Share of each frame in the confidence while it rises; it falls at once. With less, good "
-        "looks after a doubtful one must be several.",
+        "looks after a doubtful one must be several. Where the search finds an occluded target "
+        "elsewhere, it is what the search says of that place.",
         minimum=0.01,
         maximum=1.0,
     )

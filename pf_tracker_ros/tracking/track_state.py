@@ -24,7 +24,7 @@ class TrackThresholds:
     recovered_above: float = declared(
         0.5,
         "An occluded or lost target is seen again when the confidence reaches this, and also "
-        "'occluded_below'.",
+        "'occluded_below', or when the search finds an occluded one elsewhere.",
         minimum=0.0,
         maximum=1.0,
     )

@@ -51,7 +51,10 @@ def test_what_a_node_publishes_itself_is_no_camera(graph):
     node.destroy_publisher(node.images)
     node.create_publisher(Image, "~/overlay", 1)
     node.wait_for(lambda: node.count_publishers("/client/overlay"), "its own topic")
-    assert where_images_are(node, "/none") == ": nobody publishes /none, nor other images"
+    assert where_images_are(node, "/none") == (
+        ": nobody publishes /none, nor other images, with ROS_DOMAIN_ID "
+        f"{node.context.get_domain_id()}"
+    )
 
 
 def test_subscribers_elsewhere_are_named_if_they_take_the_same_kind(waiting):

@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from pf_tracker_ros.node.override_sources import files_superseded_by
+from pf_tracker_ros.node.override_sources import files_for_others, files_superseded_by
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 OWN = """\
@@ -84,6 +84,24 @@ def test_what_was_given_before_the_preset_is_known(files, node, arguments, befor
     assert files_superseded_by("preset", node, command_line) == before
 
 
+@pytest.mark.parametrize(
+    ("node", "told"),
+    [
+        ("/pf_tracker", {"others": "/left/pf_tracker and /right/pf_tracker and /*/other"}),
+        ("/left/pf_tracker", {}),
+        ("/right/other", {}),
+        ("/other", {"others": "/left/pf_tracker"}),
+    ],
+)
+def test_a_file_for_other_nodes_is_told(files, node, told):
+    given = [word for path in files.values() for word in ("--params-file", path)]
+    problems = list(files_for_others(node, ["tracker", "--ros-args", *given]))
+    assert len(problems) == len(told)
+    for problem, (name, patterns) in zip(problems, told.items(), strict=True):
+        assert f"{files[name]} gives {node} nothing: it is for {patterns}" in problem
+    assert list(files_for_others(node, ["tracker", *given])) == []
+
+
 def test_what_is_not_for_ros_is_left_alone(files):
     command_line = ["tracker", "--params-file", files["own"], "-p", "preset:=li2007"]
     assert files_superseded_by("preset", "/pf_tracker", command_line) == set()
@@ -126,12 +144,14 @@ DUMPED = """\
 
 
 def test_what_a_preset_supersedes_says_nothing_of_parts_and_names_that_it_has_not(
-    graph, tmp_path, images
+    graph, tmp_path, images, files
 ):
+    others = files["others"]
     path = tmp_path / "dumped.yaml"
     path.write_text(DUMPED)
     client = graph.client()
-    arguments = f"--params-file {path} -p preset:=li2007 -p image_reliability:=reliable"
+    arguments = f"--params-file {path} --params-file {others} -p preset:=li2007"
+    arguments += " -p image_reliability:=reliable"
     process = graph.process(*arguments.split())
     client.meet()
     assert client.tunables() == preset_parameters("li2007")
@@ -139,6 +159,7 @@ def test_what_a_preset_supersedes_says_nothing_of_parts_and_names_that_it_has_no
     process.send_signal(signal.SIGINT)
     log, _ = process.communicate(timeout=30)
     assert "hog.sharpness" not in log
+    assert f"{others} gives /pf_tracker nothing: it is for /left/pf_tracker" in log
     needs = "use 'hog.power', which needs cues 'hog' and another; it has no effect"
     assert f"'oriented_gradients.power'; {needs}" in log
 

@@ -1,7 +1,9 @@
 """The target of a recording: the box given, the file beside it, its truth."""
 
+import errno
 import math
 import warnings
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 from pf_tracker_ros.recordings import RecordingError, choose_target, open_recording
 from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.errors import WRONG_TARGET
+from pf_tracker_ros.recordings.target import Target, save_targets
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 
@@ -172,6 +175,33 @@ def test_a_box_beyond_single_precision_is_refused_without_a_warning(moving_squar
         box = choose_target(recording, (1e308, 2, 1e308, 4)).box_in(next(recording.frames()))
     assert box is not None
     assert not np.isfinite(box).all()
+
+
+@pytest.fixture
+def drawn():
+    return [Target((1.0, 2.0, 30.0, 40.0), 7, 3, (160, 120))]
+
+
+def test_a_target_file_that_is_a_link_stays_one(tmp_path, drawn):
+    kept = tmp_path / "kept.yaml"
+    kept.write_text("target_box: [9, 9, 9, 9]\n")
+    link = tmp_path / "drive.target.yaml"
+    link.symlink_to(kept)
+    with pytest.raises(FileExistsError):
+        save_targets(drawn, tmp_path / "drive.mcap")
+    assert save_targets(drawn, tmp_path / "drive.mcap", may_replace=True) == link
+    assert link.is_symlink()
+    assert "target_box: [1.0, 2.0, 30.0, 40.0]" in kept.read_text()
+
+
+def test_a_target_file_that_cannot_be_written_leaves_nothing_behind(tmp_path, drawn, monkeypatch):
+    def fail(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", fail)
+    with pytest.raises(OSError, match="No space left"):
+        save_targets(drawn, tmp_path / "drive.mcap", may_replace=True)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_truth_without_any_box_is_no_target(write_sequence, moving_square):

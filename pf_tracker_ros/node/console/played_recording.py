@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from pf_tracker_ros.node.replay.replay_node import ReplayNode
 from pf_tracker_ros.node.running import spin_until_shutdown
 from pf_tracker_ros.recordings import open_recording
 from pf_tracker_ros.recordings.beside import target_file
-from pf_tracker_ros.recordings.target import Target, read_target_file, target_text
+from pf_tracker_ros.recordings.target import Target, read_target_file, save_targets
 
 _SETTLING = 30.0
 # A frame that is played twice is a duplicate to the tracker, and its box is gone from the page. No
@@ -208,11 +207,7 @@ class PlayedRecording:
             OSError: It cannot be written.
         """
         saved = Target(target.box, target.stamp, target.frame, target.image_size)
-        text = target_text([saved], self._path)
-        path = self._target_file
-        unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-        unfinished.write_text(text, encoding="utf-8")
-        unfinished.replace(path)
+        path = save_targets([saved], self._path, may_replace=True)
         self._look_for_target()
         return path
 
