@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+# A box that ends within so many pixels of the image's border is cut by it.
+_CUT_WITHIN = 2.0
+
 
 def intersections(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, M) px^2 that each of (N, 4) boxes shares with each of (M, 4)."""
@@ -24,3 +27,9 @@ def overlaps(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np
 def covered(boxes: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, M) share, 0 to 1, of each of (N, 4) boxes that each of (M, 4) covers."""
     return intersections(boxes, by) / np.maximum(boxes[:, 2] * boxes[:, 3], 1e-9)[:, None]
+
+
+def is_cut(box: NDArray[np.float64], image_size: tuple[int, int]) -> bool:
+    """Whether a (4,) box goes to the border of the image."""
+    ends = box[:2] + box[2:]
+    return bool((box[:2] < _CUT_WITHIN).any() or (ends > np.array(image_size) - _CUT_WITHIN).any())

@@ -17,7 +17,7 @@ from pf_tracker_ros.targets.associator import CENTER_SPREAD
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.detections import Sighting
-from pf_tracker_ros.targets.geometry import overlaps
+from pf_tracker_ros.targets.geometry import is_cut, overlaps
 from pf_tracker_ros.targets.life import Key, Life
 from pf_tracker_ros.tracking.follower import Follower
 
@@ -29,8 +29,6 @@ _FIRST_BELIEF = 1.0
 _RIVAL_BELIEF = -0.45
 # Seconds; what a detector says in as many of its answers as come within them is confirmed.
 _CONFIRMED_WITHIN = 0.3
-# A box that ends within so many pixels of the image's border is cut by it.
-_CUT_WITHIN = 2.0
 # Which child of the seed the targets' randomness comes from; others are the camera's.
 _RANDOMNESS_KEY = 1
 
@@ -57,7 +55,7 @@ class Initiator:
     def begin_rival(self, frame: Frame, box: NDArray[np.float64], key: Key, host: Life) -> Life:
         """What looks like a target beside it, in a (4,) box: no detector has found it so far."""
         life = self._life(frame, box, key, look_at(frame, box)).voted(host.label, 0.0)
-        return replace(life, belief=_RIVAL_BELIEF, confirmations=0, host=host.key)
+        return replace(life, belief=_RIVAL_BELIEF, confirmations=0, host=host.key, stood=None)
 
     def start(self, crowd: Crowd, frame: Frame, rest: Sequence[tuple[int, Sighting]]) -> Crowd:
         """The crowd with new targets.
@@ -140,15 +138,10 @@ class Initiator:
         randomness = Randomness.of(np.random.default_rng(child))
         target = self._follower.begin(frame, as_box(box), randomness)
         course = Course.begin(box, CENTER_SPREAD * box[2:])
-        return Life(key, target, look, course, np.log(box[2:]), _FIRST_BELIEF)
+        stood = None if is_cut(box, frame.size) else box
+        return Life(key, target, look, course, np.log(box[2:]), _FIRST_BELIEF, stood=stood)
 
 
 def _is_on(one: Life, other: Life) -> bool:
     """Whether the boxes of two targets are on the same object."""
     return bool(overlaps(one.box[None], other.box[None])[0, 0] > _TAKEN_ABOVE)
-
-
-def is_cut(box: NDArray[np.float64], image_size: tuple[int, int]) -> bool:
-    """Whether a (4,) box goes to the border of the image."""
-    ends = box[:2] + box[2:]
-    return bool((box[:2] < _CUT_WITHIN).any() or (ends > np.array(image_size) - _CUT_WITHIN).any())

@@ -77,6 +77,8 @@ class Life:
         unseen_for: Seconds for which a rival was not seen; more where it should have been.
         glimpse: What looks like it beside it; None where nothing does.
         gone_for: Seconds since it ended; None while it is followed.
+        stood: (4,) box that somebody or the detector last told of it whole, pixels; None where
+            nobody did, or the camera has moved since.
     """
 
     key: Key
@@ -99,6 +101,7 @@ class Life:
     unseen_for: float = 0.0
     glimpse: Glimpse | None = None
     gone_for: float | None = None
+    stood: NDArray[np.float64] | None = None
 
     @property
     def by_hand(self) -> bool:
@@ -143,7 +146,8 @@ class Life:
         glimpse = self.glimpse
         if glimpse:
             glimpse = glimpse._replace(course=glimpse.course.carry(camera_motion))
-        return replace(self, course=self.course.carry(camera_motion), glimpse=glimpse)
+        course = self.course.carry(camera_motion)
+        return replace(self, course=course, glimpse=glimpse, stood=None)
 
     def predicted(self, interval: float) -> Life:
         """The same, with its course so many seconds later."""

@@ -146,6 +146,7 @@ def _scaled(life: Life, factors: NDArray[np.float64]) -> Life:
         log_size=life.log_size + np.log(factors),
         course=life.course.scale(factors),
         glimpse=None,
+        stood=None if life.stood is None else life.stood * np.tile(factors, 2),
     )
 
 

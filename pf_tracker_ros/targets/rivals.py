@@ -13,8 +13,8 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.targets.crowd import Crowd
-from pf_tracker_ros.targets.geometry import overlaps
-from pf_tracker_ros.targets.initiator import Initiator, is_cut
+from pf_tracker_ros.targets.geometry import is_cut, overlaps
+from pf_tracker_ros.targets.initiator import Initiator
 from pf_tracker_ros.targets.life import Glimpse, Key, Life
 from pf_tracker_ros.tracking.steering import Steering
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import reduce
+from functools import partial, reduce
 from itertools import compress
 
 import numpy as np
@@ -15,7 +15,8 @@ from pf_tracker_ros.boxes import Box, BoxesByAxis, as_box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
 from pf_tracker_ros.targets.detections import Sighting
-from pf_tracker_ros.targets.geometry import covered, overlaps
+from pf_tracker_ros.targets.geometry import covered, is_cut, overlaps
+from pf_tracker_ros.targets.ground import Ground, grounds_of
 from pf_tracker_ros.targets.life import Life
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.measurement import Evidence
@@ -72,7 +73,8 @@ class Updater:
     those behind it, and one that is hidden is carried on by its motion alone. What was
     started by hand and is lost comes last and hides nothing, since nobody knows where it is. A
     detection is one more factor of the likelihood; it then brings the box along, and is learned
-    from. Without any, or any more, the image has to tell the size, too.
+    from. Without any, or any more, the image has to tell the size, too, and the ground that all
+    stand on.
 
     Args:
         follower: Follows each target.
@@ -101,6 +103,7 @@ class Updater:
             idle_for: Seconds since the detector saw a frame.
         """
         updated = list(lives)
+        grounds = grounds_of(lives)
         predicted = np.array([life.expected for life in lives]).reshape(-1, 4)
         front: list[Life] = []
         # What was just confirmed explains its pixels first, and a guess last; of the others, what
@@ -121,6 +124,7 @@ class Updater:
                     interval,
                     own=own[place],
                     front=front,
+                    ground=grounds.get(life.label),
                     is_silent=idle_for > _SILENT_AFTER,
                 )
             updated[place] = life
@@ -158,17 +162,17 @@ class Updater:
         *,
         own: Sighting | None,
         front: Sequence[Life],
+        ground: Ground | None,
         is_silent: bool,
     ) -> Life:
         """One target, behind others."""
         if own and interval > _PAUSED_AFTER:
             return self._begin_anew(life, frame, interval, own)
-        target, evidence = life.target, []
-        is_hidden = False
-        if own:
-            evidence.append(_of_detection(own.box))
-        else:
-            evidence.append(_of_course(life))
+        target, is_hidden = life.target, False
+        is_sized = own is None and (life.is_on_its_own or is_silent)
+        evidence = [_of_detection(own.box) if own else _of_course(life)]
+        if is_sized and ground and life.stood is not None:
+            evidence.append(partial(ground.log_likelihood, life.stood))
         # What is taken for a rival may be none: only what it looks like yields to it.
         front = [one for one in front if one.host in (None, life.key)]
         boxes = np.array([one.box for one in front]).reshape(-1, 4)
@@ -179,7 +183,6 @@ class Updater:
             evidence.append(_of_others(boxes, expected))
             is_hidden = own is None and bool(expected.max() > _HIDDEN_ABOVE)
         if not is_hidden:
-            is_sized = own is None and (life.is_on_its_own or is_silent)
             followed = self._follower.follow(
                 target,
                 frame,
@@ -260,6 +263,7 @@ class Updater:
             confirmations=life.confirmations + 1,
             unconfirmed_for=0.0,
             learned_for=0.0 if learns else life.learned_for,
+            stood=life.stood if is_cut(own.box, frame.size) else np.array(target.estimate.box),
         )
 
 

@@ -1,0 +1,155 @@
+"""The ground that targets share: how high they are where they stand."""
+
+import cv2
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+from pf_tracker_ros import Detections
+from pf_tracker_ros.boxes import BoxesByAxis
+from pf_tracker_ros.targets.ground import Ground, grounds_of
+
+INTERVAL = 0.1
+# The horizon is at y = 0, and a height a fifth of what the lower edge is below it.
+STANDING = np.array(
+    [[10.0, 160.0, 16.0, 40.0], [60.0, 240.0, 24.0, 60.0], [150.0, 320.0, 32.0, 80.0]]
+)
+HEIGHTS = np.linspace(5.0, 200.0, 3901)
+
+
+def heights_at(lower_edge):
+    """Boxes of all heights that stand on one line of the image."""
+    zeros = np.zeros_like(HEIGHTS)
+    return BoxesByAxis(zeros, lower_edge - HEIGHTS, zeros, HEIGHTS)
+
+
+@pytest.mark.parametrize(
+    ("stood", "lower_edge", "expected"),
+    [
+        ([0.0, 160.0, 10.0, 40.0], 300.0, 60.0),
+        # A child keeps to its own size.
+        ([0.0, 180.0, 10.0, 20.0], 300.0, 30.0),
+        ([0.0, 320.0, 10.0, 80.0], 200.0, 40.0),
+        ([0.0, 320.0, 10.0, 80.0], 400.0, 80.0),
+        # Beyond the horizon nothing gets smaller: a quarter of the mean, 60.
+        ([0.0, 160.0, 10.0, 40.0], -50.0, 15.0),
+    ],
+)
+def test_a_target_is_as_high_as_the_ground_says(stood, lower_edge, expected):
+    ground = Ground.under(STANDING)
+    found = ground.log_likelihood(np.array(stood), heights_at(lower_edge))
+    assert HEIGHTS[found.argmax()] == pytest.approx(expected, rel=0.01)
+
+
+def test_what_it_is_worth_is_that_of_a_regression():
+    """Line and residuals by NumPy, the tails by SciPy."""
+    lower_edges = np.array([200.0, 260.0, 310.0, 400.0, 420.0])
+    heights = np.array([41.0, 50.0, 66.0, 75.0, 88.0])
+    zeros = np.zeros(5)
+    ground = Ground.under(np.column_stack([zeros, lower_edges - heights, zeros + 9.0, heights]))
+    line, (rest, *_) = np.polynomial.Polynomial.fit(lower_edges, heights, 1, full=True)
+    deviation = np.sqrt((2.0 * (0.1 * heights.mean()) ** 2 + rest[0]) / 5.0)
+    stood = np.array([0.0, 150.0, 10.0, 50.0])
+    for lower_edge in (200.0, 280.0, 420.0):
+        apart = np.square(lower_edge - 200.0) / np.square(lower_edges - lower_edges.mean()).sum()
+        scale = 0.5 * deviation / line(lower_edge) * np.sqrt(1.0 + apart)
+        expected = 50.0 * line(lower_edge) / line(200.0)
+        wanted = student.logpdf(np.log(HEIGHTS / expected) / scale, 3)
+        found = ground.log_likelihood(stood, heights_at(lower_edge))
+        assert found - found.max() == pytest.approx(wanted - wanted.max(), abs=1e-3)
+
+
+def test_two_tell_nothing():
+    assert Ground.under(STANDING[:2]) is None
+    assert Ground.under(np.empty((0, 4))) is None
+
+
+def test_targets_on_no_common_ground_say_little():
+    """How much likelier the line's height is than half of it."""
+    unlike = np.tile(STANDING, (2, 1))
+    unlike[:, 3] = [80.0, 12.0, 40.0, 20.0, 90.0, 8.0]
+    stood = np.array([0.0, 240.0, 10.0, 60.0])
+    said = []
+    for boxes in (STANDING, unlike):
+        ground = Ground.under(boxes)
+        found = ground.log_likelihood(stood, heights_at(300.0))
+        half = 0.5 * HEIGHTS[found.argmax()]
+        said.append(found.max() - np.interp(half, HEIGHTS, found))
+    assert said[0] > 8.0
+    assert said[1] < 0.2 * said[0]
+
+
+@pytest.fixture
+def begun(walkers, make_tracker):
+    """The lives of the three walkers, drawn with these labels."""
+
+    def begin(labels, image=walkers.images[0]):
+        tracker = make_tracker()
+        for box, label in zip(walkers.boxes[0], labels, strict=True):
+            tracker.start(image, box, label)
+        return tracker._crowd
+
+    return begin
+
+
+def test_each_kind_has_a_ground_of_its_own(begun):
+    assert grounds_of(begun(["person", "person", "car"]).lives) == {}
+    (label, ground), *others = grounds_of(begun(["person"] * 3).lives).items()
+    assert (label, others) == ("person", [])
+    # Where all are of one height, wherever they stand, that is so.
+    assert (ground.height, ground.slope) == pytest.approx((40.0, 0.0))
+
+
+def test_nothing_is_known_of_a_ground_before_a_camera_that_moves(begun):
+    motion = np.array([[1.0, 0.0, 8.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    assert grounds_of(begun(["person"] * 3).carried(motion).lives) == {}
+
+
+def test_what_the_border_cuts_tells_no_height(walkers, make_tracker):
+    tracker = make_tracker()
+    box = walkers.boxes[0][0]
+    tracker.start(walkers.images[0], (0.0, box[1], box[0] + box[2], box[3]))
+    (life,) = tracker._crowd.lives
+    assert life.stood is None
+
+
+def test_detections_tell_where_targets_stand_now(walkers, make_tracker):
+    tracker = make_tracker()
+    tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
+    taller = walkers.boxes[1] + (0.0, -8.0, 0.0, 8.0)
+    tracker.update(walkers.images[1], INTERVAL, Detections(taller, np.full(3, 0.95)))
+    for life, box, before in zip(
+        tracker._crowd.lives, walkers.boxes[1], walkers.boxes[0], strict=True
+    ):
+        assert before[3] < life.stood[3] < before[3] + 8.0
+        assert life.stood[:2] + life.stood[2:] / 2 == pytest.approx(box[:2] + box[2:] / 2, abs=5.0)
+
+
+def test_it_goes_with_the_size_of_the_images(walkers, make_tracker):
+    tracker = make_tracker()
+    tracker.start(walkers.images[0], walkers.boxes[0][0])
+    assert tracker.resize(cv2.resize(walkers.images[0], None, fx=2.0, fy=2.0))
+    (life,) = tracker._crowd.lives
+    assert life.stood == pytest.approx(2.0 * walkers.boxes[0][0])
+
+
+def size_errors(drawn, labels, make_tracker, seed):
+    """Mean error of the first target's log height, all drawn in the first frame."""
+    tracker = make_tracker(seed)
+    for box, label in zip(drawn.boxes[0], labels, strict=True):
+        tracker.start(drawn.images[0], box, label)
+    errors = []
+    for image, boxes in zip(drawn.images[1:], drawn.boxes[1:], strict=True):
+        told, *_ = tracker.update(image, INTERVAL)
+        errors.append(abs(np.log(told.estimate.box[3] / boxes[0][3])))
+    return np.mean(errors)
+
+
+def test_one_that_comes_nearer_is_as_large_as_those_who_stand_there(comer, make_tracker):
+    """Without a detector; with a label of its own, a target is on no common ground."""
+    alike, apart = (
+        np.mean([size_errors(comer, labels, make_tracker, seed) for seed in range(3)])
+        for labels in (["person"] * 4, ["a", "b", "c", "d"])
+    )
+    assert alike < 0.08
+    assert alike < 0.8 * apart
