@@ -31,6 +31,9 @@ class Ground:
     at the horizon. The line is that of least squares; how far targets are from it tells how much it
     is worth, so that those on no common ground say little.
 
+    Source: the height of an object over a horizon, of Hoiem, Efros and Hebert 2008, "Putting
+    Objects in Perspective".
+
     Attributes:
         lower_edge: Mean of the targets, pixels.
         height: Likewise.
