@@ -77,8 +77,8 @@ class Ground:
             boxes: In any shape.
 
         Returns:
-            Log likelihoods, up to a constant, in a shape that NumPy brings to that of the boxes: where
-            they are across the image does not matter.
+            Log likelihoods, up to a constant, in a shape that NumPy brings to that of the boxes:
+            where they are across the image does not matter.
         """
         stood_at = stood[1] + stood[3]
         lower_edges = boxes.y + boxes.height
