@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep
 from pf_tracker_ros.frames import Region
+from pf_tracker_ros.frames.differences import all_gradients
 from pf_tracker_ros.parameters import declared
 
 # Cells along each side of a block, and in it; neighboring blocks share half of theirs.
@@ -230,18 +231,16 @@ def _direction_table(bins: int) -> NDArray[np.uint8]:
 
     Source: Zhang et al. 2015, section 2.
     """
-    differences = np.arange(-255.0, 256.0)
-    angle = np.arctan2(differences[:, None], differences[None]).ravel() % np.pi
-    position = angle * (bins / np.pi)
+    magnitudes, angles = all_gradients()
+    position = angles % np.pi * (bins / np.pi)
     nearest = np.rint(position)
     off = position - nearest
     shares = np.stack([np.square(0.5 - off) / 2, 0.75 - np.square(off), np.square(0.5 + off) / 2])
-    magnitude = np.rint(2 * np.hypot(differences[:, None], differences[None])).ravel()
-    exact = np.minimum(magnitude, 255.0) * shares
+    exact = np.minimum(np.rint(2 * magnitudes), 255.0) * shares
     whole = np.floor(exact)
     rank = np.argsort(np.argsort(whole - exact, axis=0, kind="stable"), axis=0)
     whole += rank < np.rint((exact - whole).sum(axis=0))
-    table = np.zeros((len(angle), bins), dtype=np.uint8)
+    table = np.zeros((len(angles), bins), dtype=np.uint8)
     for neighbor, counts in zip((-1, 0, 1), whole, strict=True):
         table[np.arange(len(table)), (nearest.astype(np.intp) + neighbor) % bins] = counts
     return table

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.frames.differences import NO_GRADIENT, all_gradients, paired_differences
 from pf_tracker_ros.frames.frame import Frame
 from pf_tracker_ros.frames.tiles import Part
 
@@ -23,11 +24,6 @@ Value = TypeVar("Value", bound=np.generic)
 
 # Derivatives look one pixel further than the boxes do, smoothed ones two.
 _MARGIN = 2
-# Two differences of 0, as in `Region.differences`.
-_NO_GRADIENT = 255 * 511 + 255
-# Differences of the two neighbors, the gradient of the smallest possible window: that of the rows
-# times 511 plus that of the columns. All such numbers are exact in single precision.
-_DIFFERENCES = np.array([[0, -511, 0], [-1, 0, 1], [0, 511, 0]], dtype=np.float32)
 # Of a gradient, in halves of a gray level.
 _LARGEST_MAGNITUDE = 255
 # Whole numbers that single precision tells apart.
@@ -173,8 +169,7 @@ class Region:
     def differences(self, smoothed: bool = False) -> NDArray[np.intp]:
         """(h, w) differences of each pixel's neighbors, over the padded region, as one number.
 
-        The number is (down + 255) * 511 + right + 255, the row of a table over all pairs of
-        differences of 8-bit values. Outside the image both are 0.
+        The number is that of `paired_differences`. Outside the image both are 0.
 
         Args:
             smoothed: Whether each pixel is first averaged with its eight neighbors, with the
@@ -183,10 +178,10 @@ class Region:
 
         def compute() -> NDArray[np.intp]:
             gray = cv2.GaussianBlur(self.gray, (3, 3), 0.0) if smoothed else self.gray
-            numbers = cv2.filter2D(gray, cv2.CV_32F, _DIFFERENCES, delta=_NO_GRADIENT)
+            numbers = paired_differences(gray)
             if any(self.padding):
                 numbers = cv2.copyMakeBorder(
-                    numbers, *self.padding, cv2.BORDER_CONSTANT, value=_NO_GRADIENT
+                    numbers, *self.padding, cv2.BORDER_CONSTANT, value=NO_GRADIENT
                 )
             return numbers.astype(np.intp)
 
@@ -242,14 +237,12 @@ def _color_steps(levels: int) -> NDArray[np.float32]:
 def _gradient_table(directions: int) -> NDArray[np.uint8]:
     """(511 * 511, directions) magnitude of any two 8-bit differences, in their direction's column.
 
-    Rows are numbered as in `Region.differences`. Reading the answer is faster than working it
-    out, and exact on the borders between two directions, where many gradients of whole numbers lie.
+    Rows are numbered as in `Region.differences`.
     """
-    differences = np.arange(-255, 256)
-    angle = np.arctan2(differences[:, None], differences[None]) % (2 * np.pi)
-    direction = np.floor(angle * (directions / (2 * np.pi)) + 1e-9).astype(np.intp) % directions
-    magnitude = np.rint(2 * np.hypot(differences[:, None], differences[None]))
-    table = np.zeros((differences.size**2, directions), dtype=np.uint8)
-    magnitude = np.minimum(magnitude, _LARGEST_MAGNITUDE)
-    table[np.arange(len(table)), direction.ravel()] = magnitude.ravel()
+    magnitudes, angles = all_gradients()
+    turns = angles % (2 * np.pi) * (directions / (2 * np.pi))
+    direction = np.floor(turns + 1e-9).astype(np.intp) % directions
+    table = np.zeros((len(magnitudes), directions), dtype=np.uint8)
+    counted = np.minimum(np.rint(2 * magnitudes), _LARGEST_MAGNITUDE)
+    table[np.arange(len(table)), direction] = counted
     return table

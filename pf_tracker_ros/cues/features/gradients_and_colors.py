@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.cues.features.features import FEATURES
 from pf_tracker_ros.cues.matrix_product import product
+from pf_tracker_ros.frames.differences import all_gradients, paired_differences
 
 _CELL_PIXELS = 4
-# Differences of the two neighbors in both directions, as one number.
-_PAIR = np.array([[0, -511, 0], [-1, 0, 1], [0, 511, 0]], dtype=np.float32)
 # Over 180 degrees; and the blocks of four cells that each cell is in.
 _DIRECTIONS, _BLOCKS = 9, 4
 # Channels that tell the directions, as waves over them, and how the textures differ.
@@ -129,8 +128,7 @@ def _gradient_axes() -> NDArray[np.float32]:
 
 def _direction_histogram(gray: NDArray[np.uint8], rows: int, columns: int) -> NDArray[np.float32]:
     """(9, rows, columns) mean gradient magnitude, shared between the two nearest directions."""
-    # (down + 255) * 511 + right + 255, which 32-bit floating point holds exactly.
-    pair = cv2.filter2D(gray, cv2.CV_32F, _PAIR, delta=255 * 511 + 255).ravel().astype(np.intp)
+    pair = paired_differences(gray).ravel().astype(np.intp)
     first, shares = _direction_tables()
     bins = _first_bins(rows, columns) + first.take(pair)
     sums = np.bincount(bins, shares.take(pair), rows * columns * (_DIRECTIONS + 1))
@@ -160,10 +158,8 @@ def _direction_tables() -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     Both shares are whole numbers of steps in one number: that of the direction above counts
     `_UPPER`. So one sum adds up both.
     """
-    differences = np.arange(-255, 256)
-    angle = np.arctan2(differences[:, None], differences[None]).ravel() % np.pi
-    magnitude = np.hypot(differences[:, None], differences[None]).ravel()
-    place = angle * (_DIRECTIONS / np.pi)
+    magnitude, angles = all_gradients()
+    place = angles % np.pi * (_DIRECTIONS / np.pi)
     first = np.minimum(np.floor(place), _DIRECTIONS - 1)
     share = place - first
     upper = np.rint(_MAGNITUDE_STEPS * magnitude * share)
