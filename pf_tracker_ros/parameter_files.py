@@ -31,12 +31,14 @@ class TrackerSettings:
         most_targets: The node's `max_targets`; above 1, they are for several targets.
         parameters: Full name to value of what is given beside the preset. Whether such a parameter
             exists, and takes that value, is for the tracker to judge.
+        other_node: The name above them, where no node of the tracker's usual name would take them.
     """
 
     preset: str | None = None
     seed: int | None = None
     most_targets: int = 1
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    other_node: str = ""
 
 
 def read_parameter_file(path: Path | str) -> TrackerSettings:
@@ -57,8 +59,10 @@ def read_parameter_file(path: Path | str) -> TrackerSettings:
     except YamlError as error:
         raise ParameterError(str(error)) from error
     values: dict[str, Any] = {}
-    for section in _sections_of_a_tracker(path, document):
+    sections = _sections_of_a_tracker(path, document)
+    for _, section in sections:
         values |= _flat(section, "")
+    others = [name for name, _ in sections if not _is_usual(name)]
     given = {name: _judged(path, name, values[name]) for name in _NODE if name in values}
     return TrackerSettings(
         given.get("preset"),
@@ -69,6 +73,7 @@ def read_parameter_file(path: Path | str) -> TrackerSettings:
             for name, value in values.items()
             if name not in _NODE and not name.startswith(OF_EVERY_NODE)
         },
+        "".join(others),
     )
 
 
@@ -96,16 +101,21 @@ def applies(pattern: str, node_name: str) -> bool:
     return re.fullmatch(expression, node_name) is not None
 
 
-def _sections_of_a_tracker(path: Path, document: Any) -> list[Any]:
+def _is_usual(name: str) -> bool:
+    """Whether a pattern of names is for trackers of the usual name, in any namespace."""
+    return name.rpartition("/")[2] in (*_WILDCARDS, _NODE_NAME)
+
+
+def _sections_of_a_tracker(path: Path, document: Any) -> list[tuple[str, Any]]:
+    """Patterns of names and their parameters; only one where it is not a tracker's usual name."""
     sections = list(_sections(document, ""))
     if not sections:
         raise ParameterError(
             f"{path} is no ROS parameter file: it has no ros__parameters below the name of a node"
         )
     if len(sections) == 1:
-        return [sections[0][1]]
-    named = (*_WILDCARDS, _NODE_NAME)
-    found = [section for name, section in sections if name.rpartition("/")[2] in named]
+        return sections
+    found = [(name, section) for name, section in sections if _is_usual(name)]
     if not found:
         nodes = ", ".join(name for name, _ in sections)
         raise ParameterError(f"{path} has parameters of {nodes}; allowed: of {_NODE_NAME}")

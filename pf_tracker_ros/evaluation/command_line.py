@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -127,6 +128,12 @@ def take_parameter_file(options: argparse.Namespace) -> TrackerSettings:
     options.from_file = ()
     if options.params_file is not None:
         settings = read_parameter_file(options.params_file)
+        if settings.other_node:
+            print(
+                f"{options.params_file} is for {settings.other_node}, and taken for the tracker "
+                "here; a node takes it only by that name",
+                file=sys.stderr,
+            )
         if options.preset and settings.preset:
             raise EvaluationError(
                 f"--preset {options.preset} and {options.params_file} (preset {settings.preset}) "

@@ -47,7 +47,7 @@ def files_for_others(node_name: str, command_line: Sequence[str]) -> Iterator[st
         node_name: Fully qualified name of the node.
         command_line: As for `files_superseded_by`.
     """
-    for path in _files(command_line):
+    for path in dict.fromkeys(_files(command_line)):
         with contextlib.suppress(YamlError):
             patterns = patterns_of(read_yaml(path, "parameter file"))
             if patterns and not any(applies(pattern, node_name) for pattern in patterns):

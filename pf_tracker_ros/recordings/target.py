@@ -16,7 +16,9 @@ beside that, for all of them.
 
 from __future__ import annotations
 
+import errno
 import math
+import os
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -234,10 +236,13 @@ def save_targets(targets: Sequence[Target], source: Path, *, may_replace: bool =
         Path of the file.
 
     Raises:
-        OSError: It cannot be written, or there is one that may not be written over.
+        OSError: It cannot be written, or there is one that may not be written over, or what is no
+            file.
     """
     path = target_file(source)
     place = resolved(path) if may_replace else path
+    if may_replace and os.path.lexists(place) and (place.is_symlink() or not place.is_file()):
+        raise FileExistsError(errno.EEXIST, "It is no file that can be written over", str(path))
     with tempfile.TemporaryDirectory(prefix=".track_", dir=place.parent) as folder:
         draft = Path(folder) / place.name
         draft.write_text(_file_text(targets, source), encoding="utf-8")

@@ -94,7 +94,8 @@ def test_what_was_given_before_the_preset_is_known(files, node, arguments, befor
     ],
 )
 def test_a_file_for_other_nodes_is_told(files, node, told):
-    given = [word for path in files.values() for word in ("--params-file", path)]
+    # Twice, which is told once.
+    given = 2 * [word for path in files.values() for word in ("--params-file", path)]
     problems = list(files_for_others(node, ["tracker", "--ros-args", *given]))
     assert len(problems) == len(told)
     for problem, (name, patterns) in zip(problems, told.items(), strict=True):

@@ -51,6 +51,21 @@ def test_what_is_typed_comes_over_the_file(tracked, own):
     assert tracked(*BOX, "--params-file", own, *over) == tracked(*BOX, *typed, *over)
 
 
+def test_a_file_for_another_name_is_taken_and_that_is_told(
+    track, rows, moving_square_sequence, own, tmp_path
+):
+    other = tmp_path / "other.yaml"
+    other.write_text(OWN.replace("/pf_tracker", "front_tracker"))
+    found = []
+    for path in (own, other):
+        arguments = ("--output", tmp_path / path.stem, *BOX, "--params-file", path)
+        code, _, errors = track(moving_square_sequence, *arguments)
+        assert code == 0
+        found.append((rows(tmp_path / path.stem), errors))
+    assert found[0] == (found[1][0], "")
+    assert f"{other} is for /front_tracker, and taken for the tracker here" in found[1][1]
+
+
 def test_a_preset_is_given_once(track, moving_square_sequence, own, tmp_path):
     arguments = (moving_square_sequence, "--output", tmp_path / "out", "--params-file", own)
     code, _, errors = track(*arguments, "--preset", "default")

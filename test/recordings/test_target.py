@@ -2,6 +2,7 @@
 
 import errno
 import math
+import os
 import warnings
 from pathlib import Path
 
@@ -192,6 +193,22 @@ def test_a_target_file_that_is_a_link_stays_one(tmp_path, drawn):
     assert save_targets(drawn, tmp_path / "drive.mcap", may_replace=True) == link
     assert link.is_symlink()
     assert "target_box: [1.0, 2.0, 30.0, 40.0]" in kept.read_text()
+
+
+@pytest.mark.parametrize("kind", ["pipe", "link to a pipe", "folder", "link to itself"])
+def test_what_is_no_file_is_not_written_over(tmp_path, drawn, kind):
+    path = tmp_path / "drive.target.yaml"
+    pipe = path if kind == "pipe" else tmp_path / "pipe"
+    os.mkfifo(pipe)
+    if kind == "folder":
+        path.mkdir()
+    elif kind != "pipe":
+        path.symlink_to(path if kind == "link to itself" else pipe)
+    before = path.lstat()
+    with pytest.raises(FileExistsError, match="no file that can be written over"):
+        save_targets(drawn, tmp_path / "drive.mcap", may_replace=True)
+    assert (path.lstat().st_mode, path.lstat().st_ino) == (before.st_mode, before.st_ino)
+    assert pipe.is_fifo()
 
 
 def test_a_target_file_that_cannot_be_written_leaves_nothing_behind(tmp_path, drawn, monkeypatch):
