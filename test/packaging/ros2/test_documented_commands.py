@@ -112,7 +112,8 @@ README = [
     ),
     GoesOn(SEVERAL, prints="targets on /pf_tracker", ends=(f"{LAUNCH} tracker",)),
     Ends(
-        "evaluate sequences --preset default --seeds 3 --output result.json --plot success.png",
+        f"{RUN} evaluate sequences --preset default --seeds 3 --output result.json "
+        "--plot success.png",
         "moving_square",
     ),
 ]
