@@ -1,5 +1,6 @@
 """Fixtures for all tests: real and drawn sequences, bags, a ROS domain of one's own."""
 
+import errno
 import itertools
 import json
 import os
@@ -40,6 +41,25 @@ BROWSER_FLAGS = [
     "--disable-sync",
 ]
 PAGE_DEADLINE = 60_000.0
+
+
+@pytest.fixture
+def make_unreadable(monkeypatch):
+    """A function that makes a folder which may not be read, even by those who may read all."""
+    exists = Path.exists
+    folders = set()
+
+    def refuse(self, *arguments):
+        if self.parent in folders:
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return exists(self, *arguments)
+
+    def make(folder):
+        folder.mkdir()
+        folders.add(folder)
+
+    monkeypatch.setattr(Path, "exists", refuse)
+    return make
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,3 @@
-import errno
-from pathlib import Path
-
 import pytest
 
 from pf_tracker_ros.evaluation import EvaluationError, find_sequences, read_sequences
@@ -36,18 +33,9 @@ def test_one_that_lacks_its_ground_truth_is_told_of(write_short, tmp_path):
     assert "groundtruth.txt" in str(failure.error)
 
 
-def test_a_folder_that_may_not_be_read_leaves_the_others(write_short, tmp_path, monkeypatch):
+def test_a_folder_that_may_not_be_read_leaves_the_others(write_short, tmp_path, make_unreadable):
     whole = write_short("whole")
-    (tmp_path / "lost+found").mkdir()
-    exists = Path.exists
-
-    def refuse(self, *arguments):
-        if self.parent.name == "lost+found":
-            raise PermissionError(errno.EACCES, "Permission denied")
-        return exists(self, *arguments)
-
-    # Whoever runs the tests may read everything.
-    monkeypatch.setattr(Path, "exists", refuse)
+    make_unreadable(tmp_path / "lost+found")
     sequences, failures = open_sequences([tmp_path])
     assert [footage.name for footage in sequences] == [whole.name]
     (failure,) = failures

@@ -1,6 +1,5 @@
 """An archive: every recording once, whatever is killed on the way."""
 
-import errno
 import json
 import os
 import random
@@ -343,7 +342,7 @@ def test_a_target_file_is_for_the_recording_that_it_names(tmp_path):
 
 
 def test_what_is_damaged_is_told_of_and_what_may_not_be_read_stops_nothing(
-    track, write_sequence, moving_square, monkeypatch, tmp_path
+    track, write_sequence, moving_square, make_unreadable, tmp_path
 ):
     folder, output = tmp_path / "archive", tmp_path / "out"
     write_sequence("sound", moving_square.images, moving_square.boxes, folder)
@@ -356,16 +355,7 @@ def test_what_is_damaged_is_told_of_and_what_may_not_be_read_stops_nothing(
     octets = Path(path).read_bytes()
     Path(path).write_bytes(octets[: len(octets) // 2])
     (folder / "cut.target.yaml").write_text("target_box: [20, 30, 24, 24]")
-    (folder / "lost+found").mkdir()
-    exists = Path.exists
-
-    def refuse(self, *arguments):
-        if self.parent.name == "lost+found":
-            raise PermissionError(errno.EACCES, "Permission denied")
-        return exists(self, *arguments)
-
-    # Whoever runs the tests may read everything.
-    monkeypatch.setattr(Path, "exists", refuse)
+    make_unreadable(folder / "lost+found")
     code, said, errors = track("--archive", folder, "--output", output, *QUICK)
     assert code == 1
     assert "3 recordings: 2 tracked, 0 done before, 1 failed" in said
