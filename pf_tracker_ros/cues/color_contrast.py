@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxGrid
 from pf_tracker_ros.cues.cue import CUES, Match, SearchableCue, declared_keep
+from pf_tracker_ros.cues.integral_image import sums, sums_on_grid
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
@@ -145,7 +146,7 @@ class ColorContrast(SearchableCue):
         )
         columns, rows = self._edges(row[0], row[2]), self._edges(column[1], column[3])
         inside, outer = (
-            _sums_on_grid(integral, *edges) for edges in zip(columns, rows, strict=True)
+            sums_on_grid(integral, *edges) for edges in zip(columns, rows, strict=True)
         )
         widths, heights = columns[:, 1] - columns[:, 0], rows[:, 1] - rows[:, 0]
         area, outer_area = heights[:, :, None] * widths[:, None]
@@ -187,7 +188,7 @@ class ColorContrast(SearchableCue):
         edges = self._edges(region_boxes[:2], region_boxes[2:])
         sides = edges[:, 1] - edges[:, 0]
         area, outer_area = sides[:, 0] * sides[:, 1]
-        inside, outer = _sums(self._integral(region, template), edges)
+        inside, outer = sums(self._integral(region, template), edges[:, :, 0], edges[:, :, 1])
         return _contrast(inside, outer, area, outer_area)
 
     def blend(self, template: ContrastTemplate, seen: ContrastTemplate) -> ContrastTemplate:
@@ -254,20 +255,3 @@ def _contrast(
 ) -> NDArray[np.float64]:
     """What the mean over boxes has above that over their rings, from the sums over both."""
     return inside / area - (outer - inside) / np.maximum(outer_area - area, 1)
-
-
-def _sums(integral: NDArray[np.float64], edges: NDArray[np.intp]) -> NDArray[np.float64]:
-    """(2, N) sums over boxes, and over their rings with them, given by their edges."""
-    columns, rows = edges[:, :, 0], edges[:, :, 1] * integral.shape[1]
-    corners = integral.ravel().take(rows[:, :, None] + columns[:, None])
-    across = corners[:, :, 1] - corners[:, :, 0]
-    return across[:, 1] - across[:, 0]
-
-
-def _sums_on_grid(
-    integral: NDArray[np.float64], columns: NDArray[np.intp], rows: NDArray[np.intp]
-) -> NDArray[np.float64]:
-    """(R, C) sums over boxes in rows and columns, given by (2, C) and (2, R) edges."""
-    down = integral.take(rows[1], axis=0)
-    down -= integral.take(rows[0], axis=0)
-    return down.take(columns[1], axis=1) - down.take(columns[0], axis=1)

@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import BoxesByAxis, BoxGrid
+from pf_tracker_ros.boxes import BoxGrid
 from pf_tracker_ros.cues.cue import CUES, Cue
-from pf_tracker_ros.frames import Foreground, Region
+from pf_tracker_ros.cues.integral_image import sums, sums_on_grid
+from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.parameters import declared
 
 
@@ -58,18 +59,20 @@ class ForegroundCue(Cue):
         self, region: Region, boxes: NDArray[np.float64], template: None
     ) -> NDArray[np.float64]:
         """See `Cue.log_likelihood`; without a foreground mask, all boxes are alike."""
-        return self._log_likelihood(region, BoxesByAxis(*np.ascontiguousarray(boxes.T)))
+        if region.frame.foreground is None:
+            return np.zeros(len(boxes))
+        return self._log_likelihood(self.contrast(region, boxes))
 
     def log_likelihood_on_grid(
         self, region: Region, grid: BoxGrid, template: None
     ) -> NDArray[np.float64]:
         """See `Cue.log_likelihood_on_grid`; edges are found once for each row and column."""
-        return self._log_likelihood(region, grid.by_axis).ravel()
-
-    def _log_likelihood(self, region: Region, boxes: BoxesByAxis) -> NDArray[np.float64]:
         if region.frame.foreground is None:
-            return np.zeros(np.broadcast_shapes(*map(np.shape, boxes)))
-        return self._sharpness * (self.contrast(region, boxes) - 1.0)
+            return np.zeros(len(grid.top) * len(grid.left))
+        return self._log_likelihood(self.contrast_on_grid(region, grid).ravel())
+
+    def _log_likelihood(self, contrast: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self._sharpness * (contrast - 1.0)
 
     def match(self, seen: None, template: None) -> None:
         """See `Cue.match`; that something moves there does not tell whether it is the target."""
@@ -79,39 +82,84 @@ class ForegroundCue(Cue):
         """See `Cue.blend`."""
         return None
 
-    def contrast(self, region: Region, boxes: BoxesByAxis) -> NDArray[np.float64]:
-        """Share of foreground in boxes minus that in their rings, -1 to 1; one for each box.
+    def contrast(self, region: Region, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) share of foreground in (N, 4) boxes minus that in their rings, -1 to 1.
 
         Pixels of the mask are counted whole and areas are not, so that the share in a box of few
         pixels is off by up to one row and one column of them.
+
+        Raises:
+            ValueError: There is no mask.
         """
-        mask, reduction = region.frame.foreground or Foreground(np.zeros((1, 1), np.uint8), 1)
+        integral, reduction = _integral(region.frame)
+        # In memory as it is read, each of x, y, width and height in a row.
+        x, y, width, height = np.ascontiguousarray(boxes.T)
+        columns = self._edges(x, width, reduction, integral.shape[1] - 1)
+        rows = self._edges(y, height, reduction, integral.shape[0] - 1)
+        inside, outer = sums(integral, columns, rows)
+        return self._contrast(inside, outer, width, height, reduction)
 
-        def integrate() -> NDArray[np.int32]:
-            return cv2.integral(mask, sdepth=cv2.CV_32S)
+    def contrast_on_grid(self, region: Region, grid: BoxGrid) -> NDArray[np.float64]:
+        """(rows, columns) the same of the boxes of a grid."""
+        integral, reduction = _integral(region.frame)
+        width, height = grid.size
+        columns = self._edges(grid.left, width, reduction, integral.shape[1] - 1)
+        rows = self._edges(grid.top, height, reduction, integral.shape[0] - 1)
+        inside, outer = (
+            sums_on_grid(integral, *edges) for edges in zip(columns, rows, strict=True)
+        )
+        return self._contrast(inside, outer, width, height, reduction)
 
-        integral = region.frame.share("foreground integral", integrate)
-        x, y, width, height = boxes
-        across, down = self._ring * width, self._ring * height
-        around = BoxesByAxis(x - across, y - down, width + 2 * across, height + 2 * down)
-        inside, outside = (_sums(integral, reduction, some) for some in (boxes, around))
+    def _edges(
+        self,
+        starts: NDArray[np.float64],
+        sides: NDArray[np.float64] | np.float64,
+        reduction: int,
+        length: int,
+    ) -> NDArray[np.intp]:
+        """Edges along an axis, each the one next to it between pixels of the mask.
+
+        Args:
+            starts: (N,) of boxes, image pixels.
+            sides: (N,) or one for all.
+            reduction: Image pixels to one of the mask's.
+            length: Pixels of the mask.
+
+        Returns:
+            (2, 2, N): of the boxes, then of the rings; where they start, then where they end.
+        """
+        beyond = self._ring * sides
+        edges = np.empty((2, 2, len(starts)))
+        np.divide(starts, reduction, out=edges[0, 0])
+        np.add(edges[0, 0], sides / reduction, out=edges[0, 1])
+        np.divide(starts - beyond, reduction, out=edges[1, 0])
+        np.add(edges[1, 0], (sides + 2 * beyond) / reduction, out=edges[1, 1])
+        whole = np.minimum(np.maximum(np.rint(edges, out=edges), 0, out=edges), length, out=edges)
+        return whole.astype(np.intp)
+
+    def _contrast(
+        self,
+        inside: NDArray[np.int32],
+        outer: NDArray[np.int32],
+        width: NDArray[np.float64] | np.float64,
+        height: NDArray[np.float64] | np.float64,
+        reduction: int,
+    ) -> NDArray[np.float64]:
+        """What boxes have above their rings, from the mask's sums over both and their sizes."""
         area = width * height / reduction**2
-        ring_area = around.width * around.height / reduction**2 - area
-        contrast = (inside / area - (outside - inside) / ring_area) / 255.0
+        across, down = self._ring * width, self._ring * height
+        ring_area = (width + 2 * across) * (height + 2 * down) / reduction**2 - area
+        contrast = (inside / area - (outer - inside) / ring_area) / 255.0
         return np.minimum(np.maximum(contrast, -1.0), 1.0)
 
 
-def _sums(integral: NDArray[np.int32], reduction: int, boxes: BoxesByAxis) -> NDArray[np.int32]:
-    """Sums over boxes in image pixels; their broken edges go to the nearest pixel of the mask."""
-    x, y, width, height = (side / reduction for side in boxes)
-    (left, right), (top, bottom) = (
-        np.minimum(np.maximum(np.rint([start, start + side]), 0), length - 1).astype(np.intp)
-        for start, side, length in ((x, width, integral.shape[1]), (y, height, integral.shape[0]))
-    )
-    sums: NDArray[np.int32] = (
-        integral[bottom, right]
-        - integral[top, right]
-        - integral[bottom, left]
-        + integral[top, left]
-    )
-    return sums
+def _integral(frame: Frame) -> tuple[NDArray[np.int32], int]:
+    """The integral image of a frame's mask, and the image pixels to one of its pixels."""
+    if frame.foreground is None:
+        raise ValueError("the frame has no foreground")
+    mask, reduction = frame.foreground
+
+    def integrate() -> NDArray[np.int32]:
+        return cv2.integral(mask, sdepth=cv2.CV_32S)
+
+    return frame.share("foreground integral", integrate), reduction

@@ -17,21 +17,24 @@ _LEAST_SIDE = 16
 # A point that moves by less has stayed, and a camera that moves every corner by less has: pixels of
 # the reduced image. With so many points that have stayed, it is the scene that moves.
 _STAYS_BELOW, _MOVES_ABOVE, _STAYING = 0.2, 0.3, 0.3
-# Frames after which a camera that stands still is compared with a new image.
-_RENEWED_AFTER = 10
+# Comparisons after which a camera that stands still is compared with a new image, and after which
+# only every other frame is compared: following the points takes as long as a third of a target.
+_RENEWED_AFTER, _TRUSTED_AFTER = 10, 10
 
 
 class EgoMotion:
     """Tells the motion of the camera from that of the scene.
 
     While the camera stands still, images are compared with the same one for some frames, so that a
-    slow motion adds up until it is seen. Where something large moves before a still camera, most of
-    the image may move: the camera has moved only if hardly anything has stayed.
+    slow motion adds up until it is seen; after a while in every other frame only. Where something
+    large moves before a still camera, most of the image may move: the camera has moved only if
+    hardly anything has stayed.
     """
 
     def __init__(self) -> None:
         self._known: NDArray[np.uint8] | None = None
         self._age = 0
+        self._still_for = 0
 
     def follow(self, frame: Frame) -> NDArray[np.float64] | None:
         """Take the next frame, of the size of those before.
@@ -41,6 +44,9 @@ class EgoMotion:
             was seen before to where it is seen now; None where the camera stands still, moves by
             too little so far, which a later frame then tells as well, or nobody knows.
         """
+        if self._still_for >= _TRUSTED_AFTER:
+            self._still_for = _TRUSTED_AFTER - 1
+            return None
         reduction = math.ceil(math.sqrt(math.prod(frame.size) / _MOST_PIXELS))
         gray = _gray(frame, reduction)
         if min(gray.shape) < _LEAST_SIDE:
@@ -55,7 +61,9 @@ class EgoMotion:
         if has_moved or motion is None or self._age >= _RENEWED_AFTER:
             self._known, self._age = gray, 0
         if motion is None or not has_moved:
+            self._still_for = 0 if motion is None else self._still_for + 1
             return None
+        self._still_for = 0
         motion[:2, 2] *= reduction
         return motion
 

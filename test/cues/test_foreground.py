@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pf_tracker_ros.boxes import BoxesByAxis, BoxGrid
+from pf_tracker_ros.boxes import BoxGrid
 from pf_tracker_ros.cues.foreground import ForegroundCue, ForegroundParameters
 from pf_tracker_ros.frames import Foreground, Frame, Region
 
@@ -27,7 +27,7 @@ def test_contrast_by_hand(reduction):
     mask[30 // reduction : 50 // reduction, 40 // reduction : 60 // reduction] = 255
     # The second box holds half the target; its ring of 1200 px holds the other 200 px.
     boxes = np.array([TARGET, TARGET + [10, 0, 0, 0], [4.0, 4.0, 20.0, 20.0]])
-    contrast = cue().contrast(region_of(mask, boxes, reduction), BoxesByAxis(*boxes.T))
+    contrast = cue().contrast(region_of(mask, boxes, reduction), boxes)
     np.testing.assert_allclose(contrast, [1.0, 0.5 - 200 / 1200, 0.0])
 
 
@@ -42,7 +42,7 @@ def test_boxes_that_reach_out_of_the_image_find_no_foreground_there():
     boxes = np.array([[-10.0, -10.0, 20.0, 20.0]])
     mask = np.full((80, 100), 255, np.uint8)
     # A quarter of the box, and 300 of the 1200 px of its ring.
-    contrast = cue().contrast(region_of(mask, boxes), BoxesByAxis(*boxes.T))
+    contrast = cue().contrast(region_of(mask, boxes), boxes)
     np.testing.assert_allclose(contrast, [0.25 - 300 / 1200], atol=1e-12)
 
 
@@ -51,6 +51,12 @@ def test_without_a_background_model_all_boxes_are_alike():
     np.testing.assert_array_equal(
         cue().log_likelihood(Region(Frame(IMAGE), boxes), boxes, None), [0.0, 0.0]
     )
+
+
+def test_there_is_no_contrast_without_a_mask():
+    boxes = TARGET[None]
+    with pytest.raises(ValueError, match="no foreground"):
+        cue().contrast(Region(Frame(IMAGE), boxes), boxes)
 
 
 @pytest.mark.parametrize("reduction", [1, 3])

@@ -92,6 +92,16 @@ def test_a_slow_motion_adds_up(ground):
     assert sum(steps) == pytest.approx(-12.0, abs=1.0)
 
 
+@pytest.mark.parametrize("still", [24, 25])
+def test_a_motion_after_a_long_rest_is_told_within_two_frames_and_whole(ground, still):
+    places = [0] * still + [6, 12, 18, 24]
+    motions = told([seen_from(ground, place, 0.0)[0] for place in places])
+    assert motions[:still] == [None] * still
+    steps = [0.0 if motion is None else motion[0, 2] for motion in motions[still:]]
+    assert sum(steps[:2]) == pytest.approx(-12.0, abs=0.3)
+    assert steps[2:] == pytest.approx([-6.0, -6.0], abs=0.3)
+
+
 @pytest.mark.parametrize(
     "images",
     [

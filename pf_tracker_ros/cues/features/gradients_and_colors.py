@@ -96,14 +96,14 @@ def _fill_gradient_channels(gray: NDArray[np.uint8], channels: NDArray[np.float3
     padded = cv2.copyMakeBorder(energy, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     blocks = padded[:-1, :-1] + padded[1:, :-1] + padded[:-1, 1:] + padded[1:, 1:]
     inverse = 1.0 / np.sqrt(blocks + np.float32(_NOISE))
-    sums = np.zeros((_DIRECTIONS + _BLOCKS, rows, columns), dtype=np.float32)
-    directions, textures = sums[:_DIRECTIONS], sums[_DIRECTIONS:]
-    cut = np.empty_like(histogram)
+    cut = np.empty((_BLOCKS, *histogram.shape), dtype=np.float32)
     for number, (down, across) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
-        np.multiply(histogram, inverse[down : down + rows, across : across + columns], out=cut)
-        np.minimum(cut, np.float32(_CUT), out=cut)
-        directions += cut
-        cut.sum(axis=0, out=textures[number])
+        block = inverse[down : down + rows, across : across + columns]
+        np.multiply(histogram, block, out=cut[number])
+    np.minimum(cut, np.float32(_CUT), out=cut)
+    sums = np.empty((_DIRECTIONS + _BLOCKS, rows, columns), dtype=np.float32)
+    cut.sum(axis=0, out=sums[:_DIRECTIONS])
+    cut.sum(axis=1, out=sums[_DIRECTIONS:])
     channels[...] = product(_gradient_axes(), sums.reshape(len(sums), -1)).reshape(channels.shape)
 
 
