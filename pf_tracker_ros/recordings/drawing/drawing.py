@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import threading
 from collections.abc import Callable
@@ -112,12 +111,11 @@ class _Desk:
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stopping.set)
             self._thread.join()
-        else:
-            self._loop.close()
+        # Not in the thread: it may just be ending while it is told to.
+        self._loop.close()
 
     def _serve(self) -> None:
-        with contextlib.closing(self._loop):
-            self._loop.run_until_complete(self._run())
+        self._loop.run_until_complete(self._run())
 
     async def _run(self) -> None:
         try:
