@@ -17,7 +17,7 @@ from kernel_stages.timing import Timed
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.background import BackgroundModel, BackgroundParameters
 from pf_tracker_ros.cues import CUES
-from pf_tracker_ros.cues.correlation_filter import response, spectrum, train
+from pf_tracker_ros.cues.correlation_filter import response, spectra_of, train
 from pf_tracker_ros.cues.features import FEATURES
 from pf_tracker_ros.frames import Foreground
 from pf_tracker_ros.frames.gray_range import gray_range, to_8_bit
@@ -87,24 +87,24 @@ def _resampling(setting: Setting) -> Timed:
 
 
 def _features(setting: Setting) -> Timed:
-    window = _window(setting)
-    return Timed(lambda _: _FEATURES.extract(window))
+    windows = _window(setting)[None]
+    return Timed(lambda _: _FEATURES.extract(windows))
 
 
 def _spectrum(setting: Setting) -> Timed:
-    features = _FEATURES.extract(_window(setting))
-    return Timed(lambda _: spectrum(features))
+    features = _FEATURES.extract(_window(setting)[None])
+    return Timed(lambda _: spectra_of(features))
 
 
 def _response(setting: Setting) -> Timed:
-    seen = spectrum(_FEATURES.extract(_window(setting)))
+    (seen,) = spectra_of(_FEATURES.extract(_window(setting)[None]))
     trained = train(seen, (_CELLS / _WINDOW,) * 2, None, 0.0)
     windows = np.stack([seen] * _WINDOWS)
     return Timed(lambda _: response(trained, windows, _SAMPLES))
 
 
 def _training(setting: Setting) -> Timed:
-    seen = spectrum(_FEATURES.extract(_window(setting)))
+    (seen,) = spectra_of(_FEATURES.extract(_window(setting)[None]))
     cells = (_CELLS / _WINDOW,) * 2
     before = train(seen, cells, None, 0.0)
     return Timed(lambda _: train(seen, cells, before, 100.0))

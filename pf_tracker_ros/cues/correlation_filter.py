@@ -36,21 +36,23 @@ _FEATURE_STRENGTH = 0.294
 _TARGETS = 8
 
 
-def spectrum(features: NDArray[np.float32]) -> Spectrum:
-    """(channels, cells, cells // 2 + 1) Fourier transform of (channels, cells, cells) features.
+def spectra_of(features: NDArray[np.float32]) -> Spectrum:
+    """(K, channels, cells, cells // 2 + 1) transforms of (K, channels, cells, cells) features.
 
     Each channel's mean, which is much the same in every window, is taken out: a filter that is
     trained with it answers to any window. A cosine window takes the features down to 0 at the
-    borders; all together are then brought to one strength.
+    borders; all channels together are then brought to one strength.
     """
     cells = features.shape[-1]
     windowed, flat = _windowed(cells)
-    seen = windowed.apply(features)
-    seen -= (seen[:, :1, :1] / flat[0, 0]) * flat
-    # Half of the spectrum stands for both, but for its first and its last column.
-    energy = 2.0 * _energy(seen) - _energy(seen[..., 0]) - _energy(seen[..., -1])
-    seen *= np.float32(_FEATURE_STRENGTH * cells * cells / math.sqrt(max(energy, 1e-9)))
-    return seen
+    spectra = windowed.apply(features)
+    spectra -= (spectra[..., :1, :1] / flat[0, 0]) * flat
+    for seen in spectra:
+        # Half of the spectrum stands for both, but for its first and its last column.
+        energy = 2.0 * _energy(seen) - _energy(seen[..., 0]) - _energy(seen[..., -1])
+        strength = _FEATURE_STRENGTH * cells * cells / math.sqrt(max(energy, 1e-9))
+        np.multiply(seen, np.float32(strength), out=seen)
+    return spectra
 
 
 def train(
@@ -97,7 +99,8 @@ def response(trained: Spectrum, seen: Spectrum, samples: int) -> NDArray[np.floa
     """Correlation of a filter with a window, or several, at every displacement.
 
     Args:
-        trained: (channels, cells, cells // 2 + 1), as `train` gives it.
+        trained: (..., channels, cells, cells // 2 + 1), as `train` gives it; one filter, or one for
+            each window.
         seen: (..., channels, cells, cells // 2 + 1) spectra of the windows' features.
         samples: Along each side of the maps; a multiple of the number of cells, which it refines.
 

@@ -9,9 +9,11 @@ Sources: as in `correlation_filter` and in the features.
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +22,10 @@ from pf_tracker_ros.boxes import BoxGrid
 from pf_tracker_ros.cues.correlation_filter import (
     response,
     response_at_center,
-    spectrum,
+    spectra_of,
     train,
 )
-from pf_tracker_ros.cues.cue import CUES, Match, SearchableCue
+from pf_tracker_ros.cues.cue import CUES, Match, Prospect, SearchableCue
 from pf_tracker_ros.cues.features import FEATURES, Features
 from pf_tracker_ros.cues.response_map import (
     SMALLEST_RESPONSE,
@@ -35,10 +37,14 @@ from pf_tracker_ros.cues.response_map import (
     standing_out,
 )
 from pf_tracker_ros.cues.square_transform import Spectrum
-from pf_tracker_ros.frames import Region
+from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.frames.windows import read_window
 from pf_tracker_ros.parameters import declared
 
+Value = TypeVar("Value", bound=np.generic)
+
+# Cells of windows that are worked on at once: a processor's cache does not hold what more need.
+_CELLS_AT_ONCE = 2400
 # Places along each side of a cell at which the response is computed.
 _REFINEMENT = 2
 # Standard deviation of the response map, as a share of its peak, at which the target is as likely
@@ -119,6 +125,20 @@ class View(NamedTuple):
     box: NDArray[np.float64]
 
 
+class Square(NamedTuple):
+    """Part of a frame.
+
+    Attributes:
+        frame: All of it.
+        center: (2,) in image pixels.
+        side: Image pixels.
+    """
+
+    frame: Frame
+    center: NDArray[np.float64]
+    side: float
+
+
 @CUES.register("correlation_response", CorrelationResponseParameters)
 class CorrelationResponse(SearchableCue):
     """Response of a regularized correlation filter, against that to the window it was trained on.
@@ -151,6 +171,8 @@ class CorrelationResponse(SearchableCue):
         self._features: Features = FEATURES[parameters.features]()
         self._window = parameters.window
         self._cells = cells
+        # Windows that are worked on at once.
+        self._at_once = max(_CELLS_AT_ONCE // cells**2, 1)
         self._log_span = math.log(size_span)
         reach = self._log_span / 2
         self._factors = (math.exp(-reach), math.exp(reach)) if reach else (1.0,)
@@ -161,12 +183,38 @@ class CorrelationResponse(SearchableCue):
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> CorrelationTemplate:
         """See `Cue.learn`."""
-        pixels = self._pixels(region, box, gray=False)
+        square = self._square(region, box)
+        (pixels,) = self._pixels([square], gray=False)
         colored = pixels.ndim == 3 and float(np.ptp(pixels, axis=2).mean()) >= _LEAST_COLOR
-        seen, side = self._spectrum(region, box, colored), self._side(box)
-        width, height = (float(length) * self._cells / side for length in box[2:])
+        (seen,) = self._spectra([square], colored)
+        width, height = (float(length) * self._cells / square.side for length in box[2:])
         trained = train(seen, (width, height), None, 0.0)
         return CorrelationTemplate(trained, _reference(trained, seen), (width, height), colored)
+
+    def prepare(self, prospects: Sequence[Prospect]) -> None:
+        """See `Cue.prepare`."""
+        for colored in (False, True):
+            of_kind = [one for one in prospects if one.template.colored == colored]
+            for start in range(0, len(of_kind), self._at_once):
+                some = of_kind[start : start + self._at_once]
+                if len(some) > 1:
+                    self._prepare(some, colored)
+
+    def _prepare(self, prospects: Sequence[Prospect], colored: bool) -> None:
+        windows = self._read([one.region for one in prospects], colored)
+        counts = [len(one.spectra) for one in windows]
+        filters = np.stack([one.template.filter for one in prospects])
+        spectra = np.concatenate([one.spectra for one in windows])
+        maps = response(np.repeat(filters, counts, axis=0), spectra, _REFINEMENT * self._cells)
+        first = np.stack([one.first.filter for one in prospects])
+        expected = np.stack([one.expected for one in windows])
+        early_maps = response(first, expected, self._cells)
+        for one, seen, answers, early in zip(
+            prospects, windows, _parts(maps, counts), early_maps, strict=True
+        ):
+            one.region.keep((self, colored), seen)
+            one.region.keep(_key(one.template), Answers.of(answers, seen))
+            one.region.keep(_first_key(one.first), early)
 
     def observe(self, region: Region, box: NDArray[np.float64]) -> View:
         """See `Cue.observe`."""
@@ -211,7 +259,7 @@ class CorrelationResponse(SearchableCue):
         answers = self._answers(region, template)
         at_box = float(answers.read((box[:2] + box[2:] / 2)[None], np.array([0.5]))[0])
         early = region.share(
-            ("first correlation response", first),
+            _first_key(first),
             lambda: response(first.filter, answers.windows.expected, self._cells),
         )
         near = peak_near(early, region.place, self._side(region.place), box)
@@ -261,22 +309,27 @@ class CorrelationResponse(SearchableCue):
         def answer() -> Answers:
             windows = self._windows(region, template.colored)
             maps = response(template.filter, windows.spectra, _REFINEMENT * self._cells)
-            expected = mean_of(maps)
-            return Answers(maps, windows, expected, deviation_of(expected), float(maps.max()))
+            return Answers.of(maps, windows)
 
-        return region.share(("correlation responses", template), answer)
+        return region.share(_key(template), answer)
 
     def _windows(self, region: Region, colored: bool) -> Windows:
-        def read() -> Windows:
-            place = region.place
-            factors = self._factors if region.looks_for_size else (1.0,)
-            spectra = np.stack(
-                [self._spectrum(region, place, colored, factor) for factor in factors]
-            )
-            sides = [self._side(place, factor) for factor in factors]
-            return Windows(spectra, mean_of(spectra), place[:2] + place[2:] / 2, sides)
+        return region.share((self, colored), lambda: self._read([region], colored)[0])
 
-        return region.share((self, colored), read)
+    def _read(self, regions: Sequence[Region], colored: bool) -> list[Windows]:
+        """The windows around the prediction in each region."""
+        squares = [
+            [
+                self._square(region, region.place, factor)
+                for factor in (self._factors if region.looks_for_size else (1.0,))
+            ]
+            for region in regions
+        ]
+        spectra = self._spectra([*itertools.chain(*squares)], colored)
+        return [
+            Windows(part, mean_of(part), some[0].center, [one.side for one in some])
+            for part, some in zip(_parts(spectra, map(len, squares)), squares, strict=True)
+        ]
 
     def blend(self, template: CorrelationTemplate, seen: View) -> CorrelationTemplate:
         """See `Cue.blend`; the filter's memory holds it near what it was."""
@@ -285,28 +338,48 @@ class CorrelationResponse(SearchableCue):
         interval = self._interval if settled == 1.0 else 1
         if learned.waiting < interval:
             return learned
-        view = self._spectrum(seen.region, seen.box, template.colored)
+        (view,) = self._spectra([self._square(seen.region, seen.box)], template.colored)
         memory = settled * self._memory / interval
         trained = train(view, template.target_cells, template.filter, memory)
         reference = _reference(trained, view)
         return replace(learned, filter=trained, reference=reference, waiting=0)
 
-    def _spectrum(
-        self, region: Region, box: NDArray[np.float64], colored: bool, factor: float = 1.0
-    ) -> Spectrum:
-        """Of the window around a (4,) box."""
-        pixels = self._pixels(region, box, gray=not colored, factor=factor)
-        return spectrum(self._features.extract(pixels))
+    def _spectra(self, squares: Sequence[Square], colored: bool) -> Spectrum:
+        """(K, channels, cells, cells // 2 + 1) of the features in K squares."""
+        spectra = [
+            spectra_of(self._features.extract(self._pixels(some, gray=not colored)))
+            for some in (
+                squares[start : start + self._at_once]
+                for start in range(0, len(squares), self._at_once)
+            )
+        ]
+        return spectra[0] if len(spectra) == 1 else np.concatenate(spectra)
 
-    def _pixels(
-        self, region: Region, box: NDArray[np.float64], *, gray: bool, factor: float = 1.0
-    ) -> NDArray[np.uint8]:
-        """The window around a (4,) box."""
-        center, side = box[:2] + box[2:] / 2, self._side(box, factor)
-        return read_window(region.frame, center, side, self._features.stride * self._cells, gray)
+    def _pixels(self, squares: Sequence[Square], *, gray: bool) -> NDArray[np.uint8]:
+        pixels = self._features.stride * self._cells
+        return np.stack([read_window(*square, pixels, gray) for square in squares])
 
-    def _side(self, box: NDArray[np.float64], factor: float = 1.0) -> float:
-        return self._window * factor * math.sqrt(box[2] * box[3])
+    def _square(self, region: Region, box: NDArray[np.float64], factor: float = 1.0) -> Square:
+        """Around a (4,) box, in so many times its size."""
+        return Square(region.frame, box[:2] + box[2:] / 2, factor * self._side(box))
+
+    def _side(self, box: NDArray[np.float64]) -> float:
+        return self._window * math.sqrt(box[2] * box[3])
+
+
+def _key(template: CorrelationTemplate) -> object:
+    """Under which a region keeps the answers to its windows."""
+    return "correlation responses", template
+
+
+def _first_key(first: CorrelationTemplate) -> object:
+    return "first correlation response", first
+
+
+def _parts(values: NDArray[Value], counts: Iterable[int]) -> list[NDArray[Value]]:
+    """One part after the other of so many entries each."""
+    ends = [*itertools.accumulate(counts)]
+    return [values[start:end] for start, end in zip([0, *ends], ends, strict=False)]
 
 
 def _of_the_best(

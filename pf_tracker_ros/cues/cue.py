@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
@@ -74,6 +75,20 @@ class Match(NamedTuple):
     similarity: float
 
 
+class Prospect(NamedTuple):
+    """A target in a frame that it has not been looked for in.
+
+    Attributes:
+        region: Of the frame, where it is expected.
+        template: As it looked last.
+        first: As it looked in the beginning.
+    """
+
+    region: Region
+    template: Any
+    first: Any
+
+
 class Cue(Protocol):
     """Compares boxes with a template of the target.
 
@@ -116,6 +131,13 @@ class Cue(Protocol):
     def adopt(self, seen: Any) -> Any:
         """The template of what was observed, for a cue that has none yet."""
         return seen
+
+    def prepare(self, prospects: Sequence[Prospect]) -> None:
+        """Compute at once what several targets will ask of their regions, and leave it there.
+
+        For a cue to which that costs less than one target after another; no answer depends on it.
+        """
+        return
 
     @abstractmethod
     def log_likelihood(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxGrid
-from pf_tracker_ros.cues.cue import CUES, Cue, Match, SearchableCue
+from pf_tracker_ros.cues.cue import CUES, Cue, Match, Prospect, SearchableCue
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import ParameterError, declared
 
@@ -147,6 +147,21 @@ class CueFusion:
         """Each cue's template of what is in a (4,) box."""
         return {name: cue.learn(region, box) for name, cue in self._cues.items()}
 
+    def prepare(self, prospects: Sequence[tuple[Region, Templates, Templates]]) -> None:
+        """Let each cue compute at once what it reads of several regions; see `Cue.prepare`.
+
+        Args:
+            prospects: Region, templates and first templates of each target.
+        """
+        for name, cue in self._cues.items():
+            known = [
+                Prospect(region, templates[name], first[name])
+                for region, templates, first in prospects
+                if name in templates
+            ]
+            if known:
+                cue.prepare(known)
+
     def observe(self, region: Region, box: NDArray[np.float64]) -> Templates:
         """What each cue sees in a (4,) box of the frame at hand; see `Cue.observe`."""
         return {name: cue.observe(region, box) for name, cue in self._cues.items()}
@@ -177,6 +192,10 @@ class CueFusion:
             name: cue.log_likelihood(region, boxes, template)
             for name, cue, template in self._known(templates)
         }
+
+    def searches(self, templates: Templates) -> bool:
+        """Whether a cue that has a template can look for the target."""
+        return any(name in templates for name in self._searchable)
 
     def strengths(
         self, region: Region, boxes: NDArray[np.float64], templates: Templates

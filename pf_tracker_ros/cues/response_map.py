@@ -53,6 +53,12 @@ class Answers(NamedTuple):
     deviation: float
     largest: float
 
+    @classmethod
+    def of(cls, maps: NDArray[np.float32], windows: Windows) -> Answers:
+        """Those that (windows, S, S) responses to some windows make."""
+        expected = mean_of(maps)
+        return cls(maps, windows, expected, deviation_of(expected), float(maps.max()))
+
     def read(
         self, centers: NDArray[np.float64], shares: NDArray[np.float64]
     ) -> NDArray[np.float64]:

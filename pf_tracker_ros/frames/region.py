@@ -110,6 +110,10 @@ class Region:
             self._shared[key] = compute()
         return self._shared[key]  # type: ignore[return-value]
 
+    def keep(self, key: object, value: object) -> None:
+        """Store what was computed elsewhere, for all who ask for it by `share`."""
+        self._shared[key] = value
+
     @property
     def gray(self) -> NDArray[np.uint8]:
         """(h, w) uint8 brightness of `pixels`."""

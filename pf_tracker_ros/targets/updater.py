@@ -19,7 +19,7 @@ from pf_tracker_ros.targets.geometry import covered, is_cut, overlaps
 from pf_tracker_ros.targets.ground import Ground, grounds_of
 from pf_tracker_ros.targets.life import Life
 from pf_tracker_ros.tracking.follower import Follower
-from pf_tracker_ros.tracking.measurement import Evidence
+from pf_tracker_ros.tracking.measurement import Evidence, Expectation
 
 # Probability that a detection is not of its target, so that it says nothing of the place.
 _WRONG = 0.02
@@ -111,6 +111,7 @@ class Updater:
         lower = predicted[:, 1] + predicted[:, 3]
         unseen = np.array([one is None for one in own], dtype=np.bool_)
         guessed = unseen & np.array([_is_guess(life) for life in lives], dtype=np.bool_)
+        expected = self._expect(lives, frame, interval, own, idle_for > _SILENT_AFTER)
         for place in np.lexsort((-lower, guessed, unseen)).tolist():
             life = lives[place]
             if life.is_rival and own[place] is None:
@@ -123,6 +124,7 @@ class Updater:
                     frame,
                     interval,
                     own=own[place],
+                    expected=expected.get(place),
                     front=front,
                     ground=grounds.get(life.label),
                     is_silent=idle_for > _SILENT_AFTER,
@@ -131,6 +133,31 @@ class Updater:
             if not _is_guess(life):
                 front.append(life)
         return tuple(updated)
+
+    def _expect(
+        self,
+        lives: Sequence[Life],
+        frame: Frame,
+        interval: float,
+        own: Sequence[Sighting | None],
+        is_silent: bool,
+    ) -> dict[int, Expectation]:
+        """Place of each target that will be followed to where it is expected.
+
+        Those that others hid in the last frame are left out: most of them will be hidden again.
+        """
+        places = [
+            place
+            for place, (life, one) in enumerate(zip(lives, own, strict=True))
+            if one or not (life.is_rival or life.is_hidden)
+        ]
+        if interval > _PAUSED_AFTER:
+            places = [place for place in places if not own[place]]
+        targets = [
+            (lives[place].target, _asks_for_size(lives[place], own[place], is_silent))
+            for place in places
+        ]
+        return dict(zip(places, self._follower.expect(targets, frame, interval), strict=True))
 
     def count_misses(
         self, lives: Sequence[Life], own: Sequence[Sighting | None], rhythm: float
@@ -161,6 +188,7 @@ class Updater:
         interval: float,
         *,
         own: Sighting | None,
+        expected: Expectation | None,
         front: Sequence[Life],
         ground: Ground | None,
         is_silent: bool,
@@ -169,7 +197,7 @@ class Updater:
         if own and interval > _PAUSED_AFTER:
             return self._begin_anew(life, frame, interval, own)
         target, is_hidden = life.target, False
-        is_sized = own is None and (life.is_on_its_own or is_silent)
+        is_sized = _is_sized(life, own, is_silent)
         evidence = [_of_detection(own.box) if own else _of_course(life)]
         if is_sized and ground and life.stood is not None:
             evidence.append(partial(ground.log_likelihood, life.stood))
@@ -179,17 +207,14 @@ class Updater:
         are_near = _are_near(boxes, predicted)
         front, boxes = list(compress(front, are_near)), boxes[are_near]
         if len(boxes):
-            expected = covered(predicted[None], boxes)[0]
-            evidence.append(_of_others(boxes, expected))
-            is_hidden = own is None and bool(expected.max() > _HIDDEN_ABOVE)
+            hidden = covered(predicted[None], boxes)[0]
+            evidence.append(_of_others(boxes, hidden))
+            is_hidden = own is None and bool(hidden.max() > _HIDDEN_ABOVE)
         if not is_hidden:
-            followed = self._follower.follow(
-                target,
-                frame,
-                interval,
-                _all_of(evidence),
-                looks_for_size=is_sized and target.followed_frames % _SIZE_EVERY == 0,
-            )
+            if expected is None:
+                asked = (target, _asks_for_size(life, own, is_silent))
+                (expected,) = self._follower.expect([asked], frame, interval)
+            followed = self._follower.meet(expected, _all_of(evidence))
             if own is None and len(boxes):
                 is_hidden = _is_on_one(np.array(followed.estimate.box), boxes)
         course, log_size = life.course, life.log_size
@@ -270,6 +295,17 @@ class Updater:
 def _is_guess(life: Life) -> bool:
     """Whether nobody knows where a target is; those of a detector end once it does not see them."""
     return life.by_hand and life.target.estimate.state == "lost"
+
+
+def _is_sized(life: Life, own: Sighting | None, is_silent: bool) -> bool:
+    """Whether the image has to tell a target's size."""
+    return own is None and (life.is_on_its_own or is_silent)
+
+
+def _asks_for_size(life: Life, own: Sighting | None, is_silent: bool) -> bool:
+    """Whether it has to in this frame."""
+    is_due = life.target.followed_frames % _SIZE_EVERY == 0
+    return is_due and _is_sized(life, own, is_silent)
 
 
 def _inside(box: NDArray[np.float64], image_size: tuple[int, int]) -> Box:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -26,6 +27,7 @@ from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap, map_likelihood
 from pf_tracker_ros.tracking.measurement import (
     Evidence,
+    Expectation,
     Measurement,
     Measurer,
     SearchingMeasurer,
@@ -199,14 +201,40 @@ class Follower:
         Source: the steps of Li et al. 2007, section 3, Zhang et al. 2015, section 3.3, and Zhang
         Bo, section 3.3; `docs/papers.md` names the lines.
         """
-        draw = target.randomness.generator()
-        target = _in_the_light_of(frame, target, interval)
-        prediction = self._predictor.predict(target, interval, frame.size, draw)
-        measured = self._measurer.measure(
-            target, frame, prediction, draw, evidence, looks_for_size=looks_for_size
+        (expected,) = self.expect([(target, looks_for_size)], frame, interval)
+        return self.meet(expected, evidence)
+
+    def expect(
+        self, targets: Sequence[tuple[Target, bool]], frame: Frame, interval: float
+    ) -> list[Expectation]:
+        """Where targets are expected in a frame; what can be computed for all at once is.
+
+        Args:
+            targets: After the last frame, each with whether the frame is asked for its size, too.
+            frame: The next one.
+            interval: Seconds since the last one.
+        """
+        expected = []
+        for last, looks_for_size in targets:
+            draw = last.randomness.generator()
+            target = _in_the_light_of(frame, last, interval)
+            prediction = self._predictor.predict(target, interval, frame.size, draw)
+            expected.append(
+                self._measurer.expect(
+                    target, frame, interval, prediction, draw, looks_for_size=looks_for_size
+                )
+            )
+        self._fusion.prepare(
+            [(one.region, one.target.templates, one.target.first_templates) for one in expected]
         )
-        judged = self._judge.judge(target, measured, interval, draw)
-        learned = self._learn(target, prediction, measured, judged)
+        return expected
+
+    def meet(self, expected: Expectation, evidence: Evidence | None = None) -> Target:
+        """The target in the frame that it was expected in; see `follow`."""
+        target, draw = expected.target, expected.draw
+        measured = self._measurer.measure(expected, evidence)
+        judged = self._judge.judge(target, measured, expected.interval, draw)
+        learned = self._learn(target, expected.prediction, measured, judged)
         return self._advance(target, measured, judged, learned, draw)
 
     def _learn(

@@ -34,6 +34,30 @@ Evidence = Callable[[BoxesByAxis], NDArray[np.float64]]
 _ALIKE_ABOVE = 0.5
 
 
+class Expectation(NamedTuple):
+    """A target in a frame that has not been looked at.
+
+    Attributes:
+        target: After the last frame.
+        frame: The next one.
+        interval: Seconds between them.
+        prediction: The particles, as drawn for it.
+        draw: Source of randomness from there on.
+        boxes: (N, 4) of the particles, pixels.
+        region: What of the frame is looked at.
+        search: Where the target is looked for; None without a search.
+    """
+
+    target: Target
+    frame: Frame
+    interval: float
+    prediction: Prediction
+    draw: np.random.Generator
+    boxes: NDArray[np.float64]
+    region: Region
+    search: Search | None = None
+
+
 class Measurement(NamedTuple):
     """The particles of a frame, weighed by it, and what it shows at their estimate.
 
@@ -97,32 +121,48 @@ class Measurer:
         """Templates of what is in a (4,) box."""
         return self._fusion.learn(self._region(frame, box[None], box), box)
 
-    def measure(
+    def expect(
         self,
         target: Target,
         frame: Frame,
+        interval: float,
         prediction: Prediction,
         draw: np.random.Generator,
-        evidence: Evidence | None = None,
         *,
         looks_for_size: bool = True,
-    ) -> Measurement:
-        """Weigh the particles, and look at what they stand for.
+    ) -> Expectation:
+        """What of a frame is to be looked at.
 
         Args:
             target: After the last frame.
-            frame: At hand.
-            prediction: For this frame.
-            draw: Source of randomness.
-            evidence: One more factor of the likelihood; None where there is none.
+            frame: The next one.
+            interval: Seconds between them.
+            prediction: For it.
+            draw: Source of randomness from there on.
             looks_for_size: See `Region`.
+        """
+        boxes = target.motion.boxes(prediction.particles.states)
+        last_box = np.asarray(target.estimate.box)
+        region = self._region(frame, boxes, last_box, looks_for_size=looks_for_size)
+        return Expectation(target, frame, interval, prediction, draw, boxes, region)
+
+    def measure(self, expected: Expectation, evidence: Evidence | None = None) -> Measurement:
+        """Weigh the particles, and look at what they stand for.
+
+        Args:
+            expected: Of the frame at hand.
+            evidence: One more factor of the likelihood; None where there is none.
 
         Source: Li et al. 2007, section 2.2; Zhang et al. 2015, equations (10) and (5).
         """
-        predicted, templates, powers = prediction.particles, target.templates, self._fusion.powers
-        boxes = target.motion.boxes(predicted.states)
-        last_box = np.asarray(target.estimate.box)
-        region = self._region(frame, boxes, last_box, looks_for_size=looks_for_size)
+        target, frame, boxes, region = (
+            expected.target,
+            expected.frame,
+            expected.boxes,
+            expected.region,
+        )
+        predicted, templates = expected.prediction.particles, target.templates
+        powers = self._fusion.powers
         likelihood = self._fusion.log_likelihood(region, boxes, templates, powers)
         if evidence:
             likelihood += evidence(BoxesByAxis(*boxes.T))
@@ -217,33 +257,39 @@ class SearchingMeasurer(Measurer):
         search = Search(place, self._parameters, frame.size)
         return search, self._region(frame, search.cover(place[None]), place, place)
 
-    def measure(
+    def expect(
         self,
         target: Target,
         frame: Frame,
+        interval: float,
         prediction: Prediction,
         draw: np.random.Generator,
-        evidence: Evidence | None = None,
         *,
         looks_for_size: bool = True,
-    ) -> Measurement:
-        """See `Measurer.measure`; the weights carry p / q."""
-        motion = cast(SearchableMotion, target.motion)
-        templates, predicted = target.templates, prediction.particles
-        powers = self._fusion.adapt(target.distraction, self._adaptation)
-        boxes = motion.boxes(predicted.states)
-        search = Search(predicted.weights @ boxes, self._parameters, frame.size)
+    ) -> Expectation:
+        """See `Measurer.expect`."""
+        if not self._fusion.searches(target.templates):
+            # Cues that were just chosen have no template yet, and can't search in this frame.
+            return super().expect(
+                target, frame, interval, prediction, draw, looks_for_size=looks_for_size
+            )
+        boxes = target.motion.boxes(prediction.particles.states)
+        search = Search(prediction.particles.weights @ boxes, self._parameters, frame.size)
         last_box = np.asarray(target.estimate.box)
         region = self._region(
             frame, search.cover(boxes), last_box, search.place, looks_for_size=looks_for_size
         )
+        return Expectation(target, frame, interval, prediction, draw, boxes, region, search)
 
+    def measure(self, expected: Expectation, evidence: Evidence | None = None) -> Measurement:
+        """See `Measurer.measure`; the weights carry p / q."""
+        target, frame, _, prediction, draw, _, region, search = expected
+        if search is None:
+            return super().measure(expected, evidence)
+        motion = cast(SearchableMotion, target.motion)
+        templates, predicted = target.templates, prediction.particles
+        powers = self._fusion.adapt(target.distraction, self._adaptation)
         found = self._fusion.strengths_on_grid(region, search.grid, templates)
-        if not found:
-            # Cues that were just chosen have no template yet, and can't search in this frame.
-            return super().measure(
-                target, frame, prediction, draw, evidence, looks_for_size=looks_for_size
-            )
         centers = motion.center_prior(target.particles.states, prediction.interval)
         searched = self._fusion.search(region, search.grid, found, templates, powers)
         if evidence:

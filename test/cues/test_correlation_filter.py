@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.cues import correlation_filter
-from pf_tracker_ros.cues.correlation_filter import response, response_at_center, spectrum, train
+from pf_tracker_ros.cues.correlation_filter import response, response_at_center, spectra_of, train
 
 CELLS = 16
 TARGET = (5.0, 3.5)
 
 
 def noise(seed, channels=4, cells=CELLS, smooth=0.0):
-    """Features as strong as `spectrum` makes them; smooth ones lack the highest frequencies."""
+    """Features as strong as `spectra_of` makes them; smooth ones lack the highest frequencies."""
     features = np.random.default_rng(seed).normal(size=(channels, cells, cells))
     if smooth:
         frequency = np.fft.fftfreq(cells)
@@ -190,7 +190,7 @@ def test_the_peak_moves_with_the_window_by_cells_and_halves(shift):
 
 def test_spectrum_fades_to_the_borders_and_is_of_one_strength_without_a_mean():
     features = cv2.GaussianBlur(noise(0, 1)[0], (3, 3), 0)[None]
-    one, other = spectrum(features), spectrum(70 * features + 9)
+    one, other = spectra_of(np.stack([features, 70 * features + 9]))
     np.testing.assert_allclose(other, one, rtol=1e-3, atol=1e-4)
     values = in_space(one)
     assert np.sqrt(np.square(values).mean()) == pytest.approx(0.294, rel=1e-4)
@@ -205,9 +205,11 @@ def test_the_strength_is_that_of_all_channels_together():
     """Channels that say nothing, or the same in other words, change nothing."""
     features = cv2.GaussianBlur(noise(0, 1)[0], (3, 3), 0)
     turned = np.stack([0.6 * features, -0.8 * features, 0 * features])
-    power = np.square(np.abs(spectrum(turned))).sum(axis=0)
-    np.testing.assert_allclose(power, np.square(np.abs(spectrum(features[None])[0])), rtol=1e-3)
+    power = np.square(np.abs(spectra_of(turned[None])[0])).sum(axis=0)
+    np.testing.assert_allclose(
+        power, np.square(np.abs(spectra_of(features[None, None])[0, 0])), rtol=1e-3
+    )
 
 
 def test_features_of_nothing_have_a_spectrum_of_nothing():
-    assert not spectrum(np.zeros((3, CELLS, CELLS), np.float32)).any()
+    assert not spectra_of(np.zeros((2, 3, CELLS, CELLS), np.float32)).any()

@@ -11,6 +11,12 @@ from pf_tracker_ros.cues.correlation_response import (
     CorrelationResponse,
     CorrelationResponseParameters,
 )
+from pf_tracker_ros.cues.correlation_response_coarse import (
+    CoarseCorrelationResponse,
+    CoarseCorrelationResponseParameters,
+)
+from pf_tracker_ros.cues.cue import Prospect
+from pf_tracker_ros.cues.features.gradients_and_colors import GradientsAndColors
 from pf_tracker_ros.frames import Frame, Region
 
 BOX = np.array([140.0, 100.0, 40.0, 32.0])
@@ -305,6 +311,56 @@ def test_templates_do_not_share_a_response(template):
     own = CUE.strength(region, BOX[None], template)
     assert CUE.strength(region, BOX[None], other)[0] < own[0]
     assert CUE.strength(region, BOX[None], template)[0] == own[0]
+
+
+def test_what_is_prepared_of_several_targets_is_what_each_would_ask_for(monkeypatch):
+    """Also where one is gray, and where another asks for no size; in fewer, larger steps."""
+    cue = CoarseCorrelationResponse(CoarseCorrelationResponseParameters())
+    gray = np.ascontiguousarray(frame()[..., 1])
+    targets = [
+        (image, BOX + offset, looks_for_size)
+        for image, offset, looks_for_size in (
+            (frame(), (0.0, 0.0, 0.0, 0.0), True),
+            (gray, (0.0, 0.0, 0.0, 0.0), True),
+            (frame(), (9.0, 4.0, 6.0, -3.0), False),
+            (frame(), (-120.0, -90.0, 0.0, 9.0), True),
+            (frame(), (40.0, 20.0, -9.0, -9.0), True),
+        )
+    ]
+    learned = [cue.learn(region_of(image, box), box) for image, box, _ in targets]
+    # One has changed since it was first seen.
+    firsts = [learned[2], *learned[1:]]
+    calls = []
+    extract = GradientsAndColors.extract
+
+    def counted(self, windows):
+        calls.append(len(windows))
+        return extract(self, windows)
+
+    monkeypatch.setattr(GradientsAndColors, "extract", counted)
+
+    def answers(prepares):
+        calls.clear()
+        regions = [
+            Region(Frame(image), box[None], looks_for_size=looks) for image, box, looks in targets
+        ]
+        prospects = [Prospect(*one) for one in zip(regions, learned, firsts, strict=True)]
+        if prepares:
+            cue.prepare(prospects)
+        told = []
+        for (region, template, first), (_, box, _) in zip(prospects, targets, strict=True):
+            boxes, _ = boxes_around(box, 3)
+            seen = cue.observe(region, box)
+            told.append(cue.strength(region, boxes, template).tolist())
+            told.append(cue.match(seen, template))
+            told.append(cue.log_odds(seen, template, first))
+        return told, [*calls]
+
+    apart, together = answers(False), answers(True)
+    assert together[0] == apart[0]
+    # The four in color share two calls, none of more than four windows; the gray one is alone.
+    assert apart[1] == [2, 2, 1, 2, 2]
+    assert together[1] == [4, 3, 2]
 
 
 def test_chosen_again_with_another_window_it_learns_anew():

@@ -68,9 +68,9 @@ from pf_tracker_ros.frames import Frame, Region
 
 asked = []
 extract = FEATURES["cell_means"].extract
-def remembering(self, window):
-    asked.append(window.shape)
-    return extract(self, window)
+def remembering(self, windows):
+    asked.append(windows.shape)
+    return extract(self, windows)
 FEATURES["cell_means"].extract = remembering
 
 parameters = CUES.parameters_of("correlation_response")(features="cell_means")
@@ -84,7 +84,7 @@ templates = [
 print(json.dumps([asked, [template.filter.shape for template in templates]]))
 """
     asked, filters = extended(code, **ADDED)
-    assert asked == [[320, 320, 3], [320, 320]]
+    assert asked == [[1, 320, 320, 3], [1, 320, 320]]
     assert filters == [[5, 40, 21], [3, 40, 21]]
 
 
@@ -97,7 +97,8 @@ window = np.random.default_rng(0).integers(0, 256, (24, 24, 3), dtype=np.uint8)
 ramp = np.tile((2 * np.arange(24)).astype(np.uint8), (24, 1))
 features = FEATURES["cell_means"]()
 print(json.dumps([
-    window.tolist(), features.extract(window).tolist(), features.extract(ramp).tolist()
+    window.tolist(), features.extract(window[None])[0].tolist(),
+    features.extract(ramp[None])[0].tolist(),
 ]))
 """
     window, channels, of_ramp = (np.array(each) for each in extended(code, **ADDED))

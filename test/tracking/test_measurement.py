@@ -57,6 +57,12 @@ def prediction_for(target):
     return Prediction(particles, INTERVAL)
 
 
+def measure(measurer, target, frame, prediction, draw=None):
+    return measurer.measure(
+        measurer.expect(target, frame, INTERVAL, prediction, draw or generator())
+    )
+
+
 def generator():
     return np.random.default_rng(8)
 
@@ -68,7 +74,7 @@ def test_without_a_search_every_particle_is_weighed_where_it_is(target, couple):
     measurer, _ = measurers(*CUES_OF_DEFAULT)
     prediction = prediction_for(target)
     draw = generator()
-    measured = measurer.measure(target, Frame(couple.images[0]), prediction, draw)
+    measured = measure(measurer, target, Frame(couple.images[0]), prediction, draw)
     assert measured.predicted is prediction.particles
     np.testing.assert_array_equal(measured.particles.states, prediction.particles.states)
     np.testing.assert_array_equal(measured.boxes, target.motion.boxes(measured.particles.states))
@@ -99,7 +105,7 @@ def test_a_search_finds_what_is_out_of_the_particles_reach(target, couple):
     frame = Frame(shifted(couple.images[0], 20))
     there = couple.first[0] + [20.0, 0.0, 0.0, 0.0]
     box = {
-        one: one.measure(target, frame, prediction_for(target), generator()).box
+        one: measure(one, target, frame, prediction_for(target)).box
         for one in (measurer, searching)
     }
     assert np.abs(box[searching] - there).max() < 2.0
@@ -120,7 +126,7 @@ def test_a_search_is_led_to_the_one_of_two_alike_that_moves(target, couple, side
     mask[y : y + height, there : there + width] = 255
     frame.foreground = Foreground(mask, 1)
     target = replace(target, templates={**target.templates, "foreground": None})
-    measured = searching.measure(target, frame, prediction_for(target), generator())
+    measured = measure(searching, target, frame, prediction_for(target))
     assert np.abs(measured.box - [there, y, width, height]).max() < 3.0
     found = measured.predicted.states[:, 0] - couple.first[0][0] - width / 2
     assert np.mean(found * side > width / 2) > 0.3
@@ -130,7 +136,7 @@ def test_the_search_is_around_the_predicted_mean_and_its_particles_carry_p_over_
     _, searching = measurers(*CUES_OF_DEFAULT)
     cues = fusion(*CUES_OF_DEFAULT)
     frame, prediction = Frame(couple.images[1]), prediction_for(target)
-    measured = searching.measure(target, frame, prediction, generator())
+    measured = measure(searching, target, frame, prediction)
     before = prediction.particles
     boxes = target.motion.boxes(before.states)
     np.testing.assert_allclose(measured.search.place, before.weights @ boxes)
@@ -164,7 +170,7 @@ def test_of_two_places_that_look_alike_one_is_told_and_not_the_middle(target, co
     for place in places:
         left = int(place[0])
         image[y : y + side, left : left + side] = couple.images[0][y : y + side, x : x + side]
-    measured = searching.measure(target, Frame(image), prediction_for(target), generator())
+    measured = measure(searching, target, Frame(image), prediction_for(target))
     weights = [
         measured.particles.weights[np.abs(measured.boxes[:, 0] - place[0]) < 5.0].sum()
         for place in places
@@ -185,7 +191,7 @@ def test_what_looks_alike_beside_the_target_is_a_distraction(target, couple):
     np.random.default_rng(0).shuffle(colors)
     confusing[y : y + side, x : x + side] = colors.reshape(side, side, 3)
     distraction = [
-        searching.measure(target, Frame(image), prediction_for(target), generator()).distraction
+        measure(searching, target, Frame(image), prediction_for(target)).distraction
         for image in (plain, confusing)
     ]
     assert distraction[0].keys() == distraction[1].keys() == set(CUES_OF_DEFAULT)
@@ -203,8 +209,7 @@ def test_while_no_cue_that_searches_has_a_template_it_is_as_without_a_search(tar
     )
     target = replace(target, templates=templates, distraction={})
     without, fallen_back = (
-        one.measure(target, frame, prediction_for(target), generator())
-        for one in (measurer, searching)
+        measure(one, target, frame, prediction_for(target)) for one in (measurer, searching)
     )
     np.testing.assert_array_equal(without.particles.states, fallen_back.particles.states)
     np.testing.assert_array_equal(without.particles.log_weights, fallen_back.particles.log_weights)
@@ -221,7 +226,7 @@ def test_while_no_cue_that_searches_has_a_template_it_is_as_without_a_search(tar
 def test_the_covariance_of_a_search_by_hand(target, couple):
     _, searching = measurers(*CUES_OF_DEFAULT)
     frame = Frame(couple.images[1])
-    measured = searching.measure(target, frame, prediction_for(target), generator())
+    measured = measure(searching, target, frame, prediction_for(target))
     box = measured.box + [3.0, 0.0, 0.0, 0.0]
     seen = Judgment(box, 0.75, Track(), measured.particles, measured.boxes)
     size = np.sqrt(measured.search.place[2] * measured.search.place[3])
@@ -255,10 +260,10 @@ def test_large_targets_are_looked_at_reduced_to_the_working_size(side, reduction
     particles = ParticleSet.uniform([[100 + side / 2, 60 + side / 2, 0.0, 0.0, side, side]])
     estimate = replace(target.estimate, box=tuple(box.tolist()))
     templates, _ = measurer.learn(Frame(noise), box)
-    measurer.measure(
+    measure(
+        measurer,
         replace(target, templates=templates, estimate=estimate),
         Watched(noise),
         Prediction(particles, INTERVAL),
-        generator(),
     )
     assert set(looked_at) == ({reduction} if reduction == 1 else {1, reduction})

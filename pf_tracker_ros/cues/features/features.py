@@ -11,7 +11,7 @@ from pf_tracker_ros.registry import Registry
 
 
 class Features(Protocol):
-    """Turns a window of the image into channels, one value for each cell of it.
+    """Turns windows of the image into channels, one value for each cell of them.
 
     Attributes:
         stride: Pixels along each side of a cell.
@@ -19,14 +19,14 @@ class Features(Protocol):
 
     stride: ClassVar[int]
 
-    def extract(self, window: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """The channels of a window.
+    def extract(self, windows: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """The channels of windows, each as if there were no other.
 
         Args:
-            window: (P, P, 3) BGR or (P, P) gray, P a multiple of `stride`.
+            windows: (K, P, P, 3) BGR or (K, P, P) gray, P a multiple of `stride`.
 
         Returns:
-            (channels, P / stride, P / stride). The number of channels may differ between colored
+            (K, channels, P / stride, P / stride). The number of channels may differ between colored
             and gray windows, and in nothing else.
         """
 

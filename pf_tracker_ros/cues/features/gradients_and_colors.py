@@ -74,37 +74,53 @@ class GradientsAndColors:
         _direction_tables()
         _name_table()
 
-    def extract(self, window: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def extract(self, windows: NDArray[np.uint8]) -> NDArray[np.float32]:
         """See `Features.extract`."""
-        cells = window.shape[0] // _CELL_PIXELS
-        colored = window.ndim == 3
-        gray = cv2.cvtColor(window, cv2.COLOR_BGR2GRAY) if colored else window
-        half = cv2.resize(window, (2 * cells, 2 * cells), interpolation=cv2.INTER_AREA)
-        shares = _name_shares(half) if colored else _level_shares(half)
-        features = np.empty((_GRADIENT_CHANNELS + shares.shape[2], cells, cells), dtype=np.float32)
-        _fill_gradient_channels(gray, features[:_GRADIENT_CHANNELS])
+        count, pixels = windows.shape[:2]
+        cells, colored = pixels // _CELL_PIXELS, windows.ndim == 4
+        # One below the other, so that what looks at single pixels and cells sees one image.
+        column = windows.reshape(count * pixels, *windows.shape[2:])
+        gray = cv2.cvtColor(column, cv2.COLOR_BGR2GRAY) if colored else column
+        half_size = (2 * cells, 2 * cells * count)
+        half = cv2.resize(column, half_size, interpolation=cv2.INTER_AREA)
+        shares = _name_shares(half) if colored else _level_shares(half, count)
+        kinds = shares.shape[2]
+        features = np.empty((count, _GRADIENT_CHANNELS + kinds, cells, cells), dtype=np.float32)
+        _fill_gradient_channels(gray, features[:, :_GRADIENT_CHANNELS])
         rows = shares[0::2] + shares[1::2]
-        features[_GRADIENT_CHANNELS:] = (rows[:, 0::2] + rows[:, 1::2]).transpose(2, 0, 1)
+        sums = (rows[:, 0::2] + rows[:, 1::2]).reshape(count, cells, cells, kinds)
+        features[:, _GRADIENT_CHANNELS:] = sums.transpose(0, 3, 1, 2)
         return features
 
 
 def _fill_gradient_channels(gray: NDArray[np.uint8], channels: NDArray[np.float32]) -> None:
-    """Fill (11, rows, columns) channels."""
-    _, rows, columns = channels.shape
-    histogram = _direction_histogram(gray, rows, columns)
-    energy = np.einsum("dyx,dyx->yx", histogram, histogram)
-    padded = cv2.copyMakeBorder(energy, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
-    blocks = padded[:-1, :-1] + padded[1:, :-1] + padded[:-1, 1:] + padded[1:, 1:]
+    """Fill (K, 11, rows, columns) channels of K windows one below the other."""
+    count, _, rows, columns = channels.shape
+    histogram = _direction_histogram(gray, (count, rows, columns))
+    energy = np.einsum("dkyx,dkyx->kyx", histogram, histogram)
+    padded = _with_border(energy)
+    blocks = padded[:, :-1, :-1] + padded[:, 1:, :-1] + padded[:, :-1, 1:] + padded[:, 1:, 1:]
     inverse = 1.0 / np.sqrt(blocks + np.float32(_NOISE))
     cut = np.empty((_BLOCKS, *histogram.shape), dtype=np.float32)
     for number, (down, across) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
-        block = inverse[down : down + rows, across : across + columns]
+        block = inverse[:, down : down + rows, across : across + columns]
         np.multiply(histogram, block, out=cut[number])
     np.minimum(cut, np.float32(_CUT), out=cut)
-    sums = np.empty((_DIRECTIONS + _BLOCKS, rows, columns), dtype=np.float32)
-    cut.sum(axis=0, out=sums[:_DIRECTIONS])
-    cut.sum(axis=1, out=sums[_DIRECTIONS:])
-    channels[...] = product(_gradient_axes(), sums.reshape(len(sums), -1)).reshape(channels.shape)
+    sums = np.empty((_DIRECTIONS + _BLOCKS, count, rows * columns), dtype=np.float32)
+    cut.sum(axis=0, out=sums[:_DIRECTIONS].reshape(histogram.shape))
+    cut.sum(axis=1, out=sums[_DIRECTIONS:].reshape(cut.shape[:1] + cut.shape[2:]))
+    for number, of_window in enumerate(channels):
+        of_window[...] = product(_gradient_axes(), sums[:, number]).reshape(of_window.shape)
+
+
+def _with_border(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(K, rows + 2, columns + 2) of (K, rows, columns) values, those at the border repeated."""
+    count, rows, columns = values.shape
+    padded = np.empty((count, rows + 2, columns + 2), dtype=np.float32)
+    padded[:, 1:-1, 1:-1] = values
+    padded[:, 0, 1:-1], padded[:, -1, 1:-1] = values[:, 0], values[:, -1]
+    padded[..., 0], padded[..., -1] = padded[..., 1], padded[..., -2]
+    return padded
 
 
 @cache
@@ -126,21 +142,41 @@ def _gradient_axes() -> NDArray[np.float32]:
     return (axes / math.sqrt(2 * _DIRECTIONS)).astype(np.float32)
 
 
-def _direction_histogram(gray: NDArray[np.uint8], rows: int, columns: int) -> NDArray[np.float32]:
-    """(9, rows, columns) mean gradient magnitude, shared between the two nearest directions."""
-    pair = paired_differences(gray).ravel().astype(np.intp)
+def _direction_histogram(
+    gray: NDArray[np.uint8], cells: tuple[int, int, int]
+) -> NDArray[np.float32]:
+    """(9, K, rows, columns) mean gradient magnitude, shared between the two nearest directions.
+
+    Args:
+        gray: (pixels, pixels) of K windows one below the other.
+        cells: (K, rows, columns).
+    """
+    count, rows, columns = cells
+    pair = _paired_differences(gray, count).ravel().astype(np.intp)
     first, shares = _direction_tables()
-    bins = _first_bins(rows, columns) + first.take(pair)
-    sums = np.bincount(bins, shares.take(pair), rows * columns * (_DIRECTIONS + 1))
+    bins = _first_bins(count * rows, columns) + first.take(pair)
+    sums = np.bincount(bins, shares.take(pair), count * rows * columns * (_DIRECTIONS + 1))
     upper = np.floor(sums * (1.0 / _UPPER))
     lower = sums - upper * _UPPER
     lower[1:] += upper[:-1]
-    histogram = lower.reshape(rows, columns, _DIRECTIONS + 1)
+    histogram = lower.reshape(-1, _DIRECTIONS + 1)
     # The direction after the last is the first.
-    histogram[..., 0] += histogram[..., _DIRECTIONS]
-    means = np.ascontiguousarray(histogram.reshape(-1, _DIRECTIONS + 1).T[:_DIRECTIONS], np.float32)
+    histogram[:, 0] += histogram[:, _DIRECTIONS]
+    means = np.ascontiguousarray(histogram.T[:_DIRECTIONS], np.float32)
     means *= np.float32(1.0 / (_MAGNITUDE_STEPS * _CELL_PIXELS**2))
-    return means.reshape(_DIRECTIONS, rows, columns)
+    return means.reshape(_DIRECTIONS, *cells)
+
+
+def _paired_differences(gray: NDArray[np.uint8], count: int) -> NDArray[np.float32]:
+    """Those of `paired_differences`, none across the border between two of so many windows."""
+    if count == 1:
+        return paired_differences(gray)
+    windows = gray.reshape(count, -1, gray.shape[1])
+    apart = np.empty((count, windows.shape[1] + 2, gray.shape[1]), dtype=np.uint8)
+    apart[:, 1:-1] = windows
+    # A window's first and last row then have the same on either side, as at an image's border.
+    apart[:, 0], apart[:, -1] = windows[:, 1], windows[:, -2]
+    return paired_differences(apart.reshape(-1, gray.shape[1])).reshape(apart.shape)[:, 1:-1]
 
 
 @cache
@@ -174,14 +210,15 @@ def _name_shares(half: NDArray[np.uint8]) -> NDArray[np.float32]:
     return _name_table().take(number, axis=0)
 
 
-def _level_shares(half: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """(h, h, 5) which levels of the middle's range are near each of (h, h) pixels."""
-    border = len(half) // 4
-    middle = half[border : len(half) - border, border : len(half) - border]
-    low, high = np.percentile(middle, _GRAY_PERCENTILES)
-    scale = 255.0 / max(high - low, _SMALLEST_GRAY_RANGE)
-    place = np.rint(np.clip((half - low) * scale, 0.0, 255.0)).astype(np.intp)
-    return _level_table().take(place, axis=0)
+def _level_shares(half: NDArray[np.uint8], count: int) -> NDArray[np.float32]:
+    """(K * h, h, 5) which levels of the middle's range are near each pixel of K windows."""
+    side = half.shape[1]
+    windows, border = half.reshape(count, side, side), side // 4
+    middle = windows[:, border : side - border, border : side - border].reshape(count, -1)
+    low, high = np.percentile(middle, _GRAY_PERCENTILES, axis=1)[..., None, None]
+    scale = 255.0 / np.maximum(high - low, _SMALLEST_GRAY_RANGE)
+    place = np.rint(np.clip((windows - low) * scale, 0.0, 255.0)).astype(np.intp)
+    return _level_table().take(place.reshape(half.shape), axis=0)
 
 
 @cache

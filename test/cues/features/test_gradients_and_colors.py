@@ -23,7 +23,7 @@ STRIDE = GradientsAndColors.stride
 
 
 def extract(window):
-    return GradientsAndColors().extract(window)
+    return GradientsAndColors().extract(window[None])[0]
 
 
 def texture(seed, size=64):
@@ -93,6 +93,15 @@ def test_gradient_channels_are_those_of_a_loop_over_pixels_in_other_axes(contras
     dropped = np.array([0.5, -0.5, -0.5, 0.5]) @ looped[9:]
     expected = looped.T @ looped - np.outer(dropped, dropped)
     np.testing.assert_allclose(reduced.T @ reduced, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("colors", [(3,), ()], ids=["colored", "gray"])
+def test_windows_that_are_looked_at_together_are_as_each_alone(colors):
+    windows = np.random.default_rng(0).integers(0, 256, (3, 32, 32, *colors), dtype=np.uint8)
+    windows[1] //= 4
+    together = GradientsAndColors().extract(windows)
+    assert together.shape == (3, 16, 8, 8)
+    np.testing.assert_array_equal(together, np.stack([extract(window) for window in windows]))
 
 
 def test_an_even_window_has_no_gradients():

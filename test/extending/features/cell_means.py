@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.cues.features.features import FEATURES
 
 
-# The cue brings the window to `stride` pixels a cell before it asks for its channels, so a larger
+# The cue brings its windows to `stride` pixels a cell before it asks for its channels, so a larger
 # stride sees finer detail, and costs more.
 @FEATURES.register("cell_means")
 class CellMeans:
@@ -22,8 +22,12 @@ class CellMeans:
 
     stride = 8
 
-    def extract(self, window: NDArray[np.uint8]) -> NDArray[np.float32]:
+    def extract(self, windows: NDArray[np.uint8]) -> NDArray[np.float32]:
         """See `Features.extract`."""
+        return np.stack([self._channels(window) for window in windows])
+
+    def _channels(self, window: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """(channels, cells, cells) of one of them."""
         gray = cv2.cvtColor(window, cv2.COLOR_BGR2GRAY) if window.ndim == 3 else window
         planes = list(cv2.split(window))
         planes += [np.abs(cv2.Sobel(gray, cv2.CV_32F, *axis)) for axis in ((1, 0), (0, 1))]
