@@ -72,6 +72,15 @@ def _unknown(known: NDArray[np.bool_], top: int, left: int) -> Iterator[Part]:
     padded[:, 1:-1] = known
     # Of each row, where unknown tiles start and end by turns.
     row_of, column_of = np.nonzero(padded[:, 1:] != padded[:, :-1])
-    edges = column_of.reshape(-1, 2).tolist()
-    for row, (start, end) in zip(row_of[::2].tolist(), edges, strict=True):
-        yield Part(top + row, top + row + 1, left + start, left + end)
+    found: dict[tuple[int, int], Part] = {}
+    for row, start, end in zip(
+        row_of[::2].tolist(), column_of[::2].tolist(), column_of[1::2].tolist(), strict=True
+    ):
+        above = found.get((start, end))
+        if above is None or above.bottom < top + row:
+            if above:
+                yield above
+            above = Part(top + row, top + row, left + start, left + end)
+        # The same columns in the next row make it higher.
+        found[start, end] = above._replace(bottom=top + row + 1)
+    yield from found.values()
