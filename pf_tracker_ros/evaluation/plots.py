@@ -64,7 +64,9 @@ def save_success_plot(
         title="success",
     )
     axes.grid(alpha=0.3)
-    for number, curve in enumerate((details or {}).values()):
+    # A single one is the mean of itself.
+    behind = list(details.values()) if details and len(details) > 1 else []
+    for number, curve in enumerate(behind):
         # One of them stands for all in the legend.
         label = None if number else "single sequences"
         axes.plot(SUCCESS_THRESHOLDS, curve, color="0.75", linewidth=0.8, label=label)

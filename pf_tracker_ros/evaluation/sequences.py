@@ -9,7 +9,7 @@ from pf_tracker_ros.evaluation.ground_truth import usable_ground_truth
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure
 from pf_tracker_ros.footage import Footage, FootageError, read_sequence
 from pf_tracker_ros.footage.access import entries, exists, is_folder
-from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILE, ground_truth_file
+from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILES, ground_truth_file
 from pf_tracker_ros.footage.sequences import IMAGE_FOLDER
 
 
@@ -94,8 +94,8 @@ def find_sequences(folders: Iterable[str | Path]) -> list[Path]:
         sequences = _sequences_of(folder)
         if not sequences:
             raise EvaluationError(
-                f"no sequence in '{given}'; allowed: a folder with a {GROUND_TRUTH_FILE}, "
-                "or a folder of such folders"
+                f"no sequence in '{given}'; allowed: a folder with a "
+                f"{' or '.join(GROUND_TRUTH_FILES)}, or a folder of such folders"
             )
         found.update(dict.fromkeys(sequences))
     return list(found)

@@ -63,6 +63,7 @@ class _Summary:
     skipped: str = ""
     remark: str = ""
     remarks: int = 0
+    ids: set[int] = field(default_factory=set)
     announced: int | None = None
     seconds: float = 0.0
 
@@ -72,6 +73,7 @@ class _Summary:
         if tracked.remarks and not self.remark:
             self.remark = f"frame {tracked.frame.index}: {tracked.remarks[0]}"
         self.remarks += len(tracked.remarks)
+        self.ids.update(row.id for row in tracked.rows if row.id is not None)
 
     @property
     def frames(self) -> int:
@@ -83,7 +85,8 @@ class _Summary:
             f"{count / self.frames:.0%} {state}" for state, count in self.states.most_common()
         )
         rate = self.frames / self.seconds if self.seconds else 0.0
-        return f"{counted(self.frames, 'frame')} ({shares}), {rate:.0f} frames/s"
+        targets = f", {counted(len(self.ids), 'target')}" if len(self.ids) > 1 else ""
+        return f"{counted(self.frames, 'frame')} ({shares}){targets}, {rate:.0f} frames/s"
 
 
 def main(arguments: Sequence[str] | None = None, source_name: str | None = None) -> int:

@@ -167,9 +167,14 @@ def take_settings(options: argparse.Namespace) -> None:
         options: Of the command line, which are changed.
 
     Raises:
-        ParameterError: The file cannot be read, or is not for a tracker.
+        ParameterError: The file cannot be read, or is not for a tracker; or a parameter is the
+            node's alone.
         EvaluationError: What is given contradicts it.
     """
+    if "max_targets" in parse_parameters(options.parameter):
+        raise ParameterError(
+            f"'max_targets' is a parameter of the node; here it is '{_MOST}': --parameter {_MOST}=N"
+        )
     settings = take_parameter_file(options)
     if settings.most_targets > 1 and _MOST not in parse_parameters(options.parameter):
         options.parameter.append(f"{_MOST}={settings.most_targets}")

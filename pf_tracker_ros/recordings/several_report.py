@@ -116,4 +116,7 @@ class _Life:
             for frame, state in zip(self._frames, states[self._first :], strict=False)
         ]
         name = f"target {self.id} {self._label}".rstrip()
-        return replace(content_of_frames(name, frames, None), first=self._first)
+        later = states[self._first + len(frames) :]
+        has_ended = any(state != "skipped" for state in later)
+        content = content_of_frames(name, frames, None)
+        return replace(content, first=self._first, has_ended=has_ended)

@@ -223,7 +223,7 @@ def test_parameter_given_twice_is_refused():
     ("arguments", "reasons"),
     [
         (["absent"], ["no folder 'absent'", "allowed"]),
-        (["empty"], ["no sequence in 'empty'", "groundtruth.txt"]),
+        (["empty"], ["no sequence in 'empty'", "groundtruth.txt or groundtruth_rect.txt"]),
         (["short", "--preset", "best"], ["'best'", "default", "li2007"]),
         (["short", "--parameter", "particle=3"], ["no parameter 'particle'", "particles"]),
         (["short", "--parameter", "particles=many"], ["'particles' is 'many'", "1 to"]),

@@ -234,9 +234,11 @@ def test_the_shares_of_a_target_that_ended_and_came_back_are_all_told():
     states = ("tracking", "absent", "absent", "skipped", "lost", "tracking", "tracking", "tracking")
     other = ("tracking", "tracking")
     came_back = replace(content(states=states), first=4)
+    ended = replace(content("ended", states=other), first=3, has_ended=True)
     sections = [
         Section(came_back, {}),
         Section(content("other", states=other), {}),
+        Section(ended, {}),
     ]
     page = render(Report("several", "default", {}, sections, kind="target"))
     found = re.findall(r'<td data-state="(\w+)" data-value="([^"]*)"', page)
@@ -247,10 +249,11 @@ def test_the_shares_of_a_target_that_ended_and_came_back_are_all_told():
         ("absent", "0.25"),
         ("skipped", "0.125"),
     ]
-    assert [float(share) for _, share in found[5:]] == [1, 0, 0, 0, 0]
+    assert [float(share) for _, share in found[5:]] == 2 * [1, 0, 0, 0, 0]
     text = " ".join(re.sub("<[^>]*>", " ", page).split())
-    assert "Lost in frames 8. Absent in frames 5 to 6." in text
-    assert "Never lost." in text
+    assert "Followed in frames 4 to 11. Lost in frames 8. Absent in frames 5 to 6." in text
+    assert "Followed in frames 0 to 1. Never lost." in text
+    assert "Followed in frames 3 to 4, where it ended. Not lost before." in text
 
 
 def test_the_worst_frames_are_not_neighbors_and_come_worst_first():

@@ -49,7 +49,9 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
     output = tmp_path / "out"
     # A parameter of several targets alone.
     few = ("--parameter", "targets.most=2", "--report", "--bag")
-    assert track(source, "--output", output, *QUICK, *few)[0] == 0
+    code, said, _ = track(source, "--output", output, *QUICK, *few)
+    assert code == 0
+    assert "), 2 targets, " in said
     found = rows(output)
     assert [(row["frame"], row["id"], row["state"]) for row in found[:2]] == [
         ("0", "", "idle"),
@@ -64,6 +66,8 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
     assert page.count("<section") == 2
     assert "target 1 red" in page
     assert "target 2 blue" in page
+    assert f"Followed in frames 2 to {COUNT - 1}." in page
+    assert f"Followed in frames 6 to {COUNT - 1}." in page
 
 
 @pytest.mark.parametrize(
@@ -304,6 +308,7 @@ def test_a_built_in_detector_that_finds_nothing_says_so(tracked, source, name, f
         (["--detector", "motion", "--detections", "d.csv"], "not allowed with argument"),
         (["--detector", "motion", "--parameter", "targets.most=0"], "targets.most"),
         (["--detector", "motion", "--parameter", "targets.least=1"], "targets.least"),
+        (["--detector", "motion", "--parameter", "max_targets=3"], "here it is 'targets.most'"),
         (
             ["--box", "1,2,30,40", "--box", "50,2,30,40", "--parameter", "targets.most=1"],
             "box from --box: there is 1 target, as many as there may be",

@@ -49,6 +49,7 @@ class SequenceContent:
         success_curve: (21,) mean over the seeds, None without any truth.
         precision_curve: (51,) likewise.
         first: Number of the first of the frames, where these are not all.
+        has_ended: Whether there were more frames, in which the target was no more.
     """
 
     name: str
@@ -62,6 +63,7 @@ class SequenceContent:
     success_curve: NDArray[np.float64] | None
     precision_curve: NDArray[np.float64] | None
     first: int = 0
+    has_ended: bool = False
 
     @property
     def frames(self) -> int:
