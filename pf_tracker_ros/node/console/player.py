@@ -115,7 +115,8 @@ class Player:
     async def try_target(self, box: Box, stamp: int, image_size: tuple[int, int] | None) -> bool:
         """Play on from the frame that a target was drawn on.
 
-        Of several targets, none is tried again: those before it go on.
+        Of several targets none is tried again, since those before it go on: where the recording
+        stands still, its frame is shown once more, and the target begins on it.
 
         Args:
             box: (x, y, width, height), pixels.
@@ -126,10 +127,29 @@ class Player:
             Whether it does.
         """
         frame = self._recording.index_of(stamp)
-        if frame is None or self._has_several():
+        if frame is None:
             return False
+        if self._has_several():
+            return await self._begin_on_the_same_frame(box, stamp, frame)
         self.picked = PickedTarget(box, stamp, frame, image_size)
         await self._go_to(frame)
+        return True
+
+    async def _begin_on_the_same_frame(self, box: Box, stamp: int, frame: int) -> bool:
+        """Show a frame once more, where it stands still there, with a target for it."""
+        is_shown = frame == self._recording.frame and self._recording.paused
+        if not is_shown or self._seeking.locked():
+            return False
+        async with self._seeking:
+            self._plays_after, self._steps_after = False, 0
+            await self._picker.send(partial(self._link.send_target, box, stamp))
+            loop = asyncio.get_running_loop()
+            await loop.run_in_executor(None, self._link.await_target)
+            self._recording.seek(frame)
+            await loop.run_in_executor(None, self._recording.settle)
+            self._recording.paused = not self._plays_after
+            if self._steps_after:
+                self._recording.step(self._steps_after)
         return True
 
     async def _on_play(self, message: Json) -> None:

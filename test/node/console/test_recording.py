@@ -280,6 +280,23 @@ def test_a_button_that_was_clicked_leaves_the_keys_to_the_page(player, moving_sq
     at_frame(player, 17)
 
 
+def test_several_targets_begin_on_the_frame_where_the_recording_stands(
+    graph, client, start_console, open_page, bag
+):
+    graph.tracker(client, max_targets=2)
+    page = open_page(start_console(source=str(bag)).link)
+    at_frame(page, 0)
+    page.locator("#targets-card").wait_for()
+    for count in (1, 2):
+        page.drag((40.0 * count, 30.0, 24.0, 24.0))
+        page.wait_until(lambda: page.text("target-count") == f"{count} of 2", "target")  # noqa: B023
+        assert page.locator("#targets rect").count() == count
+        assert page.text("frame") == "0 / 19"
+    page.keyboard.press("n")
+    page.wait_until(lambda: page.stamp == stamp_at(1), "next frame")
+    assert page.locator("#targets rect").count() == 2
+
+
 def test_several_targets_are_not_saved_and_that_is_told(
     graph, client, start_console, open_page, bag
 ):
