@@ -1,4 +1,4 @@
-"""CPU time of a frame with eight targets at 640x480, beside one target and OpenCV's CSRT.
+"""CPU time of a frame with eight targets, beside one target and OpenCV's CSRT.
 
 Eight people walk to and fro in front of a street, each in a place of its own, so that none is
 hidden (what is hidden costs next to nothing). Everything has one thread. Each way is measured in a
@@ -7,7 +7,9 @@ them; told are the medians over the rounds of the median frame and of the mean, 
 and the 99th percentile, which are frames with a detector's answer where there is one. CSRT follows
 one of the people.
 
-    python benchmarks/cost_of_several.py --rounds 6
+    python benchmarks/cost_of_several.py --rounds 6 --size 1920x1080
+
+In a larger image the people are as large, and where they are at 640x480.
 
 CSRT needs `opencv-contrib-python-headless`; without it that row is left out.
 """
@@ -37,13 +39,13 @@ from tables import Table
 
 from pf_tracker_ros import Detections, MultiTracker
 
-SIZE = (640, 480)
+SIZES = ("640x480", "1280x720", "1920x1080")
 FRAMES = 72
 # The first ones make tables, and learn of every target.
 SETTLING = 12
 INTERVAL = 1.0 / 30.0
 PEOPLE = 8
-_COLUMNS, _HEIGHT, _AMPLITUDE, _PERIOD = 4, 84.0, 24.0, 60.0
+_COLUMNS, _SPACING, _HEIGHT, _AMPLITUDE, _PERIOD = 4, 160.0, 84.0, 24.0, 60.0
 
 Image = NDArray[np.uint8]
 Step = Callable[[int, Image], object]
@@ -54,27 +56,30 @@ class Scene:
 
     Attributes:
         boxes: (people, frames, 4) in pixels.
+
+    Args:
+        size: (width, height) of the images, pixels.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, size: tuple[int, int]) -> None:
         background, looks, camera = np.random.default_rng(0).spawn(3)
         actors, boxes = [], []
         time_of = np.arange(FRAMES)
         for number in range(PEOPLE):
             row, column = divmod(number, _COLUMNS)
             phase = 2.0 * np.pi * (time_of / _PERIOD + number / PEOPLE)
-            across = (column + 0.5) * SIZE[0] / _COLUMNS + _AMPLITUDE * np.sin(phase)
+            across = (column + 0.5) * _SPACING + _AMPLITUDE * np.sin(phase)
             feet = np.stack([across, np.full(FRAMES, 230.0 + 190.0 * row)], axis=1)
             coat, trousers = looks.uniform(25.0, 220.0, (2, 3))
             person = Person(_HEIGHT, tuple(coat), tuple(trousers), 1)
             sprites = tuple(person.sprite(view) for view in range(GAIT_VIEWS))
             actors.append(Actor(sprites, time_of // 2 % GAIT_VIEWS, feet))
             boxes.append(standing_boxes(feet, _HEIGHT))
-        street = Street(SIZE, 150, 200, 300, ((40, 60, 200), (180, 120, 30), (40, 160, 60)))
-        empty = np.zeros((SIZE[1], SIZE[0], 4), np.float32)
+        street = Street(size, 150, 200, 300, ((40, 60, 200), (180, 120, 30), (40, 160, 60)))
+        empty = np.zeros((size[1], size[0], 4), np.float32)
         self._stage = Stage(street.draw(background), tuple(actors), empty)
         self._camera = HandheldCamera(
-            camera, size=SIZE, margin=1, frames=FRAMES, shake=0.0, lighting=0.0, noise=2.5
+            camera, size=size, margin=1, frames=FRAMES, shake=0.0, lighting=0.0, noise=2.5
         )
         self._camera.offsets[:] = 0.0
         self.boxes = np.stack(boxes)
@@ -144,10 +149,11 @@ WAYS: dict[str, Callable[[Scene], Step]] = {
 }
 
 
-def times_of(way: str) -> list[float]:
+def times_of(way: str, size: str) -> list[float]:
     """Milliseconds of CPU time of each frame after the first ones."""
     cv2.setNumThreads(1)
-    scene = Scene()
+    width, height = map(int, size.split("x"))
+    scene = Scene((width, height))
     step = WAYS[way](scene)
     times = []
     for number, image in enumerate(scene.images()):
@@ -157,9 +163,9 @@ def times_of(way: str) -> list[float]:
     return times[SETTLING:]
 
 
-def in_a_process(way: str) -> list[float]:
+def in_a_process(way: str, size: str) -> list[float]:
     """The same, in a process of its own."""
-    command = [sys.executable, str(Path(__file__)), "--way", way]
+    command = [sys.executable, str(Path(__file__)), "--way", way, "--size", size]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     return [float(line) for line in done.stdout.split()]
 
@@ -168,16 +174,19 @@ def main() -> None:
     """Run the command line."""
     parser = options_of.parser(__doc__)
     parser.add_argument("--rounds", type=options_of.at_least(1), default=6, metavar="N")
+    parser.add_argument(
+        "--size", choices=SIZES, default=SIZES[0], help="of the images [%(default)s]"
+    )
     parser.add_argument("--way", choices=WAYS, help="print the times of one way, once, and end")
     options = parser.parse_args()
     if options.way:
-        print(*times_of(options.way), sep="\n")
+        print(*times_of(options.way, options.size), sep="\n")
         return
     ways = [way for way in WAYS if way != "CSRT, one target" or hasattr(cv2, "TrackerCSRT")]
     found: dict[str, list[list[float]]] = {way: [] for way in ways}
     for _ in range(options.rounds):
         for way in ways:
-            found[way].append(in_a_process(way))
+            found[way].append(in_a_process(way, options.size))
     rows = []
     for way, rounds in found.items():
         medians = [median(times) for times in rounds]
@@ -185,7 +194,7 @@ def main() -> None:
         worst = median(float(np.percentile(times, 99)) for times in rounds)
         figures = (median(medians), mean, min(medians), worst)
         rows.append([way, *(f"{value:.1f}" for value in figures)])
-    headings = ("640x480, one thread", "CPU ms a frame", "mean", "least median", "99 %")
+    headings = (f"{options.size}, one thread", "CPU ms a frame", "mean", "least median", "99 %")
     Table("Several targets", headings, [rows]).show()
 
 

@@ -146,17 +146,13 @@ class Updater:
 
         Those that others hid in the last frame are left out: most of them will be hidden again.
         """
-        places = [
-            place
-            for place, (life, one) in enumerate(zip(lives, own, strict=True))
-            if one or not (life.is_rival or life.is_hidden)
-        ]
-        if interval > _PAUSED_AFTER:
-            places = [place for place in places if not own[place]]
-        targets = [
-            (lives[place].target, _asks_for_size(lives[place], own[place], is_silent))
-            for place in places
-        ]
+        will_begin_anew = interval > _PAUSED_AFTER
+        places, targets = [], []
+        for place, (life, one) in enumerate(zip(lives, own, strict=True)):
+            if will_begin_anew if one else life.is_rival or life.is_hidden:
+                continue
+            places.append(place)
+            targets.append((life.target, _asks_for_size(life, one, is_silent)))
         return dict(zip(places, self._follower.expect(targets, frame, interval), strict=True))
 
     def count_misses(
