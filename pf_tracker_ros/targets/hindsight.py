@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from pf_tracker_ros.targets.detections import DOUBLED_ABOVE, Detections, Sightin
 from pf_tracker_ros.targets.geometry import overlaps
 from pf_tracker_ros.targets.history import History, Moment
 from pf_tracker_ros.targets.keeper import CrowdKeeper
-from pf_tracker_ros.targets.life import Life
+from pf_tracker_ros.targets.life import Key, Life
 
 # Seconds that a detector takes at most. What it says of that time before the first frame is no
 # fault: it was there before the tracker.
@@ -79,7 +79,7 @@ def work_out(keeper: CrowdKeeper, moments: Sequence[Moment]) -> tuple[Crowd, lis
 
 
 def follow_alone(
-    keeper: CrowdKeeper, life: Life, moments: Sequence[Moment]
+    keeper: CrowdKeeper, life: Life, moments: Sequence[Moment], taken_over: Collection[Key] = ()
 ) -> tuple[Life, list[Moment]]:
     """Take a target that began in a moment through those since, which it joins.
 
@@ -91,6 +91,7 @@ def follow_alone(
         keeper: Makes the crowd of a frame out of the one before.
         life: Began in the first moment.
         moments: That one and those since.
+        taken_over: Those in whose place it is from the first moment on.
 
     Returns:
         The target after the last, and the moments with it.
@@ -99,7 +100,8 @@ def follow_alone(
     alone = Crowd(frame=life.key.frame, lives=(life,), idle_for=0.0)
     revised = [replace(first, begun=(*first.begun, life))]
     for moment in others:
-        before = replace(moment.before, lives=(*moment.before.lives, alone.lives[0]))
+        there = (one for one in moment.before.lives if one.key not in taken_over)
+        before = replace(moment.before, lives=(*there, alone.lives[0]))
         revised.append(replace(moment, before=before))
         alone = keeper.advance(alone, moment.frame, moment.interval, None)
     return alone.lives[0], revised

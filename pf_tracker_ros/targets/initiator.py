@@ -83,19 +83,15 @@ class Initiator:
         return replace(crowd, lives=tuple(lives))
 
     def join(self, crowd: Crowd, drawn: Sequence[Life]) -> Crowd:
-        """The crowd with targets that somebody drew on its frame; a detection of one starts none.
+        """The crowd with targets that somebody drew on its frame.
+
+        They take over those that a detector has started there.
 
         Args:
             crowd: In that frame.
             drawn: As they begin in it.
         """
-        lives = (
-            life
-            for life in crowd.lives
-            if life.by_hand
-            or life.key.frame != crowd.frame
-            or not any(_is_on(life, one) for one in drawn)
-        )
+        lives = (life for life in crowd.lives if not any(is_taken_over(life, one) for one in drawn))
         return replace(crowd, lives=(*lives, *drawn))
 
     def adopt(self, crowd: Crowd, own: Sequence[Sighting | None]) -> Crowd:
@@ -140,6 +136,11 @@ class Initiator:
         course = Course.begin(box, CENTER_SPREAD * box[2:])
         stood = None if is_cut(box, frame.size) else box
         return Life(key, target, look, course, np.log(box[2:]), _FIRST_BELIEF, stood=stood)
+
+
+def is_taken_over(life: Life, drawn: Life) -> bool:
+    """Whether a target that somebody drew is one that a detector, or nobody, has told of there."""
+    return not life.by_hand and _is_on(life, drawn)
 
 
 def _is_on(one: Life, other: Life) -> bool:

@@ -161,7 +161,9 @@ class Life:
         return self.by_hand or (self.is_confirmed and is_seen)
 
     def voted(self, label: str, score: float) -> Life:
-        """The same, called by a label once more."""
+        """The same, called by a label once more; without one, nothing is said."""
+        if not label:
+            return self
         votes = {**self.votes, label: self.votes.get(label, 0.0) + score}
         if len(votes) > _MOST_LABELS:
             # The newest one stays, or no other could ever win.

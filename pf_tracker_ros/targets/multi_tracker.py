@@ -19,6 +19,7 @@ from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.detections import Detections, Sighting, sightings, usable
 from pf_tracker_ros.targets.hindsight import fill_in, follow_alone, merged, work_out
 from pf_tracker_ros.targets.history import History, Moment
+from pf_tracker_ros.targets.initiator import is_taken_over
 from pf_tracker_ros.targets.keeper import CrowdKeeper
 from pf_tracker_ros.targets.names import Names
 from pf_tracker_ros.targets.parameters import MultiTrackerParameters, multi_preset_parameters
@@ -238,13 +239,15 @@ class MultiTracker:
     def start(self, image: NDArray[np.generic], box: ArrayLike, label: str = "") -> int:
         """Take a new target by hand; no detector ends it.
 
+        A box on a target that a detector has started takes that one over, with its id.
+
         Args:
             image: That was given to `update` last, or the first one: see `Tracker.start`.
             box: (x, y, width, height) of the target in pixels, as for `Tracker.start`.
             label: What it is.
 
         Returns:
-            Its id, never that of another.
+            Its id, never that of another object.
 
         Raises:
             ValueError: The image, the box or the label is not usable, or there are as many targets
@@ -283,7 +286,7 @@ class MultiTracker:
             label: What it is.
 
         Returns:
-            Its id, never that of another.
+            Its id, as of `start`.
 
         Raises:
             ValueError: The box, the age or the label is not usable, no frame is kept from then, or
@@ -338,11 +341,18 @@ class MultiTracker:
         number = moments[1].before.frame if len(moments) > 1 else self._crowd.frame
         key = self._names.next_by_hand(number)
         life = self._keeper.initiator.begin(drawn_on, box, key, label)
+        then = moments[1].before if len(moments) > 1 else self._crowd
+        same = [one for one in then.lives if is_taken_over(one, life)]
+        if same and not label:
+            life = replace(life, votes=same[0].votes)
+        keys = [one.key for one in same]
         moments = moments or self._history.moments[-1:]
         if moments:
-            life, revised = follow_alone(self._keeper, life, moments)
+            life, revised = follow_alone(self._keeper, life, moments, keys)
             self._history.revise(revised)
-        self._crowd = replace(self._crowd, lives=(*self._crowd.lives, life))
+        others = (one for one in self._crowd.lives if one.key not in keys)
+        self._crowd = replace(self._crowd, lives=(*others, life))
+        self._names.hand_over(keys, life.key)
         return self._names.name(life)
 
     def stop(self, id: int) -> None:

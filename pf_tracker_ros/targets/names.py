@@ -47,6 +47,12 @@ class Names:
         before = sum(key.place < 0 and key.frame == frame for key in self._ids)
         return Key(frame, -1 - before)
 
+    def hand_over(self, before: Sequence[Key], now: Key) -> None:
+        """Let a target be called as the first of some that it takes over, which are no more."""
+        names = [name for key in before if (name := self._ids.pop(key, None)) is not None]
+        if names:
+            self._ids[now] = names[0]
+
     def pass_on(self, told: Mapping[int, Life], crowd: Crowd) -> None:
         """Let targets that took the places of others, when those were worked out again, be them.
 

@@ -93,10 +93,10 @@ def test_what_nobody_has_named_may_be_anything(returner, make_tracker, asked_for
 
 @pytest.mark.parametrize("aside", [0, 60])
 def test_a_box_around_somebody_else_is_nobody_who_was_gone(walkers, make_tracker, aside):
-    tracker, box = make_tracker(), walkers.boxes[0][0]
-    tracker.update(walkers.images[0], INTERVAL, Detections(box[None], np.ones(1)))
-    tracker.start(walkers.images[0], box + (4 + aside, 6, -8, -12))
-    begun, other = tracker._crowd.lives
+    by_detector, by_hand, box = make_tracker(), make_tracker(), walkers.boxes[0][0]
+    by_detector.update(walkers.images[0], INTERVAL, Detections(box[None], np.ones(1)))
+    by_hand.start(walkers.images[0], box + (4 + aside, 6, -8, -12))
+    (begun,), (other,) = by_detector._crowd.lives, by_hand._crowd.lives
     ended = replace(begun, key=begun.key._replace(frame=0), gone_for=INTERVAL)
     known, _ = Recognizer().recognize(Crowd(lives=(begun, other), gone=(ended,))).lives
     assert (known.key == ended.key) == (aside == 60)

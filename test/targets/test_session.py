@@ -130,14 +130,24 @@ def test_ten_thousand_boxes_and_broken_ones_are_survived_with_a_sentence_each(se
     assert {1, 2, 3} <= {*ids(show(session, walkers, [7]))}
 
 
-def test_a_target_drawn_on_a_frame_gone_by_is_one_more(session, walkers, iou):
-    show(session, walkers, range(9), every=4)
-    before = ids(show(session, walkers, [9]))
+@pytest.mark.parametrize("is_known", [False, True])
+def test_a_target_drawn_on_a_frame_gone_by_is_one_more_or_the_one_there(
+    session, walkers, iou, is_known
+):
+    for number in range(10):
+        if number % 4 == 0:
+            session.add_detections(
+                walkers.detections(number, None if is_known else [1, 2]), at(number)
+            )
+        outcome = session.process(walkers.images[number], at(number))
+    assert ids(outcome) == ([1, 2, 3] if is_known else [1, 2])
+    there = {target.id: target.estimate.box for target in outcome.targets}
+    wanted = next((id for id in there if iou(there[id], walkers.boxes[9][0]) > 0.5), 3)
     session.request(tuple(walkers.boxes[5][0]), at(5), "mine")
     outcome = show(session, walkers, [10])
-    assert (outcome.frame, outcome.started) == ("started", (4,))
-    assert ids(outcome) == [*before, 4]
-    mine = outcome.targets[-1]
+    assert (outcome.frame, outcome.started) == ("started", (wanted,))
+    assert ids(outcome) == [1, 2, 3]
+    mine = next(target for target in outcome.targets if target.id == wanted)
     assert mine.label == "mine"
     assert iou(mine.estimate.box, walkers.boxes[10][0]) > 0.5
 

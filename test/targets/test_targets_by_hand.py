@@ -38,6 +38,34 @@ def test_what_was_stopped_stays_so_when_a_late_detection_comes(walkers, make_tra
     assert number not in [target.id for target in answer]
 
 
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("drawn", [("mine", 0), ("mine", 3), ("", 0), ("", 3)])
+def test_what_is_drawn_on_a_target_of_the_detector_is_that_target(
+    walkers, make_tracker, iou, drawn, late
+):
+    """It keeps its id, and is no longer the detector's to end; also where frames are redone."""
+    tracker, (label, age) = make_tracker(), drawn
+    for number in range(8):
+        seen = walkers.detections(number, labels=["person"] * 3) if number in (0, 4) else None
+        told = tracker.update(walkers.images[number], INTERVAL, seen)
+    wanted, other, another = (
+        min(told, key=lambda one: -iou(one.estimate.box, walkers.boxes[7][place])).id
+        for place in (1, 0, 2)
+    )
+    assert tracker.start_earlier(walkers.boxes[7 - age][1], age * INTERVAL, label) == wanted
+    assert sorted(target.id for target in tracker.targets) == sorted([wanted, other, another])
+    for number in range(8, 24):
+        seen = None
+        if number % 4 == 0:
+            seen = walkers.detections(number, targets=[0, 2], labels=["person"] * 2)
+        if late and number == 10:
+            seen = walkers.detections(6, targets=[0, 2], age=4 * INTERVAL, labels=["person"] * 2)
+        told = {one.id: one for one in tracker.update(walkers.images[number], INTERVAL, seen)}
+        assert sorted(told) == sorted([wanted, other, another])
+    assert told[wanted].label == (label or "person")
+    assert iou(told[wanted].estimate.box, walkers.boxes[23][1]) > 0.5
+
+
 @pytest.mark.parametrize("comes", [7, 8, 10])
 def test_what_a_detector_started_stays_stopped_when_an_earlier_answer_comes(
     walkers, make_tracker, comes
