@@ -32,6 +32,8 @@ _LARGEST_FOREGROUND = 0.5
 _MOST_PIXELS = 960 * 540
 # Every how many frames ghosts are looked for, and samples that the model's brightness is a mean of.
 _GHOSTS_EVERY, _SAMPLES_OF_MEAN = 4, 4
+UPDATE_EVERY = 16
+"""Frames that a model learns for, before its foreground counts."""
 _UNKNOWN_MOTION = "the camera's motion could not be estimated"
 _ALL_CHANGED = "most of the image has changed, as when the camera moves"
 
@@ -115,7 +117,7 @@ class BackgroundModel:
         samples: int = 20,
         radius: int = 20,
         matches: int = 2,
-        update_every: int = 16,
+        update_every: int = UPDATE_EVERY,
         reduction: int = 2,
         color: bool = True,
         lays_ghosts: bool = False,

@@ -194,7 +194,9 @@ class CorrelationResponse(SearchableCue):
     def prepare(self, prospects: Sequence[Prospect]) -> None:
         """See `Cue.prepare`."""
         for colored in (False, True):
-            of_kind = [one for one in prospects if one.template.colored == colored]
+            of_kind = [
+                one for one in prospects if one.template.colored == one.first.colored == colored
+            ]
             for start in range(0, len(of_kind), self._at_once):
                 some = of_kind[start : start + self._at_once]
                 if len(some) > 1:
@@ -260,7 +262,10 @@ class CorrelationResponse(SearchableCue):
         at_box = float(answers.read((box[:2] + box[2:] / 2)[None], np.array([0.5]))[0])
         early = region.share(
             _first_key(first),
-            lambda: response(first.filter, answers.windows.expected, self._cells),
+            # It may look at colors where the last one looks at gray levels.
+            lambda: response(
+                first.filter, self._windows(region, first.colored).expected, self._cells
+            ),
         )
         near = peak_near(early, region.place, self._side(region.place), box)
         stands_out = standing_out(at_box, answers.deviation)

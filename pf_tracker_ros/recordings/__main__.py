@@ -64,6 +64,7 @@ class _Summary:
     remark: str = ""
     remarks: int = 0
     ids: set[int] = field(default_factory=set)
+    targets_of: str = ""
     announced: int | None = None
     seconds: float = 0.0
 
@@ -86,7 +87,8 @@ class _Summary:
         )
         rate = self.frames / self.seconds if self.seconds else 0.0
         targets = f", {counted(len(self.ids), 'target')}" if len(self.ids) > 1 else ""
-        return f"{counted(self.frames, 'frame')} ({shares}){targets}, {rate:.0f} frames/s"
+        origin = f"; target of {self.targets_of}" if self.targets_of else ""
+        return f"{counted(self.frames, 'frame')} ({shares}){targets}, {rate:.0f} frames/s{origin}"
 
 
 def main(arguments: Sequence[str] | None = None, source_name: str | None = None) -> int:
@@ -177,7 +179,7 @@ def _run_one(
 
 def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -> int:
     outputs = open_outputs(options, plan, name)
-    summary = _Summary(name)
+    summary = _Summary(name, targets_of=_found_beside(options, plan))
     failures: list[Exception] = []
     try:
         try:
@@ -195,7 +197,17 @@ def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -
             folder.discard()
         raise
     remark = plan.hearing.remark if plan.hearing else ""
+    if remark and not plan.targets:
+        remark += ", --box gives a target without it"
     return _report(options, summary, stop, failures, remark)
+
+
+def _found_beside(options: argparse.Namespace, plan: Plan) -> str:
+    """Where targets come from that nobody has given on the command line, or empty."""
+    if not plan.targets or options.box or options.draw:
+        return ""
+    from_truth = plan.targets[0].box is None
+    return "the ground truth" if from_truth else target_file(plan.recording.path).name
 
 
 def _draw(

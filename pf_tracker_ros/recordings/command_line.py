@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import NoReturn
 
+from pf_tracker_ros.background import UPDATE_EVERY
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.evaluation.command_line import add_tracker_options
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
@@ -184,7 +185,8 @@ def _add_detections(parser: argparse.ArgumentParser) -> None:
         type=_detector_rate,
         default=1.0,
         metavar="HZ",
-        help="most frames in a second of the recording that it looks at (default: %(default)g)",
+        help="most frames in a second of the recording that it looks at (default: %(default)g); "
+        f"motion is cheap enough for 5, and learns the background from its first {UPDATE_EVERY}",
     )
 
 

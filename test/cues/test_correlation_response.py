@@ -313,6 +313,22 @@ def test_templates_do_not_share_a_response(template):
     assert CUE.strength(region, BOX[None], template)[0] == own[0]
 
 
+def test_what_was_seen_first_is_asked_about_what_it_looks_at():
+    """In colors, also where the target was learned again in an image without any."""
+    cue = CoarseCorrelationResponse(CoarseCorrelationResponseParameters())
+    first = cue.learn(region_of(frame()), BOX)
+    gray = np.repeat(frame()[..., 1:2], 3, axis=2)
+    last = cue.learn(region_of(gray), BOX)
+    assert (first.colored, last.colored) == (True, False)
+    told = []
+    for template, prepares in ((first, False), (last, False), (last, True)):
+        region = region_of(gray)
+        if prepares:
+            cue.prepare([Prospect(region, template, first)] * 2)
+        told.append(cue.log_odds(cue.observe(region, BOX), template, first)["first response"])
+    assert told[0] == told[1] == told[2]
+
+
 def test_what_is_prepared_of_several_targets_is_what_each_would_ask_for(monkeypatch):
     """Also where one is gray, and where another asks for no size; in fewer, larger steps."""
     cue = CoarseCorrelationResponse(CoarseCorrelationResponseParameters())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from pf_tracker_ros.background import UPDATE_EVERY
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.recordings.detections.hearing import Answer
 from pf_tracker_ros.recordings.errors import RecordingError
@@ -16,8 +17,8 @@ from pf_tracker_ros.targets.session import MultiOutcome
 _FINDS = {
     "people": "people who are at least 100 px high",
     "motion": (
-        "what moves before a camera that stands still, once the first frames that it is shown have "
-        "taught it the background"
+        "what moves before a camera that stands still, once the first "
+        f"{UPDATE_EVERY} frames that it is shown have taught it the background"
     ),
 }
 
@@ -50,8 +51,7 @@ class BuiltInDetector:
             return ""
         return (
             f"the detector '{self._name}' found nothing in {counted(self._shown, 'frame')} that it "
-            f"was shown; it finds {_FINDS[self._name]}; --detector-rate shows it more frames, "
-            "--box gives a target without it"
+            f"was shown; it finds {_FINDS[self._name]}; --detector-rate shows it more frames"
         )
 
     def before(self, frame: RecordedFrame) -> Iterator[Answer]:  # noqa: D102
