@@ -21,7 +21,7 @@ from run import CACHE, FOLDER, LOGS, ros_domain
 
 from pf_tracker_ros.footage import FootageError, write_footage
 
-_NAMES = [clip.name for clip in CLIPS if clip.box]
+_NAMES = [clip.name for clip in CLIPS]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
