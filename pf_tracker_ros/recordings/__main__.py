@@ -65,6 +65,7 @@ class _Summary:
     remarks: int = 0
     ids: set[int] = field(default_factory=set)
     targets_of: str = ""
+    several: bool = False
     announced: int | None = None
     seconds: float = 0.0
 
@@ -86,7 +87,9 @@ class _Summary:
             f"{count / self.frames:.0%} {state}" for state, count in self.states.most_common()
         )
         rate = self.frames / self.seconds if self.seconds else 0.0
-        targets = f", {counted(len(self.ids), 'target')}" if len(self.ids) > 1 else ""
+        if self.ids and self.several:
+            shares = f"the best seen target: {shares}"
+        targets = f", {counted(len(self.ids), 'target')}" if self.several else ""
         origin = f"; target of {self.targets_of}" if self.targets_of else ""
         return f"{counted(self.frames, 'frame')} ({shares}){targets}, {rate:.0f} frames/s{origin}"
 
@@ -179,7 +182,7 @@ def _run_one(
 
 def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -> int:
     outputs = open_outputs(options, plan, name)
-    summary = _Summary(name, targets_of=_found_beside(options, plan))
+    summary = _Summary(name, targets_of=_found_beside(options, plan), several=plan.is_several)
     failures: list[Exception] = []
     try:
         try:
@@ -246,7 +249,7 @@ def _kept(targets: Sequence[Target], source: Path) -> str:
     try:
         return f"saved as {save_targets(targets, source)}"
     except FileExistsError:
-        return f"not saved, as {target_file(source)} is there already"
+        return f"not saved, as {target_file(source)} is there already: remove it to keep these"
     except OSError as error:
         return f"not saved, as {unwritable(target_file(source), error)}"
 

@@ -51,6 +51,7 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
     few = ("--parameter", "targets.most=2", "--report", "--bag")
     code, said, _ = track(source, "--output", output, *QUICK, *few)
     assert code == 0
+    assert "(the best seen target: " in said
     assert "), 2 targets, " in said
     found = rows(output)
     assert [(row["frame"], row["id"], row["state"]) for row in found[:2]] == [
@@ -241,7 +242,7 @@ def test_nothing_found_at_all_is_a_result(track, rows, source, tmp_path):
     given = ("--detections", file, "--report", "--bag", "--video", "--parquet")
     code, said, errors = track(source, "--output", output, *given)
     assert (code, errors) == (0, "")
-    assert f"{COUNT} frames (100% idle)" in said
+    assert f"{COUNT} frames (100% idle), 0 targets, " in said
     assert [(row["id"], row["state"]) for row in rows(output)] == [("", "idle")] * COUNT
     assert "<dt>targets</dt><dd>0</dd>" in (output / "report.html").read_text()
 
