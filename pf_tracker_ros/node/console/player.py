@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from contextlib import asynccontextmanager
 from functools import partial
 
 from pf_tracker_ros.boxes import Box
@@ -140,17 +141,31 @@ class Player:
         is_shown = frame == self._recording.frame and self._recording.paused
         if not is_shown or self._seeking.locked():
             return False
-        async with self._seeking:
-            self._plays_after, self._steps_after = False, 0
+        async with self._held(plays=False):
             await self._picker.send(partial(self._link.send_target, box, stamp))
             loop = asyncio.get_running_loop()
             await loop.run_in_executor(None, self._link.await_target)
             self._recording.seek(frame)
             await loop.run_in_executor(None, self._recording.settle)
-            self._recording.paused = not self._plays_after
-            if self._steps_after:
-                self._recording.step(self._steps_after)
         return True
+
+    @asynccontextmanager
+    async def _held(self, *, plays: bool | None) -> AsyncIterator[None]:
+        """The recording stands still; what is asked of it meanwhile is done afterwards.
+
+        Args:
+            plays: Whether it plays then, unless something else is asked; None if it does so now.
+        """
+        async with self._seeking:
+            self._plays_after = not self._recording.paused if plays is None else plays
+            self._steps_after = 0
+            self._recording.paused = True
+            try:
+                yield
+            finally:
+                self._recording.paused = not self._plays_after
+                if self._steps_after:
+                    self._recording.step(self._steps_after)
 
     async def _on_play(self, message: Json) -> None:
         playing = flag_of(message, "playing")
@@ -239,27 +254,19 @@ class Player:
             plays: Whether it plays on from there; None if it does so now.
         """
         recording, loop = self._recording, asyncio.get_running_loop()
-        async with self._seeking:
-            self._plays_after = not recording.paused if plays is None else plays
-            self._steps_after = 0
-            recording.paused = True
-            try:
-                if not await loop.run_in_executor(None, recording.settle):
-                    raise RequestError("the tracker does not answer the recording's last frame")
-                await self._link.services.stop()
-                target, first = self.picked, frame
-                self._due = target
-                if target:
-                    first = min(frame, target.frame)
-                    if first == target.frame:
-                        await self._approach(target)
-                        send = partial(self._link.send_target, target.box, target.stamp)
-                        await self._picker.send(send, is_sent_later=True)
-                recording.seek(first)
-                if frame > first:
-                    recording.step(frame - first)
-                await loop.run_in_executor(None, recording.settle)
-            finally:
-                recording.paused = not self._plays_after
-                if self._steps_after:
-                    recording.step(self._steps_after)
+        async with self._held(plays=plays):
+            if not await loop.run_in_executor(None, recording.settle):
+                raise RequestError("the tracker does not answer the recording's last frame")
+            await self._link.services.stop()
+            target, first = self.picked, frame
+            self._due = target
+            if target:
+                first = min(frame, target.frame)
+                if first == target.frame:
+                    await self._approach(target)
+                    send = partial(self._link.send_target, target.box, target.stamp)
+                    await self._picker.send(send, is_sent_later=True)
+            recording.seek(first)
+            if frame > first:
+                recording.step(frame - first)
+            await loop.run_in_executor(None, recording.settle)
