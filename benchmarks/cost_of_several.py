@@ -1,6 +1,6 @@
 """CPU time of a frame with eight targets, beside one target and OpenCV's CSRT.
 
-Eight people walk to and fro in front of a street, each in a place of its own, so that none is
+Eight people walk left and right in front of a street, each in a place of its own, so that none is
 hidden (what is hidden costs next to nothing). Everything has one thread. Each way is measured in a
 process of its own, and all take turns, round after round, so that a busy machine slows all of
 them; told are the medians over the rounds of the median frame and of the mean, the least median,
@@ -52,7 +52,7 @@ Step = Callable[[int, Image], object]
 
 
 class Scene:
-    """Eight people in two rows, each of whom walks to and fro.
+    """Eight people in two rows, each of whom walks left and right by turns.
 
     Attributes:
         boxes: (people, frames, 4) in pixels.

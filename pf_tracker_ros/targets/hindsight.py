@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from pf_tracker_ros.targets.detections import DOUBLED_ABOVE, Detections, Sightin
 from pf_tracker_ros.targets.geometry import overlaps
 from pf_tracker_ros.targets.history import History, Moment
 from pf_tracker_ros.targets.keeper import CrowdKeeper
-from pf_tracker_ros.targets.life import Key, Life
+from pf_tracker_ros.targets.life import Life
 
 # Seconds that a detector takes at most. What it says of that time before the first frame is no
 # fault: it was there before the tracker.
@@ -79,7 +79,7 @@ def work_out(keeper: CrowdKeeper, moments: Sequence[Moment]) -> tuple[Crowd, lis
 
 
 def follow_alone(
-    keeper: CrowdKeeper, life: Life, moments: Sequence[Moment], taken_over: Collection[Key] = ()
+    keeper: CrowdKeeper, life: Life, moments: Sequence[Moment], taken_over: Sequence[Life] = ()
 ) -> tuple[Life, list[Moment]]:
     """Take a target that began in a moment through those since, which it joins.
 
@@ -98,9 +98,13 @@ def follow_alone(
     """
     first, *others = moments
     alone = Crowd(frame=life.key.frame, lives=(life,), idle_for=0.0)
-    revised = [replace(first, begun=(*first.begun, life))]
+    keys = {one.key for one in taken_over}
+    begun = (one for one in first.begun if one.key not in keys)
+    # What only looks like a target, nobody would miss.
+    stopped = (*first.stopped, *(one for one in taken_over if not one.is_rival))
+    revised = [replace(first, begun=(*begun, life), stopped=stopped)]
     for moment in others:
-        there = (one for one in moment.before.lives if one.key not in taken_over)
+        there = (one for one in moment.before.lives if one.key not in keys)
         before = replace(moment.before, lives=(*there, alone.lives[0]))
         revised.append(replace(moment, before=before))
         alone = keeper.advance(alone, moment.frame, moment.interval, None)

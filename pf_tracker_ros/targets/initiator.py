@@ -78,7 +78,7 @@ class Initiator:
             key = Key(crowd.frame, place)
             life = self._life(frame, one.box, key, one.look).voted(one.label, one.score)
             life = replace(life, belief=_FIRST_BELIEF + 2.0 * (one.score - 1.0))
-            lives = [other for other in lives if not (other.is_rival and _is_on(life, other))]
+            lives = [other for other in lives if not (other.is_rival and is_on(other, life.box))]
             lives.append(life)
         return replace(crowd, lives=tuple(lives))
 
@@ -91,7 +91,11 @@ class Initiator:
             crowd: In that frame.
             drawn: As they begin in it.
         """
-        lives = (life for life in crowd.lives if not any(is_taken_over(life, one) for one in drawn))
+        lives = (
+            life
+            for life in crowd.lives
+            if life.by_hand or not any(is_on(life, one.box) for one in drawn)
+        )
         return replace(crowd, lives=(*lives, *drawn))
 
     def adopt(self, crowd: Crowd, own: Sequence[Sighting | None]) -> Crowd:
@@ -138,11 +142,6 @@ class Initiator:
         return Life(key, target, look, course, np.log(box[2:]), _FIRST_BELIEF, stood=stood)
 
 
-def is_taken_over(life: Life, drawn: Life) -> bool:
-    """Whether a target that somebody drew is one that a detector, or nobody, has told of there."""
-    return not life.by_hand and _is_on(life, drawn)
-
-
-def _is_on(one: Life, other: Life) -> bool:
-    """Whether the boxes of two targets are on the same object."""
-    return bool(overlaps(one.box[None], other.box[None])[0, 0] > _TAKEN_ABOVE)
+def is_on(life: Life, box: NDArray[np.float64]) -> bool:
+    """Whether a target and a (4,) box are on the same object."""
+    return bool(overlaps(life.box[None], box[None])[0, 0] > _TAKEN_ABOVE)

@@ -19,7 +19,7 @@ from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.detections import Detections, Sighting, sightings, usable
 from pf_tracker_ros.targets.hindsight import fill_in, follow_alone, merged, work_out
 from pf_tracker_ros.targets.history import History, Moment
-from pf_tracker_ros.targets.initiator import is_taken_over
+from pf_tracker_ros.targets.initiator import is_on
 from pf_tracker_ros.targets.keeper import CrowdKeeper
 from pf_tracker_ros.targets.names import Names
 from pf_tracker_ros.targets.parameters import MultiTrackerParameters, multi_preset_parameters
@@ -239,7 +239,7 @@ class MultiTracker:
     def start(self, image: NDArray[np.generic], box: ArrayLike, label: str = "") -> int:
         """Take a new target by hand; no detector ends it.
 
-        A box on a target that a detector has started takes that one over, with its id.
+        A box on a target that there is takes that one over, with its id.
 
         Args:
             image: That was given to `update` last, or the first one: see `Tracker.start`.
@@ -257,7 +257,6 @@ class MultiTracker:
         if not isinstance(label, str):
             raise ValueError(f"label is {label!r}; allowed: a text")
         first_box = check_box(box, (image.shape[1], image.shape[0]))
-        self.check_room(len(self.targets))
         if self._shape and self._shape != (image.shape, image.dtype):
             raise ValueError(self._misfit(image))
         with usual_arithmetic():
@@ -298,7 +297,6 @@ class MultiTracker:
         if frame is None:
             raise ValueError(_NO_FRAME)
         first_box = check_box(box, frame.size)
-        self.check_room(len(self.targets))
         moments = self._history.since(back)
         if moments is None and (len(self._history) or back > NOMINAL_INTERVAL / 2):
             raise ValueError(
@@ -307,6 +305,11 @@ class MultiTracker:
             )
         with usual_arithmetic():
             return self._begin(frame, first_box, label, moments or ())
+
+    def is_followed(self, box: Box) -> bool:
+        """Whether a box, pixels, is on a target as the last frame left it."""
+        told = self._names.told(self._crowd.lives).values()
+        return any(is_on(life, np.array(box)) for life in told)
 
     def check_room(self, count: int) -> None:
         """Refuse one more target where there are as many as there may be, or more.
@@ -336,19 +339,24 @@ class MultiTracker:
             box: Of the target.
             label: What it is.
             moments: From the one that the box was drawn on, up to the last one; none for that.
+
+        Raises:
+            ValueError: There are as many targets as there may be, and the box is on none of them.
         """
+        then = moments[1].before if len(moments) > 1 else self._crowd
+        same = [one for one in then.lives if is_on(one, np.array(box))]
+        if not any(one.key in self._names for one in same):
+            self.check_room(len(self.targets))
         drawn_on = moments[0].frame if moments else frame
         number = moments[1].before.frame if len(moments) > 1 else self._crowd.frame
         key = self._names.next_by_hand(number)
         life = self._keeper.initiator.begin(drawn_on, box, key, label)
-        then = moments[1].before if len(moments) > 1 else self._crowd
-        same = [one for one in then.lives if is_taken_over(one, life)]
         if same and not label:
             life = replace(life, votes=same[0].votes)
         keys = [one.key for one in same]
         moments = moments or self._history.moments[-1:]
         if moments:
-            life, revised = follow_alone(self._keeper, life, moments, keys)
+            life, revised = follow_alone(self._keeper, life, moments, same)
             self._history.revise(revised)
         others = (one for one in self._crowd.lives if one.key not in keys)
         self._crowd = replace(self._crowd, lives=(*others, life))

@@ -142,12 +142,13 @@ class MultiSession:
 
         Raises:
             ValueError: The stamp is by another clock than those of the frames, or there are as many
-                targets as there may be.
+                targets as there may be, and the box is on none of them.
         """
         self._clock.check_ahead(stamp)
         is_other_kind = self._kind.is_doubtful
         others = 0 if is_other_kind else len(self.targets)
-        self._tracker.check_room(others + len(self._requested))
+        if is_other_kind or not self._tracker.is_followed(box):
+            self._tracker.check_room(others + len(self._requested))
         self._requested.append(Drawn(box, label, stamp, is_other_kind))
 
     def withdraw(self) -> None:

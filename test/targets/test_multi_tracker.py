@@ -153,8 +153,9 @@ def test_what_is_made_of_a_frame_is_made_once_for_all_targets(walkers, make_trac
     made = []
     for copies in (1, 3):
         tracker = make_tracker(working_size=12)
-        for _ in range(copies):
-            tracker.start(walkers.images[0], walkers.boxes[0][0])
+        for number in range(copies):
+            # As near to each other as different targets may be.
+            tracker.start(walkers.images[0], walkers.boxes[0][0] + (10 * number, 0, 0, 0))
         counts.update(background=0, pixels=0)
         tracker.update(walkers.images[1], INTERVAL)
         assert len(tracker.targets) == copies

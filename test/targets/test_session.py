@@ -458,7 +458,11 @@ def test_fewer_targets_allowed_than_there_are_says_how_many_there_are(session, w
     values = change(MultiTrackerParameters, multi_preset_parameters("default"), {"targets.most": 2})
     session.configure(values, 0)
     with pytest.raises(ValueError, match="there are 3 targets, and there may be 2; stop 2 first"):
-        session.request(tuple(walkers.boxes[6][0]))
+        session.request((4.0, 4.0, 12.0, 12.0))
+    # One that is there needs no room.
+    known = session.targets[0]
+    session.request(known.estimate.box)
+    assert show(session, walkers, [6]).started == (known.id,)
 
 
 def test_parameters_change_at_run_time_and_the_ids_stay(session, walkers):

@@ -66,6 +66,27 @@ def test_what_is_drawn_on_a_target_of_the_detector_is_that_target(
     assert iou(told[wanted].estimate.box, walkers.boxes[23][1]) > 0.5
 
 
+def test_a_box_that_is_drawn_again_puts_the_target_right(walkers, make_tracker, iou):
+    """With as many targets as there may be, too, on the same frame and on one gone by."""
+    tracker = make_tracker(targets__most=2)
+    first = tracker.start(walkers.images[0], walkers.boxes[0][0], "mine")
+    second = tracker.start(walkers.images[0], walkers.boxes[0][1])
+    assert tracker.start(walkers.images[0], walkers.boxes[0][0] + (3, 2, 0, 0)) == first
+    for number in range(1, 8):
+        told = tracker.update(walkers.images[number], INTERVAL)
+        assert [target.id for target in told] == [first, second]
+    assert told[0].label == "mine"
+    assert tracker.start_earlier(walkers.boxes[4][1], 3 * INTERVAL, "other") == second
+    with pytest.raises(ValueError, match="as many as there may be"):
+        tracker.start(walkers.images[7], walkers.boxes[7][2])
+    late = walkers.detections(5, targets=[0], age=3 * INTERVAL)
+    for number in range(8, 20):
+        told = tracker.update(walkers.images[number], INTERVAL, late if number == 8 else None)
+        assert [(target.id, target.label) for target in told][1:] == [(second, "other")]
+    for place in (0, 1):
+        assert iou(told[place].estimate.box, walkers.boxes[19][place]) > 0.5
+
+
 @pytest.mark.parametrize("comes", [7, 8, 10])
 def test_what_a_detector_started_stays_stopped_when_an_earlier_answer_comes(
     walkers, make_tracker, comes
