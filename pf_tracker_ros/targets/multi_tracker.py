@@ -21,6 +21,7 @@ from pf_tracker_ros.targets.hindsight import fill_in, follow_alone, merged, work
 from pf_tracker_ros.targets.history import History, Moment
 from pf_tracker_ros.targets.initiator import is_on
 from pf_tracker_ros.targets.keeper import CrowdKeeper
+from pf_tracker_ros.targets.life import Life
 from pf_tracker_ros.targets.names import Names
 from pf_tracker_ros.targets.parameters import MultiTrackerParameters, multi_preset_parameters
 from pf_tracker_ros.targets.relearning import (
@@ -239,7 +240,7 @@ class MultiTracker:
     def start(self, image: NDArray[np.generic], box: ArrayLike, label: str = "") -> int:
         """Take a new target by hand; no detector ends it.
 
-        A box on a target that there is takes that one over, with its id.
+        A box on a target that there is, and that is not lost, takes that one over, with its id.
 
         Args:
             image: That was given to `update` last, or the first one: see `Tracker.start`.
@@ -309,7 +310,7 @@ class MultiTracker:
     def is_followed(self, box: Box) -> bool:
         """Whether a box, pixels, is on a target as the last frame left it."""
         told = self._names.told(self._crowd.lives).values()
-        return any(is_on(life, np.array(box)) for life in told)
+        return any(_is_shown_in(life, box) for life in told)
 
     def check_room(self, count: int) -> None:
         """Refuse one more target where there are as many as there may be, or more.
@@ -344,7 +345,7 @@ class MultiTracker:
             ValueError: There are as many targets as there may be, and the box is on none of them.
         """
         then = moments[1].before if len(moments) > 1 else self._crowd
-        same = [one for one in then.lives if is_on(one, np.array(box))]
+        same = [one for one in then.lives if _is_shown_in(one, box)]
         if not any(one.key in self._names for one in same):
             self.check_room(len(self.targets))
         drawn_on = moments[0].frame if moments else frame
@@ -470,6 +471,11 @@ class MultiTracker:
             f"image is {image.shape} {image.dtype}, but the others were {shape} {kind}; make "
             "another tracker to change the image's size or kind"
         )
+
+
+def _is_shown_in(life: Life, box: Box) -> bool:
+    """Whether a box is on a target; where a lost one is, nobody knows."""
+    return life.target.estimate.state != "lost" and is_on(life, np.array(box))
 
 
 def _answers(detections: object) -> list[Detections]:

@@ -87,6 +87,17 @@ def test_a_box_that_is_drawn_again_puts_the_target_right(walkers, make_tracker, 
         assert iou(told[place].estimate.box, walkers.boxes[19][place]) > 0.5
 
 
+def test_a_box_where_a_target_was_lost_is_another(walkers, make_tracker):
+    tracker = make_tracker()
+    first = tracker.start(walkers.images[0], walkers.boxes[0][0])
+    blank = np.full_like(walkers.images[0], 90)
+    for _ in range(60):
+        (told,) = tracker.update(blank, INTERVAL)
+    assert told.estimate.state == "lost"
+    assert tracker.start(blank, told.estimate.box) != first
+    assert len(tracker.targets) == 2
+
+
 @pytest.mark.parametrize("comes", [7, 8, 10])
 def test_what_a_detector_started_stays_stopped_when_an_earlier_answer_comes(
     walkers, make_tracker, comes
