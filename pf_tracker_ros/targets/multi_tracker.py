@@ -349,8 +349,7 @@ class MultiTracker:
         if not any(one.key in self._names for one in same):
             self.check_room(len(self.targets))
         drawn_on = moments[0].frame if moments else frame
-        number = moments[1].before.frame if len(moments) > 1 else self._crowd.frame
-        key = self._names.next_by_hand(number)
+        key = self._names.next_by_hand(then.frame)
         life = self._keeper.initiator.begin(drawn_on, box, key, label)
         if same and not label:
             life = replace(life, votes=same[0].votes)

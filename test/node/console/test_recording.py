@@ -280,12 +280,17 @@ def test_a_button_that_was_clicked_leaves_the_keys_to_the_page(player, moving_sq
     at_frame(player, 17)
 
 
-def test_several_targets_begin_on_the_frame_where_the_recording_stands(
-    graph, client, start_console, open_page, bag
-):
+@pytest.fixture
+def player_of_several(graph, client, start_console, open_page, bag):
+    """A page that plays the recording to a tracker of up to two targets, at its first frame."""
     graph.tracker(client, max_targets=2)
     page = open_page(start_console(source=str(bag)).link)
     at_frame(page, 0)
+    return page
+
+
+def test_several_targets_begin_on_the_frame_where_the_recording_stands(player_of_several):
+    page = player_of_several
     page.locator("#targets-card").wait_for()
     for count in (1, 2):
         page.drag((40.0 * count, 30.0, 24.0, 24.0))
@@ -297,12 +302,8 @@ def test_several_targets_begin_on_the_frame_where_the_recording_stands(
     assert page.locator("#targets rect").count() == 2
 
 
-def test_several_targets_are_not_saved_and_that_is_told(
-    graph, client, start_console, open_page, bag
-):
-    graph.tracker(client, max_targets=2)
-    page = open_page(start_console(source=str(bag)).link)
-    at_frame(page, 0)
+def test_several_targets_are_not_saved_and_that_is_told(player_of_several):
+    page = player_of_several
     page.locator("#save:enabled").click()
     page.wait_until(lambda: "track --draw" in page.text("note"), "what saves them")
 
