@@ -10,6 +10,7 @@ from collections.abc import Callable
 from copy import copy
 from typing import Any
 
+from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -40,6 +41,7 @@ def subscribe(
     report: Report,
     on_unreliable: Callable[[], None] | None = None,
     raw: bool = False,
+    group: CallbackGroup | None = None,
 ) -> Subscription:
     """Subscribe with the user's QoS overrides.
 
@@ -52,6 +54,7 @@ def subscribe(
         report: Called with a sentence if the overrides are wrong.
         on_unreliable: Called as soon as a publisher offers less reliability than that.
         raw: Whether the callback gets the messages as the bytes that they came as.
+        group: That tells when the executor may take a message, None for always.
     """
     name = node.resolve_topic_name(topic)
 
@@ -72,6 +75,7 @@ def subscribe(
             event_callbacks=events,
             qos_overriding_options=options,
             raw=raw,
+            callback_group=group,
         )
 
     return _with_overrides(node, create, name, "subscription", report)

@@ -19,6 +19,7 @@ from std_msgs.msg import UInt32
 from visualization_msgs.msg import MarkerArray
 
 from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.node.console.answered_images import AnsweredImages
 from pf_tracker_ros.node.console.answers import box_of, heat_of, particles_of, status_of
 from pf_tracker_ros.node.console.several import boxes_of, detections_of, stop_message, targets_of
 from pf_tracker_ros.node.console.tracker_services import TrackerError, TrackerServices
@@ -26,7 +27,6 @@ from pf_tracker_ros.node.message_building import box_message
 from pf_tracker_ros.node.mismatches import MismatchWatch
 from pf_tracker_ros.node.qos import DEFAULT_QOS, advertise, subscribe
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
-from pf_tracker_ros.node.tracker.image_input import ImageInput
 from pf_tracker_ros.stamps import set_stamp, stamp_of
 
 Receive = Callable[[str, int, Any], None]
@@ -68,7 +68,7 @@ class TrackerLink:
         self._watching = False
         self._answers: list[Subscription] = []
         self._likelihood: Subscription | None = None
-        self._images = ImageInput(node, self._on_image, self._report)
+        self._images = AnsweredImages(node, self._on_image, self._report)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, DEFAULT_QOS)
         self._targets = self._advertise("target", PolygonStamped)
         self._clicks = self._advertise("click", PointStamped)
@@ -212,17 +212,10 @@ class TrackerLink:
             self._reopen()
 
     def _reopen(self) -> None:
-        self._images.close()
         if self._watching:
-            self._images = ImageInput(
-                self._node, self._on_image, self._report, topic=self._image_topic
-            )
-            self._images.open("compressed" if self._is_compressed else "raw", "auto")
-
-    @property
-    def _is_compressed(self) -> bool:
-        kinds = dict(self._node.get_topic_names_and_types()).get(self._image_topic, [])
-        return "sensor_msgs/msg/CompressedImage" in kinds
+            self._images.open(self._image_topic)
+        else:
+            self._images.close()
 
     def _subscribe(
         self, name: str, message_type: Any, profile: Any, callback: Callable[[Any], None]
@@ -286,6 +279,7 @@ class TrackerLink:
 
     def _on_status(self, message: DiagnosticArray) -> None:
         if message.status:
+            self._images.on_answer()
             own, *others = message.status
             status = status_of(own)
             # A tracker of several targets tells how many there are.

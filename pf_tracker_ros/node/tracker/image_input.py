@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -14,7 +15,7 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from sensor_msgs.msg import CompressedImage, Image
 
-from pf_tracker_ros.node.qos import is_overridden, subscribe, take_one
+from pf_tracker_ros.node.qos import is_overridden, subscribe, take_one, take_waiting
 
 _TYPES = {"raw": Image, "compressed": CompressedImage}
 
@@ -26,6 +27,11 @@ _PROFILES = {
 # Of an image that comes in many parts, Fast DDS drops what it has for the first of them: with a
 # depth of 1 a busy node would hardly get any.
 _NEWEST_RELIABLY = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
+# Those that are kept waiting.
+_WAITING = {
+    name: QoSProfile(depth=8, reliability=profile.reliability)
+    for name, profile in _PROFILES.items()
+}
 
 # Where so many images in a row came this soon after the one before was done with, as a share of the
 # time that took, they come faster than they are looked at. After a hold-up each is looked at.
@@ -57,6 +63,7 @@ class ImageInput:
         receive: Called with each message, an Image or a CompressedImage.
         report: Called with a sentence if an override of the quality of service is wrong.
         topic: Its name, in place of `image` and of what the transport makes of that.
+        group: That keeps images waiting at times, for `take_waiting`; None where they never do.
     """
 
     def __init__(
@@ -65,12 +72,14 @@ class ImageInput:
         receive: Callable[[Any], None],
         report: Callable[[str], None],
         topic: str = "",
+        group: CallbackGroup | None = None,
     ) -> None:
         self.reliability = "reliable"
         self._node = node
         self._receive = receive
         self._report = report
         self._given_topic = topic
+        self._group = group
         self._transport = "raw"
         self._subscription: Subscription | None = None
         self._look: Timer | None = None
@@ -109,6 +118,11 @@ class ImageInput:
             self._look = None
         self._unsubscribe()
 
+    def take_waiting(self) -> None:
+        """Receive the images that wait."""
+        if self._subscription:
+            take_waiting(self._subscription)
+
     def _offered(self, topic: str) -> str:
         """What all publishers offer; what is in force while there are none."""
         publishers = self._node.get_publishers_info_by_topic(topic)
@@ -130,6 +144,11 @@ class ImageInput:
         self._subscribe_to_newest()
 
     def _subscribe_to_newest(self) -> None:
+        if self._group:
+            # Not told of publishers at once: who listens for that is woken by each image that
+            # waits, again and again.
+            self._subscribe(_WAITING[self.reliability], self._receive)
+            return
         reliable = self.reliability == "reliable"
         profile = _NEWEST_RELIABLY if reliable else _PROFILES["best_effort"]
         self._subscribe(profile, self._receive_newest, self._follow)
@@ -164,6 +183,7 @@ class ImageInput:
             profile=profile,
             report=self._report,
             on_unreliable=on_unreliable,
+            group=self._group,
         )
         is_lossy = self._subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
         self.reliability = "best_effort" if is_lossy else "reliable"

@@ -1,0 +1,152 @@
+"""Images for the console wait until the tracker has answered, and only while it does."""
+
+import time
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+from std_msgs.msg import Empty
+
+from pf_tracker_ros.node.console import answered_images
+from pf_tracker_ros.node.console.answered_images import AnsweredImages
+
+DEADLINE = 60.0
+NEVER = 3600.0
+
+
+class Watcher:
+    """A node that takes images so; they are told by their heights.
+
+    Attributes:
+        seen: Heights of those that it received.
+    """
+
+    def __init__(self, context):
+        self.node = Node("watcher", context=context)
+        self.seen = []
+        self._fences = 0
+        self.images = AnsweredImages(
+            self.node, lambda image: self.seen.append(image.height), pytest.fail
+        )
+        self._publisher = self.node.create_publisher(Image, "image", 10)
+        self._fence = self.node.create_publisher(Empty, "fence", 10)
+        self.node.create_subscription(Empty, "fence", self._on_fence, 10)
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(self.node)
+        self.images.open("image")
+        self.wait_for(
+            lambda: all(s.get_publisher_count() for s in self.node.subscriptions)
+            and self._publisher.get_subscription_count()
+        )
+
+    def publish(self, *heights):
+        """Publish images; they are there afterwards."""
+        for height in heights:
+            self._publisher.publish(Image(height=height))
+        assert self._publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=DEADLINE))
+
+    def pass_by(self):
+        """Let the executor do all there is, until something comes that is published now."""
+        before = self._fences
+        self._fence.publish(Empty())
+        self.wait_for(lambda: self._fences > before)
+
+    def idle(self):
+        """Let the executor wait for nothing that comes."""
+        self._executor.spin_once(timeout_sec=0.3)
+
+    def wait_for(self, condition):
+        end = time.monotonic() + DEADLINE
+        while not condition():
+            assert time.monotonic() < end
+            self._executor.spin_once(timeout_sec=0.02)
+
+    def close(self):
+        self.images.close()
+        self._executor.shutdown()
+        self.node.destroy_node()
+
+    def _on_fence(self, _):
+        self._fences += 1
+
+
+@pytest.fixture
+def start_watcher(graph):
+    watchers = []
+
+    def start():
+        watchers.append(Watcher(graph.context()))
+        return watchers[-1]
+
+    yield start
+    for watcher in watchers:
+        watcher.close()
+
+
+@pytest.fixture
+def patient(start_watcher, monkeypatch):
+    """A watcher that waits for answers however long they take."""
+    monkeypatch.setattr(answered_images, "_PATIENCE", NEVER)
+    return start_watcher()
+
+
+def test_after_an_answer_images_wait_for_the_next_one(patient):
+    patient.publish(1)
+    patient.wait_for(lambda: patient.seen == [1])
+    patient.images.on_answer()
+    patient.publish(2, 3)
+    for _ in range(3):
+        patient.pass_by()
+    assert patient.seen == [1]
+    patient.images.on_answer()
+    assert patient.seen == [1, 2, 3]
+
+
+def test_images_that_wait_do_not_keep_the_executor_busy(patient, monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        answered_images._Gate, "can_execute", lambda gate, entity: asked.append(gate.is_open)
+    )
+    patient.images.on_answer()
+    patient.publish(2, 3)
+    patient.pass_by()
+    asked.clear()
+    patient.idle()
+    # Once for each time that the executor begins to wait.
+    assert 1 <= len(asked) <= 3
+
+
+def test_of_many_that_wait_the_newest_are_kept(patient):
+    patient.publish(1)
+    patient.wait_for(lambda: patient.seen == [1])
+    patient.images.on_answer()
+    patient.publish(*range(2, 22))
+    patient.images.on_answer()
+    assert patient.seen == [1, *range(14, 22)]
+
+
+def test_a_tracker_that_is_silent_is_not_waited_for(start_watcher):
+    watcher = start_watcher()
+    watcher.publish(1)
+    watcher.wait_for(lambda: watcher.seen == [1])
+    watcher.images.on_answer()
+    watcher.publish(2)
+    watcher.wait_for(lambda: watcher.seen == [1, 2])
+    # From then on none waits.
+    watcher.publish(3)
+    watcher.wait_for(lambda: watcher.seen == [1, 2, 3])
+
+
+def test_closed_it_takes_nothing_and_opened_again_it_does(patient):
+    patient.images.on_answer()
+    patient.images.close()
+    assert patient.images.topic == ""
+    patient.images.on_answer()
+    assert patient.seen == []
+    patient.images.open("image")
+    patient.wait_for(lambda: all(s.get_publisher_count() for s in patient.node.subscriptions))
+    patient.publish(4)
+    patient.images.on_answer()
+    assert patient.seen == [4]
