@@ -1,17 +1,17 @@
 """What the console's page shows of a camera at 30 Hz, and what that costs the tracker.
 
 Camera, tracker, console and a headless Chromium are processes of their own, on the loopback. The
-same tracker is measured by turns without a console, beside a subscriber that does nothing with the
-images, which is the least that anybody takes who looks at them, with a console, with somebody who
-takes its pictures as a page on another machine would, with a browser here that shows its page, and
-with one behind a relay that lets 5 Mbit/s through; each figure is the median over the rounds. What
-a way adds to the tracker's time for a frame, and to the age of the answer in the camera, is told by
-the percentiles over the frames of all its turns, in brackets the 95 % interval when the rounds are
-drawn anew. Shown is what the page has drawn when its next animation frame begins; the age counts
-from the stamp, which the camera takes as it publishes. The browser gets the time that the others
-leave (the idle scheduling policy, and the last place among the sessions), as it would run on
-another machine. The images have the spectrum of pictures of the world, so that they cost as JPEG
-what those of a camera do.
+same tracker is measured by turns, in another order in each round, without a console, beside a
+subscriber that does nothing with the images, which is the least that anybody takes who looks at
+them, with a console, with somebody who takes its pictures as a page on another machine would, with
+a browser here that shows its page, and with one behind a relay that lets 5 Mbit/s through; each
+figure is the median over the rounds. What a way adds to the tracker's time for a frame, and to the
+age of the answer in the camera, is told by the percentiles over the frames of all its turns, in
+brackets the 95 % interval when the rounds are drawn anew. Shown is what the page has drawn when its
+next animation frame begins; the age counts from the stamp, which the camera takes as it publishes.
+The browser gets the time that the others leave (the idle scheduling policy, and the last place
+among the sessions), as it would run on another machine. The images have the spectrum of pictures of
+the world, so that they cost as JPEG what those of a camera do.
 
     python benchmarks/console_rate.py --rounds 5 --seconds 10
 """
@@ -21,6 +21,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
+import random
 import shutil
 import signal
 import socket
@@ -57,6 +58,7 @@ NO_CONSOLE, BARE, NO_BROWSER, ELSEWHERE, BROWSER, SLOW = (
     "a browser",
     "a browser at 5 Mbit/s",
 )
+WAYS = (NO_CONSOLE, BARE, NO_BROWSER, ELSEWHERE, BROWSER, SLOW)
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--disable-background-networking"]
 Values = NDArray[np.float64]
 
@@ -144,6 +146,31 @@ def wait_for_server() -> None:
         time.sleep(0.1)
 
 
+@contextmanager
+def console_node() -> Iterator[int]:
+    """A console that serves its page; its process."""
+    with node("console.console_node", f"port:={PORT}") as console:
+        wait_for_server()
+        yield console
+
+
+def turn_of(way: str, frames: list[Any], seconds: float, tracker: int, browser: Any) -> Turn:
+    """One turn of a way, with all that belongs to it; the rest as for `measure`."""
+    if way == NO_CONSOLE:
+        return measure(frames, seconds, tracker)
+    if way == BARE:
+        with process(bare_command("reliable"), large_images=False):
+            return measure(frames, seconds, tracker)
+    with console_node() as console:
+        if way == NO_BROWSER:
+            return measure(frames, seconds, tracker, console)
+        if way == ELSEWHERE:
+            with taker(PORT):
+                return measure(frames, seconds, tracker, console)
+        with page_of(browser, PORT if way == BROWSER else RELAY_PORT) as page:
+            return measure(frames, seconds, tracker, console, page)
+
+
 def measure(
     frames: list[Any], seconds: float, tracker: int, console: int | None = None, page: Any = None
 ) -> Turn:
@@ -224,7 +251,7 @@ def print_table(turns: dict[str, list[Turn]]) -> None:
         print(f"| {name} | {' | '.join('-' if 'nan' in cell else cell for cell in cells)} |")
     print("\nWhat each adds to no console, in milliseconds, [95 %]:\n")
     print("| | processing, median | 99 % | answer's age, median | 99 % |\n|---|---|---|---|---|")
-    for name in (BARE, NO_BROWSER, ELSEWHERE, BROWSER, SLOW):
+    for name in WAYS[1:]:
         cells = [
             cell
             for of in ("times", "ages")
@@ -262,20 +289,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         launcher = stack.enter_context(launcher_of(chromium))
         browser = driver.chromium.launch(executable_path=launcher, args=FLAGS)
         stack.enter_context(relay(RELAY_PORT, PORT))
+        order = random.Random(0)
         for _ in range(given.rounds):
-            turns[NO_CONSOLE].append(measure(frames, given.seconds, tracker))
-            with process(bare_command("reliable"), large_images=False):
-                turns[BARE].append(measure(frames, given.seconds, tracker))
-            with node("console.console_node", f"port:={PORT}") as console:
-                wait_for_server()
-                turns[NO_BROWSER].append(measure(frames, given.seconds, tracker, console))
-                with taker(PORT):
-                    turns[ELSEWHERE].append(measure(frames, given.seconds, tracker, console))
-                for name, port in ((BROWSER, PORT), (SLOW, RELAY_PORT)):
-                    with page_of(browser, port) as page:
-                        turns[name].append(measure(frames, given.seconds, tracker, console, page))
+            for way in order.sample(WAYS, len(WAYS)):
+                turns[way].append(turn_of(way, frames, given.seconds, tracker, browser))
         browser.close()
-    print_table(turns)
+    print_table({way: turns[way] for way in WAYS})
 
 
 if __name__ == "__main__":

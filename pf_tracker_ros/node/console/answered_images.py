@@ -18,7 +18,11 @@ _PATIENCE = 0.05
 
 
 class _Gate(MutuallyExclusiveCallbackGroup):
-    """Lets the executor take what comes only while it is open."""
+    """Lets the executor take what comes only while it is open.
+
+    Events of its subscriptions wait, too: who waits for them alone is woken by each message there
+    is, again and again.
+    """
 
     def __init__(self) -> None:
         super().__init__()  # type: ignore[no-untyped-call]

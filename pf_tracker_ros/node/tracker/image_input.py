@@ -145,9 +145,7 @@ class ImageInput:
 
     def _subscribe_to_newest(self) -> None:
         if self._group:
-            # Not told of publishers at once: who listens for that is woken by each image that
-            # waits, again and again.
-            self._subscribe(_WAITING[self.reliability], self._receive)
+            self._subscribe(_WAITING[self.reliability], self._receive, self._follow)
             return
         reliable = self.reliability == "reliable"
         profile = _NEWEST_RELIABLY if reliable else _PROFILES["best_effort"]
