@@ -22,7 +22,7 @@ from pf_tracker_ros.pages.access import is_loopback
 from pf_tracker_ros.parameters import build
 
 NICENESS = 10
-"""Of the console's process: the machine is the tracker's first."""
+"""Of all threads of the console's process but those of DDS: the machine is the tracker's first."""
 
 
 class ConsoleNode(Node):
@@ -35,11 +35,14 @@ class ConsoleNode(Node):
         link: The address to open, empty where there is none.
 
     Args:
+        niceness: Added to that of this thread and of those that it starts. Threads of DDS have none
+            of it: a publisher of large images waits for each of its readers.
         **options: Of `rclpy.node.Node`.
     """
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, niceness: int = 0, **options: Any) -> None:
         super().__init__("console", **options)
+        os.nice(niceness)
         self.exit_code = 0
         self.link = ""
         self._server: WebServer | None = None
@@ -111,12 +114,11 @@ def main(arguments: list[str] | None = None, source: str | None = None) -> int:
     """
     # No frame of the tracker is to wait for a picture.
     cv2.setNumThreads(1)
-    os.nice(NICENESS)
     nodes: list[ConsoleNode] = []
 
     def create() -> ConsoleNode:
         given = [] if source is None else [Parameter("source", value=source)]
-        node = ConsoleNode(parameter_overrides=given)
+        node = ConsoleNode(NICENESS, parameter_overrides=given)
         nodes.append(node)
         return node
 

@@ -2,16 +2,19 @@
 
 import asyncio
 import http.client
+import os
 import re
 import socket
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
 
 from pf_tracker_ros.node.console import web_server
+from pf_tracker_ros.node.console.console_node import NICENESS
 from pf_tracker_ros.pages.access import HEADERS
 
 UPGRADE = {
@@ -132,6 +135,22 @@ def test_the_token_is_on_the_terminal_once_with_a_warning(ros_domain):
 
 def test_the_loopback_link_has_no_token(console):
     assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", console.link)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no niceness of a thread")
+def test_what_it_does_waits_for_others_and_what_dds_does_is_waited_for_by_none(graph):
+    process = graph.process("-p", "port:=0", module="pf_tracker_ros.node.console.console_node")
+    for line in process.stdout:
+        if "is at http" in line:
+            break
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    niceness = {}
+    for task in Path(f"/proc/{process.pid}/task").iterdir():
+        name = (task / "comm").read_text().strip()
+        niceness.setdefault(name, set()).add(os.getpriority(os.PRIO_PROCESS, int(task.name)))
+    of_dds = set().union(*(found for name, found in niceness.items() if name.startswith("dds.")))
+    assert of_dds == {own}
+    assert os.getpriority(os.PRIO_PROCESS, process.pid) == min(19, own + NICENESS)
 
 
 def test_a_port_that_is_taken_is_told(start_console, console, graph, capfd):
