@@ -22,7 +22,8 @@ from pf_tracker_ros.pages.access import is_loopback
 from pf_tracker_ros.parameters import build
 
 NICENESS = 10
-"""Of all threads of the console's process but those of DDS: the machine is the tracker's first."""
+"""Of the console's process: the machine is the tracker's first."""
+_PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 
 class ConsoleNode(Node):
@@ -35,8 +36,8 @@ class ConsoleNode(Node):
         link: The address to open, empty where there is none.
 
     Args:
-        niceness: Added to that of this thread and of those that it starts. Threads of DDS have none
-            of it: a publisher of large images waits for each of its readers.
+        niceness: Added to that of this thread and of those that it starts from now on, which those
+            of DDS are not.
         **options: Of `rclpy.node.Node`.
     """
 
@@ -114,11 +115,16 @@ def main(arguments: list[str] | None = None, source: str | None = None) -> int:
     """
     # No frame of the tracker is to wait for a picture.
     cv2.setNumThreads(1)
+    # Where no profile gives Fast DDS more, the memory that it shares is smaller than an image, and
+    # a camera waits for each of its readers.
+    has_memory = bool(os.environ.get(_PROFILE))
+    if has_memory:
+        os.nice(NICENESS)
     nodes: list[ConsoleNode] = []
 
     def create() -> ConsoleNode:
         given = [] if source is None else [Parameter("source", value=source)]
-        node = ConsoleNode(NICENESS, parameter_overrides=given)
+        node = ConsoleNode(0 if has_memory else NICENESS, parameter_overrides=given)
         nodes.append(node)
         return node
 

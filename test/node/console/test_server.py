@@ -17,6 +17,8 @@ from pf_tracker_ros.node.console import web_server
 from pf_tracker_ros.node.console.console_node import NICENESS
 from pf_tracker_ros.pages.access import HEADERS
 
+REPOSITORY = Path(__file__).resolve().parents[3]
+
 UPGRADE = {
     "Connection": "Upgrade",
     "Upgrade": "websocket",
@@ -138,7 +140,10 @@ def test_the_loopback_link_has_no_token(console):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no niceness of a thread")
-def test_what_it_does_waits_for_others_and_what_dds_does_is_waited_for_by_none(graph):
+@pytest.mark.parametrize("shares_much", [False, True])
+def test_it_gives_way_to_others_but_where_a_camera_waits_for_it(graph, monkeypatch, shares_much):
+    profile = REPOSITORY / "config" / "fastdds_large_images.xml"
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile) if shares_much else "")
     process = graph.process("-p", "port:=0", module="pf_tracker_ros.node.console.console_node")
     for line in process.stdout:
         if "is at http" in line:
@@ -149,8 +154,9 @@ def test_what_it_does_waits_for_others_and_what_dds_does_is_waited_for_by_none(g
         name = (task / "comm").read_text().strip()
         niceness.setdefault(name, set()).add(os.getpriority(os.PRIO_PROCESS, int(task.name)))
     of_dds = set().union(*(found for name, found in niceness.items() if name.startswith("dds.")))
-    assert of_dds == {own}
-    assert os.getpriority(os.PRIO_PROCESS, process.pid) == min(19, own + NICENESS)
+    nice = min(19, own + NICENESS)
+    assert of_dds == {nice if shares_much else own}
+    assert os.getpriority(os.PRIO_PROCESS, process.pid) == nice
 
 
 def test_a_port_that_is_taken_is_told(start_console, console, graph, capfd):
