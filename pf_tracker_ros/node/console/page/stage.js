@@ -5,7 +5,7 @@ import * as recording from "./recording.js";
 import * as targets from "./targets.js";
 
 const at = (id) => document.getElementById(id);
-const overlay = at("overlay"), picture = at("picture"), context = picture.getContext("2d");
+const overlay = at("overlay"), picture = at("picture"), context = picture.getContext("2d", { alpha: false });
 const { place, set } = drawing;
 const TRAIL_SECONDS = 3;
 const ELLIPSE = Math.sqrt(5.991);  // holds 95 % of a plane's normal distribution
