@@ -81,14 +81,21 @@ def subscribe(
     return _with_overrides(node, create, name, "subscription", report)
 
 
-def take_waiting(subscription: Subscription) -> None:
-    """Run a subscription's callback with each message that waits for it.
+def take_waiting(subscription: Subscription, most: int | None = None) -> int:
+    """Run a subscription's callback with each message that waits for it; how many did.
 
     The executor takes one message of each subscription at a time, so of two that came before an
     image the second would come after it.
+
+    Args:
+        subscription: Whose messages they are.
+        most: How many to take; None for all.
     """
-    while (message := take_one(subscription)) is not None:
+    taken = 0
+    while taken != most and (message := take_one(subscription)) is not None:
         subscription.callback(message)
+        taken += 1
+    return taken
 
 
 def take_one(subscription: Subscription) -> Any:

@@ -15,6 +15,10 @@ from pf_tracker_ros.node.tracker.image_input import ImageInput
 
 # A tracker that has not answered for so long, in seconds, is not waited for.
 _PATIENCE = 0.05
+# Where so many images wait for one answer they come faster than they are answered, and for so long,
+# in seconds, none is made to wait: only the newest are to be taken then.
+_MANY = 3
+_UNHINDERED = 1.0
 
 
 class _Gate(MutuallyExclusiveCallbackGroup):
@@ -38,8 +42,9 @@ class AnsweredImages:
     """Subscribes to the images of the tracker while it is open.
 
     To take an image of a megabyte is a few of them read and written, at the very moment at which
-    the tracker does the same with it. So images wait until the next answer; where none comes for
-    0.05 s, they are taken as they come until one does.
+    the tracker does the same with it. So images wait until the next answer. They are
+    taken as they come where there is none for 0.05 s, until there is one, and for a second where
+    several have waited for one.
 
     Args:
         node: That subscribes.
@@ -55,7 +60,7 @@ class AnsweredImages:
         self._report = report
         self._gate = _Gate()
         self._input: ImageInput | None = None
-        self._answered_at = float("-inf")
+        self._answered_at = self._unhindered_until = float("-inf")
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._look = node.create_timer(_PATIENCE, self._lose_patience, clock=clock, autostart=False)
 
@@ -89,9 +94,12 @@ class AnsweredImages:
     def on_answer(self) -> None:
         """Take the images that have come until now: the tracker has answered one."""
         self._answered_at = time.monotonic()
-        self._gate.is_open = False
-        if self._input:
-            self._input.take_waiting()
+        self._gate.is_open = self._answered_at < self._unhindered_until
+        if self._gate.is_open or not self._input:
+            return
+        if self._input.take_waiting(_MANY) == _MANY:
+            self._unhindered_until = self._answered_at + _UNHINDERED
+            self._gate.is_open = True
 
     def _lose_patience(self) -> None:
         if time.monotonic() - self._answered_at > _PATIENCE:

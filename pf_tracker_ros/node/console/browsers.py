@@ -11,7 +11,11 @@ from typing import Protocol
 from pf_tracker_ros.node.console.answers import Json, packed
 from pf_tracker_ros.node.console.pace import Pace
 from pf_tracker_ros.node.console.pairing import Shown
-from pf_tracker_ros.node.console.pictures import Detail, picture_of, scale_for
+from pf_tracker_ros.node.console.pictures import DETAILS, Detail, picture_of, scale_for
+
+# A picture that none follows for so long, in seconds, is sent in all its detail: that is the one to
+# draw on, and the link has nothing else to do.
+_STANDS_STILL = 0.5
 
 
 class Browser(Protocol):
@@ -30,6 +34,8 @@ class _Viewer:
     def __init__(self) -> None:
         self.pace = Pace(time.monotonic())
         self.number = 0
+        # Whether that frame had all the detail there is.
+        self.is_sharp = True
         self.width: float | None = None
 
 
@@ -73,14 +79,18 @@ class Browsers:
         for message in news:
             await browser.send_json(message)
         while True:
-            async with self._changed:
-                await self._changed.wait_for(lambda: self._newest_number > viewer.number)
+            stands_still = not await self._has_newer(viewer)
             await viewer.pace.take()
             shown = self._newest()
             assert shown is not None
             passed_over = shown.number - viewer.number - 1 if viewer.number else 0
             viewer.number = shown.number
-            frame = await self._encode(shown, self._detail_for(viewer))
+            detail = self._for_window(viewer, viewer.pace.detail)
+            sharpest = self._for_window(viewer, DETAILS[0])
+            if stands_still:
+                detail = sharpest
+            viewer.is_sharp = detail == sharpest
+            frame = await self._encode(shown, detail)
             viewer.pace.send(max(0, passed_over), time.monotonic())
             await browser.send_bytes(frame)
 
@@ -118,9 +128,25 @@ class Browsers:
         newest = self._newest()
         return newest.number if newest else 0
 
-    def _detail_for(self, viewer: _Viewer) -> Detail:
-        """What the link bears, and no more than the window shows."""
-        detail = viewer.pace.detail
+    async def _has_newer(self, viewer: _Viewer) -> bool:
+        """Wait for a frame that a browser has not got.
+
+        Returns:
+            False where there is none for a while, and the last one was not as sharp as it could be.
+        """
+
+        async def wait() -> None:
+            async with self._changed:
+                await self._changed.wait_for(lambda: self._newest_number > viewer.number)
+
+        try:
+            await asyncio.wait_for(wait(), None if viewer.is_sharp else _STANDS_STILL)
+        except asyncio.TimeoutError:
+            return False
+        return True
+
+    def _for_window(self, viewer: _Viewer, detail: Detail) -> Detail:
+        """A detail, and no more of it than the window shows."""
         if viewer.width is None:
             return detail
         scale = min(detail.scale, scale_for(self._image_width, viewer.width))

@@ -9,8 +9,11 @@ from typing import Any
 
 from pf_tracker_ros.node.console.answers import Json
 
-# Raw images that may wait for an answer.
-_MOST_IMAGES = 8
+# Images that may wait for an answer: that of a fast camera comes after many others have.
+_MOST_IMAGES = 32
+# Fewer of large ones, octets, but so many in any case.
+_MOST_OCTETS = 2**26
+_FEWEST = 8
 _MOST_ANSWERS = 32
 # An image that nobody has answered for so long, in seconds, is shown as it is; for longer where the
 # answers take long, too.
@@ -130,8 +133,13 @@ class Pairing:
         self._order += 1
         self._images.pop(stamp, None)
         self._images[stamp] = _Waiting(self._order, image, now)
-        while len(self._images) > _MOST_IMAGES:
+        while self._are_too_many():
             self._images.popitem(last=False)
+
+    def _are_too_many(self) -> bool:
+        octets = sum(len(getattr(waiting.image, "data", b"")) for waiting in self._images.values())
+        most = _FEWEST if octets > _MOST_OCTETS else _MOST_IMAGES
+        return len(self._images) > most
 
     def add_answer(self, stamp: int, part: str, content: Any, now: float) -> None:
         """Take a part of an answer.

@@ -279,12 +279,12 @@ class TrackerLink:
 
     def _on_status(self, message: DiagnosticArray) -> None:
         if message.status:
-            self._images.on_answer()
             own, *others = message.status
             status = status_of(own)
             # A tracker of several targets tells how many there are.
             status["targets"] = targets_of(others) if "targets" in status["values"] else None
             self._receive("status", stamp_of(message.header), status)
+            self._images.on_answer()
 
     def _on_parameters(self, message: ParameterEvent) -> None:
         if message.node == self.name:

@@ -118,10 +118,9 @@ class ImageInput:
             self._look = None
         self._unsubscribe()
 
-    def take_waiting(self) -> None:
-        """Receive the images that wait."""
-        if self._subscription:
-            take_waiting(self._subscription)
+    def take_waiting(self, most: int) -> int:
+        """Receive images that wait, at most so many; how many there were."""
+        return take_waiting(self._subscription, most) if self._subscription else 0
 
     def _offered(self, topic: str) -> str:
         """What all publishers offer; what is in force while there are none."""
@@ -144,11 +143,10 @@ class ImageInput:
         self._subscribe_to_newest()
 
     def _subscribe_to_newest(self) -> None:
-        if self._group:
-            self._subscribe(_WAITING[self.reliability], self._receive, self._follow)
-            return
         reliable = self.reliability == "reliable"
         profile = _NEWEST_RELIABLY if reliable else _PROFILES["best_effort"]
+        if self._group:
+            profile = _WAITING[self.reliability]
         self._subscribe(profile, self._receive_newest, self._follow)
 
     def _receive_newest(self, message: Any) -> None:

@@ -129,7 +129,37 @@ def test_of_many_that_wait_the_newest_are_kept(patient):
     patient.images.on_answer()
     patient.publish(*range(2, 22))
     patient.images.on_answer()
-    assert patient.seen == [1, *range(14, 22)]
+    assert patient.seen == [1, 14, 15, 16]
+
+
+def test_images_that_come_faster_than_answers_do_not_wait_for_a_while(patient, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(answered_images.time, "monotonic", lambda: now[0])
+    patient.images.on_answer()
+    patient.publish(2, 3, 4, 5)
+    patient.images.on_answer()
+    assert patient.seen == [2, 3, 4]
+    monkeypatch.undo()
+    patient.wait_for(lambda: patient.seen == [2, 3, 4, 5])
+
+
+def test_they_wait_again_after_a_second(patient, monkeypatch):
+    now = [100.0]
+    patient.images.on_answer()
+    patient.publish(2, 3, 4, 5)
+    with monkeypatch.context() as patch:
+        patch.setattr(answered_images.time, "monotonic", lambda: now[0])
+        patient.images.on_answer()
+    patient.wait_for(lambda: patient.seen == [2, 3, 4, 5])
+    with monkeypatch.context() as patch:
+        patch.setattr(answered_images.time, "monotonic", lambda: now[0])
+        now[0] += 1.1
+        patient.images.on_answer()
+    patient.publish(6)
+    patient.pass_by()
+    assert patient.seen == [2, 3, 4, 5]
+    patient.images.on_answer()
+    assert patient.seen == [2, 3, 4, 5, 6]
 
 
 def test_a_tracker_that_is_silent_is_not_waited_for(start_watcher):

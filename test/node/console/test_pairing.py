@@ -1,5 +1,7 @@
 """Which frame is shown, and with what."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from pf_tracker_ros.node.console.pairing import Pairing
@@ -181,11 +183,32 @@ def test_a_part_that_is_late_hides_no_picture_that_has_come_since(pairing):
     assert not pairing.choose(now=0.3)
 
 
+def test_the_box_of_a_fast_camera_may_take_many_frames(pairing):
+    """120 Hz, and 80 ms for an answer: ten images are newer by then."""
+    shown = []
+    for number in range(120):
+        now = number / 120
+        pairing.add_image(2 + number, f"picture {number}", now)
+        if number >= 10:
+            pairing.add_answer(2 + number - 10, "status", IDLE, now)
+        if pairing.choose(now):
+            shown.append((pairing.latest.stamp, "status" in pairing.latest.answer))
+    assert shown == [(2 + number, True) for number in range(110)]
+
+
+def test_of_large_images_fewer_wait():
+    pairing = Pairing()
+    pairing.add_answer(0, "status", IDLE, now=0.0)
+    for stamp in range(1, 41):
+        pairing.add_image(stamp, SimpleNamespace(data=bytes(10_000_000)), now=0.0)
+    assert list(pairing._images) == list(range(33, 41))
+
+
 def test_what_waits_has_a_limit():
     pairing = Pairing()
     pairing.add_answer(0, "status", IDLE, now=0.0)
     for stamp in range(1, 10_000):
         pairing.add_image(stamp, stamp, now=0.0)
         pairing.add_answer(-stamp, "box", None, now=0.0)
-    assert len(pairing._images) <= 8
+    assert len(pairing._images) <= 32
     assert len(pairing._answers) <= 32

@@ -1,0 +1,94 @@
+"""What a browser gets, and in which detail."""
+
+import asyncio
+import json
+import struct
+
+import numpy as np
+import pytest
+
+pytest.importorskip("aiohttp", reason="the console needs the extra 'console'")
+
+from pf_tracker_ros.node.console import browsers as module
+from pf_tracker_ros.node.console.browsers import Browsers
+from pf_tracker_ros.node.console.pace import Pace
+from pf_tracker_ros.node.console.pairing import Shown
+from pf_tracker_ros.node.console.pictures import DETAILS
+
+SLOW = DETAILS[3]
+
+
+class Page:
+    """Draws each frame at once.
+
+    Attributes:
+        qualities: Number and quality of each frame that came.
+    """
+
+    def __init__(self, browsers):
+        self._browsers = browsers
+        self.qualities = []
+        self.came = asyncio.Event()
+
+    async def send_json(self, message):
+        pass
+
+    async def send_bytes(self, message):
+        (length,) = struct.unpack(">I", message[:4])
+        header = json.loads(message[4 : 4 + length])
+        self.qualities.append((int(header["stamp"]), header["quality"]))
+        self._browsers.acknowledge(self)
+        self.came.set()
+
+    async def wait_for(self, count):
+        while len(self.qualities) < count:
+            self.came.clear()
+            await asyncio.wait_for(self.came.wait(), 60.0)
+
+
+def test_a_picture_that_stands_still_becomes_sharp_once(client, monkeypatch):
+    monkeypatch.setattr(Pace, "detail", SLOW)
+    monkeypatch.setattr(module, "_STANDS_STILL", 0.05)
+    image = client.message(np.zeros((48, 64, 3), np.uint8))
+
+    async def run():
+        shown = Shown(1, 1, image, {})
+        browsers = Browsers(lambda: shown)
+        page = Page(browsers)
+        browsers.add(page)
+        task = asyncio.ensure_future(browsers.show(page, []))
+        await page.wait_for(2)
+        for number in (2, 3):
+            shown = Shown(number, number, image, {})
+            await browsers.show_newest()
+            await page.wait_for(2 * number)
+        task.cancel()
+        browsers.close()
+        return page.qualities
+
+    best = DETAILS[0].quality
+    assert asyncio.run(run()) == [
+        (number, quality) for number in (1, 2, 3) for quality in (SLOW.quality, best)
+    ]
+
+
+def test_a_picture_with_all_its_detail_is_not_sent_again(client, monkeypatch):
+    monkeypatch.setattr(module, "_STANDS_STILL", 0.0)
+    image = client.message(np.zeros((48, 64, 3), np.uint8))
+
+    async def run():
+        shown = Shown(1, 1, image, {})
+        browsers = Browsers(lambda: shown)
+        page = Page(browsers)
+        browsers.add(page)
+        task = asyncio.ensure_future(browsers.show(page, []))
+        await page.wait_for(1)
+        shown = Shown(2, 2, image, {})
+        await browsers.show_newest()
+        await page.wait_for(2)
+        task.cancel()
+        browsers.close()
+        return page.qualities
+
+    best = DETAILS[0].quality
+    assert asyncio.run(run()) == [(1, best), (2, best)]
