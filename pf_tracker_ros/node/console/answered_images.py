@@ -42,9 +42,9 @@ class AnsweredImages:
     """Subscribes to the images of the tracker while it is open.
 
     To take an image of a megabyte is a few of them read and written, at the very moment at which
-    the tracker does the same with it. So images wait until the next answer. They are
-    taken as they come where there is none for 0.05 s, until there is one, and for a second where
-    several have waited for one.
+    the tracker does the same with it. So images wait until the next answer. They are taken as they
+    come where there is none for 0.05 s, until there is one, and for a second where several have
+    waited for one.
 
     Args:
         node: That subscribes.
