@@ -47,55 +47,47 @@ class Page:
             await asyncio.wait_for(self.came.wait(), 60.0)
 
 
-def in_a_thread(action):
-    """What a coroutine returns; the tests with a real browser keep an event loop in this thread."""
-    with ThreadPoolExecutor(1) as executor:
-        return executor.submit(asyncio.run, action).result()
+def drawn(image, counts):
+    """Number and quality of what a page draws.
 
-
-def test_a_picture_that_stands_still_becomes_sharp_once(client, monkeypatch):
-    monkeypatch.setattr(Pace, "detail", SLOW)
-    monkeypatch.setattr(module, "_STANDS_STILL", 0.05)
-    image = client.message(np.zeros((48, 64, 3), np.uint8))
+    Args:
+        image: Of each frame that is shown.
+        counts: How many the page is to have drawn before the next frame is shown, a frame each.
+    """
 
     async def run():
-        shown = Shown(1, 1, image, {})
+        shown = None
         browsers = Browsers(lambda: shown)
         page = Page(browsers)
         browsers.add(page)
         task = asyncio.ensure_future(browsers.show(page, []))
-        await page.wait_for(2)
-        for number in (2, 3):
+        for number, count in enumerate(counts, 1):
             shown = Shown(number, number, image, {})
             await browsers.show_newest()
-            await page.wait_for(2 * number)
+            await page.wait_for(count)
         task.cancel()
         browsers.close()
         return page.qualities
 
-    best = DETAILS[0].quality
-    assert in_a_thread(run()) == [
-        (number, quality) for number in (1, 2, 3) for quality in (SLOW.quality, best)
-    ]
+    # In a thread: the tests with a real browser keep an event loop in this one.
+    with ThreadPoolExecutor(1) as executor:
+        return executor.submit(asyncio.run, run()).result()
 
 
-def test_a_picture_with_all_its_detail_is_not_sent_again(client, monkeypatch):
+@pytest.fixture
+def image(client):
+    """A message."""
+    return client.message(np.zeros((48, 64, 3), np.uint8))
+
+
+def test_a_picture_that_stands_still_becomes_sharp_once(image, monkeypatch):
+    monkeypatch.setattr(Pace, "detail", SLOW)
+    monkeypatch.setattr(module, "_STANDS_STILL", 0.05)
+    qualities = (SLOW.quality, DETAILS[0].quality)
+    expected = [(number, quality) for number in (1, 2, 3) for quality in qualities]
+    assert drawn(image, [2, 4, 6]) == expected
+
+
+def test_a_picture_with_all_its_detail_is_not_sent_again(image, monkeypatch):
     monkeypatch.setattr(module, "_STANDS_STILL", 0.0)
-    image = client.message(np.zeros((48, 64, 3), np.uint8))
-
-    async def run():
-        shown = Shown(1, 1, image, {})
-        browsers = Browsers(lambda: shown)
-        page = Page(browsers)
-        browsers.add(page)
-        task = asyncio.ensure_future(browsers.show(page, []))
-        await page.wait_for(1)
-        shown = Shown(2, 2, image, {})
-        await browsers.show_newest()
-        await page.wait_for(2)
-        task.cancel()
-        browsers.close()
-        return page.qualities
-
-    best = DETAILS[0].quality
-    assert in_a_thread(run()) == [(1, best), (2, best)]
+    assert drawn(image, [1, 2]) == [(number, DETAILS[0].quality) for number in (1, 2)]
