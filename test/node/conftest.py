@@ -353,6 +353,9 @@ class Graph:
         health = [publisher for publisher in node.publishers if "diagnostics" in publisher.topic]
         images = client.images.topic_name
         takes_images = any(images == s.topic_name for s in node.subscriptions)
+        shared = {end.topic_name for end in [*node.publishers, *node.subscriptions]} & {
+            end.topic_name for end in [*client.publishers, *client.subscriptions]
+        }
 
         def acquainted():
             return (
@@ -364,6 +367,8 @@ class Graph:
                 # best effort is lost.
                 and all(s.get_publisher_count() for s in _heard(node, client))
                 and all(s.get_publisher_count() for s in _heard(client, node))
+                # An endpoint that was replaced may be counted for a while by the other side.
+                and _endpoints(client, shared) == _endpoints(node, shared)
             )
 
         client.wait_for(acquainted, "connection of client and tracker")
@@ -396,6 +401,18 @@ def _heard(listener, speaker):
     """The listener's subscriptions to what the speaker publishes."""
     topics = {publisher.topic_name for publisher in speaker.publishers}
     return [s for s in listener.subscriptions if s.topic_name in topics]
+
+
+def _endpoints(observer, topics):
+    """The identifiers of all publishers and subscriptions on topics that a node knows of."""
+    return {
+        bytes(information.endpoint_gid)
+        for topic in topics
+        for information in [
+            *observer.get_publishers_info_by_topic(topic),
+            *observer.get_subscriptions_info_by_topic(topic),
+        ]
+    }
 
 
 def _end(process):

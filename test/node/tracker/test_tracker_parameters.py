@@ -287,7 +287,7 @@ def test_the_reliability_can_change_at_run_time(graph, client, images, box):
     (endpoint,) = node.get_subscriptions_info_by_topic("/image")
     assert endpoint.qos_profile.reliability.name == "BEST_EFFORT"
     client.set_parameters(image_reliability="reliable")
-    client.wait_for(lambda: client.images.get_subscription_count() == 1, "one subscription")
+    graph.introduce(client, node)
     assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
 
 
