@@ -16,16 +16,19 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 pytest_plugins = ["pf_tracker_ros.testing"]
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-# A long run of the properties is made by hand, with as many cases each as this says.
+# A long run of the properties is made by hand, with as many random cases each as this says; else
+# they are the same ones in each run. How long a case takes is the machine's matter.
 CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
-if CASES:
-    settings.register_profile("long", max_examples=CASES, deadline=None)
-    settings.load_profile("long")
+_CASES = {"max_examples": CASES} if CASES else {"derandomize": True}
+settings.register_profile(
+    "properties", deadline=None, suppress_health_check=[HealthCheck.too_slow], **_CASES
+)
+settings.load_profile("properties")
 # What a shell starts in the background ignores Ctrl-C, and so would what the tests interrupt.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)

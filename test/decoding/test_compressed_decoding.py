@@ -5,7 +5,7 @@ from array import array
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from sensor_msgs.msg import CompressedImage
 
@@ -143,7 +143,6 @@ IMAGES = [
 ]
 
 
-@settings(deadline=None)
 @given(
     st.sampled_from(IMAGES) | st.binary(max_size=100),
     st.lists(st.tuples(st.integers(0, 1000), st.integers(0, 255)), max_size=8),

@@ -2,7 +2,7 @@ from array import array
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from sensor_msgs.msg import Image
 
@@ -265,7 +265,6 @@ def test_an_encoding_is_quoted_short_and_without_what_a_terminal_obeys(encoding)
 SIDES = st.integers(0, 12) | st.integers(0, 2**32 - 1)
 
 
-@settings(deadline=None)
 @given(
     st.builds(
         Image,

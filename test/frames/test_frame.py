@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pf_tracker_ros.frames import Foreground, Frame, Region
@@ -107,7 +107,6 @@ def frames_and_looks(draw):
     return image, draw(st.lists(looks(height, width), min_size=1, max_size=6))
 
 
-@settings(deadline=None)
 @given(frames_and_looks())
 def test_every_view_is_cut_from_the_whole_one_in_whatever_order_they_are_asked_for(drawn):
     image, asked = drawn

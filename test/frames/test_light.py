@@ -116,7 +116,7 @@ def test_what_the_camera_regains_by_itself_is_given_back():
     assert followed([lit(image, 0.5)], light, 40.0) == 1.0
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     st.lists(st.floats(0.0, 30.0), min_size=1, max_size=8),
     st.sampled_from([(1, 1), (1, 400), (300, 2), (37, 53)]),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pf_tracker_ros.frames.tiles import Part, TiledImage
@@ -45,7 +45,6 @@ def readings(draw):
     return shape, draw(st.lists(parts, min_size=1, max_size=8))
 
 
-@settings(deadline=None)
 @given(readings())
 def test_every_reading_is_right_and_no_pixel_is_computed_twice_or_for_nothing(reading):
     shape, parts = reading

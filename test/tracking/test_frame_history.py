@@ -127,7 +127,7 @@ def test_a_frame_that_was_reduced_looks_as_it_did_at_every_place(shape, dtype):
     assert not np.array_equal(history.since(0)[0].image, image)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(
     st.tuples(st.integers(1, 60), st.integers(1, 60)),
     st.floats(1.0, 100.0),

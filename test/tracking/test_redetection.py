@@ -8,7 +8,7 @@ from pf_tracker_ros import Tracker
 from pf_tracker_ros.tracking.redetection import window_centers
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     st.tuples(st.integers(8, 200), st.integers(8, 200)),
     st.tuples(*[st.floats(0.0, 1.0)] * 4),
@@ -29,7 +29,6 @@ def test_looking_for_a_lost_target_is_no_error_whatever_there_is(image_size, box
         assert np.isfinite(estimate.covariance).all()
 
 
-@settings(deadline=None)
 @given(
     st.tuples(st.integers(1, 4000), st.integers(1, 4000)),
     st.floats(60.0, 5000.0),

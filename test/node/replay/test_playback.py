@@ -23,7 +23,7 @@ def play(playback, times, rate):
     return due
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(
     st.lists(st.integers(0, 30), min_size=1, max_size=4),
     st.floats(0.5, 10.0),

@@ -37,7 +37,6 @@ def cases(bounded):
     """Settings for a property that is tried on a live node."""
     return settings(
         max_examples=CASES or bounded,
-        deadline=None,
         suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
     )
 
