@@ -141,6 +141,8 @@ def open_page(browser):
         page = Page(context, link)
         if not may_complain:
             pages.append(page)
+            # What is asked for before is not sent.
+            page.wait_until(lambda: page.text("connection") != "connecting", "connection")
         return page
 
     yield open_one
