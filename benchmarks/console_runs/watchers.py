@@ -48,6 +48,7 @@ def relay(port: int, console: int) -> Iterator[None]:
             while True:
                 browser, _ = server.accept()
                 server_side = socket.socket()
+                server_side.bind(("127.0.0.2", 0))
                 # What waits in buffers is old when it comes.
                 server_side.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16_384)
                 server_side.connect(("127.0.0.1", console))
@@ -66,8 +67,10 @@ def take_pictures(port: int, taken: Synchronized[int]) -> None:
 
     async def take() -> None:
         origin = f"http://127.0.0.1:{port}"
+        # An address that is not the console's, as one elsewhere has.
+        connector = aiohttp.TCPConnector(local_addr=("127.0.0.2", 0))
         async with (
-            aiohttp.ClientSession() as session,
+            aiohttp.ClientSession(connector=connector) as session,
             session.ws_connect(f"{origin}/socket", origin=origin) as page,
         ):
             async for message in page:

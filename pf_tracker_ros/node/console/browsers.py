@@ -12,14 +12,23 @@ from pf_tracker_ros.node.console.answers import Json, packed
 from pf_tracker_ros.node.console.pace import Pace
 from pf_tracker_ros.node.console.pairing import Shown
 from pf_tracker_ros.node.console.pictures import DETAILS, Detail, picture_of, scale_for
+from pf_tracker_ros.stamps import NANOSECONDS
 
 # A picture that none follows for so long, in seconds, is sent in all its detail: that is the one to
 # draw on, and the link has nothing else to do.
 _STANDS_STILL = 0.5
+# A browser without a graphics card draws a picture for so long, in seconds.
+_DRAWS_FOR = 0.015
+# Frames that seem to be older, in seconds, have stamps of another clock, as those of a recording.
+_OTHER_CLOCK = 1.0
 
 
 class Browser(Protocol):
     """One page that is open."""
+
+    @property
+    def is_here(self) -> bool:
+        """Whether it is on this machine."""
 
     async def send_json(self, message: Json) -> None:
         """Send a message; one to a browser that has gone is lost."""
@@ -33,7 +42,7 @@ class _Viewer:
 
     def __init__(self) -> None:
         self.pace = Pace(time.monotonic())
-        self.number = 0
+        self.number = self.stamp = 0
         # Whether that frame had all the detail there is.
         self.is_sharp = True
         self.width: float | None = None
@@ -79,19 +88,24 @@ class Browsers:
         for message in news:
             await browser.send_json(message)
         while True:
-            stands_still = not await self._has_newer(viewer)
+            stands_still = not await self._has_newer(
+                viewer, within=None if viewer.is_sharp else _STANDS_STILL
+            )
             await viewer.pace.take()
             shown = self._newest()
             assert shown is not None
-            passed_over = shown.number - viewer.number - 1 if viewer.number else 0
-            viewer.number = shown.number
+            ahead = shown.number - viewer.number if viewer.number else 0
+            interval = (shown.stamp - viewer.stamp) / ahead / NANOSECONDS if ahead else 0.0
+            viewer.number, viewer.stamp = shown.number, shown.stamp
             detail = self._for_window(viewer, viewer.pace.detail)
             sharpest = self._for_window(viewer, DETAILS[0])
             if stands_still:
                 detail = sharpest
             viewer.is_sharp = detail == sharpest
             frame = await self._encode(shown, detail)
-            viewer.pace.send(max(0, passed_over), time.monotonic())
+            if browser.is_here and _is_in_the_way(shown.stamp, interval):
+                await self._has_newer(viewer, within=interval)
+            viewer.pace.send(max(0, ahead - 1), time.monotonic())
             await browser.send_bytes(frame)
 
     async def show_newest(self) -> None:
@@ -128,11 +142,11 @@ class Browsers:
         newest = self._newest()
         return newest.number if newest else 0
 
-    async def _has_newer(self, viewer: _Viewer) -> bool:
-        """Wait for a frame that a browser has not got.
+    async def _has_newer(self, viewer: _Viewer, within: float | None) -> bool:
+        """Wait for a frame that a browser has not got, for some seconds or as long as it takes.
 
         Returns:
-            False where there is none for a while, and the last one was not as sharp as it could be.
+            False where there was none.
         """
 
         async def wait() -> None:
@@ -140,7 +154,7 @@ class Browsers:
                 await self._changed.wait_for(lambda: self._newest_number > viewer.number)
 
         try:
-            await asyncio.wait_for(wait(), None if viewer.is_sharp else _STANDS_STILL)
+            await asyncio.wait_for(wait(), within)
         except asyncio.TimeoutError:
             return False
         return True
@@ -161,6 +175,24 @@ class Browsers:
             self._encoded[key] = loop.run_in_executor(self._encoder, _encoded, shown, detail)
         self._image_width, frame = await asyncio.shield(self._encoded[key])
         return frame
+
+
+def _is_in_the_way(stamp: int, interval: float) -> bool:
+    """Whether a browser here would still draw a frame while the camera sends another one.
+
+    It would then take the time of the tracker. Once that has answered the next frame, there is
+    time until the one after it.
+
+    Args:
+        stamp: Of the frame, nanoseconds.
+        interval: Seconds between two frames of the camera, 0 where it is not known.
+    """
+    age = (time.time_ns() - stamp) / NANOSECONDS
+    return (
+        interval > _DRAWS_FOR
+        and 0.0 <= age < _OTHER_CLOCK
+        and age % interval + _DRAWS_FOR > interval
+    )
 
 
 def _encoded(shown: Shown, detail: Detail) -> tuple[int, bytes]:

@@ -53,6 +53,14 @@ class Socket:
         self._response = response
         self._transport = transport
 
+    @property
+    def is_here(self) -> bool:
+        """Whether the browser is on this machine: both ends have the same address."""
+        if not self._transport:
+            return False
+        browser, own = (self._transport.get_extra_info(end) for end in ("peername", "sockname"))
+        return bool(browser and own and browser[0] == own[0])
+
     async def send_json(self, message: Json) -> None:
         """Send a message."""
         await self._send(self._response.send_str(json.dumps(message, allow_nan=False)))

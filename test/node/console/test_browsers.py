@@ -17,17 +17,23 @@ from pf_tracker_ros.node.console.pairing import Shown
 from pf_tracker_ros.node.console.pictures import DETAILS
 
 SLOW = DETAILS[3]
+SECOND = 10**9
+# So long that no test waits for the end of one.
+INTERVAL = 1000 * SECOND
+NOW = 5000 * SECOND
 
 
 class Page:
     """Draws each frame at once.
 
     Attributes:
-        qualities: Number and quality of each frame that came.
+        is_here: Whether it is on this machine.
+        qualities: Stamp and quality of each frame that came.
     """
 
-    def __init__(self, browsers):
+    def __init__(self, browsers, is_here=True):
         self._browsers = browsers
+        self.is_here = is_here
         self.qualities = []
         self.came = asyncio.Event()
 
@@ -47,15 +53,24 @@ class Page:
             await asyncio.wait_for(self.came.wait(), 60.0)
 
 
+def run(scenario):
+    """What a coroutine function returns, called in a thread with a loop of its own.
+
+    The tests with a real browser keep an event loop in this one.
+    """
+    with ThreadPoolExecutor(1) as executor:
+        return executor.submit(asyncio.run, scenario()).result()
+
+
 def drawn(image, counts):
-    """Number and quality of what a page draws.
+    """Stamp and quality of what a page draws.
 
     Args:
         image: Of each frame that is shown.
         counts: How many the page is to have drawn before the next frame is shown, a frame each.
     """
 
-    async def run():
+    async def play():
         shown = None
         browsers = Browsers(lambda: shown)
         page = Page(browsers)
@@ -69,9 +84,38 @@ def drawn(image, counts):
         browsers.close()
         return page.qualities
 
-    # In a thread: the tests with a real browser keep an event loop in this one.
-    with ThreadPoolExecutor(1) as executor:
-        return executor.submit(asyncio.run, run()).result()
+    return run(play)
+
+
+def drawn_before_the_third(image, stamps):
+    """How many frames a page here and one elsewhere have, after the first and after the second.
+
+    Args:
+        image: Of each frame.
+        stamps: Of three frames; with the third, the page here has to get the second in any case.
+    """
+
+    async def play():
+        shown = None
+        browsers = Browsers(lambda: shown)
+        here, elsewhere = (Page(browsers, is_here) for is_here in (True, False))
+        tasks = []
+        for page in (here, elsewhere):
+            browsers.add(page)
+            tasks.append(asyncio.ensure_future(browsers.show(page, [])))
+        counts = []
+        for number, stamp in enumerate(stamps, 1):
+            shown = Shown(number, stamp, image, {})
+            await browsers.show_newest()
+            await elsewhere.wait_for(number)
+            counts.append((len(here.qualities), len(elsewhere.qualities)))
+        await here.wait_for(2)
+        for task in tasks:
+            task.cancel()
+        browsers.close()
+        return counts[:2]
+
+    return run(play)
 
 
 @pytest.fixture
@@ -91,3 +135,32 @@ def test_a_picture_that_stands_still_becomes_sharp_once(image, monkeypatch):
 def test_a_picture_with_all_its_detail_is_not_sent_again(image, monkeypatch):
     monkeypatch.setattr(module, "_STANDS_STILL", 0.0)
     assert drawn(image, [1, 2]) == [(number, DETAILS[0].quality) for number in (1, 2)]
+
+
+def test_a_browser_here_draws_while_neither_camera_nor_tracker_are_busy(image, monkeypatch):
+    monkeypatch.setattr(module.time, "time_ns", lambda: NOW)
+    monkeypatch.setattr(module, "_OTHER_CLOCK", 1e6)
+    # Another frame is about to be sent when the second one is ready.
+    second = NOW - INTERVAL + SECOND // 100
+    stamps = (second - INTERVAL, second, second + INTERVAL)
+    assert drawn_before_the_third(image, stamps) == [(1, 1), (1, 2)]
+
+
+@pytest.mark.parametrize(
+    ("interval", "age"),
+    [
+        pytest.param(INTERVAL, INTERVAL // 2, id="there is time before the next frame"),
+        pytest.param(INTERVAL, INTERVAL + SECOND, id="the next frame has just been sent"),
+        pytest.param(INTERVAL, 2 * 10**6 * SECOND - SECOND // 100, id="stamps of long ago"),
+        pytest.param(INTERVAL, -SECOND // 100, id="stamps that are still to come"),
+        pytest.param(SECOND // 100, SECOND // 100, id="frames that leave no time"),
+        pytest.param(0, 0, id="stamps that stand still"),
+        pytest.param(-INTERVAL, SECOND, id="stamps that go back"),
+    ],
+)
+def test_else_it_draws_at_once(image, monkeypatch, interval, age):
+    monkeypatch.setattr(module.time, "time_ns", lambda: NOW)
+    monkeypatch.setattr(module, "_OTHER_CLOCK", 1e6)
+    second = NOW - age
+    stamps = (second - interval, second, second + interval)
+    assert drawn_before_the_third(image, stamps) == [(1, 1), (2, 2)]

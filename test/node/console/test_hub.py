@@ -43,6 +43,8 @@ class Link:
 class Browser:
     """Notes what comes."""
 
+    is_here = False
+
     def __init__(self):
         self.messages, self.frames = [], 0
 

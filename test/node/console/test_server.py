@@ -194,3 +194,27 @@ def test_a_browser_that_takes_nothing_is_cut_off_and_keeps_nobody_waiting(monkey
     with ThreadPoolExecutor(1) as executor:
         executor.submit(lambda: asyncio.run(send())).result()
     assert aborted == [True, True]
+
+
+@pytest.mark.parametrize(("address", "is_here"), [("127.0.0.1", True), ("127.0.0.2", False)])
+def test_a_browser_at_the_address_of_the_console_is_on_the_same_machine(address, is_here):
+    async def connect():
+        found = asyncio.get_running_loop().create_future()
+
+        def take(_, writer):
+            found.set_result(web_server.Socket(None, writer.transport).is_here)
+            writer.close()
+
+        async with await asyncio.start_server(take, "127.0.0.1", 0) as server:
+            _, port = server.sockets[0].getsockname()
+            _, writer = await asyncio.open_connection("127.0.0.1", port, local_addr=(address, 0))
+            writer.close()
+            return await found
+
+    # In a thread: the browser tests keep an event loop in this one.
+    with ThreadPoolExecutor(1) as executor:
+        assert executor.submit(lambda: asyncio.run(connect())).result() is is_here
+
+
+def test_a_browser_that_has_gone_is_nowhere():
+    assert not web_server.Socket(None, None).is_here
