@@ -179,8 +179,8 @@ class _Parser(argparse.ArgumentParser):
         options, unknown = self.parse_known_args(own)
         if unknown:
             self.error(
-                f"there is no argument {' '.join(unknown)}; parameters are given to ROS: "
-                f"{self.prog} --ros-args {' '.join(_as_parameters(unknown))}"
+                f"there is no argument {' '.join(unknown)}; parameters and remappings are "
+                f"given to ROS: {self.prog} --ros-args {' '.join(_as_parameters(unknown))}"
             )
         return options
 
@@ -190,6 +190,9 @@ class _Parser(argparse.ArgumentParser):
 
 def _as_parameters(unknown: Sequence[str]) -> Iterator[str]:
     """Arguments such as `--preset li2007` as ROS takes them; an example if they are not."""
+    if unknown[0] in ("-p", "-r"):
+        yield from unknown
+        return
     names = [word for word in unknown if word.startswith("--")]
     for name in names or ["--NAME=VALUE"]:
         option, equals, value = name.removeprefix("--").partition("=")

@@ -37,6 +37,7 @@ def test_help_tells_what_it_is_and_how_ros_gives_it_parameters(name):
         ("tracker", ["preset:=li2007"], "tracker --ros-args -p NAME:=VALUE ("),
         ("tracker", ["drive.mcap"], "there is no argument drive.mcap;"),
         ("console", ["a.mcap", "b.mcap"], "there is no argument b.mcap;"),
+        ("console", ["a.mcap", "-r", "image:=/b"], "console --ros-args -r image:=/b ("),
         ("console", ["--port=80"], "console --ros-args -p port:=80 ("),
         ("replay", ["a.mcap", "--loop"], "replay --ros-args -p loop:=VALUE ("),
         ("replay", ["a.mcap", "b.mcap"], "there is no argument b.mcap;"),

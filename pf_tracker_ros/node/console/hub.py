@@ -31,6 +31,9 @@ from pf_tracker_ros.tracking.input_checks import check_box
 
 # How often is looked at what does not come by itself: silence, and frames without an answer.
 _TICK = 0.1
+# For so long, in seconds, frames are still taken once the last browser has gone: it may come back,
+# as by a reload, and where subscriptions come and go quickly a take in Fast DDS may never end.
+_LINGER = 5.0
 
 
 class Hub:
@@ -46,6 +49,8 @@ class Hub:
         self._pairing = Pairing()
         self._browsers = Browsers(lambda: self._pairing.latest)
         self._heated: set[Browser] = set()
+        self._watched_at = float("-inf")
+        self._wanted = {"particles": False, "likelihood": False}
         self._health = TrackerHealth(link.name)
         self._told_health: Json = {}
         self._picker = Picker(link, self._tell_verdict)
@@ -82,6 +87,7 @@ class Hub:
         """Notice silence, until canceled."""
         while True:
             await self._look()
+            self._watch()
             await asyncio.sleep(_TICK)
 
     def close(self) -> None:
@@ -191,11 +197,19 @@ class Hub:
             )
 
     def _watch(self) -> None:
+        """Let the tracker publish what somebody looks at, and no more."""
+        now = time.monotonic()
         # A recording's first frame comes once, perhaps before the first browser.
-        watched = len(self._browsers) > 0 or self._player is not None
-        self._link.watch(watched)
+        is_watched = len(self._browsers) > 0 or self._player is not None
+        if is_watched:
+            self._watched_at = now
+        is_watched |= now - self._watched_at < _LINGER
+        wanted = {"particles": is_watched, "likelihood": bool(self._heated)}
+        if wanted == self._wanted:
+            return
+        self._wanted = wanted
+        self._link.watch(is_watched)
         self._link.watch_likelihood(bool(self._heated))
-        wanted = {"particles": watched, "likelihood": bool(self._heated)}
         self._pairing.wanted = {part for part, is_wanted in wanted.items() if is_wanted}
 
     async def _on_welcomed(self, browser: Browser, message: Json) -> None:

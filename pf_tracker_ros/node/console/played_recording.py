@@ -131,8 +131,8 @@ class PlayedRecording:
         if not said or not other or own == other:
             return said
         return (
-            f"{said}; the tracker takes its images from {other}: start the console with -r "
-            f"image:={other}"
+            f"{said}; the tracker takes its images from {other}: start the console "
+            f"with --ros-args -r image:={other}"
         )
 
     @property

@@ -34,6 +34,7 @@ _HEARTBEAT = 20.0
 # Seconds in which a browser takes what is sent to it; one that sleeps keeps the others waiting.
 _TAKEN_WITHIN = 4.0
 _START_TIMEOUT = 10.0
+_CANCEL_INTERVAL = 0.1
 _LOG = logging.getLogger(__name__)
 
 
@@ -212,10 +213,15 @@ class WebServer:
                     task.add_done_callback(requests.discard)
         finally:
             self._sockets.discard(response)
-            showing.cancel()
-            for task in requests:
-                task.cancel()
+            for task in (showing, *requests):
+                self._cancel(task)
         return response
+
+    def _cancel(self, task: asyncio.Task[None]) -> None:
+        """Cancel a task until it is done: before Python 3.12, `wait_for` may swallow it once."""
+        if not task.done():
+            task.cancel()
+            self._loop.call_later(_CANCEL_INTERVAL, self._cancel, task)
 
     async def _show(self, browser: Socket, response: web.WebSocketResponse) -> None:
         """Show everything to a browser; one to which nothing can be shown is to connect anew."""

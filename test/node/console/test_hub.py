@@ -7,6 +7,7 @@ import threading
 import numpy as np
 import pytest
 
+from pf_tracker_ros.node.console import hub as module
 from pf_tracker_ros.node.console.hub import Hub
 from pf_tracker_ros.node.console.pictures import Picture
 
@@ -183,13 +184,36 @@ def test_a_frame_is_encoded_once_for_all_browsers(run, image, monkeypatch):
     assert len(made) == 1
 
 
-def test_images_and_particles_are_asked_for_while_somebody_looks(run):
+@pytest.mark.parametrize(
+    ("linger", "expected"), [(0.0, [True, False, True, False]), (1000.0, [True])]
+)
+def test_images_and_particles_are_asked_for_while_somebody_looks(
+    run, monkeypatch, linger, expected
+):
+    monkeypatch.setattr(module, "_LINGER", linger)
+
     async def scenario(hub, link, browser):
+        for _ in range(2):
+            watching = asyncio.ensure_future(hub.welcome(browser))
+            await asyncio.sleep(0)
+            watching.cancel()
+            await asyncio.gather(watching, return_exceptions=True)
+        return link.watched
+
+    assert run(scenario) == expected
+
+
+def test_nothing_is_taken_once_nobody_has_looked_for_a_while(run, monkeypatch):
+    monkeypatch.setattr(module, "_LINGER", 0.05)
+
+    async def scenario(hub, link, browser):
+        running = asyncio.ensure_future(hub.run())
         watching = asyncio.ensure_future(hub.welcome(browser))
         await asyncio.sleep(0)
-        seen = list(link.watched)
         watching.cancel()
-        await asyncio.gather(watching, return_exceptions=True)
-        return seen, link.watched
+        while link.watched != [True, False]:
+            await asyncio.sleep(0)
+        running.cancel()
+        return True
 
-    assert run(scenario) == ([True], [True, False])
+    assert run(scenario)

@@ -236,6 +236,8 @@ def mortal(graph, start_console, camera, open_page):
     camera.show_on(page)
 
     def restart():
+        # The page may miss the one that was killed before the system has let its port go.
+        console.wait()
         start_console(port=port)
         page.wait_until(lambda: page.text("connection") == "live", "the tracker")
 

@@ -108,6 +108,7 @@ def test_stop_forgets_the_target(shown, camera):
     assert shown.text("state") == "idle"
     assert shown.box is None
     assert shown.locator("#box").is_hidden()
+    assert shown.locator("#trail").get_attribute("points") == ""
 
 
 def test_a_box_without_area_is_refused_with_the_nodes_reason(shown, camera):

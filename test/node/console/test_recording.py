@@ -111,12 +111,23 @@ def test_seeking_gives_the_boxes_of_a_run_in_lockstep(player, moving_square):
         go_to(player, index)
         assert player.box == pytest.approx(expected[stamp_at(index)], abs=2e-3), index
     # Before the frame that it was drawn on there is no target; it starts there again.
+    assert "accepted" in player.text("note")
     go_to(player, 2)
     assert player.box is None
+    player.wait_until(lambda: player.text("note") == "", "that nothing is followed")
     for index in (3, 4, 5, 6):
         player.locator("#forward").click()
         at_frame(player, index)
     assert player.box == pytest.approx(expected[stamp_at(6)], abs=2e-3)
+
+
+def test_the_frame_that_the_slider_is_on_is_told_while_it_is_dragged(player):
+    slider = player.locator("#seek")
+    slider.evaluate("(it) => { it.value = 7; it.dispatchEvent(new Event('input')); }")
+    assert player.text("frame") == "7 / 19"
+    assert player.stamp == stamp_at(0)
+    slider.evaluate("(it) => it.dispatchEvent(new Event('change'))")
+    at_frame(player, 7)
 
 
 def test_a_target_is_tried_again_from_its_own_frame(player, moving_square):
@@ -424,7 +435,8 @@ def test_a_tracker_on_another_topic_is_told_with_what_to_do(start_console, open_
     elsewhere = graph.tracker(cli_args=remapped, stale_after=0.5)
     what_to_do = (
         "waiting for a subscriber of /image; the tracker takes its images from "
-        "/camera/image_raw: start the console with -r image:=/camera/image_raw"
+        "/camera/image_raw: start the console with --ros-args -r "
+        "image:=/camera/image_raw"
     )
     page.wait_until(lambda: page.text("problem").endswith(what_to_do), "what to do")
     page.wait_until(lambda: page.text("topic").startswith("/camera/image_raw "), "its topic")

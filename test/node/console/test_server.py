@@ -1,22 +1,26 @@
 """The web server as other programs meet it, without a browser."""
 
 import asyncio
+import contextlib
 import http.client
 import os
 import re
 import socket
 import subprocess
 import sys
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import aiohttp
 import pytest
 
 from pf_tracker_ros.node.console import web_server
 from pf_tracker_ros.node.console.console_node import NICENESS
 from pf_tracker_ros.pages.access import HEADERS
 
+DEADLINE = 60.0
 REPOSITORY = Path(__file__).resolve().parents[3]
 
 UPGRADE = {
@@ -218,3 +222,45 @@ def test_a_browser_at_the_address_of_the_console_is_on_the_same_machine(address,
 
 def test_a_browser_that_has_gone_is_nowhere():
     assert not web_server.Socket(None, None).is_here
+
+
+def test_a_browser_that_has_gone_is_left_even_if_that_was_not_heard_at_once():
+    ends = []
+
+    class Hub:
+        """Does not hear that it is to leave a browser, as `wait_for` may not before Python 3.12."""
+
+        async def run(self):
+            await asyncio.Event().wait()
+
+        async def welcome(self, browser):
+            await browser.send_json({})
+            with contextlib.suppress(asyncio.CancelledError):
+                await asyncio.Event().wait()
+            ends.append("not heard")
+            try:
+                await asyncio.Event().wait()
+            finally:
+                ends.append("left")
+                left.set()
+
+        def close(self):
+            pass
+
+    left = threading.Event()
+    server = web_server.WebServer("127.0.0.1", 0, Hub)
+    server.start()
+
+    async def visit():
+        async with (
+            aiohttp.ClientSession() as session,
+            session.ws_connect(f"{server.link}socket", origin=server.link.rstrip("/")) as page,
+        ):
+            await page.receive()
+
+    # In a thread: the browser tests keep an event loop in this one.
+    with ThreadPoolExecutor(1) as executor:
+        executor.submit(asyncio.run, visit()).result()
+    assert left.wait(DEADLINE)
+    server.close()
+    assert ends == ["not heard", "left"]

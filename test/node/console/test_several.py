@@ -196,6 +196,7 @@ def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, crow
     # There is no single one.
     assert page.box is None
     assert page.locator("#heat-button").is_disabled()
+    assert "one target" in page.locator("#heat-button").get_attribute("title")
 
 
 def test_a_list_of_any_words_is_set_as_words(shown, crowd):
@@ -233,3 +234,4 @@ def test_a_tracker_of_one_target_has_no_list(camera, page):
     page.locator("#groups details").first.wait_for()
     assert page.locator("#targets-card").is_hidden()
     assert page.locator("#heat-button").is_enabled()
+    assert page.locator("#heat-button").get_attribute("title") == ""

@@ -13,6 +13,7 @@ const number = (value, digits) => typeof value === "number" ? value.toFixed(digi
 
 let drawing = Promise.resolve();  // once the frames that came before are
 let socket = null, health = {}, lastStatus = null, drawn = [];  // of the last frames, when and how many octets
+let taken = "", isFollowed = false;  // what the note says of a target that was taken, and whether a frame has shown it
 
 // Whether it was sent.
 export function send(message) {
@@ -63,6 +64,7 @@ const handlers = {
   set(message) { tune.judge(message.name, message.refusal); },
   verdict(message) {
     note(message.text, message.outcome !== "refused");
+    [taken, isFollowed] = [message.outcome === "accepted" ? message.text : "", false];
     stage.judge(message.outcome);
   },
 };
@@ -87,8 +89,16 @@ async function show(data) {
   showStatus(frame);
 }
 
+// Frames of before the target may be drawn after it was taken.
+function withdraw() {
+  if (taken && at("note").textContent === taken) note("");
+  taken = "";
+}
+
 function showStatus(frame) {
   const values = frame.status?.values ?? {};
+  if (values.state === "idle" && isFollowed) withdraw();
+  isFollowed = Boolean(taken && values.state && values.state !== "idle");
   lastStatus = performance.now();
   if (frame.status) plots.add(values, frame.status.targets);
   showState(values.state, values.confidence);
@@ -109,6 +119,7 @@ function showState(state, confidence) {
 
 function showHealth() {
   const heard = health.tracker === "heard";
+  if (!heard) withdraw();
   // Without images, only the diagnostics tell how the target is.
   const isOld = performance.now() - lastStatus > 1000 || lastStatus === null;
   const misses = heard && isOld && health.text.startsWith("no image for");

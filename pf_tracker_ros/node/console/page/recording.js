@@ -10,8 +10,7 @@ export function show(next) {
   at("recording").hidden = false;
   at("pause-word").textContent = next.playing ? "Pause" : "Play";
   at("seek").max = last;
-  if (!seeking) at("seek").value = next.frame;
-  at("frame").textContent = `${Math.max(0, next.frame)} / ${last}`;
+  if (!seeking) { at("seek").value = next.frame; tellFrame(next.frame); }
   at("speed").value = String(next.rate);
   at("save").disabled = !next.saves;
   at("load").disabled = !next.target;
@@ -19,6 +18,8 @@ export function show(next) {
   at("problem").hidden = !next.problem;
   if (at("problem").textContent !== next.problem) at("problem").textContent = next.problem;
 }
+
+const tellFrame = (frame) => { at("frame").textContent = `${Math.max(0, frame)} / ${at("seek").max}`; };
 
 export function toggle() { send({ type: "play", playing: !state.playing }); }
 export function step() { send({ type: "step" }); }
@@ -29,7 +30,7 @@ export function begin(sender) {
   send = sender;
   at("forward").addEventListener("click", step);
   at("back").addEventListener("click", () => { send({ type: "play", playing: false }); seek(state.frame - 1); });
-  at("seek").addEventListener("input", () => { seeking = true; });
+  at("seek").addEventListener("input", () => { seeking = true; tellFrame(at("seek").valueAsNumber); });
   at("seek").addEventListener("change", () => { seeking = false; seek(at("seek").valueAsNumber); });
   at("speed").addEventListener("change", () => send({ type: "rate", rate: Number(at("speed").value) }));
   at("save").addEventListener("click", () => send({ type: "save" }));

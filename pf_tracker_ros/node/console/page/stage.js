@@ -83,7 +83,7 @@ function drawOverlay() {
   }).join("") });
   drawCovariance(values, box);
   const seconds = Number(BigInt(frame.stamp) / 1000000n) / 1000;
-  if (values.frame === "started") trail = [];
+  if (values.frame === "started" || values.state === "idle") trail = [];
   trail = trail.filter(([time]) => time <= seconds && seconds - time < TRAIL_SECONDS);
   if (box) trail.push([seconds, box[0] + box[2] / 2, box[1] + box[3] / 2]);
   set(at("trail"), { points: trail.map(([, x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`).join(" ") });

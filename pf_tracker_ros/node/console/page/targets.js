@@ -79,6 +79,7 @@ export function allow(count) {
   at("targets-card").hidden = most < 2;
   document.body.classList.toggle("several", most > 1);  // what there is of one target alone goes
   at("heat-button").disabled = most > 1;  // there is one likelihood for one target
+  at("heat-button").title = most > 1 ? "with one target alone (max_targets 1)" : "";
 }
 
 export function begin(sender) { send = sender; }
