@@ -225,6 +225,9 @@ class Hub:
         """Show the likelihood around the target, or hide it."""
         if message.get("shown") is True and browser in self._browsers:
             self._heated.add(browser)
+            if self._player and self._player.stands_still:
+                text = "the heat comes with the next frame: press N for it, or play"
+                await browser.send_json({"type": "note", "about": "heat", "ok": True, "text": text})
         else:
             self._heated.discard(browser)
         self._watch()

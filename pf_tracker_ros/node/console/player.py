@@ -258,6 +258,9 @@ class Player:
             if not await loop.run_in_executor(None, recording.settle):
                 raise RequestError("the tracker does not answer the recording's last frame")
             await self._link.services.stop()
+            if self._has_several() and not self.picked:
+                text = "at another frame several targets begin anew; draw them there"
+                await self._tell({"type": "note", "about": "seek", "ok": True, "text": text})
             target, first = self.picked, frame
             self._due = target
             if target:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.tracking.frame_clock import LATE_WITHIN
 
 # Fewer intervals have no rhythm.
 _FEWEST_INTERVALS = 10
@@ -48,16 +49,16 @@ def rhythm(stamps: Sequence[int], arrivals: Sequence[float]) -> Rhythm | None:
     """The rhythm of a camera, from the stamps of those of its frames that came.
 
     Args:
-        stamps: Nanoseconds, in any order, duplicates allowed.
+        stamps: Nanoseconds, in the order in which the frames came; some may be late or double, and
+            time may begin anew, as when a recording is played again.
         arrivals: Seconds by any clock at which the frames came, one for each stamp.
 
     Returns:
         The rhythm; None where there are too few stamps, or none that they keep to.
     """
-    ordered, first = np.unique(np.asarray(stamps, dtype=np.int64), return_index=True)
-    gaps = np.diff(ordered).astype(np.float64)
-    waits = np.diff(np.asarray(arrivals, dtype=np.float64)[first])[gaps < _LONGEST_GAP]
-    gaps = gaps[gaps < _LONGEST_GAP]
+    gaps, waits = _between_neighbors(
+        np.asarray(stamps, dtype=np.int64), np.asarray(arrivals, dtype=np.float64)
+    )
     if len(gaps) < _FEWEST_INTERVALS:
         return None
     interval = _interval(gaps)
@@ -81,6 +82,21 @@ def rhythm(stamps: Sequence[int], arrivals: Sequence[float]) -> Rhythm | None:
         return None
     lost = float(missing.sum() - missing.max())
     return Rhythm(interval / NANOSECONDS, lost / (lost + len(gaps)))
+
+
+def _between_neighbors(
+    stamps: NDArray[np.int64], arrivals: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """From one frame to the next by the stamps, nanoseconds, and by the arrivals, seconds."""
+    gaps, waits = [], []
+    starts = np.flatnonzero(np.diff(stamps) < -LATE_WITHIN) + 1
+    for times, came in zip(np.split(stamps, starts), np.split(arrivals, starts), strict=True):
+        ordered, first = np.unique(times, return_index=True)
+        gaps.append(np.diff(ordered).astype(np.float64))
+        waits.append(np.diff(came[first]))
+    all_gaps, all_waits = np.concatenate(gaps), np.concatenate(waits)
+    are_near = all_gaps < _LONGEST_GAP
+    return all_gaps[are_near], all_waits[are_near]
 
 
 def _interval(gaps: NDArray[np.float64]) -> float:

@@ -201,6 +201,19 @@ def test_without_images_the_page_says_so_in_the_nodes_words(graph, page):
     page.wait_until(lambda: page.text("topic").startswith("/image"), "the topic")
 
 
+def test_a_state_of_images_that_have_stopped_looks_old(tracker, client, camera, page):
+    client.set_parameters(stale_after=0.5)
+    camera.show_on(page)
+    page.drag(camera.box_at(page.stamp))
+    camera.show_until(lambda: page.text("state") == "tracking", "target")
+    card = page.locator("#state-card")
+    assert card.get_attribute("data-state") == "tracking"
+    page.wait_until(lambda: card.get_attribute("data-state") == "old", "that no image comes")
+    assert page.text("state") == "tracking"
+    camera.show_on(page)
+    assert card.get_attribute("data-state") == "tracking"
+
+
 def test_a_tracker_that_is_killed_is_missed_and_found_again(graph, page):
     tracker = graph.process("-p", "seed:=0")
     page.wait_until(lambda: page.text("connection") == "live", "the tracker")

@@ -132,6 +132,17 @@ def test_a_box_outside_is_refused_with_the_nodes_reason(shown, camera, sent, cli
     assert "is outside the image, 160 x 120 px" in shown.text("note")
 
 
+def test_who_drew_for_too_long_is_told_how_to_do_it_on_the_page(shown, camera, client):
+    client.set_parameters(history_frames=2, history_megabytes=1.0)
+    shown.drag(camera.box_at(shown.stamp), release=False)
+    for _ in range(80):
+        camera.show()
+    shown.mouse.up()
+    camera.show_until(lambda: "refused" in shown.text("note"), "refusal")
+    assert "before the oldest one" in shown.text("note")
+    assert shown.text("note").endswith("on this page: Escape, pause with space, then draw")
+
+
 def test_a_refusal_is_told_without_images_too(shown):
     shown.drag((20, 50, 60, 0))
     shown.wait_until(lambda: "target refused" in shown.text("note"), "refusal")

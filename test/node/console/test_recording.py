@@ -311,6 +311,20 @@ def test_several_targets_begin_on_the_frame_where_the_recording_stands(player_of
     page.keyboard.press("n")
     page.wait_until(lambda: page.stamp == stamp_at(1), "next frame")
     assert page.locator("#targets rect").count() == 2
+    page.locator("#back").click()
+    page.wait_until(
+        lambda: "several targets begin anew" in page.text("note"), "what becomes of them"
+    )
+    page.wait_until(lambda: page.text("target-count") == "0 of 2", "none of them")
+
+
+def test_heat_on_a_recording_that_stands_still_comes_with_the_next_frame(player, moving_square):
+    draw(player, moving_square.boxes[0])
+    player.keyboard.press("h")
+    player.wait_until(lambda: "the heat comes with the next frame" in player.text("note"), "when")
+    player.keyboard.press("n")
+    at_frame(player, 1)
+    player.locator("#heat").wait_for()
 
 
 def test_several_targets_are_not_saved_and_that_is_told(player_of_several):

@@ -65,7 +65,7 @@ const handlers = {
   verdict(message) {
     note(message.text, message.outcome !== "refused");
     [taken, isFollowed] = [message.outcome === "accepted" ? message.text : "", false];
-    stage.judge(message.outcome);
+    stage.judge(message.outcome, message.text);
   },
 };
 
@@ -109,25 +109,26 @@ function showStatus(frame) {
   text("age", Math.abs(age) < 60000 ? `${Math.max(0, age)} ms` : "–");
 }
 
+// Without images, only the diagnostics tell how the target is.
+const answerIsOld = () => performance.now() - lastStatus > 1000 || lastStatus === null;
+const misses = () => health.tracker === "heard" && answerIsOld() && health.text.startsWith("no image for");
+
 function showState(state, confidence) {
   const shown = health.tracker === "heard" ? state ?? "no answer" : health.tracker === "absent" ? "no tracker" : "silent";
   text("state", shown);
-  at("state-card").dataset.state = health.tracker === "heard" ? shown : "none";
+  at("state-card").dataset.state = health.tracker !== "heard" ? "none" : misses() ? "old" : shown;
   text("confidence", health.tracker === "heard" ? number(confidence, 2) : "–");
   at("meter").value = typeof confidence === "number" ? confidence : 0;
 }
 
 function showHealth() {
-  const heard = health.tracker === "heard";
+  const heard = health.tracker === "heard", isOld = answerIsOld();
   if (!heard) withdraw();
-  // Without images, only the diagnostics tell how the target is.
-  const isOld = performance.now() - lastStatus > 1000 || lastStatus === null;
-  const misses = heard && isOld && health.text.startsWith("no image for");
   text("connection", heard ? "live" : socket.readyState === WebSocket.OPEN ? "no tracker" : "no console");
   at("connection").dataset.level = heard ? "ok" : "error";
   // A picture that is old looks so.
-  at("stage").classList.toggle("old", misses || !heard);
-  if (misses || !heard) text("age", "–");
+  at("stage").classList.toggle("old", misses() || !heard);
+  if (misses() || !heard) text("age", "–");
   // The state alone is told in large.
   text("health", ["tracking", "occluded", "lost"].includes(health.text) ? "" : health.text);
   at("health").dataset.level = health.level;

@@ -58,9 +58,11 @@ export function setPaused(now) {
 }
 
 // How the tracker took the box that was sent; "unanswered" where nobody will tell.
-export function judge(outcome) {
+export function judge(outcome, text = "") {
   if (mode !== "sent") return;
   if (outcome === "unanswered") note("the console has gone before it answered; Enter sends the box again", false);
+  // The node can only tell what is wrong with the stamp.
+  if (outcome === "refused" && text.includes("stamp 0")) note(`${text}; on this page: Escape, pause with space, then draw`, false);
   if (["refused", "unanswered"].includes(outcome) && drawing.box()) edit(drawing.box());
   else live();
 }
