@@ -17,10 +17,9 @@ from pf_tracker_ros.stamps import NANOSECONDS
 # A picture that none follows for so long, in seconds, is sent in all its detail: that is the one to
 # draw on, and the link has nothing else to do.
 _STANDS_STILL = 0.5
-# A browser without a graphics card draws a picture for so long, in seconds.
-_DRAWS_FOR = 0.015
-# Frames that seem to be older, in seconds, have stamps of another clock, as those of a recording.
-_OTHER_CLOCK = 1.0
+# Where frames come closer, in seconds, a browser here that draws one at once is still at it when
+# the tracker needs its time for the next one.
+_LEAVES_TIME = 0.05
 
 
 class Browser(Protocol):
@@ -82,7 +81,10 @@ class Browsers:
         self._viewers.pop(browser, None)
 
     async def show(self, browser: Browser, news: Sequence[Json]) -> None:
-        """Give a browser first the news and then every frame that it bears, until canceled."""
+        """Give a browser first the news and then every frame that it bears, until canceled.
+
+        One on this machine is told when to draw a frame that it has got.
+        """
         viewer = self._viewers[browser]
         viewer.pace.greet(time.monotonic())
         for message in news:
@@ -103,10 +105,16 @@ class Browsers:
                 detail = sharpest
             viewer.is_sharp = detail == sharpest
             frame = await self._encode(shown, detail)
-            if browser.is_here and _is_in_the_way(shown.stamp, interval):
+            if not browser.is_here:
+                viewer.pace.send(max(0, ahead - 1), time.monotonic())
+                await browser.send_bytes(frame)
+                continue
+            await browser.send_bytes(frame)
+            if 0.0 < interval < _LEAVES_TIME:
+                # Once the next frame is answered, there is time until the one after it.
                 await self._has_newer(viewer, within=interval)
             viewer.pace.send(max(0, ahead - 1), time.monotonic())
-            await browser.send_bytes(frame)
+            await browser.send_json({"type": "draw"})
 
     async def show_newest(self) -> None:
         """There is another frame to show."""
@@ -175,24 +183,6 @@ class Browsers:
             self._encoded[key] = loop.run_in_executor(self._encoder, _encoded, shown, detail)
         self._image_width, frame = await asyncio.shield(self._encoded[key])
         return frame
-
-
-def _is_in_the_way(stamp: int, interval: float) -> bool:
-    """Whether a browser here would still draw a frame while the camera sends another one.
-
-    It would then take the time of the tracker. Once that has answered the next frame, there is
-    time until the one after it.
-
-    Args:
-        stamp: Of the frame, nanoseconds.
-        interval: Seconds between two frames of the camera, 0 where it is not known.
-    """
-    age = (time.time_ns() - stamp) / NANOSECONDS
-    return (
-        interval > _DRAWS_FOR
-        and 0.0 <= age < _OTHER_CLOCK
-        and age % interval + _DRAWS_FOR > interval
-    )
 
 
 def _encoded(shown: Shown, detail: Detail) -> tuple[int, bytes]:

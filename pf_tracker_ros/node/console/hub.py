@@ -168,7 +168,7 @@ class Hub:
         self._browsers.add(browser)
         self._watch()
         news = [
-            {"type": "welcome", "tracker": self._link.name},
+            {"type": "welcome", "tracker": self._link.name, "draws_when_told": browser.is_here},
             self._told_by_health(time.monotonic()),
             *([self._player.state] if self._player else []),
             {"type": "parameters", "parameters": self._parameters},

@@ -2,16 +2,20 @@
 import * as heat from "./heat.js";
 import * as plots from "./plots.js";
 import * as recording from "./recording.js";
+import { seldom } from "./seldom.js";
 import * as stage from "./stage.js";
 import * as targets from "./targets.js";
 import * as tune from "./tune.js";
 
-const RECONNECT = 500, RATE_WINDOW = 2000;
+const RECONNECT = 500, RATE_WINDOW = 2000, LATEST = 200;  // milliseconds
+const FIGURES = 200;  // nobody reads them faster
 const at = (id) => document.getElementById(id);
 const text = (id, content) => { if (at(id).textContent !== content) at(id).textContent = content; };
 const number = (value, digits) => typeof value === "number" ? value.toFixed(digits) : "–";
 
 let drawing = Promise.resolve();  // once the frames that came before are
+let waits = false, draw = () => {};  // whether frames are drawn when that is told, and how the newest is
+let healthDue = null;  // it is shown with the next frame, so that the browser draws once
 let socket = null, health = {}, lastStatus = null, drawn = [];  // of the last frames, when and how many octets
 let taken = "", isFollowed = false;  // what the note says of a target that was taken, and whether a frame has shown it
 
@@ -33,8 +37,13 @@ function connect() {
   socket = new WebSocket(`${scheme}//${location.host}/socket`);
   socket.binaryType = "arraybuffer";
   // One frame after another: of two that are decoded at once, the older one may be done later.
-  socket.onmessage = ({ data }) => { if (typeof data === "string") take(JSON.parse(data)); else drawing = drawing.then(() => show(data)); };
+  socket.onmessage = ({ data }) => {
+    if (typeof data === "string") { take(JSON.parse(data)); return; }
+    const told = waits && new Promise((resolve) => { draw = resolve; });
+    drawing = drawing.then(() => show(data, told));
+  };
   socket.onclose = () => {
+    draw();
     health = { tracker: "silent", level: "error", text: "The console does not answer; it is tried again twice a second." };
     showHealth();
     setTimeout(connect, RECONNECT);
@@ -43,6 +52,7 @@ function connect() {
 
 const handlers = {
   welcome(message) {
+    waits = message.draws_when_told;
     send({ type: "welcomed" });
     tellView();
     // What was sent before went to a console that has gone, and its answer with it.
@@ -50,7 +60,11 @@ const handlers = {
     text("name", message.tracker.replace(/^\//, ""));
     heat.ask();
   },
-  health(message) { health = message; showHealth(); },
+  draw() { draw(); },
+  health(message) {
+    health = message;
+    if (answerIsOld()) showHealth(); else healthDue ??= setTimeout(showHealth, LATEST);
+  },
   note(message) {
     note(message.text, message.ok);
     if (!message.ok && ["target", "click"].includes(message.about)) stage.judge("refused");
@@ -71,22 +85,22 @@ const handlers = {
 
 function take(message) { handlers[message.type]?.(message); }
 
-async function show(data) {
+async function show(data, told) {
   const view = new DataView(data), length = view.getUint32(0);
   const frame = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
   const jpeg = new Uint8Array(data, 4 + length);
   if (jpeg.length) {
     const bitmap = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" })).catch(() => null);
-    if (bitmap) {
-      text("jpeg", `${frame.quality}, ${bitmap.width} px`);
-      stage.show(frame, bitmap);
-    } else frame.error = "the browser cannot show the picture";
-  }
+    await told;
+    frame.columns = bitmap?.width;
+    if (bitmap) stage.show(frame, bitmap);
+    else frame.error = "the browser cannot show the picture";
+  } else await told;
   send({ type: "shown" });
-  const now = performance.now();
-  drawn = [...drawn.filter(([time]) => now - time < RATE_WINDOW), [now, data.byteLength]];
+  drawn.push([performance.now(), data.byteLength]);
   if (frame.error) note(frame.error, false);
   showStatus(frame);
+  if (healthDue) showHealth();
 }
 
 // Frames of before the target may be drawn after it was taken.
@@ -101,27 +115,39 @@ function showStatus(frame) {
   isFollowed = Boolean(taken && values.state && values.state !== "idle");
   lastStatus = performance.now();
   if (frame.status) plots.add(values, frame.status.targets);
-  showState(values.state, values.confidence);
+  showState(values.state);
+  frame.age = Date.now() - Number(BigInt(frame.stamp) / 1000000n);
+  tellFigures(frame, values);
+}
+
+const tellFigures = seldom(FIGURES, (frame, values) => {
+  tellConfidence(values.confidence);
+  if (frame.columns) text("jpeg", `${frame.quality}, ${frame.columns} px`);
   text("count", number(values.particles, 0));
   text("effective", number(values.effective_sample_size, 0));
   text("processing", typeof values.processing_time_ms === "number" ? `${number(values.processing_time_ms, 1)} ms` : "–");
-  const age = Date.now() - Number(BigInt(frame.stamp) / 1000000n);
-  text("age", Math.abs(age) < 60000 ? `${Math.max(0, age)} ms` : "–");
-}
+  text("age", Math.abs(frame.age) < 60000 ? `${Math.max(0, frame.age)} ms` : "–");
+  tellRate();
+});
 
 // Without images, only the diagnostics tell how the target is.
 const answerIsOld = () => performance.now() - lastStatus > 1000 || lastStatus === null;
 const misses = () => health.tracker === "heard" && answerIsOld() && health.text.startsWith("no image for");
 
-function showState(state, confidence) {
+function showState(state) {
   const shown = health.tracker === "heard" ? state ?? "no answer" : health.tracker === "absent" ? "no tracker" : "silent";
   text("state", shown);
   at("state-card").dataset.state = health.tracker !== "heard" ? "none" : misses() ? "old" : shown;
+}
+
+function tellConfidence(confidence) {
   text("confidence", health.tracker === "heard" ? number(confidence, 2) : "–");
   at("meter").value = typeof confidence === "number" ? confidence : 0;
 }
 
 function showHealth() {
+  clearTimeout(healthDue);
+  healthDue = null;
   const heard = health.tracker === "heard", isOld = answerIsOld();
   if (!heard) withdraw();
   text("connection", heard ? "live" : socket.readyState === WebSocket.OPEN ? "no tracker" : "no console");
@@ -133,7 +159,7 @@ function showHealth() {
   text("health", ["tracking", "occluded", "lost"].includes(health.text) ? "" : health.text);
   at("health").dataset.level = health.level;
   text("topic", heard && health.image_topic ? `${health.image_topic} · ${(health.image_reliability ?? "").replace("_", " ")}` : "");
-  if (!heard || isOld) showState(health.state, health.confidence);
+  if (!heard || isOld) { showState(health.state); tellConfidence(health.confidence); }
   stage.setBlank(!heard || (isOld && health.state === "idle"), (heard && health.state) || "");
   stage.setPaused(heard && health.text.startsWith("paused"));
 }
@@ -144,12 +170,13 @@ function tellView() {
   if (width && socket?.readyState === WebSocket.OPEN) send({ type: "view", width });
 }
 
-setInterval(() => {
+function tellRate() {
   const now = performance.now();
   drawn = drawn.filter(([time]) => now - time < RATE_WINDOW);
   text("rate", `${number(1000 * drawn.length / RATE_WINDOW, 1)} frames/s`);
   text("link", `${number(8e-3 * drawn.reduce((sum, [, octets]) => sum + octets, 0) / RATE_WINDOW, 1)} Mbit/s`);
-}, 500);
+}
+setInterval(() => { if (answerIsOld()) tellRate(); }, 500);
 
 heat.begin(send);
 recording.begin(send);

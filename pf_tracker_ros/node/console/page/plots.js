@@ -1,6 +1,10 @@
 // The last minute of the tracker's figures, as lines.
+import { seldom } from "./seldom.js";
+
 const at = (id) => document.getElementById(id);
-const SECONDS = 60, WIDTH = 600, HEIGHT = 100, INTERVAL = 250;
+const SECONDS = 60, WIDTH = 600, HEIGHT = 100;
+const SLOT = 0.25;       // seconds of which a line has the lowest and the highest value
+const INTERVAL = 500;    // milliseconds from one drawing to the next
 const SVG = "http://www.w3.org/2000/svg";
 
 const plots = [
@@ -9,51 +13,52 @@ const plots = [
   { id: "processing", top: (most) => Math.max(10, most), of: (values) => ({ processing: values.processing_time_ms }) },
   { id: "powers", top: () => 1, of: (values) => Object.fromEntries(
     Object.entries(values).filter(([key]) => key.startsWith("power_")).map(([key, value]) => [key.slice(6), value])) },
-];
-const past = [];  // [seconds, values, targets if there are several] of the frames of the last minute
-let drawn = 0, later = null;
+].map((plot) => ({ ...plot, lines: new Map() }));  // name to [seconds, lowest, highest] of each slot
 
 export function add(values, targets) {
   const now = performance.now() / 1000;
-  past.push([now, values, targets]);
-  while (past[0][0] < now - SECONDS) past.shift();
-  if (now - drawn >= INTERVAL / 1000) draw(now);
-  // The last figures of a recording that stands still are to be seen, too.
-  else later ??= setTimeout(() => draw(performance.now() / 1000), INTERVAL);
+  for (const { of, lines } of plots) {
+    for (const [name, value] of Object.entries(of(values, targets))) {
+      if (typeof value === "number") put(lines, name, now, value);
+    }
+  }
+  draw(values);
 }
 
-function draw(now) {
-  clearTimeout(later);
-  [later, drawn] = [null, now];
-  for (const { id, top, of } of plots) {
-    const lines = new Map();
-    let most = 0;
-    for (const [time, values, targets] of past) {
-      for (const [name, value] of Object.entries(of(values, targets))) {
-        if (typeof value !== "number") continue;
-        if (!lines.has(name)) lines.set(name, []);
-        lines.get(name).push([time, value]);
-        most = Math.max(most, value);
-      }
+function put(lines, name, now, value) {
+  if (!lines.has(name)) lines.set(name, []);
+  const line = lines.get(name), slot = line.at(-1);
+  if (!slot || now - slot[0] >= SLOT) line.push([now, value, value]);
+  else [slot[1], slot[2]] = [Math.min(slot[1], value), Math.max(slot[2], value)];
+}
+
+const draw = seldom(INTERVAL, (values) => {
+  const now = performance.now() / 1000;
+  for (const { id, top, of, lines } of plots) {
+    for (const [name, line] of lines) {
+      while (line.length && line[0][0] < now - SECONDS) line.shift();
+      if (!line.length) lines.delete(name);
     }
-    const highest = top(most, past.at(-1)[1]);
+    const all = [...lines.values()];
+    const highest = top(Math.max(0, ...all.flat().map((slot) => slot[2])), values);
     const svg = at(`plot-${id}`);
     while (svg.children.length > lines.size) svg.lastChild.remove();
     while (svg.children.length < lines.size) svg.append(document.createElementNS(SVG, "path"));
-    [...lines.values()].forEach((points, i) => svg.children[i].setAttribute("d", path(points, now, highest)));
-    if (id === "powers") legend([...lines.keys()].map((name) => [name, of(past.at(-1)[1])[name]]));
+    all.forEach((line, i) => svg.children[i].setAttribute("d", path(line, now, highest)));
+    if (id === "powers") legend([...lines.keys()].map((name) => [name, of(values)[name]]));
     else at(`top-${id}`).textContent = highest.toFixed(highest < 2 ? 1 : 0);
   }
-}
+});
 
 // A gap of a second breaks the line.
-function path(points, now, highest) {
+function path(line, now, highest) {
   let before = -Infinity;
-  return points.map(([time, value]) => {
+  return line.map(([time, ...ends]) => {
     const command = time - before > 1 ? "M" : "L";
     before = time;
-    const x = WIDTH * (1 - (now - time) / SECONDS), y = HEIGHT * (1 - Math.min(1, value / highest));
-    return `${command}${x.toFixed(1)} ${y.toFixed(1)}`;
+    const x = (WIDTH * (1 - (now - time) / SECONDS)).toFixed(1);
+    const [low, high] = ends.map((value) => (HEIGHT * (1 - Math.min(1, value / highest))).toFixed(1));
+    return `${command}${x} ${low}${low === high ? "" : `V${high}`}`;
   }).join("");
 }
 
