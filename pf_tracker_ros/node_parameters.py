@@ -55,6 +55,15 @@ class NodeParameters:
         "manager.",
         read_only=True,
     )
+    realtime_priority: int = declared(
+        1,
+        "Real-time priority (SCHED_RR) of the process tracker, where the system permits it: images "
+        "and answers then wait for no other process, whatever else the machine does. 1 is the "
+        "lowest there is, 0 asks for none. A tracker that is busy all the time has none either, "
+        "nor has a detector of its own.",
+        minimum=0,
+        maximum=99,
+    )
     target_box: tuple[float, ...] = declared(
         (),
         "Box (x, y, width, height) to track from the next frame on; empty waits for a target on "

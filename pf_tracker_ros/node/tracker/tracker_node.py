@@ -28,6 +28,7 @@ from pf_tracker_ros.node.tracker.diagnostics import Diagnostics, Health
 from pf_tracker_ros.node.tracker.following import Followed, Following
 from pf_tracker_ros.node.tracker.image_input import RELIABILITY_CURE, ImageInput
 from pf_tracker_ros.node.tracker.one_target import OneTarget
+from pf_tracker_ros.node.tracker.real_time import RealTimePriority
 from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter
 from pf_tracker_ros.node.tracker.services import Services
 from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED, SkippedFrames
@@ -49,10 +50,13 @@ class TrackerNode(ManagedNode):
     Args:
         command_line: Of the process; it tells in which order parameters were given, which those
             that reach the node do not.
+        has_process: Whether the process is the node's alone, so that it may set its priority.
         **options: Of `rclpy.node.Node`.
     """
 
-    def __init__(self, command_line: Sequence[str] = (), **options: Any) -> None:
+    def __init__(
+        self, command_line: Sequence[str] = (), *, has_process: bool = False, **options: Any
+    ) -> None:
         super().__init__("pf_tracker", **options)
         self._log = self.get_logger()  # type: ignore[no-untyped-call]
         self._reporter = Reporter(self._log)
@@ -82,6 +86,9 @@ class TrackerNode(ManagedNode):
         )
         self._binding.listen(check=self._check, apply=self._apply)
         take_whole_requests(self, self._binding)
+        self._real_time = RealTimePriority(self._report_priority) if has_process else None
+        if self._real_time:
+            self._real_time.ask(self._values["realtime_priority"])
         self._preset = self._following.preset(self._values)
         self._decoder = ImageDecoder(self._values["largest_image"])
         self._images = ImageInput(self, self._on_image, self._reporter.report)
@@ -177,6 +184,8 @@ class TrackerNode(ManagedNode):
         self._preset = self._following.preset(self._values)
         if "preset" in changes:
             self._log.info(f"preset {self._preset.described}")
+        if self._real_time and "realtime_priority" in changes:
+            self._real_time.ask(self._values["realtime_priority"])
         self._decoder.largest = self._values["largest_image"]
         if self._images.topic and changes.keys() & {"image_reliability", "image_transport"}:
             self._subscribe()
@@ -270,6 +279,8 @@ class TrackerNode(ManagedNode):
             self._status.publish(message.header, status, self._reporter, elapsed)
         self._try(followed.show)
         self._diagnostics.count(frame, stamp, time.perf_counter() - began)
+        if self._real_time:
+            self._real_time.look(is_overloaded=self._diagnostics.is_overloaded)
 
     def _try(self, step: Callable[[], Outcome]) -> Outcome | None:
         """What a step gives; None where it fails, which is told, or the context is gone."""
@@ -312,6 +323,13 @@ class TrackerNode(ManagedNode):
         is_of_images = topic == self._images.topic and policy == "reliability"
         is_free = is_of_images and not is_overridden(self, topic, "subscription", policy)
         return RELIABILITY_CURE if is_free else ""
+
+    def _report_priority(self, said: str) -> None:
+        """Tell of a priority that is not permitted, which is usual where nobody asked for one."""
+        if self._values["realtime_priority"] == NodeParameters.realtime_priority:
+            self._log.debug(said)
+        else:
+            self._reporter.report(said)
 
     def _why_skipped(self, frame: str, stamp: int) -> str:
         """Why a frame is not looked at, and what to do."""
@@ -366,6 +384,7 @@ class TrackerNode(ManagedNode):
             "image_topic": self._images.topic,
             "image_reliability": self._images.reliability,
             "preset": status.preset,
+            "realtime_priority": self._real_time.in_force if self._real_time else 0,
         }
         values |= status.values
         values |= self._reporter.values()
@@ -388,7 +407,8 @@ def main(arguments: list[str] | None = None) -> None:
     """
     # The tracker looks at small regions: more threads make it no faster and keep other cores busy.
     cv2.setNumThreads(1)
-    run(partial(TrackerNode, sys.argv if arguments is None else arguments), arguments)
+    command_line = sys.argv if arguments is None else arguments
+    run(partial(TrackerNode, command_line, has_process=True), arguments)
 
 
 if __name__ == "__main__":
