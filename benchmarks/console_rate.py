@@ -9,9 +9,8 @@ figure is the median over the rounds. What a way adds to the tracker's time for 
 age of the answer in the camera, is told by the percentiles over the frames of all its turns, in
 brackets the 95 % interval when the rounds are drawn anew. Shown is what the page has drawn when its
 next animation frame begins; the age counts from the stamp, which the camera takes as it publishes.
-The browser gets the time that the others leave (the idle scheduling policy, and the last place
-among the sessions), as it would run on another machine. The images have the spectrum of pictures of
-the world, so that they cost as JPEG what those of a camera do.
+The images have the spectrum of pictures of the world, so that they cost as JPEG what those of a
+camera do.
 
     python benchmarks/console_rate.py --rounds 5 --seconds 10
 """
@@ -37,13 +36,15 @@ import numpy as np
 import rclpy
 from arguments import at_least
 from console_runs.scene import camera_like
-from console_runs.watchers import launcher_of, page_of, relay, taker
+from console_runs.watchers import page_of, relay, taker
 from diagnostic_msgs.msg import DiagnosticArray
 from domain_coordinator import domain_id
 from frame_loss import SIZES, START_TIMEOUT, Camera, moving_over, play
 from node_runs.processes import bare_command, cpu_ms, process
 from numpy.typing import NDArray
 from playwright.sync_api import sync_playwright
+
+from pf_tracker_ros.node_parameters import NodeParameters
 
 PORT = 8647
 RELAY_PORT = 8648
@@ -271,6 +272,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
     parser.add_argument("--seconds", type=at_least(1), default=10, help="of each turn")
     parser.add_argument("--rounds", type=at_least(1), default=5, help="turns of each kind")
+    parser.add_argument(
+        "--realtime-priority",
+        type=at_least(0),
+        default=NodeParameters.realtime_priority,
+        help="of the tracker, which has none where the system does not permit it",
+    )
     parser.add_argument("--size", choices=SIZES, default="768x576")
     given = parser.parse_args(arguments)
     chromium = shutil.which("chromium") or parser.error("needs Chromium: apt install chromium")
@@ -282,12 +289,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }
         box = "target_box:=[100.0, 100.0, 40.0, 40.0]"
-        tracker = stack.enter_context(node("tracker.tracker_node", box, "time_jump:=keep"))
+        priority = f"realtime_priority:={given.realtime_priority}"
+        tracker = stack.enter_context(
+            node("tracker.tracker_node", box, "time_jump:=keep", priority)
+        )
         rclpy.init()
         stack.callback(rclpy.try_shutdown)
         driver = stack.enter_context(sync_playwright())
-        launcher = stack.enter_context(launcher_of(chromium))
-        browser = driver.chromium.launch(executable_path=launcher, args=FLAGS)
+        browser = driver.chromium.launch(executable_path=chromium, args=FLAGS)
         stack.enter_context(relay(RELAY_PORT, PORT))
         order = random.Random(0)
         for _ in range(given.rounds):

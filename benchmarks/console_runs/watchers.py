@@ -7,13 +7,11 @@ import contextlib
 import json
 import multiprocessing
 import socket
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing.sharedctypes import Synchronized
-from pathlib import Path
 from typing import Any
 
 import aiohttp
@@ -99,21 +97,6 @@ def taker(port: int) -> Iterator[None]:
         process.join()
     if not taken.value:
         raise RuntimeError("the console sent no pictures")
-
-
-@contextmanager
-def launcher_of(chromium: str) -> Iterator[Path]:
-    """A script that starts the browser such that it takes no time from others."""
-    with tempfile.TemporaryDirectory() as folder:
-        script = Path(folder) / "chromium"
-        # The policy counts within a session's group of processes, and a browser has its own.
-        script.write_text(
-            "#!/bin/sh\n"
-            "{ echo 19 > /proc/$$/autogroup; } 2> /dev/null\n"
-            f'exec chrt --idle 0 {chromium} "$@"\n'
-        )
-        script.chmod(0o755)
-        yield script
 
 
 @contextmanager
