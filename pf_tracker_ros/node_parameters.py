@@ -57,10 +57,9 @@ class NodeParameters:
     )
     realtime_priority: int = declared(
         1,
-        "Real-time priority (SCHED_RR) of the process tracker, where the system permits it: images "
-        "and answers then wait for no other process, whatever else the machine does. 1 is the "
-        "lowest there is, 0 asks for none. A tracker that is busy all the time has none either, "
-        "nor has a detector of its own.",
+        "Real-time priority (SCHED_RR) of Fast DDS' threads in the process tracker, where the "
+        "system permits it, so that images are read in time; where they come reliably, and leave "
+        "some time, of the thread that tracks as well. 1 is the lowest there is, 0 asks for none.",
         minimum=0,
         maximum=99,
     )

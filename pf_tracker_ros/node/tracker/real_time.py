@@ -1,8 +1,9 @@
-"""Real-time priority of the process, where the system permits it: answers wait for nobody else."""
+"""Real-time priority, where the system permits it: images and answers wait for no other process."""
 
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -15,12 +16,12 @@ _CURE = (
 
 
 class RealTimePriority:
-    """That of the threads that there are when it is made; those that they start later have none.
+    """That of Fast DDS' threads, and of the one that makes this.
 
-    So it has to be made once DDS has its threads, and before anything begins that may take long.
+    It has to be made once DDS has its threads. Threads that these start later have no priority.
 
     Attributes:
-        in_force: From 1 to 99, or 0 for none.
+        in_force: Of DDS' threads, from 1 to 99, or 0 for none.
 
     Args:
         report: Called with a sentence where a priority that is asked for is not permitted.
@@ -29,41 +30,46 @@ class RealTimePriority:
     def __init__(self, report: Callable[[str], None]) -> None:
         self.in_force = 0
         self._report = report
-        self._threads: Sequence[int] = [int(thread.name) for thread in _THREADS.glob("*")]
-        self._wanted = 0
-        self._is_permitted = True
+        self._of_dds: Sequence[int] = [
+            int(thread.name) for thread in _THREADS.glob("*") if _name(thread).startswith("dds.")
+        ]
+        self._own = threading.get_native_id()
+        self._own_in_force = 0
 
     def ask(self, priority: int) -> None:
-        """Ask for a priority.
+        """Ask for a priority for DDS' threads.
 
         Args:
             priority: From 1 to 99, or 0 for none.
         """
         # Not every system knows of such priorities.
-        self._wanted, self._is_permitted = priority, hasattr(os, "sched_setscheduler")
-        self._take(priority)
-
-    def look(self, *, is_overloaded: bool) -> None:
-        """Give it up while there is no time left: others would get next to nothing.
-
-        Args:
-            is_overloaded: Whether frames take all the time of a core.
-        """
-        self._take(0 if is_overloaded else self._wanted)
-
-    def _take(self, priority: int) -> None:
-        if priority == self.in_force or not self._is_permitted:
+        if not hasattr(os, "sched_setscheduler"):
             return
-        policy = os.SCHED_RR if priority else os.SCHED_OTHER
         try:
-            for thread in self._threads:
-                # It may have ended.
-                with suppress(ProcessLookupError):
-                    os.sched_setscheduler(
-                        thread, policy | os.SCHED_RESET_ON_FORK, os.sched_param(priority)
-                    )
+            for thread in self._of_dds:
+                _set(thread, priority)
         except PermissionError:
-            self._is_permitted = False
             self._report(f"real-time priority {priority} is not permitted to this process: {_CURE}")
         else:
             self.in_force = priority
+
+    def share(self, is_shared: bool) -> None:
+        """Whether the thread that made this has the priority too, from now on."""
+        wanted = self.in_force if is_shared else 0
+        if wanted != self._own_in_force:
+            _set(self._own, wanted)
+            self._own_in_force = wanted
+
+
+def _name(thread: Path) -> str:
+    # It may have ended.
+    with suppress(OSError):
+        return (thread / "comm").read_text()
+    return ""
+
+
+def _set(thread: int, priority: int) -> None:
+    """Set the priority of a thread; raises PermissionError."""
+    policy = os.SCHED_RR if priority else os.SCHED_OTHER
+    with suppress(ProcessLookupError):
+        os.sched_setscheduler(thread, policy | os.SCHED_RESET_ON_FORK, os.sched_param(priority))

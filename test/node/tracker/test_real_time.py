@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -21,6 +22,7 @@ class Kernel:
         scheduled: Thread to (policy, priority).
         is_permitting: Whether real-time priorities are permitted.
         asked: How often something was set.
+        ended: Threads that there are no more.
     """
 
     def __init__(self):
@@ -39,53 +41,53 @@ class Kernel:
 
 
 @pytest.fixture
-def kernel(monkeypatch):
+def kernel(monkeypatch, tmp_path):
+    """What stands in for the system: threads 11 and 12 of DDS, 13 of somebody else."""
     kernel = Kernel()
+    for thread, name in {11: "dds.shm.7411", 12: "dds.ev.0", 13: "python"}.items():
+        (tmp_path / str(thread)).mkdir()
+        (tmp_path / str(thread) / "comm").write_text(f"{name}\n")
+    # One that has just ended.
+    (tmp_path / "14").mkdir()
+    monkeypatch.setattr(real_time, "_THREADS", tmp_path)
     monkeypatch.setattr(real_time.os, "sched_setscheduler", kernel.set)
     return kernel
 
 
-def test_all_threads_that_there_are_get_it_and_later_ones_do_not(kernel):
+def test_the_threads_of_dds_have_it_and_no_others(kernel):
     priority = RealTimePriority(pytest.fail)
-    there = {thread.native_id for thread in threading.enumerate()}
-    done = threading.Event()
-    later = threading.Thread(target=done.wait)
-    later.start()
     priority.ask(7)
-    done.set()
-    later.join()
-    assert there <= kernel.scheduled.keys()
-    assert later.native_id not in kernel.scheduled
-    assert set(kernel.scheduled.values()) == {(ROUND_ROBIN, 7)}
+    assert kernel.scheduled == {11: (ROUND_ROBIN, 7), 12: (ROUND_ROBIN, 7)}
     assert priority.in_force == 7
+    priority.ask(0)
+    assert kernel.scheduled == {11: (USUAL, 0), 12: (USUAL, 0)}
+    assert priority.in_force == 0
 
 
 def test_a_thread_that_has_ended_keeps_no_other_from_it(kernel):
     priority = RealTimePriority(pytest.fail)
-    kernel.ended = {threading.main_thread().native_id}
+    kernel.ended = {11}
     priority.ask(1)
+    assert kernel.scheduled == {12: (ROUND_ROBIN, 1)}
     assert priority.in_force == 1
 
 
-def test_it_is_given_up_while_there_is_no_time_left(kernel):
+def test_the_thread_that_tracks_shares_it_as_long_as_it_is_told_to(kernel):
+    own = threading.get_native_id()
     priority = RealTimePriority(pytest.fail)
     priority.ask(3)
-    priority.look(is_overloaded=True)
-    assert set(kernel.scheduled.values()) == {(USUAL, 0)}
-    assert priority.in_force == 0
-    priority.look(is_overloaded=False)
-    assert set(kernel.scheduled.values()) == {(ROUND_ROBIN, 3)}
+    priority.share(True)
+    assert kernel.scheduled[own] == (ROUND_ROBIN, 3)
     asked = kernel.asked
-    priority.look(is_overloaded=False)
+    priority.share(True)
     assert kernel.asked == asked
-
-
-def test_none_is_taken_where_none_is_asked_for(kernel):
-    priority = RealTimePriority(pytest.fail)
+    priority.share(False)
+    assert kernel.scheduled[own] == (USUAL, 0)
+    # Once there is none any more, there is none to share.
+    priority.share(True)
     priority.ask(0)
-    priority.look(is_overloaded=True)
-    priority.look(is_overloaded=False)
-    assert kernel.asked == 0
+    priority.share(True)
+    assert kernel.scheduled[own] == (USUAL, 0)
 
 
 def test_what_is_not_permitted_is_told_once_for_each_time_that_it_is_asked_for(kernel):
@@ -94,11 +96,12 @@ def test_what_is_not_permitted_is_told_once_for_each_time_that_it_is_asked_for(k
     priority = RealTimePriority(told.append)
     for count in (1, 2):
         priority.ask(4)
-        priority.look(is_overloaded=False)
+        priority.share(True)
         assert priority.in_force == 0
         assert len(told) == count
         assert "real-time priority 4 is not permitted" in told[-1]
         assert "limits.conf" in told[-1]
+    assert kernel.scheduled == {}
 
 
 def is_permitted():
@@ -108,24 +111,37 @@ def is_permitted():
     return subprocess.run(command, stderr=subprocess.DEVNULL, check=False).returncode == 0
 
 
-def policy_of(process):
-    return os.sched_getscheduler(process.pid) & ~os.SCHED_RESET_ON_FORK
+def policies(process):
+    """Policy and priority of the threads of a process: of the first one, and of those of DDS."""
+    own, of_dds = set(), set()
+    for thread in Path(f"/proc/{process.pid}/task").iterdir():
+        id = int(thread.name)
+        policy = os.sched_getscheduler(id) & ~os.SCHED_RESET_ON_FORK
+        found = (policy, os.sched_getparam(id).sched_priority)
+        if id == process.pid:
+            own.add(found)
+        elif (thread / "comm").read_text().startswith("dds."):
+            of_dds.add(found)
+    return own, of_dds
 
 
-def test_the_process_has_it_where_the_system_permits_it(graph, client):
-    process = graph.process("-p", "realtime_priority:=5")
-
+@pytest.mark.parametrize("reliability", ["reliable", "best_effort"])
+def test_the_process_has_it_where_the_system_permits_it(graph, client, reliability):
+    process = graph.process("-p", "realtime_priority:=5", "-p", f"image_reliability:={reliability}")
     told = client.wait_for(lambda: client.health, "diagnostics")[-1].values
+    usual, raised = {(os.SCHED_OTHER, 0)}, {(os.SCHED_RR, 5)}
     if not is_permitted():
         assert told["realtime_priority"] == "0"
         assert "real-time priority 5 is not permitted" in told["last_error"]
-        assert policy_of(process) == os.SCHED_OTHER
+        assert policies(process) == (usual, usual)
         return
     assert told["realtime_priority"] == "5"
-    assert policy_of(process) == os.SCHED_RR
-    assert os.sched_getparam(process.pid).sched_priority == 5
+    client.meet()
+    expected = (raised if reliability == "reliable" else usual, raised)
+    client.wait_for(lambda: policies(process) == expected, "priorities")
     client.set_parameters(realtime_priority=0)
-    assert policy_of(process) == os.SCHED_OTHER
+    client.meet()
+    client.wait_for(lambda: policies(process) == (usual, usual), "end of them")
 
 
 def test_a_node_in_the_process_of_another_leaves_it_as_it_is(graph, client):
