@@ -48,7 +48,7 @@ class RealTimePriority:
         try:
             for thread in self._of_dds:
                 _set(thread, priority)
-        except PermissionError:
+        except OSError:
             self._report(f"real-time priority {priority} is not permitted to this process: {_CURE}")
         else:
             self.in_force = priority
@@ -57,8 +57,10 @@ class RealTimePriority:
         """Whether the thread that made this has the priority too, from now on."""
         wanted = self.in_force if is_shared else 0
         if wanted != self._own_in_force:
-            _set(self._own, wanted)
             self._own_in_force = wanted
+            # What was permitted to the others may be no more.
+            with suppress(OSError):
+                _set(self._own, wanted)
 
 
 def _name(thread: Path) -> str:
@@ -69,7 +71,7 @@ def _name(thread: Path) -> str:
 
 
 def _set(thread: int, priority: int) -> None:
-    """Set the priority of a thread; raises PermissionError."""
+    """Set the priority of a thread; raises OSError where that is not permitted or not possible."""
     policy = os.SCHED_RR if priority else os.SCHED_OTHER
     with suppress(ProcessLookupError):
         os.sched_setscheduler(thread, policy | os.SCHED_RESET_ON_FORK, os.sched_param(priority))

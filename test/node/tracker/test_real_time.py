@@ -1,5 +1,6 @@
 """The real-time priority of the tracker's process."""
 
+import errno
 import os
 import subprocess
 import sys
@@ -20,14 +21,14 @@ class Kernel:
 
     Attributes:
         scheduled: Thread to (policy, priority).
-        is_permitting: Whether real-time priorities are permitted.
+        refusal: Raised for real-time priorities, if they are not permitted.
         asked: How often something was set.
         ended: Threads that there are no more.
     """
 
     def __init__(self):
         self.scheduled = {}
-        self.is_permitting = True
+        self.refusal = None
         self.asked = 0
         self.ended = set()
 
@@ -35,8 +36,8 @@ class Kernel:
         self.asked += 1
         if thread in self.ended:
             raise ProcessLookupError
-        if parameters.sched_priority and not self.is_permitting:
-            raise PermissionError
+        if parameters.sched_priority and self.refusal:
+            raise self.refusal
         self.scheduled[thread] = (policy, parameters.sched_priority)
 
 
@@ -90,8 +91,9 @@ def test_the_thread_that_tracks_shares_it_as_long_as_it_is_told_to(kernel):
     assert kernel.scheduled[own] == (USUAL, 0)
 
 
-def test_what_is_not_permitted_is_told_once_for_each_time_that_it_is_asked_for(kernel):
-    kernel.is_permitting = False
+@pytest.mark.parametrize("refusal", [PermissionError(), OSError(errno.EINVAL, "not known")])
+def test_what_is_not_permitted_is_told_once_for_each_time_that_it_is_asked_for(kernel, refusal):
+    kernel.refusal = refusal
     told = []
     priority = RealTimePriority(told.append)
     for count in (1, 2):
@@ -102,6 +104,15 @@ def test_what_is_not_permitted_is_told_once_for_each_time_that_it_is_asked_for(k
         assert "real-time priority 4 is not permitted" in told[-1]
         assert "limits.conf" in told[-1]
     assert kernel.scheduled == {}
+
+
+def test_what_is_not_permitted_any_more_ends_nothing(kernel):
+    priority = RealTimePriority(pytest.fail)
+    priority.ask(1)
+    kernel.refusal = PermissionError()
+    priority.share(True)
+    priority.share(False)
+    assert kernel.scheduled[threading.get_native_id()] == (USUAL, 0)
 
 
 def is_permitted():
