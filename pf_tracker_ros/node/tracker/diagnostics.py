@@ -69,7 +69,6 @@ class Diagnostics:
     Attributes:
         jumps: How often time has gone back.
         lost_share: Share of the camera's frames that did not come, 0 to 1, in the last report.
-        is_overloaded: Whether frames took all the time there was, in the last report.
 
     Args:
         node: The node that publishes.
@@ -90,7 +89,6 @@ class Diagnostics:
         self._stale_after = stale_after
         self.jumps = 0
         self.lost_share = 0.0
-        self.is_overloaded = False
         self._was_lossy = False
         # What the log has said of missing images, but for their number; None while there are some.
         self._said_missing: str | None = None
@@ -139,8 +137,7 @@ class Diagnostics:
         was_lossy, self._was_lossy = self._was_lossy, self.lost_share > _TOLERATED_LOSS
         is_lossy = was_lossy and self._was_lossy
         level, message = health.level, health.message
-        self.is_overloaded = self._took_all_time()
-        if self.is_overloaded:
+        if self._is_overloaded():
             level = max(level, DiagnosticStatus.WARN)
             message = f"{message}; {overload_message(self._processing())}"
         elif found and is_lossy:
@@ -171,7 +168,7 @@ class Diagnostics:
         stamped = [frame for frame in self._frames if frame.stamp]
         return rhythm([frame.stamp for frame in stamped], [frame.arrival for frame in stamped])
 
-    def _took_all_time(self) -> bool:
+    def _is_overloaded(self) -> bool:
         if len(self._frames) < 2:
             return False
         span = self._frames[-1].arrival - self._frames[0].arrival

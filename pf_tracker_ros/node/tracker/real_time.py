@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -13,6 +14,11 @@ _CURE = (
     "allow it to its user ('rtprio' in /etc/security/limits.conf) or to its container (the "
     "capability SYS_NICE)"
 )
+
+
+# A thread that takes more of a core, over so many seconds, leaves too little to others.
+_MOST_OF_A_CORE = 0.75
+_INTERVAL = 1.0
 
 
 class RealTimePriority:
@@ -35,9 +41,11 @@ class RealTimePriority:
         ]
         self._own = threading.get_native_id()
         self._own_in_force = 0
+        self._is_busy = False
+        self._looked_at, self._used = time.monotonic(), time.thread_time()
 
     def ask(self, priority: int) -> None:
-        """Ask for a priority for DDS' threads.
+        """Ask for a priority, for DDS' threads and for whom they share it with.
 
         Args:
             priority: From 1 to 99, or 0 for none.
@@ -52,15 +60,28 @@ class RealTimePriority:
             self._report(f"real-time priority {priority} is not permitted to this process: {_CURE}")
         else:
             self.in_force = priority
+            self.share(self._own_in_force > 0)
 
     def share(self, is_shared: bool) -> None:
-        """Whether the thread that made this has the priority too, from now on."""
-        wanted = self.in_force if is_shared else 0
+        """Whether the thread that made this has the priority too, while it leaves time to others.
+
+        To be called by it, again and again.
+        """
+        self._look()
+        wanted = self.in_force if is_shared and not self._is_busy else 0
         if wanted != self._own_in_force:
-            self._own_in_force = wanted
             # What was permitted to the others may be no more.
             with suppress(OSError):
                 _set(self._own, wanted)
+                self._own_in_force = wanted
+
+    def _look(self) -> None:
+        """See how much of a core the thread has taken since the last look."""
+        now, used = time.monotonic(), time.thread_time()
+        elapsed = now - self._looked_at
+        if elapsed >= _INTERVAL:
+            self._is_busy = used - self._used > _MOST_OF_A_CORE * elapsed
+            self._looked_at, self._used = now, used
 
 
 def _name(thread: Path) -> str:

@@ -280,10 +280,8 @@ class TrackerNode(ManagedNode):
         self._try(followed.show)
         self._diagnostics.count(frame, stamp, time.perf_counter() - began)
         if self._real_time:
-            # A core that is taken from a best-effort camera costs frames; one that is taken all the
-            # time costs others too much.
-            is_reliable = self._images.reliability == "reliable"
-            self._real_time.share(is_reliable and not self._diagnostics.is_overloaded)
+            # A core that is taken from a best-effort camera costs frames.
+            self._real_time.share(self._images.reliability == "reliable")
 
     def _try(self, step: Callable[[], Outcome]) -> Outcome | None:
         """What a step gives; None where it fails, which is told, or the context is gone."""

@@ -201,6 +201,20 @@ def test_without_images_the_page_says_so_in_the_nodes_words(graph, page):
     page.wait_until(lambda: page.text("topic").startswith("/image"), "the topic")
 
 
+def test_a_frame_that_cannot_be_drawn_keeps_no_other_from_it(tracker, console, camera, open_page):
+    page = open_page(console.link, may_complain=True)
+    camera.show_on(page)
+    page.evaluate(
+        """() => {
+          const draws = CanvasRenderingContext2D.prototype, draw = draws.drawImage;
+          draws.drawImage = () => { draws.drawImage = draw; throw new Error("no memory"); };
+        }"""
+    )
+    camera.show_until(lambda: "no memory" in page.text("note"), "what is wrong")
+    for _ in range(3):
+        camera.show_on(page)
+
+
 def test_a_state_of_images_that_have_stopped_looks_old(tracker, client, camera, page):
     client.set_parameters(stale_after=0.5)
     camera.show_on(page)

@@ -84,9 +84,12 @@ def test_the_thread_that_tracks_shares_it_as_long_as_it_is_told_to(kernel):
     assert kernel.asked == asked
     priority.share(False)
     assert kernel.scheduled[own] == (USUAL, 0)
-    # Once there is none any more, there is none to share.
+    # What is asked for later holds at once.
     priority.share(True)
+    priority.ask(9)
+    assert kernel.scheduled[own] == (ROUND_ROBIN, 9)
     priority.ask(0)
+    assert kernel.scheduled[own] == (USUAL, 0)
     priority.share(True)
     assert kernel.scheduled[own] == (USUAL, 0)
 
@@ -106,13 +109,30 @@ def test_what_is_not_permitted_is_told_once_for_each_time_that_it_is_asked_for(k
     assert kernel.scheduled == {}
 
 
+def test_a_thread_that_leaves_no_time_to_others_does_not_share_it(kernel, monkeypatch):
+    own, clock = threading.get_native_id(), {"now": 100.0, "used": 7.0}
+    monkeypatch.setattr(real_time.time, "monotonic", lambda: clock["now"])
+    monkeypatch.setattr(real_time.time, "thread_time", lambda: clock["used"])
+    priority = RealTimePriority(pytest.fail)
+    priority.ask(1)
+    # Seconds of which it has taken so much.
+    for share, expected in [(0.6, ROUND_ROBIN), (0.9, USUAL), (0.9, USUAL), (0.5, ROUND_ROBIN)]:
+        clock["now"] += 1.0
+        clock["used"] += share
+        priority.share(True)
+        assert kernel.scheduled[own][0] == expected
+    assert kernel.scheduled[11] == (ROUND_ROBIN, 1)
+
+
 def test_what_is_not_permitted_any_more_ends_nothing(kernel):
     priority = RealTimePriority(pytest.fail)
     priority.ask(1)
     kernel.refusal = PermissionError()
     priority.share(True)
-    priority.share(False)
-    assert kernel.scheduled[threading.get_native_id()] == (USUAL, 0)
+    assert threading.get_native_id() not in kernel.scheduled
+    kernel.refusal = None
+    priority.share(True)
+    assert kernel.scheduled[threading.get_native_id()] == (ROUND_ROBIN, 1)
 
 
 def is_permitted():

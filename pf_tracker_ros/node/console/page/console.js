@@ -17,6 +17,7 @@ let drawing = Promise.resolve();  // once the frames that came before are
 let waits = false, draw = () => {};  // whether frames are drawn when that is told, and how the newest is
 let healthDue = null;  // it is shown with the next frame, so that the browser draws once
 let socket = null, health = {}, lastStatus = null, drawn = [];  // of the last frames, when and how many octets
+let failed = "";  // why the last frame could not be shown
 let taken = "", isFollowed = false;  // what the note says of a target that was taken, and whether a frame has shown it
 
 // Whether it was sent.
@@ -39,8 +40,11 @@ function connect() {
   // One frame after another: of two that are decoded at once, the older one may be done later.
   socket.onmessage = ({ data }) => {
     if (typeof data === "string") { take(JSON.parse(data)); return; }
-    const told = waits && new Promise((resolve) => { draw = resolve; });
-    drawing = drawing.then(() => show(data, told));
+    const told = waits && new Promise((resolve) => { draw = resolve; }), from = socket;
+    // Whatever becomes of one, others follow.
+    drawing = drawing.then(() => show(data, told)).catch(fail).then(() => {
+      if (from.readyState === WebSocket.OPEN) from.send(JSON.stringify({ type: "shown" }));
+    });
   };
   socket.onclose = () => {
     draw();
@@ -96,11 +100,17 @@ async function show(data, told) {
     if (bitmap) stage.show(frame, bitmap);
     else frame.error = "the browser cannot show the picture";
   } else await told;
-  send({ type: "shown" });
   drawn.push([performance.now(), data.byteLength]);
   if (frame.error) note(frame.error, false);
+  else if (failed && at("note").textContent === failed) note("");
+  failed = frame.error ?? "";
   showStatus(frame);
   if (healthDue) showHealth();
+}
+
+function fail(error) {
+  reportError(error);
+  note(`the page cannot show a frame: ${error.message}`, false);
 }
 
 // Frames of before the target may be drawn after it was taken.
@@ -112,6 +122,8 @@ function withdraw() {
 function showStatus(frame) {
   const values = frame.status?.values ?? {};
   if (values.state === "idle" && isFollowed) withdraw();
+  // The diagnostics come once a second.
+  if (values.state && values.state !== "idle" && health.text === "waiting for a target") text("health", "");
   isFollowed = Boolean(taken && values.state && values.state !== "idle");
   lastStatus = performance.now();
   if (frame.status) plots.add(values, frame.status.targets);
@@ -160,7 +172,9 @@ function showHealth() {
   at("health").dataset.level = health.level;
   text("topic", heard && health.image_topic ? `${health.image_topic} · ${(health.image_reliability ?? "").replace("_", " ")}` : "");
   if (!heard || isOld) { showState(health.state); tellConfidence(health.confidence); }
-  stage.setBlank(!heard || (isOld && health.state === "idle"), (heard && health.state) || "");
+  const isBlank = !heard || (isOld && health.state === "idle");
+  if (isBlank) for (const id of ["count", "effective", "processing"]) text(id, "–");
+  stage.setBlank(isBlank, (heard && health.state) || "");
   stage.setPaused(heard && health.text.startsWith("paused"));
 }
 

@@ -7,7 +7,7 @@ export function show(frame) {
   const { likelihood, status, width, height } = frame, values = status?.values ?? {};
   const known = on && likelihood && typeof values.likelihood_side === "number";
   canvas.hidden = !known;
-  if (!known) return;
+  if (!known) { at("bars").replaceChildren(); return; }
   const heat = Uint8Array.from(atob(likelihood.heat), (letter) => letter.charCodeAt(0));
   canvas.width = likelihood.columns;
   canvas.height = heat.length / likelihood.columns;

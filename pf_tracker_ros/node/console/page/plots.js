@@ -66,5 +66,5 @@ function legend(cues) {
   const list = at("cues");
   while (list.children.length > cues.length) list.lastChild.remove();
   while (list.children.length < cues.length) list.append(document.createElement("li"));
-  cues.forEach(([name, value], i) => { list.children[i].textContent = `${name.replaceAll("_", " ")} ${value?.toFixed(2) ?? "–"}`; });
+  cues.forEach(([name, value], i) => { list.children[i].textContent = `${name.replaceAll("_", " ")} ${typeof value === "number" ? value.toFixed(2) : "–"}`; });
 }
