@@ -16,7 +16,7 @@ _CURE = (
 )
 
 
-# A thread that takes more of a core, over so many seconds, leaves too little to others.
+# Threads that take more of a core, over so many seconds, leave too little to others.
 _MOST_OF_A_CORE = 0.75
 _INTERVAL = 1.0
 
@@ -42,7 +42,7 @@ class RealTimePriority:
         self._own = threading.get_native_id()
         self._own_in_force = 0
         self._is_busy = False
-        self._looked_at, self._used = time.monotonic(), time.thread_time()
+        self._looked_at, self._used = time.monotonic(), self._cpu_seconds()
 
     def ask(self, priority: int) -> None:
         """Ask for a priority, for DDS' threads and for whom they share it with.
@@ -76,12 +76,16 @@ class RealTimePriority:
                 self._own_in_force = wanted
 
     def _look(self) -> None:
-        """See how much of a core the thread has taken since the last look."""
-        now, used = time.monotonic(), time.thread_time()
+        """See how much of a core the threads have taken since the last look."""
+        now = time.monotonic()
         elapsed = now - self._looked_at
         if elapsed >= _INTERVAL:
+            used = self._cpu_seconds()
             self._is_busy = used - self._used > _MOST_OF_A_CORE * elapsed
             self._looked_at, self._used = now, used
+
+    def _cpu_seconds(self) -> float:
+        return sum(_cpu_seconds(thread) for thread in [*self._of_dds, self._own])
 
 
 def _name(thread: Path) -> str:
@@ -89,6 +93,13 @@ def _name(thread: Path) -> str:
     with suppress(OSError):
         return (thread / "comm").read_text()
     return ""
+
+
+def _cpu_seconds(thread: int) -> float:
+    # Linux' number for the CPU clock of a thread. It may have ended, or there may be no such clock.
+    with suppress(OSError, OverflowError, AttributeError):
+        return time.clock_gettime((~thread << 3) | 6)
+    return 0.0
 
 
 def _set(thread: int, priority: int) -> None:

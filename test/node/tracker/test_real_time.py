@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -109,16 +110,33 @@ def test_what_is_not_permitted_is_told_once_for_each_time_that_it_is_asked_for(k
     assert kernel.scheduled == {}
 
 
-def test_a_thread_that_leaves_no_time_to_others_does_not_share_it(kernel, monkeypatch):
-    own, clock = threading.get_native_id(), {"now": 100.0, "used": 7.0}
+def test_the_time_of_a_thread_is_told():
+    done = threading.Event()
+    thread = threading.Thread(target=done.wait)
+    thread.start()
+    before = real_time._cpu_seconds(threading.get_native_id())
+    began = time.thread_time()
+    while time.thread_time() < began + 0.05:
+        pass
+    assert real_time._cpu_seconds(threading.get_native_id()) >= before + 0.05
+    assert 0.0 < real_time._cpu_seconds(thread.native_id) < 0.05
+    done.set()
+    thread.join()
+    assert real_time._cpu_seconds(2**22 + 1) == 0.0
+
+
+def test_where_the_threads_leave_no_time_to_others_those_of_dds_alone_keep_it(kernel, monkeypatch):
+    own = threading.get_native_id()
+    clock = {"now": 100.0, 11: 3.0, own: 7.0}
     monkeypatch.setattr(real_time.time, "monotonic", lambda: clock["now"])
-    monkeypatch.setattr(real_time.time, "thread_time", lambda: clock["used"])
+    monkeypatch.setattr(real_time, "_cpu_seconds", lambda thread: clock.get(thread, 0.0))
     priority = RealTimePriority(pytest.fail)
     priority.ask(1)
     # Seconds of which it has taken so much.
     for share, expected in [(0.6, ROUND_ROBIN), (0.9, USUAL), (0.9, USUAL), (0.5, ROUND_ROBIN)]:
         clock["now"] += 1.0
-        clock["used"] += share
+        clock[11] += 0.3
+        clock[own] += share - 0.3
         priority.share(True)
         assert kernel.scheduled[own][0] == expected
     assert kernel.scheduled[11] == (ROUND_ROBIN, 1)
