@@ -160,13 +160,16 @@ def play(camera: Camera, frames: list[Image], rate: float, seconds: float) -> Fi
     return Figures(len(published), ages)
 
 
-def measure(size: str, reliability: str, rate: float, seconds: float, rounds: int) -> Table:
+def measure(
+    size: str, reliability: str, rate: float, *, seconds: float, rounds: int, priority: int
+) -> Table:
     """A table of both listeners for one size of image and one kind of camera."""
     frames = moving_noise(*SIZES[size])
     commands = {
         TRACKER: [
             *("-m", "pf_tracker_ros.node.tracker.tracker_node", "--ros-args"),
             *("-p", "target_box:=[100.0, 100.0, 40.0, 40.0]", "--log-level", "error"),
+            *("-p", f"realtime_priority:={priority}"),
         ],
         BARE: [__file__, "--bare", reliability],
     }
@@ -204,6 +207,9 @@ def main() -> int:
     parser.add_argument("--rounds", type=at_least(1), default=1, help="turns of each listener")
     parser.add_argument("--rate", type=at_least(1), default=30, help="frames a second")
     parser.add_argument("--size", action="append", choices=[*SIZES], help="may be repeated")
+    parser.add_argument(
+        "--realtime-priority", type=at_least(0), default=0, help="of the tracker, where permitted"
+    )
     parser.add_argument("--output", type=Path, help="Markdown file for the tables")
     parser.add_argument("--bare", choices=RELIABILITIES, help="be the bare subscriber")
     arguments = parser.parse_args()
@@ -215,7 +221,12 @@ def main() -> int:
     with domain_id() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         for size, reliability in itertools.product(arguments.size or SIZES, RELIABILITIES):
-            table = measure(size, reliability, arguments.rate, arguments.seconds, arguments.rounds)
+            table = measure(
+                *(size, reliability, arguments.rate),
+                seconds=arguments.seconds,
+                rounds=arguments.rounds,
+                priority=arguments.realtime_priority,
+            )
             table.show()
             lines += [f"**{table.title}**", "", *table.markdown(), ""]
     if arguments.output:

@@ -51,7 +51,7 @@ class RealTimePriority:
             priority: From 1 to 99, or 0 for none.
         """
         # Not every system knows of such priorities.
-        if not hasattr(os, "sched_setscheduler"):
+        if priority == self.in_force or not hasattr(os, "sched_setscheduler"):
             return
         try:
             for thread in self._of_dds:

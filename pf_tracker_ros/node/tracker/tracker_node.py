@@ -86,7 +86,7 @@ class TrackerNode(ManagedNode):
         )
         self._binding.listen(check=self._check, apply=self._apply)
         take_whole_requests(self, self._binding)
-        self._real_time = RealTimePriority(self._report_priority) if has_process else None
+        self._real_time = RealTimePriority(self._reporter.report) if has_process else None
         if self._real_time:
             self._real_time.ask(self._values["realtime_priority"])
         self._preset = self._following.preset(self._values)
@@ -324,13 +324,6 @@ class TrackerNode(ManagedNode):
         is_of_images = topic == self._images.topic and policy == "reliability"
         is_free = is_of_images and not is_overridden(self, topic, "subscription", policy)
         return RELIABILITY_CURE if is_free else ""
-
-    def _report_priority(self, said: str) -> None:
-        """Tell of a priority that is not permitted, which is usual where nobody asked for one."""
-        if self._values["realtime_priority"] == NodeParameters.realtime_priority:
-            self._log.debug(said)
-        else:
-            self._reporter.report(said)
 
     def _why_skipped(self, frame: str, stamp: int) -> str:
         """Why a frame is not looked at, and what to do."""
