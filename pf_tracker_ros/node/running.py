@@ -59,22 +59,8 @@ def run(create: Callable[[], Node], arguments: list[str] | None = None) -> None:
         if _OF_ARGUMENTS in str(error):
             sys.exit(f"the ROS arguments cannot be read: {error}; {_HOW_TO_GIVE}")
         sys.exit(f"ROS cannot start: {error}")
-    # While nothing can take the context away: one that is half made complains as it goes.
-    executor = SingleThreadedExecutor()
-    with _ended_by_signal(reader):
-        try:
-            node = _started(create)
-            for problem in files_for_others(
-                node.get_fully_qualified_name(), sys.argv if arguments is None else arguments
-            ):
-                node.get_logger().warning(problem)
-            _spin(executor, node)
-        except Exception:
-            # Whatever is half made when the context goes away may raise anything.
-            if ok():
-                raise
-        finally:
-            try_shutdown()
+    _live(create, sys.argv if arguments is None else arguments, reader)
+    _collect_all()
     ignore_signals()
 
 
@@ -114,6 +100,24 @@ def _ended_by_signal(reader: int) -> Iterator[None]:
         os.close(finish)
         thread.join()
         os.close(done)
+
+
+def _live(create: Callable[[], Node], command_line: list[str], reader: int) -> None:
+    """Make the node and spin it; afterwards nothing refers to it but itself."""
+    # While nothing can take the context away: one that is half made complains as it goes.
+    executor = SingleThreadedExecutor()
+    with _ended_by_signal(reader):
+        try:
+            node = _started(create)
+            for problem in files_for_others(node.get_fully_qualified_name(), command_line):
+                node.get_logger().warning(problem)
+            _spin(executor, node)
+        except Exception:
+            # Whatever is half made when the context goes away may raise anything.
+            if ok():
+                raise
+        finally:
+            try_shutdown()
 
 
 def _started(create: Callable[[], Node]) -> Node:
@@ -161,3 +165,13 @@ def _collect_between_callbacks(node: Node) -> None:
     gc.disable()
     clock = Clock(clock_type=ClockType.STEADY_TIME)
     node.create_timer(_COLLECT_EVERY, gc.collect, clock=clock)
+
+
+def _collect_all() -> None:
+    """Collect the node, and with it what DDS has for it.
+
+    What DDS has when the process ends is freed while its threads are still at work with it.
+    """
+    gc.unfreeze()
+    gc.enable()
+    gc.collect()

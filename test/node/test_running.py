@@ -80,6 +80,35 @@ print("threads:", threading.active_count())
 """
 
 
+ENDED_AFTER_SPINNING = """
+from pathlib import Path
+
+import rclpy
+from rclpy.lifecycle import LifecycleNode
+
+from pf_tracker_ros.node.running import run
+
+
+def threads():
+    return {path.read_text().strip() for path in Path("/proc/self/task").glob("*/comm")}
+
+
+class Probe(LifecycleNode):
+    def __init__(self):
+        super().__init__("probe")
+        self.create_timer(0.01, self.end)
+
+    def end(self):
+        print("of DDS:", any(name.startswith("dds.ev") for name in threads()))
+        rclpy.try_shutdown()
+
+
+run(Probe, [])
+# Its watchdog stays, which has nothing to do with any node.
+print("of DDS:", {name for name in threads() if name.startswith("dds.")} - {"dds.shm.wdog"})
+"""
+
+
 SIGNALED_AT_THE_END = """
 import builtins
 import os
@@ -139,6 +168,10 @@ def test_garbage_is_collected_between_callbacks(ros_domain):
 
 def test_a_node_that_never_spins_leaves_nothing_behind(ros_domain):
     assert output_of(ENDED_AT_ONCE) == "destroyed\nthreads: 1\n"
+
+
+def test_dds_is_at_work_for_a_node_no_longer_than_the_node_is(ros_domain):
+    assert output_of(ENDED_AFTER_SPINNING) == "of DDS: True\nof DDS: set()\n"
 
 
 def test_a_signal_while_python_ends_changes_no_exit_code(ros_domain):
