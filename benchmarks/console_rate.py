@@ -148,21 +148,23 @@ def wait_for_server() -> None:
 
 
 @contextmanager
-def console_node() -> Iterator[int]:
-    """A console that serves its page; its process."""
-    with node("console.console_node", f"port:={PORT}") as console:
+def console_node(priority: str) -> Iterator[int]:
+    """A console that serves its page, with a parameter; its process."""
+    with node("console.console_node", f"port:={PORT}", priority) as console:
         wait_for_server()
         yield console
 
 
-def turn_of(way: str, frames: list[Any], seconds: float, tracker: int, browser: Any) -> Turn:
+def turn_of(
+    way: str, frames: list[Any], seconds: float, tracker: int, browser: Any, *, priority: str
+) -> Turn:
     """One turn of a way, with all that belongs to it; the rest as for `measure`."""
     if way == NO_CONSOLE:
         return measure(frames, seconds, tracker)
     if way == BARE:
         with process(bare_command("reliable"), large_images=False):
             return measure(frames, seconds, tracker)
-    with console_node() as console:
+    with console_node(priority) as console:
         if way == NO_BROWSER:
             return measure(frames, seconds, tracker, console)
         if way == ELSEWHERE:
@@ -276,7 +278,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--realtime-priority",
         type=at_least(0),
         default=NodeParameters.realtime_priority,
-        help="of the tracker, which has none where the system does not permit it",
+        help="of tracker and console, which have none where the system does not permit it",
     )
     parser.add_argument("--size", choices=SIZES, default="768x576")
     given = parser.parse_args(arguments)
@@ -301,7 +303,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         order = random.Random(0)
         for _ in range(given.rounds):
             for way in order.sample(WAYS, len(WAYS)):
-                turns[way].append(turn_of(way, frames, given.seconds, tracker, browser))
+                turns[way].append(
+                    turn_of(way, frames, given.seconds, tracker, browser, priority=priority)
+                )
         browser.close()
     print_table({way: turns[way] for way in WAYS})
 

@@ -37,6 +37,7 @@ from std_msgs.msg import Header
 from tables import Table
 
 from pf_tracker_ros.node.running import run
+from pf_tracker_ros.node_parameters import NodeParameters
 
 SIZES = {"640x480": (640, 480), "768x576": (768, 576), "1920x1080": (1920, 1080)}
 RELIABILITIES = ("reliable", "best_effort")
@@ -208,7 +209,10 @@ def main() -> int:
     parser.add_argument("--rate", type=at_least(1), default=30, help="frames a second")
     parser.add_argument("--size", action="append", choices=[*SIZES], help="may be repeated")
     parser.add_argument(
-        "--realtime-priority", type=at_least(0), default=0, help="of the tracker, where permitted"
+        "--realtime-priority",
+        type=at_least(0),
+        default=NodeParameters.realtime_priority,
+        help="of the tracker, where permitted",
     )
     parser.add_argument("--output", type=Path, help="Markdown file for the tables")
     parser.add_argument("--bare", choices=RELIABILITIES, help="be the bare subscriber")

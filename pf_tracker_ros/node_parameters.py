@@ -56,10 +56,10 @@ class NodeParameters:
         read_only=True,
     )
     realtime_priority: int = declared(
-        0,
+        1,
         "Real-time priority (SCHED_RR) of Fast DDS' threads in the process tracker, where the "
         "system permits it, so that images are read in time; where they come reliably, and leave "
-        "some time, of the thread that tracks as well. 1 is the lowest there is, 0 none.",
+        "some time, of the thread that tracks as well. 1 is the lowest there is, 0 asks for none.",
         minimum=0,
         maximum=99,
     )

@@ -17,6 +17,7 @@ from pf_tracker_ros.node.console.played_recording import PlayedRecording
 from pf_tracker_ros.node.console.tracker_link import TrackerLink
 from pf_tracker_ros.node.console.web_server import WebServer
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
+from pf_tracker_ros.node.real_time import RealTimePriority
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.pages.access import is_loopback
 from pf_tracker_ros.parameters import build
@@ -38,10 +39,12 @@ class ConsoleNode(Node):
     Args:
         niceness: Added to that of this thread and of those that it starts from now on, which those
             of DDS are not.
+        has_process: Whether the process is the node's alone, so that it may set the priority of
+            DDS' threads.
         **options: Of `rclpy.node.Node`.
     """
 
-    def __init__(self, niceness: int = 0, **options: Any) -> None:
+    def __init__(self, niceness: int = 0, *, has_process: bool = False, **options: Any) -> None:
         super().__init__("console", **options)
         os.nice(niceness)
         self.exit_code = 0
@@ -54,7 +57,12 @@ class ConsoleNode(Node):
         if binding.refused:
             self._fail("; ".join(binding.refused.values()))
             return
-        self._serve(build(ConsoleParameters, binding.values))
+        parameters = build(ConsoleParameters, binding.values)
+        if has_process:
+            log = self.get_logger()  # type: ignore[no-untyped-call]
+            usual = ConsoleParameters.realtime_priority
+            RealTimePriority(log.warning, usual).ask(parameters.realtime_priority)
+        self._serve(parameters)
 
     def destroy_node(self) -> None:
         """End the web server, then the node."""
@@ -124,7 +132,9 @@ def main(arguments: list[str] | None = None, source: str | None = None) -> int:
 
     def create() -> ConsoleNode:
         given = [] if source is None else [Parameter("source", value=source)]
-        node = ConsoleNode(0 if has_memory else NICENESS, parameter_overrides=given)
+        node = ConsoleNode(
+            0 if has_memory else NICENESS, has_process=True, parameter_overrides=given
+        )
         nodes.append(node)
         return node
 

@@ -40,3 +40,12 @@ class ConsoleParameters:
         "Name of the tracker's node, in the console's namespace unless it begins with a slash.",
         read_only=True,
     )
+    realtime_priority: int = declared(
+        1,
+        "Real-time priority (SCHED_RR) of Fast DDS' threads in the process console, where the "
+        "system permits it, so that a camera that publishes reliably waits less for this reader. "
+        "1 is the lowest there is, 0 asks for none.",
+        minimum=0,
+        maximum=99,
+        read_only=True,
+    )

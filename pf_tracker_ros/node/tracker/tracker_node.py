@@ -23,12 +23,12 @@ from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.parameter_group import Values
 from pf_tracker_ros.node.parameter_requests import take_whole_requests
 from pf_tracker_ros.node.qos import given_overrides, is_overridden
+from pf_tracker_ros.node.real_time import RealTimePriority
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.node.tracker.diagnostics import Diagnostics, Health
 from pf_tracker_ros.node.tracker.following import Followed, Following
 from pf_tracker_ros.node.tracker.image_input import RELIABILITY_CURE, ImageInput
 from pf_tracker_ros.node.tracker.one_target import OneTarget
-from pf_tracker_ros.node.tracker.real_time import RealTimePriority
 from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter
 from pf_tracker_ros.node.tracker.services import Services
 from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED, SkippedFrames
@@ -86,8 +86,10 @@ class TrackerNode(ManagedNode):
         )
         self._binding.listen(check=self._check, apply=self._apply)
         take_whole_requests(self, self._binding)
-        self._real_time = RealTimePriority(self._reporter.report) if has_process else None
-        if self._real_time:
+        self._real_time: RealTimePriority | None = None
+        if has_process:
+            usual = NodeParameters.realtime_priority
+            self._real_time = RealTimePriority(self._reporter.report, usual)
             self._real_time.ask(self._values["realtime_priority"])
         self._preset = self._following.preset(self._values)
         self._decoder = ImageDecoder(self._values["largest_image"])

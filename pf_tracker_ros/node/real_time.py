@@ -31,11 +31,14 @@ class RealTimePriority:
 
     Args:
         report: Called with a sentence where a priority that is asked for is not permitted.
+        usual: The one that is asked for where nobody has chosen another; where it is not permitted,
+            which is usual as well, nothing is told.
     """
 
-    def __init__(self, report: Callable[[str], None]) -> None:
+    def __init__(self, report: Callable[[str], None], usual: int = 0) -> None:
         self.in_force = 0
         self._report = report
+        self._usual = usual
         self._of_dds: Sequence[int] = [
             int(thread.name) for thread in _THREADS.glob("*") if _name(thread).startswith("dds.")
         ]
@@ -57,7 +60,10 @@ class RealTimePriority:
             for thread in self._of_dds:
                 _set(thread, priority)
         except OSError:
-            self._report(f"real-time priority {priority} is not permitted to this process: {_CURE}")
+            if priority != self._usual:
+                self._report(
+                    f"real-time priority {priority} is not permitted to this process: {_CURE}"
+                )
         else:
             self.in_force = priority
             self.share(self._own_in_force > 0)

@@ -1,4 +1,4 @@
-"""The real-time priority of the tracker's process."""
+"""The real-time priority of the processes of the tracker and the console."""
 
 import errno
 import os
@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from pf_tracker_ros.node.tracker import real_time
-from pf_tracker_ros.node.tracker.real_time import RealTimePriority
+from pf_tracker_ros.node import real_time
+from pf_tracker_ros.node.real_time import RealTimePriority
 
 ROUND_ROBIN = os.SCHED_RR | os.SCHED_RESET_ON_FORK
 USUAL = os.SCHED_OTHER | os.SCHED_RESET_ON_FORK
@@ -110,6 +110,16 @@ def test_what_is_not_permitted_is_told_once_for_each_time_that_it_is_asked_for(k
     assert kernel.scheduled == {}
 
 
+def test_of_the_usual_one_nothing_is_told_where_it_is_not_permitted(kernel):
+    kernel.refusal = PermissionError()
+    told = []
+    priority = RealTimePriority(told.append, usual=1)
+    priority.ask(1)
+    assert (priority.in_force, told) == (0, [])
+    priority.ask(2)
+    assert len(told) == 1
+
+
 def test_the_time_of_a_thread_is_told():
     done = threading.Event()
     thread = threading.Thread(target=done.wait)
@@ -191,6 +201,22 @@ def test_the_process_has_it_where_the_system_permits_it(graph, client, reliabili
     client.set_parameters(realtime_priority=0)
     client.meet()
     client.wait_for(lambda: policies(process) == (usual, usual), "end of them")
+
+
+def test_the_console_has_it_for_the_threads_of_dds_where_the_system_permits_it(graph):
+    pytest.importorskip("aiohttp", reason="the console needs the extra 'console'")
+    process = graph.process(
+        *("-p", "port:=0", "-p", "realtime_priority:=4"),
+        module="pf_tracker_ros.node.console.console_node",
+    )
+    said = ""
+    for line in process.stdout:
+        said += line
+        if "is at http" in line:
+            break
+    usual, raised = {(os.SCHED_OTHER, 0)}, {(os.SCHED_RR, 4)}
+    assert policies(process) == (usual, raised if is_permitted() else usual)
+    assert ("priority 4 is not permitted" in said) != is_permitted()
 
 
 def test_a_node_in_the_process_of_another_leaves_it_as_it_is(graph, client):
