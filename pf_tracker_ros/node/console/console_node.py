@@ -37,16 +37,15 @@ class ConsoleNode(Node):
         link: The address to open, empty where there is none.
 
     Args:
-        niceness: Added to that of this thread and of those that it starts from now on, which those
-            of DDS are not.
-        has_process: Whether the process is the node's alone, so that it may set the priority of
-            DDS' threads.
+        is_waited_for: Whether the process is the node's alone, and a camera waits for its threads
+            of DDS: these are to have the priority, all that is started from now on gives way.
         **options: Of `rclpy.node.Node`.
     """
 
-    def __init__(self, niceness: int = 0, *, has_process: bool = False, **options: Any) -> None:
+    def __init__(self, *, is_waited_for: bool = False, **options: Any) -> None:
         super().__init__("console", **options)
-        os.nice(niceness)
+        if is_waited_for:
+            os.nice(NICENESS)
         self.exit_code = 0
         self.link = ""
         self._server: WebServer | None = None
@@ -58,7 +57,7 @@ class ConsoleNode(Node):
             self._fail("; ".join(binding.refused.values()))
             return
         parameters = build(ConsoleParameters, binding.values)
-        if has_process:
+        if is_waited_for:
             log = self.get_logger()  # type: ignore[no-untyped-call]
             usual = ConsoleParameters.realtime_priority
             RealTimePriority(log.warning, usual).ask(parameters.realtime_priority)
@@ -132,9 +131,7 @@ def main(arguments: list[str] | None = None, source: str | None = None) -> int:
 
     def create() -> ConsoleNode:
         given = [] if source is None else [Parameter("source", value=source)]
-        node = ConsoleNode(
-            0 if has_memory else NICENESS, has_process=True, parameter_overrides=given
-        )
+        node = ConsoleNode(is_waited_for=not has_memory, parameter_overrides=given)
         nodes.append(node)
         return node
 
