@@ -73,6 +73,8 @@ class RealTimePriority:
 
         To be called by it, again and again.
         """
+        if not self.in_force and not self._own_in_force:
+            return
         self._look()
         wanted = self.in_force if is_shared and not self._is_busy else 0
         if wanted != self._own_in_force:

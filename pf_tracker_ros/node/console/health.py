@@ -79,7 +79,11 @@ class TrackerHealth:
                 "console goes on with it as soon as it is back"
             )
             return {"type": "health", "tracker": "silent", "level": "error", "text": text}
-        values, text, level = said["values"], str(said["message"]), said["level"]
+        values = said["values"]
+        if self._status and self._state != values.get("state"):
+            # It has changed since the diagnostics came, which tell of the one before.
+            said = self._status
+        text, level = str(said["message"]), said["level"]
         if stands_still and text.startswith("no image for"):
             # No fault of anybody.
             text, level = text.partition("; ")[2], "ok"

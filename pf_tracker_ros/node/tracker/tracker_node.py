@@ -308,12 +308,13 @@ class TrackerNode(ManagedNode):
         return followed
 
     def _tell_of_jump(self, followed: Followed) -> None:
-        """Log that time went back: a target that came with the new time needs no advice."""
+        """Log that time went back: whoever lost no target by it needs no advice."""
         said = f"time went back by {followed.jumped_back:.3f} s"
-        if followed.frame == "started":
+        choice = self._values["time_jump"]
+        had_none = followed.frame == "waiting" and choice != "wait"
+        if followed.frame == "started" or had_none:
             self._log.info(said, throttle_duration_sec=LOG_INTERVAL)
             return
-        choice = self._values["time_jump"]
         cure = "; 'restart' is for recordings that begin again" if choice == "keep" else ""
         self._log.warning(
             f"{said}; 'time_jump' is '{choice}'{cure}", throttle_duration_sec=LOG_INTERVAL

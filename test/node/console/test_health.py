@@ -67,6 +67,19 @@ def test_images_are_not_missed_while_a_recording_stands_still(health):
     assert health.told(10.5, stands_still=False)["level"] == "warn"
 
 
+def test_what_the_diagnostics_say_of_another_state_gives_way_to_the_status(health):
+    idle = {"image_topic": "/image", "state": "idle"}
+    health.take_diagnostics({"level": "ok", "message": "waiting", "values": idle}, 0.5)
+    lost = {"level": "error", "message": "lost", "values": {"state": "lost"}}
+    health.take_status(lost, 0.6)
+    told = health.told(0.7, stands_still=False)
+    assert (told["text"], told["level"], told["image_topic"]) == ("lost", "error", "/image")
+    # What the diagnostics say of the same state may tell more.
+    health.take_diagnostics(lost | {"message": "lost, and slow"}, 0.8)
+    health.take_status(lost, 0.9)
+    assert health.told(0.9, stands_still=False)["text"] == "lost, and slow"
+
+
 def test_the_state_is_that_of_the_newest_word(health):
     health.take_diagnostics({"level": "ok", "message": "", "values": {"state": "idle"}}, 0.5)
     health.take_status({"level": "ok", "message": "", "values": {"state": "tracking"}}, 0.6)

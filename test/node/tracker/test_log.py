@@ -48,6 +48,20 @@ def test_a_target_that_comes_back_at_once_is_logged_as_tracked(graph, client, im
     client.wait_for(told("occluded -> tracking"), "the return in the log")
 
 
+def test_time_that_goes_back_is_a_warning_only_where_a_target_hangs_on_it(
+    graph, client, images, box, capfd
+):
+    graph.tracker(client, **QUICK)
+    client.show(images[0], client.at(30))
+    client.show(images[0], client.at(0))
+    assert "time went back by 1.200 s\n" in capfd.readouterr().err
+    client.point_at(box)
+    client.show(images[0], client.at(1))
+    client.show(images[0], client.at(31))
+    client.show(images[0], client.at(1))
+    assert "time went back by 1.200 s; 'time_jump' is 'keep'; 'restart'" in capfd.readouterr().err
+
+
 def test_following_the_cameras_is_logged(graph, capfd):
     # One that is known before there is a subscription is not followed.
     graph.tracker()

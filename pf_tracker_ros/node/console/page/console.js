@@ -122,8 +122,6 @@ function withdraw() {
 function showStatus(frame) {
   const values = frame.status?.values ?? {};
   if (values.state === "idle" && isFollowed) withdraw();
-  // The diagnostics come once a second.
-  if (values.state && values.state !== "idle" && health.text === "waiting for a target") text("health", "");
   isFollowed = Boolean(taken && values.state && values.state !== "idle");
   lastStatus = performance.now();
   if (frame.status) plots.add(values, frame.status.targets);
