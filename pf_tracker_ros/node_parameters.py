@@ -58,8 +58,8 @@ class NodeParameters:
     realtime_priority: int = declared(
         1,
         "Real-time priority (SCHED_RR) of Fast DDS' threads in the process tracker, where the "
-        "system permits it, so that images are read in time; where they come reliably, and leave "
-        "some time, of the thread that tracks as well. 1 is the lowest there is, 0 asks for none.",
+        "system permits it, so that images are read in time. 1 is the lowest there is, 0 asks for "
+        "none.",
         minimum=0,
         maximum=99,
     )

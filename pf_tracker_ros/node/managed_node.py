@@ -79,8 +79,10 @@ class ManagedNode(LifecycleNode):
         try:
             return change(request, response)
         except RuntimeError as error:
-            logger = self.get_logger()  # type: ignore[no-untyped-call]
-            logger.error(f"no such transition from the state {self.lifecycle_state}: {error}")
+            # The end of the context is no failure to tell of, here and below.
+            if self.context.ok():
+                logger = self.get_logger()  # type: ignore[no-untyped-call]
+                logger.error(f"no such transition from the state {self.lifecycle_state}: {error}")
             response.success = False
             return response
 
@@ -93,7 +95,6 @@ class ManagedNode(LifecycleNode):
             undo()
             return TransitionCallbackReturn.FAILURE
         except Exception:
-            # A signal that takes the context away in the middle of it is no failure to tell of.
             if self.context.ok():
                 logger.error(f"{transition.__name__} failed: {traceback.format_exc()}")
             return TransitionCallbackReturn.ERROR

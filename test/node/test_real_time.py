@@ -1,11 +1,9 @@
-"""The real-time priority of the processes of the tracker and the console."""
+"""The real-time priority of Fast DDS' threads in the processes of the tracker and the console."""
 
 import errno
 import os
 import subprocess
 import sys
-import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -24,23 +22,25 @@ class Kernel:
     Attributes:
         scheduled: Thread to (policy, priority).
         refusal: Raised for real-time priorities, if they are not permitted.
-        asked: How often something was set.
         ended: Threads that there are no more.
     """
 
     def __init__(self):
         self.scheduled = {}
         self.refusal = None
-        self.asked = 0
         self.ended = set()
 
     def set(self, thread, policy, parameters):
-        self.asked += 1
         if thread in self.ended:
             raise ProcessLookupError
         if parameters.sched_priority and self.refusal:
             raise self.refusal
         self.scheduled[thread] = (policy, parameters.sched_priority)
+
+    def get(self, thread):
+        if thread == 14:
+            raise ProcessLookupError
+        return self.scheduled.get(thread, (os.SCHED_OTHER, 0))[0]
 
 
 @pytest.fixture
@@ -52,8 +52,10 @@ def kernel(monkeypatch, tmp_path):
         (tmp_path / str(thread) / "comm").write_text(f"{name}\n")
     # One that has just ended.
     (tmp_path / "14").mkdir()
+    (tmp_path / "14" / "comm").write_text("dds.udp.7400\n")
     monkeypatch.setattr(real_time, "_THREADS", tmp_path)
     monkeypatch.setattr(real_time.os, "sched_setscheduler", kernel.set)
+    monkeypatch.setattr(real_time.os, "sched_getscheduler", kernel.get)
     return kernel
 
 
@@ -75,27 +77,6 @@ def test_a_thread_that_has_ended_keeps_no_other_from_it(kernel):
     assert priority.in_force == 1
 
 
-def test_the_thread_that_tracks_shares_it_as_long_as_it_is_told_to(kernel):
-    own = threading.get_native_id()
-    priority = RealTimePriority(pytest.fail)
-    priority.ask(3)
-    priority.share(True)
-    assert kernel.scheduled[own] == (ROUND_ROBIN, 3)
-    asked = kernel.asked
-    priority.share(True)
-    assert kernel.asked == asked
-    priority.share(False)
-    assert kernel.scheduled[own] == (USUAL, 0)
-    # What is asked for later holds at once.
-    priority.share(True)
-    priority.ask(9)
-    assert kernel.scheduled[own] == (ROUND_ROBIN, 9)
-    priority.ask(0)
-    assert kernel.scheduled[own] == (USUAL, 0)
-    priority.share(True)
-    assert kernel.scheduled[own] == (USUAL, 0)
-
-
 @pytest.mark.parametrize("refusal", [PermissionError(), OSError(errno.EINVAL, "not known")])
 def test_what_is_not_permitted_is_told_once_for_each_time_that_it_is_asked_for(kernel, refusal):
     kernel.refusal = refusal
@@ -103,12 +84,21 @@ def test_what_is_not_permitted_is_told_once_for_each_time_that_it_is_asked_for(k
     priority = RealTimePriority(told.append)
     for count in (1, 2):
         priority.ask(4)
-        priority.share(True)
         assert priority.in_force == 0
         assert len(told) == count
         assert "real-time priority 4 is not permitted" in told[-1]
         assert "limits.conf" in told[-1]
     assert kernel.scheduled == {}
+
+
+def test_a_thread_that_has_a_policy_already_keeps_it(kernel):
+    given = (os.SCHED_RR, 50)
+    kernel.scheduled = {11: given}
+    priority = RealTimePriority(pytest.fail)
+    priority.ask(1)
+    assert kernel.scheduled == {11: given, 12: (ROUND_ROBIN, 1)}
+    priority.ask(0)
+    assert kernel.scheduled == {11: given, 12: (USUAL, 0)}
 
 
 def test_of_the_usual_one_nothing_is_told_where_it_is_not_permitted(kernel):
@@ -119,49 +109,6 @@ def test_of_the_usual_one_nothing_is_told_where_it_is_not_permitted(kernel):
     assert (priority.in_force, told) == (0, [])
     priority.ask(2)
     assert len(told) == 1
-
-
-def test_the_time_of_a_thread_is_told():
-    done = threading.Event()
-    thread = threading.Thread(target=done.wait)
-    thread.start()
-    before = real_time._cpu_seconds(threading.get_native_id())
-    began = time.thread_time()
-    while time.thread_time() < began + 0.05:
-        pass
-    assert real_time._cpu_seconds(threading.get_native_id()) >= before + 0.05
-    assert 0.0 < real_time._cpu_seconds(thread.native_id) < 0.05
-    done.set()
-    thread.join()
-    assert real_time._cpu_seconds(2**22 + 1) == 0.0
-
-
-def test_where_the_threads_leave_no_time_to_others_those_of_dds_alone_keep_it(kernel, monkeypatch):
-    own = threading.get_native_id()
-    clock = {"now": 100.0, 11: 3.0, own: 7.0}
-    monkeypatch.setattr(real_time.time, "monotonic", lambda: clock["now"])
-    monkeypatch.setattr(real_time, "_cpu_seconds", lambda thread: clock.get(thread, 0.0))
-    priority = RealTimePriority(pytest.fail)
-    priority.ask(1)
-    # Seconds of which it has taken so much.
-    for share, expected in [(0.6, ROUND_ROBIN), (0.9, USUAL), (0.9, USUAL), (0.5, ROUND_ROBIN)]:
-        clock["now"] += 1.0
-        clock[11] += 0.3
-        clock[own] += share - 0.3
-        priority.share(True)
-        assert kernel.scheduled[own][0] == expected
-    assert kernel.scheduled[11] == (ROUND_ROBIN, 1)
-
-
-def test_what_is_not_permitted_any_more_ends_nothing(kernel):
-    priority = RealTimePriority(pytest.fail)
-    priority.ask(1)
-    kernel.refusal = PermissionError()
-    priority.share(True)
-    assert threading.get_native_id() not in kernel.scheduled
-    kernel.refusal = None
-    priority.share(True)
-    assert kernel.scheduled[threading.get_native_id()] == (ROUND_ROBIN, 1)
 
 
 def is_permitted():
@@ -185,9 +132,8 @@ def policies(process):
     return own, of_dds
 
 
-@pytest.mark.parametrize("reliability", ["reliable", "best_effort"])
-def test_the_process_has_it_where_the_system_permits_it(graph, client, reliability):
-    process = graph.process("-p", "realtime_priority:=5", "-p", f"image_reliability:={reliability}")
+def test_the_tracker_has_it_where_the_system_permits_it(graph, client):
+    process = graph.process("-p", "realtime_priority:=5")
     told = client.wait_for(lambda: client.health, "diagnostics")[-1].values
     usual, raised = {(os.SCHED_OTHER, 0)}, {(os.SCHED_RR, 5)}
     if not is_permitted():
@@ -196,12 +142,9 @@ def test_the_process_has_it_where_the_system_permits_it(graph, client, reliabili
         assert policies(process) == (usual, usual)
         return
     assert told["realtime_priority"] == "5"
-    client.meet()
-    expected = (raised if reliability == "reliable" else usual, raised)
-    client.wait_for(lambda: policies(process) == expected, "priorities")
+    assert policies(process) == (usual, raised)
     client.set_parameters(realtime_priority=0)
-    client.meet()
-    client.wait_for(lambda: policies(process) == (usual, usual), "end of them")
+    assert policies(process) == (usual, usual)
 
 
 @pytest.mark.parametrize("profile", ["", str(PROFILE)])

@@ -80,8 +80,9 @@ class TrackerHealth:
             )
             return {"type": "health", "tracker": "silent", "level": "error", "text": text}
         values = said["values"]
-        if self._status and self._state != values.get("state"):
-            # It has changed since the diagnostics came, which tell of the one before.
+        if self._status and self._state not in (values.get("state"), "skipped"):
+            # It has changed since the diagnostics came, which tell of the one before. Of a single
+            # frame that was skipped, nobody need read.
             said = self._status
         text, level = str(said["message"]), said["level"]
         if stands_still and text.startswith("no image for"):

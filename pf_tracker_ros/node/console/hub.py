@@ -225,8 +225,12 @@ class Hub:
         """Show the likelihood around the target, or hide it."""
         if message.get("shown") is True and browser in self._browsers:
             self._heated.add(browser)
-            if self._player and self._player.stands_still:
+            text = ""
+            if self._told_health.get("state") == "idle":
+                text = "the heat comes with a target"
+            elif self._player and self._player.stands_still:
                 text = "the heat comes with the next frame: press N for it, or play"
+            if text:
                 await browser.send_json({"type": "note", "about": "heat", "ok": True, "text": text})
         else:
             self._heated.discard(browser)
@@ -238,6 +242,7 @@ class Hub:
         x, y, width, height = numbers_of(message, "box", 4)
         stamp = stamp_in(message)
         box = (x, y, width, height)
+        self._check_tracker()
         if not self._player or not await self._is_tried(self._player, box, stamp):
             await self._picker.send(partial(self._link.send_target, box, stamp))
 
@@ -262,12 +267,20 @@ class Hub:
             box = [x - size / 2, y - size / 2, size, size]
             await self._on_target({"box": box, "stamp": message["stamp"]})
             return
+        self._check_tracker()
         await self._picker.send(partial(self._link.send_click, x, y, stamp))
 
+    def _check_tracker(self) -> None:
+        """Refuse a target that nobody is there for; what DDS knows of one that has ended is old."""
+        if self._told_health.get("tracker") == "silent":
+            raise RequestError(
+                "nothing was sent: the tracker has fallen silent; Enter sends it again"
+            )
+
     async def _on_stop(self, message: Json) -> None:
-        if self._player:
-            self._player.picked = None
-        await self._note("stop", await self._link.services.stop())
+        due = self._player.forget() if self._player else ""
+        answer = await self._link.services.stop()
+        await self._note("stop", due or answer)
 
     async def _on_stop_target(self, message: Json) -> None:
         id = str(message.get("id"))
@@ -300,6 +313,8 @@ class Hub:
             refusal = await self._link.services.set_parameter(wanted)
         except (ValueError, TrackerError) as error:
             refusal = str(error)
+        else:
+            refusal = refusal and f"{refusal}; it stays {known['value']}"
         await browser.send_json({"type": "set", "name": name, "refusal": refusal})
 
     async def _on_reset(self, message: Json) -> None:
@@ -307,7 +322,8 @@ class Hub:
         known = self._known("preset")
         if refusal := await self._link.services.set_parameter(parameter_of(known, known["value"])):
             raise RequestError(refusal)
-        await self._note("reset", f"every value is that of the preset {known['value']}")
+        text = f"the tracker's values are those of the preset {known['value']}"
+        await self._note("reset", f"{text}; the node's own stay as they are")
 
     @property
     def _has_several(self) -> bool:

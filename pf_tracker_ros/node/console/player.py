@@ -96,6 +96,17 @@ class Player:
         """Whether no images are to be expected."""
         return self._recording.paused and not self._recording.hindrance("")
 
+    def forget(self) -> str:
+        """Try the target no more.
+
+        Returns:
+            What was forgotten where the tracker does not know of it yet; empty where it does.
+        """
+        target, self.picked = self.picked, None
+        if target is None or self._recording.frame >= target.frame:
+            return ""
+        return f"the target of frame {target.frame} is forgotten; waiting for a target"
+
     async def look(self, now: float, *, has_picture: bool) -> None:
         """Tell the browsers what is new.
 
@@ -265,6 +276,9 @@ class Player:
             self._due = target
             if target:
                 first = min(frame, target.frame)
+                if frame < target.frame:
+                    text = f"the target begins at frame {target.frame}, where it was drawn"
+                    await self._tell({"type": "note", "about": "seek", "ok": True, "text": text})
                 if first == target.frame:
                     await self._approach(target)
                     send = partial(self._link.send_target, target.box, target.stamp)

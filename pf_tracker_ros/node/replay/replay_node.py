@@ -342,7 +342,7 @@ class ReplayNode(Node):
                 return
             stamp = item.stamp / NANOSECONDS
             self._hindrance = (
-                f"no status for frame {self._published - 1} (stamp {stamp:.9f}) on "
+                f"no status for frame {self._position} (stamp {stamp:.9f}) on "
                 f"{self._status_subscription.topic_name} within {timeout:g} s; "
                 f"publishing it again{self._lockstep_hint()}"
             )

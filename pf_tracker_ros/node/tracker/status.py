@@ -16,7 +16,7 @@ from pf_tracker_ros.node.tracker.skipped_frames import Skipped
 from pf_tracker_ros.stamps import parts
 from pf_tracker_ros.tracking.state_descriptions import SEVERITIES
 
-PAUSED = "paused; the service ~/enable goes on"
+PAUSED = "paused; the service ~/enable lets it go on"
 
 
 def stamp_text(stamp: int) -> str:

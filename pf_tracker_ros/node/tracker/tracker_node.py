@@ -63,6 +63,7 @@ class TrackerNode(ManagedNode):
         self._skipped = SkippedFrames(self._log)
         self._obstacle = ""
         self._enabled = True
+        self._has_target = False
         self._status: StatusOutput | None = None
         self._offered: Services | None = None
         self._targets: TargetInput | None = None
@@ -247,6 +248,7 @@ class TrackerNode(ManagedNode):
             raise TargetError(f"target refused: {error}") from error
 
     def _stop(self) -> str:
+        self._has_target = False
         return self._told(self._following.stop())
 
     def _enable(self, enabled: bool) -> str:
@@ -279,11 +281,9 @@ class TrackerNode(ManagedNode):
         if self._status:
             status = self._current_status(frame)
             self._status.publish(message.header, status, self._reporter, elapsed)
+            self._has_target = status.last_state != "idle"
         self._try(followed.show)
         self._diagnostics.count(frame, stamp, time.perf_counter() - began)
-        if self._real_time:
-            # A core that is taken from a best-effort camera costs frames.
-            self._real_time.share(self._images.reliability == "reliable")
 
     def _try(self, step: Callable[[], Outcome]) -> Outcome | None:
         """What a step gives; None where it fails, which is told, or the context is gone."""
@@ -310,11 +310,10 @@ class TrackerNode(ManagedNode):
     def _tell_of_jump(self, followed: Followed) -> None:
         """Log that time went back: whoever lost no target by it needs no advice."""
         said = f"time went back by {followed.jumped_back:.3f} s"
-        choice = self._values["time_jump"]
-        had_none = followed.frame == "waiting" and choice != "wait"
-        if followed.frame == "started" or had_none:
+        if followed.frame == "started" or not self._has_target:
             self._log.info(said, throttle_duration_sec=LOG_INTERVAL)
             return
+        choice = self._values["time_jump"]
         cure = "; 'restart' is for recordings that begin again" if choice == "keep" else ""
         self._log.warning(
             f"{said}; 'time_jump' is '{choice}'{cure}", throttle_duration_sec=LOG_INTERVAL

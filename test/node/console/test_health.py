@@ -74,6 +74,9 @@ def test_what_the_diagnostics_say_of_another_state_gives_way_to_the_status(healt
     health.take_status(lost, 0.6)
     told = health.told(0.7, stands_still=False)
     assert (told["text"], told["level"], told["image_topic"]) == ("lost", "error", "/image")
+    skipped = {"level": "error", "message": "late", "values": {"state": "skipped"}}
+    health.take_status(skipped, 0.7)
+    assert health.told(0.7, stands_still=False)["text"] == "waiting"
     # What the diagnostics say of the same state may tell more.
     health.take_diagnostics(lost | {"message": "lost, and slow"}, 0.8)
     health.take_status(lost, 0.9)

@@ -129,6 +129,27 @@ def test_what_no_page_would_ask_is_refused_in_words(run, message):
     assert json.dumps(note, allow_nan=False)
 
 
+@pytest.mark.parametrize("kind", ["target", "click"])
+def test_a_target_for_a_tracker_that_has_fallen_silent_is_not_sent(run, monkeypatch, kind):
+    clock = [100.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
+    message = {"type": kind, "box": [1, 2, 3, 4], "point": [1, 2], "stamp": "5"}
+
+    async def scenario(hub, link, browser):
+        hub.receive("health", 0, {"level": "ok", "message": "", "values": {}})
+        await hub._look()
+        await hub.handle(browser, message)
+        link.sent.clear()
+        clock[0] += 3.0
+        await hub._look()
+        await hub.handle(browser, message)
+        return link.sent, browser.messages
+
+    sent, (note,) = run(scenario)
+    assert sent == []
+    assert "nothing was sent: the tracker has fallen silent" in note["text"]
+
+
 def test_a_stamp_keeps_all_its_digits(run):
     async def scenario(hub, link, browser):
         await hub.handle(

@@ -230,6 +230,7 @@ def test_space_pauses_and_goes_on(shown, camera, client):
     shown.wait_until(
         lambda: shown.locator("#pause").get_attribute("aria-pressed") == "true", "pause"
     )
+    assert shown.text("pause-word") == "Resume"
     assert camera.show().values["frame"] == "paused"
     shown.wait_until(lambda: "paused" in shown.text("health"), "the node's words")
     shown.keyboard.press("Space")

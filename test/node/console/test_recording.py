@@ -114,7 +114,8 @@ def test_seeking_gives_the_boxes_of_a_run_in_lockstep(player, moving_square):
     assert "accepted" in player.text("note")
     go_to(player, 2)
     assert player.box is None
-    player.wait_until(lambda: player.text("note") == "", "that nothing is followed")
+    begins = "the target begins at frame 4, where it was drawn"
+    player.wait_until(lambda: player.text("note") == begins, "where it begins")
     for index in (3, 4, 5, 6):
         player.locator("#forward").click()
         at_frame(player, index)
@@ -242,7 +243,8 @@ def test_a_target_that_waits_for_its_frame_is_forgotten_by_stop(player, moving_s
     draw(player, moving_square.boxes[4])
     go_to(player, 2)
     player.keyboard.press("s")
-    player.wait_until(lambda: "there was no target" in player.text("note"), "answer")
+    forgotten = "the target of frame 4 is forgotten; waiting for a target"
+    player.wait_until(lambda: player.text("note") == forgotten, "answer")
     for index in (3, 4, 5):
         player.keyboard.press("n")
         at_frame(player, index)
@@ -316,6 +318,11 @@ def test_several_targets_begin_on_the_frame_where_the_recording_stands(player_of
         lambda: "several targets begin anew" in page.text("note"), "what becomes of them"
     )
     page.wait_until(lambda: page.text("target-count") == "0 of 2", "none of them")
+
+
+def test_heat_without_a_target_comes_with_one(player):
+    player.keyboard.press("h")
+    player.wait_until(lambda: player.text("note") == "the heat comes with a target", "when")
 
 
 def test_heat_on_a_recording_that_stands_still_comes_with_the_next_frame(player, moving_square):

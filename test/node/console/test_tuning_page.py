@@ -49,12 +49,38 @@ def test_a_value_out_of_range_is_refused_at_its_field(tuned, client):
     assert (
         "parameter 'track.lost_after' is 99999.0; allowed: float, 0 to 3600" in shown.inner_text()
     )
+    assert shown.inner_text().endswith(f"; it stays {before[0]}")
     assert field(tuned, "track.lost_after").get_attribute("aria-invalid") == "true"
     assert client.get_parameters("track.lost_after") == before
     field(tuned, "track.lost_after").fill("3")
     field(tuned, "track.lost_after").press("Enter")
     tuned.wait_until(lambda: client.get_parameters("track.lost_after") == [3.0], "new value")
     assert shown.inner_text() == ""
+
+
+def test_a_refusal_goes_with_the_value_that_was_refused(tuned, client):
+    (before,) = client.get_parameters("track.lost_after")
+    field(tuned, "track.lost_after").fill("99999")
+    field(tuned, "track.lost_after").press("Enter")
+    tuned.wait_until(refusal(tuned, "track.lost_after").inner_text, "refusal")
+    # Whatever else comes of the parameters.
+    field(tuned, "particles").fill("321")
+    field(tuned, "particles").press("Enter")
+    tuned.wait_until(lambda: client.get_parameters("particles") == [321], "another value")
+    tuned.wait_until(lambda: refusal(tuned, "track.lost_after").inner_text() == "", "its end")
+    assert float(field(tuned, "track.lost_after").input_value()) == before
+    assert field(tuned, "track.lost_after").get_attribute("aria-invalid") is None
+
+
+def test_a_refused_value_is_reset_to_that_of_the_preset(tuned, client):
+    field(tuned, "track.lost_after").fill("99999")
+    field(tuned, "track.lost_after").press("Enter")
+    tuned.wait_until(refusal(tuned, "track.lost_after").inner_text, "refusal")
+    tuned.get_by_label("Reset track.lost_after").click()
+    tuned.wait_until(lambda: refusal(tuned, "track.lost_after").inner_text() == "", "its end")
+    (usual,) = client.get_parameters("track.lost_after")
+    shown = field(tuned, "track.lost_after")
+    tuned.wait_until(lambda: float(shown.input_value()) == usual, "its value")
 
 
 def test_values_that_contradict_each_other_are_refused_in_the_nodes_words(tuned):

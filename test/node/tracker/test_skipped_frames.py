@@ -45,7 +45,7 @@ def skipping(client, images, cause):
 CURES = {
     "refused": "give a target on these images (~/target, ~/click), forget the one there is",
     "duplicate": "let whoever publishes /image stamp each image with the time at which",
-    "paused": "paused; the service ~/enable goes on",
+    "paused": "paused; the service ~/enable lets it go on",
 }
 LEVELS = {"refused": "ERROR", "duplicate": "OK", "paused": "OK"}
 

@@ -129,7 +129,7 @@ def test_paused_frames_are_answered_unseen_and_the_target_is_kept(graph, client,
     # Not even looked at: this one could not be decoded.
     status = client.show(images[1], client.at(1), "no_encoding")
     assert (status.level, status.values["frame"]) == ("OK", "paused")
-    assert status.message == "paused; the service ~/enable goes on"
+    assert status.message == "paused; the service ~/enable lets it go on"
     assert client.ask(SetBool, "enable", data=True).success
     status = client.show(images[1], client.at(1))
     assert (status.values["frame"], status.message) == ("tracked", "tracking")

@@ -7,7 +7,9 @@ import * as stage from "./stage.js";
 import * as targets from "./targets.js";
 import * as tune from "./tune.js";
 
-const RECONNECT = 500, RATE_WINDOW = 2000, LATEST = 200;  // milliseconds
+const RECONNECT = 500, RATE_WINDOW = 2000, LATEST = 200, NOTED = 10000;  // milliseconds
+const UNSENT = "not connected to the console; nothing was sent";
+const HOW = ": drag a box around it on the picture, or click it";
 const FIGURES = 200;  // nobody reads them faster
 const at = (id) => document.getElementById(id);
 const text = (id, content) => { if (at(id).textContent !== content) at(id).textContent = content; };
@@ -17,6 +19,7 @@ let drawing = Promise.resolve();  // once the frames that came before are
 let waits = false, draw = () => {};  // whether frames are drawn when that is told, and how the newest is
 let healthDue = null;  // it is shown with the next frame, so that the browser draws once
 let socket = null, health = {}, lastStatus = null, drawn = [];  // of the last frames, when and how many octets
+let noted = null;  // when the note goes
 let failed = "";  // why the last frame could not be shown
 let taken = "", isFollowed = false;  // what the note says of a target that was taken, and whether a frame has shown it
 
@@ -24,13 +27,16 @@ let taken = "", isFollowed = false;  // what the note says of a target that was 
 export function send(message) {
   const open = socket?.readyState === WebSocket.OPEN;
   if (open) socket.send(JSON.stringify(message));
-  else note("not connected to the console; nothing was sent", false);
+  else note(UNSENT, false);
   return open;
 }
 
-export function note(content, ok = true) {
+// What went well is soon no news, unless it lasts.
+export function note(content, ok = true, lasts = false) {
   text("note", content);
   at("note").dataset.level = ok ? "ok" : "error";
+  clearTimeout(noted);
+  if (ok && !lasts) noted = setTimeout(() => text("note", ""), NOTED);
 }
 
 function connect() {
@@ -58,6 +64,7 @@ const handlers = {
   welcome(message) {
     waits = message.draws_when_told;
     send({ type: "welcomed" });
+    if (at("note").textContent === UNSENT) note("");
     tellView();
     // What was sent before went to a console that has gone, and its answer with it.
     stage.judge("unanswered");
@@ -81,7 +88,8 @@ const handlers = {
   detections: targets.detect,
   set(message) { tune.judge(message.name, message.refusal); },
   verdict(message) {
-    note(message.text, message.outcome !== "refused");
+    // Of another page's box, whoever has one at hand need not know.
+    if (!stage.isEditing()) note(message.text, message.outcome !== "refused", message.outcome === "waiting");
     [taken, isFollowed] = [message.outcome === "accepted" ? message.text : "", false];
     stage.judge(message.outcome, message.text);
   },
@@ -166,7 +174,8 @@ function showHealth() {
   at("stage").classList.toggle("old", misses() || !heard);
   if (misses() || !heard) text("age", "–");
   // The state alone is told in large.
-  text("health", ["tracking", "occluded", "lost"].includes(health.text) ? "" : health.text);
+  const isPlain = ["tracking", "occluded", "lost"].includes(health.text);
+  text("health", isPlain ? "" : health.text + (health.text === "waiting for a target" && lastStatus ? HOW : ""));
   at("health").dataset.level = health.level;
   text("topic", heard && health.image_topic ? `${health.image_topic} · ${(health.image_reliability ?? "").replace("_", " ")}` : "");
   if (!heard || isOld) { showState(health.state); tellConfidence(health.confidence); }

@@ -55,14 +55,18 @@ export function setBlank(now, state) {
 export function setPaused(now) {
   paused = now;
   at("pause").setAttribute("aria-pressed", paused);
+  if (!recording.isOpen()) at("pause-word").textContent = paused ? "Resume" : "Pause";
 }
+
+// Whether a box is at hand that has not been sent, or was refused.
+export const isEditing = () => mode === "editing";
 
 // How the tracker took the box that was sent; "unanswered" where nobody will tell.
 export function judge(outcome, text = "") {
   if (mode !== "sent") return;
   if (outcome === "unanswered") note("the console has gone before it answered; Enter sends the box again", false);
   // The node can only tell what is wrong with the stamp.
-  if (outcome === "refused" && text.includes("stamp 0")) note(`${text}; on this page: Escape, pause with space, then draw`, false);
+  if (outcome === "refused" && /stamp 0|time went back/.test(text)) note(`${text}; on this page: Escape, pause with space, then draw`, false);
   if (["refused", "unanswered"].includes(outcome) && drawing.box()) edit(drawing.box());
   else live();
 }
@@ -109,7 +113,7 @@ function setMode(next, box = drawing.box()) {
   mode = next;
   const editing = mode === "editing";
   at("draw").setAttribute("aria-pressed", editing);
-  at("frozen").hidden = mode === "live";
+  at("frozen").hidden = mode === "live" || mode === "sent";
   at("numbers").disabled = !editing;
   at("stage").dataset.mode = mode;
   drawing.show(box, editing);
@@ -136,7 +140,7 @@ function sendBox() {
 function ask(message) {
   if (!send(message)) { if (drawing.box()) edit(drawing.box()); else live(); return; }
   setMode("sent");
-  note("sent; waiting for the tracker");
+  note("sent; waiting for the tracker", true, true);
 }
 
 function onDown(event) {
@@ -164,7 +168,7 @@ function startDrawing() {
   if (mode === "editing") { live(); return; }
   if (mode !== "live") return;
   edit((frame.box ?? last)?.map(Math.round) ?? drawing.middle([frame.width, frame.height]));
-  note("drag a box, or move this one with the arrow keys (with shift its size, with alt by a pixel); Enter sends it");
+  note("drag a box, or move this one with the arrow keys (with shift its size, with alt by a pixel); Enter sends it", true, true);
 }
 
 function onKey(event) {

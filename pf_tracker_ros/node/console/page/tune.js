@@ -27,6 +27,8 @@ export function show(parameters) {
     const changed = one.usual !== null && JSON.stringify(one.value) !== JSON.stringify(one.usual);
     field.row.classList.toggle("changed", changed);
     field.reset.disabled = !changed || one.fixed;
+    // What was refused has given way to what is in force.
+    if (document.activeElement !== field.input) judge(one.name, "");
   }
   for (const details of at("groups").querySelectorAll("details")) {
     const changed = details.querySelectorAll(".changed").length;
@@ -38,7 +40,7 @@ export function judge(name, refusal) {
   const field = fields.get(name);
   if (!field) return;
   field.refusal.textContent = refusal;
-  if (refusal) field.input.setAttribute("aria-invalid", "true");
+  if (refusal) { field.input.setAttribute("aria-invalid", "true"); field.reset.disabled = false; }
   else field.input.removeAttribute("aria-invalid");
 }
 
