@@ -143,6 +143,19 @@ def test_who_drew_for_too_long_is_told_how_to_do_it_on_the_page(shown, camera, c
     assert shown.text("note").endswith("on this page: Escape, pause with space, then draw")
 
 
+def test_who_drew_as_a_loop_began_again_is_told_to_draw_again(shown, camera):
+    for _ in range(40):
+        camera.show()
+    camera.show_on(shown)
+    shown.drag(camera.box_at(shown.stamp), release=False)
+    camera.index = 0
+    camera.show()
+    shown.mouse.up()
+    camera.show_until(lambda: "refused" in shown.text("note"), "refusal")
+    assert "before time went back" in shown.text("note")
+    assert shown.text("note").endswith("on this page: Escape, pause with space, then draw")
+
+
 def test_a_refusal_is_told_without_images_too(shown):
     shown.drag((20, 50, 60, 0))
     shown.wait_until(lambda: "target refused" in shown.text("note"), "refusal")
