@@ -6,8 +6,8 @@ if TYPE_CHECKING:
     from pf_tracker_ros.targets.detections import Detections
     from pf_tracker_ros.targets.multi_tracker import MultiTracker
     from pf_tracker_ros.targets.tracked_target import TrackedTarget
+    from pf_tracker_ros.targets.tracker import Tracker
     from pf_tracker_ros.tracking.estimate import Estimate
-    from pf_tracker_ros.tracking.tracker import Tracker
 
     __version__: str
 
@@ -25,7 +25,7 @@ _MODULES = {
     "Estimate": "tracking.estimate",
     "MultiTracker": "targets.multi_tracker",
     "TrackedTarget": "targets.tracked_target",
-    "Tracker": "tracking.tracker",
+    "Tracker": "targets.tracker",
 }
 
 

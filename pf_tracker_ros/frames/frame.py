@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -45,9 +45,8 @@ class Frame:
         image: (H, W, 3) uint8 BGR, or (H, W) uint8, uint16 or float32; not to be changed from then
             on.
         stamp: When it was taken, in nanoseconds; 0 means unknown.
-        span: Values of a 16-bit or 32-bit image that the 8-bit view spans; None takes the image's
-            own.
-        light: Of an 8-bit image; the 8-bit view is divided by its gain.
+        span: See `expose`.
+        light: See `expose`.
 
     Attributes:
         image: As given.
@@ -69,14 +68,30 @@ class Frame:
     ) -> None:
         self.image = image
         self.stamp = stamp
+        self.expose(span, light)
+
+    def with_image(self, image: NDArray[np.generic]) -> Frame:
+        """The same frame with another image of its size and kind."""
+        other = Frame(image, self.stamp, self._span, self.light)
+        other.foreground, other.background = self.foreground, self.background
+        other.camera_motion = self.camera_motion
+        return other
+
+    def expose(self, span: GrayRange | None, light: Light) -> None:
+        """Set how the 8-bit view is made; all that was made of the frame so far is gone.
+
+        Args:
+            span: Values of a 16-bit or 32-bit image that the 8-bit view spans; None takes the
+                image's own.
+            light: Of an 8-bit image; the 8-bit view is divided by its gain.
+        """
         self.light = light
         self.foreground: Foreground | None = None
         self.background: BackgroundState | None = None
         self.camera_motion: NDArray[np.float64] | None = None
         self._span = span
         self._levels = None if light.gain == 1.0 else relit_levels(light.gain)
-        self._views: dict[int, TiledImage] = {}
-        self._shared: dict[object, object] = {}
+        self.forget_what_was_made()
 
     @property
     def size(self) -> tuple[int, int]:
@@ -118,7 +133,12 @@ class Frame:
 
     def forget_what_was_made(self) -> None:
         """Free the memory of views and maps; whoever asks for one again has it made anew."""
-        self._views, self._shared = {}, {}
+        self._views: dict[int, TiledImage] = {}
+        self._shared: dict[object, object] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Views and maps are made anew, and would only make a copy large.
+        return self.__dict__ | {"_views": {}, "_shared": {}}
 
     def _converted(self, part: Part) -> NDArray[np.uint8]:
         return self._to_8_bit(self.image[part.slices])

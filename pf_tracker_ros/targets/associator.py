@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.life import Life
@@ -53,6 +52,9 @@ class Associator:
         """
         if not lives or not seen:
             return {}
+        # Only here: without detections no SciPy is needed.
+        from scipy.optimize import linear_sum_assignment
+
         boxes = np.array([one.box for one in seen])
         looks = np.array([one.look for one in seen])
         costs = np.array([self._costs(life, seen, boxes, looks) for life in lives])

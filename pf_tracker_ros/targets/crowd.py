@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.targets.geometry import overlaps
 from pf_tracker_ros.targets.life import Key, Life
 
@@ -34,6 +35,16 @@ class Crowd:
     gone: tuple[Life, ...] = ()
     idle_for: float = math.inf
     rhythm: float = math.inf
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether a detector has ever said something."""
+        return self.idle_for < math.inf
+
+    @property
+    def boxes(self) -> list[Box]:
+        """Where the targets are, pixels."""
+        return [life.target.estimate.box for life in self.lives]
 
     def carried(self, camera_motion: NDArray[np.float64]) -> Crowd:
         """The same after the camera has moved, see `Life.carried`."""

@@ -47,10 +47,25 @@ class Initiator:
         self._seed = seed
         self._most = most
 
-    def begin(self, frame: Frame, box: Box, key: Key, label: str) -> Life:
-        """A target that somebody asked for."""
+    def begin(
+        self,
+        frame: Frame,
+        box: Box,
+        key: Key,
+        label: str,
+        generator: np.random.Generator | None = None,
+    ) -> Life:
+        """A target that somebody asked for.
+
+        Args:
+            frame: That it was drawn on.
+            box: Of the target, pixels.
+            key: Names it.
+            label: What it is.
+            generator: Its source of randomness; None for one of its own among others.
+        """
         look = look_at(frame, np.array(box))
-        return self._life(frame, np.array(box), key, look).voted(label, 1.0)
+        return self._life(frame, np.array(box), key, look, generator).voted(label, 1.0)
 
     def begin_rival(self, frame: Frame, box: NDArray[np.float64], key: Key, host: Life) -> Life:
         """What looks like a target beside it, in a (4,) box: no detector has found it so far."""
@@ -132,11 +147,21 @@ class Initiator:
         )
         return replace(crowd, lives=lives)
 
-    def _life(self, frame: Frame, box: NDArray[np.float64], key: Key, look: Look) -> Life:
-        place = 2 * key.place if key.place >= 0 else -2 * key.place - 1
-        child = np.random.SeedSequence(self._seed, spawn_key=(_RANDOMNESS_KEY, key.frame, place))
-        randomness = Randomness.of(np.random.default_rng(child))
-        target = self._follower.begin(frame, as_box(box), randomness)
+    def _life(
+        self,
+        frame: Frame,
+        box: NDArray[np.float64],
+        key: Key,
+        look: Look,
+        generator: np.random.Generator | None = None,
+    ) -> Life:
+        if generator is None:
+            place = 2 * key.place if key.place >= 0 else -2 * key.place - 1
+            spawn_key = (_RANDOMNESS_KEY, key.frame, place)
+            generator = np.random.default_rng(
+                np.random.SeedSequence(self._seed, spawn_key=spawn_key)
+            )
+        target = self._follower.begin(frame, as_box(box), Randomness.of(generator))
         course = Course.begin(box, CENTER_SPREAD * box[2:])
         stood = None if is_cut(box, frame.size) else box
         return Life(key, target, look, course, np.log(box[2:]), _FIRST_BELIEF, stood=stood)

@@ -13,11 +13,11 @@ from pf_tracker_ros.targets.deleter import Deleter
 from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.finder import Finder
 from pf_tracker_ros.targets.initiator import Initiator
-from pf_tracker_ros.targets.parameters import MultiTrackerParameters
 from pf_tracker_ros.targets.recognizer import Recognizer
 from pf_tracker_ros.targets.rivals import Rivals
 from pf_tracker_ros.targets.updater import Updater
 from pf_tracker_ros.tracking.follower import Follower
+from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 
 class CrowdKeeper:
@@ -29,14 +29,14 @@ class CrowdKeeper:
         seed: Seeds all randomness.
     """
 
-    def __init__(self, follower: Follower, parameters: MultiTrackerParameters, seed: int) -> None:
+    def __init__(self, follower: Follower, parameters: TrackerParameters, seed: int) -> None:
         self._associator = Associator()
         self._updater = Updater(follower, parameters.detector.recall)
-        self.initiator = Initiator(follower, seed, parameters.targets.most)
+        self.initiator = Initiator(follower, seed, parameters.max_targets)
         self._deleter = Deleter(parameters.track.remember)
         self._recognizer = Recognizer()
         self._finder = Finder(follower)
-        self._rivals = Rivals(self.initiator, follower.steering, parameters.targets.most)
+        self._rivals = Rivals(self.initiator, follower.steering)
 
     def advance(
         self, crowd: Crowd, frame: Frame, interval: float, seen: Sequence[Sighting] | None

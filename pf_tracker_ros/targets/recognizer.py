@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from pf_tracker_ros.targets.appearance import unlikeness
 from pf_tracker_ros.targets.crowd import Crowd
@@ -44,6 +43,9 @@ class Recognizer:
         shown = [life for life in crowd.lives if _may_be_another(life, crowd.lives)]
         if not missing or not shown:
             return crowd
+        # Only here: without detections no SciPy is needed.
+        from scipy.optimize import linear_sum_assignment
+
         differs = np.array([[_difference(before, life) for life in shown] for before in missing])
         rows, columns = linear_sum_assignment(np.minimum(differs, _ALIKE_BELOW))
         known = {

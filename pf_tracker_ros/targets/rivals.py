@@ -51,13 +51,11 @@ class Rivals:
     Args:
         initiator: Begins them.
         steering: Moves them.
-        most: Targets at a time, rivals too.
     """
 
-    def __init__(self, initiator: Initiator, steering: Steering, most: int) -> None:
+    def __init__(self, initiator: Initiator, steering: Steering) -> None:
         self._initiator = initiator
         self._steering = steering
-        self._most = most
 
     def start(self, crowd: Crowd, frame: Frame, interval: float, *, is_seen: bool) -> Crowd:
         """The crowd with what was seen beside the targets for a moment.
@@ -76,7 +74,7 @@ class Rivals:
             glimpse = host.glimpse
             if glimpse is None or glimpse.seconds < _SHOWN_FOR or not host.is_told:
                 continue
-            if rivals >= _MOST or len(lives) >= self._most:
+            if rivals >= _MOST:
                 break
             others = np.array([life.box for life in lives])
             is_part = overlaps(glimpse.box[None], others).max() > _APART_BELOW

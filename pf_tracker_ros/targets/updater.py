@@ -55,6 +55,8 @@ _SIZE_EVERY = 2
 _LEARN_EVERY = 0.4
 # Seconds without a detector's answer after which the image tells the sizes again.
 _SILENT_AFTER = 2.0
+# Seconds without a detector's answer after which there is none.
+_ON_THEIR_OWN_AFTER = 10.0
 # What a detection adds to the belief in its target, and the most that this can be.
 _HIT, _LEAST_BELIEF, _MOST_BELIEF = 2.0, -1.0, 1.5
 # What the detector misses now it will miss again in a moment: seconds until it decides anew.
@@ -74,7 +76,8 @@ class Updater:
     started by hand and is lost comes last and hides nothing, since nobody knows where it is. A
     detection is one more factor of the likelihood; it then brings the box along, and is learned
     from. Without any, or any more, the image has to tell the size, too, and the ground that all
-    stand on.
+    stand on. A target without neighbors and without a detector is followed by its pixels alone, and
+    looked for all over the image once it is lost.
 
     Args:
         follower: Follows each target.
@@ -111,7 +114,9 @@ class Updater:
         lower = predicted[:, 1] + predicted[:, 3]
         unseen = np.array([one is None for one in own], dtype=np.bool_)
         guessed = unseen & np.array([_is_guess(life) for life in lives], dtype=np.bool_)
-        expected = self._expect(lives, frame, interval, own, idle_for > _SILENT_AFTER)
+        is_silent = idle_for > _SILENT_AFTER
+        alone = _are_alone(lives, predicted) & (idle_for > _ON_THEIR_OWN_AFTER)
+        expected = self._expect(lives, frame, interval, own, alone, is_silent=is_silent)
         for place in np.lexsort((-lower, guessed, unseen)).tolist():
             life = lives[place]
             if life.is_rival and own[place] is None:
@@ -127,7 +132,8 @@ class Updater:
                     expected=expected.get(place),
                     front=front,
                     ground=grounds.get(life.label),
-                    is_silent=idle_for > _SILENT_AFTER,
+                    is_alone=bool(alone[place]),
+                    is_silent=is_silent,
                 )
             updated[place] = life
             if not _is_guess(life):
@@ -140,6 +146,8 @@ class Updater:
         frame: Frame,
         interval: float,
         own: Sequence[Sighting | None],
+        alone: NDArray[np.bool_],
+        *,
         is_silent: bool,
     ) -> dict[int, Expectation]:
         """Place of each target that will be followed to where it is expected.
@@ -152,8 +160,9 @@ class Updater:
             if will_begin_anew if one else life.is_rival or life.is_hidden:
                 continue
             places.append(place)
-            targets.append((life.target, _asks_for_size(life, one, is_silent)))
-        return dict(zip(places, self._follower.expect(targets, frame, interval), strict=True))
+            asks_for_size = bool(alone[place]) or _asks_for_size(life, one, is_silent)
+            targets.append((life.target, asks_for_size))
+        return dict(zip(places, self._follower.predict(targets, frame, interval), strict=True))
 
     def count_misses(
         self, lives: Sequence[Life], own: Sequence[Sighting | None], rhythm: float
@@ -187,6 +196,7 @@ class Updater:
         expected: Expectation | None,
         front: Sequence[Life],
         ground: Ground | None,
+        is_alone: bool,
         is_silent: bool,
     ) -> Life:
         """One target, behind others."""
@@ -194,8 +204,12 @@ class Updater:
             return self._begin_anew(life, frame, interval, own)
         target, is_hidden = life.target, False
         is_sized = _is_sized(life, own, is_silent)
-        evidence = [_of_detection(own.box) if own else _of_course(life)]
-        if is_sized and ground and life.stood is not None:
+        evidence: list[Evidence] = []
+        if own:
+            evidence.append(_of_detection(own.box))
+        elif not is_alone:
+            evidence.append(_of_course(life))
+        if is_sized and not is_alone and ground and life.stood is not None:
             evidence.append(partial(ground.log_likelihood, life.stood))
         # What is taken for a rival may be none: only what it looks like yields to it.
         front = [one for one in front if one.host in (None, life.key)]
@@ -208,9 +222,11 @@ class Updater:
             is_hidden = own is None and bool(hidden.max() > _HIDDEN_ABOVE)
         if not is_hidden:
             if expected is None:
-                asked = (target, _asks_for_size(life, own, is_silent))
-                (expected,) = self._follower.expect([asked], frame, interval)
-            followed = self._follower.meet(expected, _all_of(evidence))
+                asked = (target, is_alone or _asks_for_size(life, own, is_silent))
+                (expected,) = self._follower.predict([asked], frame, interval)
+            followed = self._follower.step(
+                expected, _all_of(evidence), searches_everywhere=is_alone
+            )
             if own is None and len(boxes):
                 is_hidden = _is_on_one(np.array(followed.estimate.box), boxes)
         course, log_size = life.course, life.log_size
@@ -309,6 +325,15 @@ def _inside(box: NDArray[np.float64], image_size: tuple[int, int]) -> Box:
     half = box[2:] / 2
     center = np.clip(box[:2] + half, 0.0, image_size)
     return as_box([*(center - half), *box[2:]])
+
+
+def _are_alone(lives: Sequence[Life], predicted: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(N,) which targets have no other one near where they are expected, (N, 4) boxes."""
+    alone = np.ones(len(lives), dtype=np.bool_)
+    if len(lives) > 1:
+        for place, box in enumerate(predicted):
+            alone[place] = _are_near(predicted, box).sum() == 1
+    return alone
 
 
 def _are_near(boxes: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -28,62 +28,77 @@ class Camera:
 
     Args:
         seed: Seeds the background model.
-        lays_ghosts: See `BackgroundModel`.
-        tells_motion: Whether each frame tells how the camera has moved.
+        frame: The last one so far, with which nothing was done; None where there is none.
+        has_several: See `expect`.
+
+    Attributes:
+        frame: The last one; None before the first, and in a fresh copy.
     """
 
-    def __init__(self, seed: int, *, lays_ghosts: bool = False, tells_motion: bool = False) -> None:
+    def __init__(
+        self, seed: int, frame: Frame | None = None, *, has_several: bool = False
+    ) -> None:
         self._seed = seed
-        self._lays_ghosts = lays_ghosts
-        self._ego_motion = EgoMotion() if tells_motion else None
+        self._ego_motion: EgoMotion | None = None
+        self.expect(several=has_several)
         self._gain = GainControl()
         self._next_gain = self._gain
         self._light = self._next_light = UNCHANGED
         self._background: BackgroundModel | None = None
-        self.frame: Frame | None = None
+        self.frame = frame
+        self._kind = _kind_of(frame) if frame else None
+
+    def expect(self, *, several: bool) -> None:
+        """Prepare the frames to come for several targets, or for a single one.
+
+        Of several, each frame tells how the camera has moved, and the background model removes the
+        ghosts of what has left the first image.
+        """
+        self._lays_ghosts = several
+        self._ego_motion = (self._ego_motion or EgoMotion()) if several else None
+
+    def fits(self, image: NDArray[np.generic]) -> bool:
+        """Whether an image has the size and kind of the last one; any has before the first."""
+        return self._kind in (None, (image.shape, image.dtype))
+
+    @property
+    def image_kind(self) -> str:
+        """Shape and type of the images, in words."""
+        return " ".join(map(str, self._kind or ()))
 
     def open(
         self,
-        image: NDArray[np.generic],
+        frame: Frame,
         interval: float,
         boxes: Sequence[Box],
         background: BackgroundParameters | None,
         follow_light: bool,
-    ) -> Frame:
-        """The next frame; it is the last one as soon as `keep` says so.
+    ) -> None:
+        """Prepare the next frame; it is the last one as soon as `keep` says so.
 
         The background model learns it at once, and the camera's motion is counted from it.
 
         Args:
-            image: Of the size and kind of the last one; checked.
+            frame: Of the size and kind of the last one; checked.
             interval: Seconds since that one.
             boxes: Where targets are.
             background: Of the model; None where nobody asks for the foreground.
             follow_light: Whether an image that has become brighter or darker as a whole is seen in
                 the light of those before.
         """
-        self._next_gain = self._gain.follow(image, interval)
-        self._next_light = self._light.follow(image, interval) if follow_light else UNCHANGED
-        frame = Frame(image, span=self._next_gain.span, light=self._next_light)
+        self._next_gain = self._gain.follow(frame.image, interval)
+        self._next_light = self._light.follow(frame.image, interval) if follow_light else UNCHANGED
+        frame.expose(self._next_gain.span, self._next_light)
         if self._ego_motion:
             frame.camera_motion = self._ego_motion.follow(frame)
         if background:
             self.observe_background(frame, boxes, background)
-        return frame
 
     def keep(self, frame: Frame) -> None:
-        """Take what `open` gave for the last frame."""
+        """Take a frame that was opened for the last one."""
         if frame is not self.frame:
             self.frame, self._gain, self._light = frame, self._next_gain, self._next_light
-
-    def forget_light(self) -> None:
-        """See the next frame as it is: nothing has been seen in another light."""
-        self._light = UNCHANGED
-
-    @property
-    def has_background(self) -> bool:
-        """Whether there is a background model."""
-        return self._background is not None
+            self._kind = _kind_of(frame)
 
     def forget_background(self) -> None:
         """Let the background model begin anew when it is asked for again."""
@@ -110,3 +125,7 @@ class Camera:
 
     def __copy__(self) -> Camera:
         return copy.deepcopy(self)
+
+
+def _kind_of(frame: Frame) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    return frame.image.shape, frame.image.dtype

@@ -1,4 +1,4 @@
-"""One frame of tracking: predict, measure, judge, learn, advance."""
+"""One frame of tracking: predict, weigh, estimate, assess, learn, resample."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pf_tracker_ros.background import BackgroundParameters
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.cues.fusion import Templates
-from pf_tracker_ros.filter import KalmanForesight, build_resampler
+from pf_tracker_ros.filter import KalmanForesight, ParticleSet, build_resampler
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.beginning import Beginning
@@ -69,14 +69,12 @@ class Follower:
 
     Args:
         parameters: Every tunable.
-        has_several: Whether there are several targets. With the search on, each then tells what
-            looks like it beside it, and is looked for elsewhere only by `look_elsewhere`.
 
     Raises:
         ParameterError: The parameters contradict each other.
     """
 
-    def __init__(self, parameters: TrackerParameters, *, has_several: bool = False) -> None:
+    def __init__(self, parameters: TrackerParameters) -> None:
         self.parameters = parameters
         powers = {name: of_cue.power for name, of_cue in parameters.of_powers.items()}
         self._fusion = CueFusion(
@@ -100,7 +98,6 @@ class Follower:
                 parameters.working_size,
                 own,
                 adaptation,
-                finds_rivals=has_several,
             )
             self._measurer = measurer
             self._redetector = Redetector(
@@ -110,7 +107,6 @@ class Follower:
                 parameters.of_search["redetection"],
                 side=own.window,
                 doubtful_below=parameters.track.occluded_below,
-                searches_everywhere=not has_several,
             )
         self._while_hidden = WHILE_HIDDEN[parameters.track.while_hidden]()
         self._beginning = Beginning(parameters)
@@ -179,40 +175,18 @@ class Follower:
             estimate=judged.estimate(frame, self._fusion.powers, particles.covariance[:2, :2]),
         )
 
-    def follow(
-        self,
-        target: Target,
-        frame: Frame,
-        interval: float,
-        evidence: Evidence | None = None,
-        *,
-        looks_for_size: bool = True,
-    ) -> Target:
-        """The target one frame later.
-
-        Args:
-            target: After the last frame.
-            frame: The next one.
-            interval: Seconds since the last one.
-            evidence: What is known of the frame beside its pixels.
-            looks_for_size: Whether the frame is asked for the target's size, too: not where others
-                tell it, nor where it was asked a moment ago.
-
-        Source: the steps of Li et al. 2007, section 3, Zhang et al. 2015, section 3.3, and Zhang
-        Bo, section 3.3; `docs/papers.md` names the lines.
-        """
-        (expected,) = self.expect([(target, looks_for_size)], frame, interval)
-        return self.meet(expected, evidence)
-
-    def expect(
+    def predict(
         self, targets: Sequence[tuple[Target, bool]], frame: Frame, interval: float
     ) -> list[Expectation]:
         """Where targets are expected in a frame; what can be computed for all at once is.
 
         Args:
-            targets: After the last frame, each with whether the frame is asked for its size, too.
+            targets: After the last frame, each with whether the frame is asked for its size, too:
+                not where others tell it, nor where it was asked a moment ago.
             frame: The next one.
             interval: Seconds since the last one.
+
+        Source: Li et al. 2007, equation (3); Zhang et al. 2015, equation (7); Zhang Bo, section 3.3.
         """
         expected = []
         for last, looks_for_size in targets:
@@ -229,13 +203,37 @@ class Follower:
         )
         return expected
 
-    def meet(self, expected: Expectation, evidence: Evidence | None = None) -> Target:
-        """The target in the frame that it was expected in; see `follow`."""
+    def step(
+        self,
+        expected: Expectation,
+        evidence: Evidence | None = None,
+        *,
+        searches_everywhere: bool = True,
+    ) -> Target:
+        """The target in the frame that it was expected in.
+
+        Args:
+            expected: Of the frame.
+            evidence: What is known of the frame beside its pixels.
+            searches_everywhere: Whether it is looked for all over the image once it is lost: not
+                where somebody else tells where it is.
+
+        Source: the steps of Li et al. 2007, section 3, Zhang et al. 2015, section 3.3, and Zhang
+        Bo, section 3.3; `docs/papers.md` names the lines.
+        """
         target, draw = expected.target, expected.draw
-        measured = self._measurer.measure(expected, evidence)
-        judged = self._judge.judge(target, measured, expected.interval, draw)
-        learned = self._learn(target, expected.prediction, measured, judged)
-        return self._advance(target, measured, judged, learned, draw)
+        # Li (8), p = p_color^alpha p_texture^(1 - alpha); Zhang (10); Zhang Bo, step 3.
+        weighed = self._measurer.weigh(expected, evidence)
+        # Zhang (5), the mean.
+        measured = self._measurer.estimate(weighed)
+        assessed = self._judge.judge(
+            target, measured, expected.interval, draw, searches_everywhere=searches_everywhere
+        )
+        # Li (9) and (10), where p > w_Th; Zhang, section 3.3; Zhang Bo, the Kalman filter.
+        learned = self._learn(target, expected.prediction, measured, assessed)
+        # Zhang (6), below a threshold of the effective sample size; Zhang Bo, step 5.
+        particles = self._resampler.resample(assessed.particles, self.parameters.particles, draw)
+        return self._next(target, measured, assessed, learned, particles, draw)
 
     def _learn(
         self, target: Target, prediction: Prediction, measured: Measurement, judged: Judgment
@@ -261,26 +259,22 @@ class Follower:
             foresight = foresight.correct(measured.particles.mean, measured.particles.covariance)
         return _Learned(templates, foresight, earlier)
 
-    def _advance(
+    def _next(
         self,
         target: Target,
         measured: Measurement,
         judged: Judgment,
         learned: _Learned,
+        particles: ParticleSet,
         draw: np.random.Generator,
     ) -> Target:
-        """The target as the next frame finds it, its particles resampled.
-
-        Source: Zhang et al. 2015, equation (6) and section 3.3; Zhang Bo, step 5.
-        """
-        parameters = self.parameters
-        particles, foresight = judged.particles, learned.foresight
-        particles = self._resampler.resample(particles, parameters.particles, draw)
+        """The target as the next frame finds it, with its particles, resampled."""
+        foresight, lost_after = learned.foresight, self.parameters.track.lost_after
         is_seen = judged.track.state == "tracking"
         if not is_seen:
             particles, foresight = self._while_hidden.go_on(target, judged, particles, foresight)
         # Once lost, the target may be anywhere; how long ago that was adds nothing.
-        hidden_for = min(judged.track.hidden_for, parameters.track.lost_after)
+        hidden_for = min(judged.track.hidden_for, lost_after)
         covariance = self._measurer.covariance(target, measured, judged, hidden_for)
         estimate = judged.estimate(measured.frame, measured.powers, covariance)
         return Target(

@@ -47,7 +47,13 @@ class Judge:
         self._thresholds = thresholds
 
     def judge(
-        self, target: Target, measured: Measurement, interval: float, draw: np.random.Generator
+        self,
+        target: Target,
+        measured: Measurement,
+        interval: float,
+        draw: np.random.Generator,
+        *,
+        searches_everywhere: bool = True,
     ) -> Judgment:
         """What is told of the target in a frame.
 
@@ -56,6 +62,7 @@ class Judge:
             measured: In this one.
             interval: Seconds since the last one.
             draw: Source of randomness, for a target that begins anew.
+            searches_everywhere: Whether it is looked for all over the image once it is lost.
         """
         thresholds = self._thresholds
         now = self._confidence.judge(target, measured.seen, measured.match, lambda: measured.spread)
@@ -92,22 +99,17 @@ class Judge:
             judged = replace(judged, learns=False)
         if not is_seen and now > thresholds.recovered_above:
             return judged
-        found = self._find(target, measured, judged, now if is_seen else 0.0)
+        found = None
+        if self._redetector:
+            everywhere = searches_everywhere and track.state != "occluded"
+            rival = now if is_seen else 0.0
+            found = self._redetector.find(target, measured, judged, everywhere, rival)
         if found is not None:
             box, judged = found.box, self._believe(found, judged)
         if box is None:
             return judged
         particles, boxes = self._beginning.spread_anew(target, box, measured.frame.size, draw)
         return replace(judged, box=box, particles=particles, boxes=boxes, learns=False)
-
-    def _find(
-        self, target: Target, measured: Measurement, judged: Judgment, rival: float
-    ) -> Found | None:
-        """The target elsewhere; see `Redetector.find`."""
-        if self._redetector is None:
-            return None
-        everywhere = judged.track.state != "occluded"
-        return self._redetector.find(target, measured, judged, everywhere, rival)
 
     def _believe(self, found: Found, judged: Judgment) -> Judgment:
         """What is told once the target is found elsewhere.

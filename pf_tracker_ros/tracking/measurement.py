@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from types import MappingProxyType
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -18,6 +19,7 @@ from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import (
     Distraction,
     Powers,
+    Strengths,
     Templates,
     smooth_distraction,
 )
@@ -58,6 +60,30 @@ class Expectation(NamedTuple):
     search: Search | None = None
 
 
+class Weighed(NamedTuple):
+    """The particles of a frame, weighed by it.
+
+    Attributes:
+        expected: What was looked at.
+        predicted: The particles before they were weighed.
+        particles: The same, weighed.
+        boxes: (N, 4) of the particles, pixels.
+        powers: Of the cues, in this frame.
+        likeliest: Number of the particle with the highest posterior density.
+        strengths: Name of a searchable cue to its (M,) strengths at the places of the search.
+        searched: (M,) log likelihoods of these places; empty without a search.
+    """
+
+    expected: Expectation
+    predicted: ParticleSet
+    particles: ParticleSet
+    boxes: NDArray[np.float64]
+    powers: Powers
+    likeliest: int = 0
+    strengths: Strengths = MappingProxyType({})
+    searched: NDArray[np.float64] = np.empty(0)
+
+
 class Measurement(NamedTuple):
     """The particles of a frame, weighed by it, and what it shows at their estimate.
 
@@ -73,8 +99,8 @@ class Measurement(NamedTuple):
         distraction: How much of what is around has looked like the target lately.
         search: Where the target was looked for; None without a search.
         runner_up: (4,) likeliest box beside the target's, pixels; None without a search.
-        rival: (4,) box of what looks like the target beside it; None where nothing does, or nobody
-            looks for it.
+        rival: (4,) box of what looks like the target beside it; None where nothing does, and without
+            a search.
         unsearched: The particles where the motion alone took them; None without a search.
     """
 
@@ -146,31 +172,55 @@ class Measurer:
         region = self._region(frame, boxes, last_box, looks_for_size=looks_for_size)
         return Expectation(target, frame, interval, prediction, draw, boxes, region)
 
-    def measure(self, expected: Expectation, evidence: Evidence | None = None) -> Measurement:
-        """Weigh the particles, and look at what they stand for.
+    def weigh(self, expected: Expectation, evidence: Evidence | None = None) -> Weighed:
+        """The particles, weighed by the frame.
 
         Args:
             expected: Of the frame at hand.
             evidence: One more factor of the likelihood; None where there is none.
 
-        Source: Li et al. 2007, section 2.2; Zhang et al. 2015, equations (10) and (5).
+        Source: Li et al. 2007, equation (8); Zhang et al. 2015, equation (10).
         """
-        target, frame, boxes, region = (
-            expected.target,
-            expected.frame,
-            expected.boxes,
-            expected.region,
-        )
-        predicted, templates = expected.prediction.particles, target.templates
+        predicted, boxes = expected.prediction.particles, expected.boxes
         powers = self._fusion.powers
-        likelihood = self._fusion.log_likelihood(region, boxes, templates, powers)
-        if evidence:
-            likelihood += evidence(BoxesByAxis(*boxes.T))
-        weighed = predicted.reweight(likelihood)
-        box = target.motion.boxes(weighed.mean[None])[0]
-        seen = self._fusion.observe(region, box)
-        match = self._fusion.match(seen, templates)
-        return Measurement(frame, predicted, weighed, boxes, box, powers, seen, match, {})
+        likelihood = self._log_likelihood(expected, boxes, powers, evidence)
+        return Weighed(expected, predicted, predicted.reweight(likelihood), boxes, powers)
+
+    def _log_likelihood(
+        self,
+        expected: Expectation,
+        boxes: NDArray[np.float64],
+        powers: Powers,
+        evidence: Evidence | None,
+    ) -> NDArray[np.float64]:
+        """(N,) of (N, 4) boxes: that of the cues, and the evidence."""
+        templates = expected.target.templates
+        likelihood = self._fusion.log_likelihood(expected.region, boxes, templates, powers)
+        return likelihood + evidence(BoxesByAxis(*boxes.T)) if evidence else likelihood
+
+    def estimate(self, weighed: Weighed) -> Measurement:
+        """The box that the particles stand for, and what the frame shows there.
+
+        Source: Li et al. 2007, section 2.2; Zhang et al. 2015, equation (5).
+        """
+        box = weighed.expected.target.motion.boxes(weighed.particles.mean[None])[0]
+        return self._measured(weighed, box)
+
+    def _measured(self, weighed: Weighed, box: NDArray[np.float64]) -> Measurement:
+        expected = weighed.expected
+        seen = self._fusion.observe(expected.region, box)
+        match = self._fusion.match(seen, expected.target.templates)
+        return Measurement(
+            frame=expected.frame,
+            predicted=weighed.predicted,
+            particles=weighed.particles,
+            boxes=weighed.boxes,
+            box=box,
+            powers=weighed.powers,
+            seen=seen,
+            match=match,
+            distraction={},
+        )
 
     def covariance(
         self, target: Target, measured: Measurement, judged: Judgment, hidden_for: float
@@ -227,7 +277,6 @@ class SearchingMeasurer(Measurer):
         working_size: See `TrackerParameters`.
         parameters: Where to look, and the share.
         adaptation: How strongly the powers move, see `FusionParameters`.
-        finds_rivals: Whether to tell what looks like the target beside it.
     """
 
     def __init__(
@@ -236,13 +285,10 @@ class SearchingMeasurer(Measurer):
         working_size: int,
         parameters: SearchProposalParameters,
         adaptation: float,
-        *,
-        finds_rivals: bool = False,
     ) -> None:
         super().__init__(fusion, working_size)
         self._parameters = parameters
         self._adaptation = adaptation
-        self._finds_rivals = finds_rivals
 
     def learn(self, frame: Frame, box: NDArray[np.float64]) -> tuple[Templates, Distraction]:
         """See `Measurer.learn`."""
@@ -281,52 +327,49 @@ class SearchingMeasurer(Measurer):
         )
         return Expectation(target, frame, interval, prediction, draw, boxes, region, search)
 
-    def measure(self, expected: Expectation, evidence: Evidence | None = None) -> Measurement:
-        """See `Measurer.measure`; the weights carry p / q."""
-        target, frame, _, prediction, draw, _, region, search = expected
+    def weigh(self, expected: Expectation, evidence: Evidence | None = None) -> Weighed:
+        """See `Measurer.weigh`; the weights carry p / q."""
+        target, search, region = expected.target, expected.search, expected.region
         if search is None:
-            return super().measure(expected, evidence)
-        motion = cast(SearchableMotion, target.motion)
-        templates, predicted = target.templates, prediction.particles
+            return super().weigh(expected, evidence)
+        motion, prediction = cast(SearchableMotion, target.motion), expected.prediction
         powers = self._fusion.adapt(target.distraction, self._adaptation)
-        found = self._fusion.strengths_on_grid(region, search.grid, templates)
+        strengths = self._fusion.strengths_on_grid(region, search.grid, target.templates)
         centers = motion.center_prior(target.particles.states, prediction.interval)
-        searched = self._fusion.search(region, search.grid, found, templates, powers)
+        searched = self._fusion.search(region, search.grid, strengths, target.templates, powers)
         if evidence:
             searched += evidence(search.grid.by_axis).ravel()
-        predicted, log_prior = search.propose(predicted, motion, centers, searched, draw)
+        predicted, log_prior = search.propose(
+            prediction.particles, motion, centers, searched, expected.draw
+        )
         boxes = motion.boxes(predicted.states)
-        likelihood = self._fusion.log_likelihood(region, boxes, templates, powers)
-        if evidence:
-            likelihood += evidence(BoxesByAxis(*boxes.T))
-        weighed = predicted.reweight(likelihood)
-        mean = mean_around(weighed, boxes, int(np.argmax(log_prior + likelihood)))
-        box = motion.boxes(mean[None])[0]
+        likelihood = self._log_likelihood(expected, boxes, powers, evidence)
+        likeliest = int(np.argmax(log_prior + likelihood))
+        particles = predicted.reweight(likelihood)
+        return Weighed(
+            expected, predicted, particles, boxes, powers, likeliest, strengths, searched
+        )
 
-        seen = self._fusion.observe(region, box)
-        match = self._fusion.match(seen, templates)
-        own = self._fusion.strengths(region, box[None], templates)
-        now = search.distraction(box, own, found)
-        distraction = smooth_distraction(target.distraction, now)
-        runner_up = search.runner_up(box, searched)
+    def estimate(self, weighed: Weighed) -> Measurement:
+        """See `Measurer.estimate`; the mean is that of the likeliest mode."""
+        expected, strengths = weighed.expected, weighed.strengths
+        target, search = expected.target, expected.search
+        if search is None:
+            return super().estimate(weighed)
+        mean = mean_around(weighed.particles, weighed.boxes, weighed.likeliest)
+        box = target.motion.boxes(mean[None])[0]
+        own = self._fusion.strengths(expected.region, box[None], target.templates)
+        now = search.distraction(box, own, strengths)
         rival = None
         # The most that single cues find bounds what all of them can find at one place.
-        if self._finds_rivals and math.prod(now.values()) >= _ALIKE_ABOVE ** len(now):
-            rival = search.rival(box, own, found, _ALIKE_ABOVE)
-        return Measurement(
-            frame,
-            predicted,
-            weighed,
-            boxes,
-            box,
-            powers,
-            seen,
-            match,
-            distraction,
-            search,
-            runner_up,
-            rival,
-            prediction.particles,
+        if math.prod(now.values()) >= _ALIKE_ABOVE ** len(now):
+            rival = search.rival(box, own, strengths, _ALIKE_ABOVE)
+        return self._measured(weighed, box)._replace(
+            distraction=smooth_distraction(target.distraction, now),
+            search=search,
+            runner_up=search.runner_up(box, weighed.searched),
+            rival=rival,
+            unsearched=expected.prediction.particles,
         )
 
     def covariance(

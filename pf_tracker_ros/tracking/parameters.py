@@ -13,7 +13,7 @@ from pf_tracker_ros.filter import MotionParameters, ProposalParameters, Resampli
 from pf_tracker_ros.parameters import Groups, chosen, declared, group
 from pf_tracker_ros.tracking.former_names import FORMER_NAMES
 from pf_tracker_ros.tracking.redetection import RedetectionParameters
-from pf_tracker_ros.tracking.track_parameters import TrackParameters
+from pf_tracker_ros.tracking.track_parameters import DetectorParameters, TrackParameters
 
 
 def _of_powers(names: tuple[str, ...]) -> Groups:
@@ -45,6 +45,14 @@ class TrackerParameters:
 
     former_names: ClassVar[Mapping[str, str]] = MappingProxyType(FORMER_NAMES)
 
+    max_targets: int = declared(
+        1,
+        "Most targets at a time. With 1, a new target takes the place of the one before. With more, "
+        "detections start others, each costs about as much as one, and the presets have values "
+        "that suit several.",
+        minimum=1,
+        maximum=1000,
+    )
     particles: int = declared(
         300,
         "Number of particles; more are steadier and cost more.",
@@ -81,3 +89,4 @@ class TrackerParameters:
     of_search: dict[str, Any] = chosen("proposal.method", _of_search)
     template: TemplateParameters = group(TemplateParameters)
     track: TrackParameters = group(TrackParameters)
+    detector: DetectorParameters = group(DetectorParameters)

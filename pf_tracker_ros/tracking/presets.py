@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -82,11 +82,28 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
 )
 
 
-def preset_parameters(name: str) -> dict[str, Any]:
+# What several targets ask of a preset: less work for each, and a narrower look around, since what
+# looks like the target is often beside it. The foreground keeps them off what they pass.
+_FOR_SEVERAL: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {
+        "default": MappingProxyType(
+            {
+                "particles": 100,
+                "proposal.window": 2.0,
+                "cues": ("color_contrast", "coarse_correlation_response", "foreground"),
+                "foreground.sharpness": 60.0,
+            }
+        ),
+    }
+)
+
+
+def preset_parameters(name: str, max_targets: int = 1) -> dict[str, Any]:
     """The value of every parameter in a preset.
 
     Args:
         name: A key of `PRESETS`.
+        max_targets: Most targets at a time; the values are those for several if it is above 1.
 
     Returns:
         Full parameter name to value, in order of declaration.
@@ -96,7 +113,9 @@ def preset_parameters(name: str) -> dict[str, Any]:
     """
     if name not in PRESETS:
         raise ParameterError(f"no preset '{name}'; there are: {', '.join(PRESETS)}")
-    return flatten(build(TrackerParameters, PRESETS[name]))
+    several = _FOR_SEVERAL.get(name, {}) if max_targets > 1 else {}
+    values = {**PRESETS[name], **several, "max_targets": max_targets}
+    return flatten(build(TrackerParameters, values))
 
 
 @dataclass(frozen=True)
@@ -114,24 +133,17 @@ class PresetInForce:
     changes: Mapping[str, tuple[Any, Any]]
 
     @classmethod
-    def of(
-        cls,
-        values: Mapping[str, Any],
-        tunables: type = TrackerParameters,
-        parameters_of: Callable[[str], Mapping[str, Any]] = preset_parameters,
-    ) -> PresetInForce:
+    def of(cls, values: Mapping[str, Any]) -> PresetInForce:
         """Compare values with their preset.
 
         Args:
             values: Full name to value of `preset` and every parameter of the tracker.
-            tunables: The declared group of these.
-            parameters_of: Tells the value of every parameter in a preset.
         """
         name = values["preset"]
-        preset = parameters_of(name)
+        preset = preset_parameters(name, values["max_targets"])
         usual = {
             parameter: preset.get(parameter, declaration.default)
-            for parameter, declaration in declarations(tunables, values).items()
+            for parameter, declaration in declarations(TrackerParameters, values).items()
         }
         changes = {
             parameter: (values[parameter], value)

@@ -97,8 +97,6 @@ class Redetector:
         parameters: How many windows.
         side: Of a window, box sizes.
         doubtful_below: Confidence of a first look below which there is no second.
-        searches_everywhere: Whether windows go all over the image; not where somebody else tells
-            which to `look` into.
     """
 
     def __init__(
@@ -110,7 +108,6 @@ class Redetector:
         *,
         side: float,
         doubtful_below: float,
-        searches_everywhere: bool = True,
     ) -> None:
         self._measurer = measurer
         self._fusion = fusion
@@ -118,7 +115,6 @@ class Redetector:
         self._windows = parameters.windows
         self._side = side
         self._doubtful_below = doubtful_below
-        self._searches_everywhere = searches_everywhere
 
     def find(
         self,
@@ -146,7 +142,7 @@ class Redetector:
         is_elsewhere = (np.abs(box[:2] - seen[:2]) > size / 2).any()
         if is_elsewhere and target.hidden_frames % _REVISIT_INTERVAL == 0:
             centers = seen[None, :2] + size / 2
-        if everywhere and self._searches_everywhere:
+        if everywhere:
             side = self._side * math.sqrt(size[0] * size[1])
             before = target.followed_frames * self._windows
             elsewhere = window_centers(measured.frame.size, side, before, self._windows)

@@ -1,51 +1,72 @@
-"""Frames gone by, worked out again with what is known of them only now."""
+"""Out-of-sequence measurements: late detections, and targets that were drawn on an earlier frame.
+
+1. The frame that a late measurement is of is found in the frame buffer by its stamp.
+2. The targets are those that were there before that frame.
+3. It and all frames since are processed again, with what is known of them now.
+
+A late measurement so has the effect that it would have had in time; it costs the frames since.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.detections import DOUBLED_ABOVE, Detections, Sighting
+from pf_tracker_ros.targets.frame_buffer import FrameBuffer, Moment
 from pf_tracker_ros.targets.geometry import overlaps
-from pf_tracker_ros.targets.history import History, Moment
 from pf_tracker_ros.targets.keeper import CrowdKeeper
 from pf_tracker_ros.targets.life import Life
 
-# Seconds that a detector takes at most. What it says of that time before the first frame is no
+# How late a detection may be, in nanoseconds.
+_LATEST = 2 * NANOSECONDS
+# Nanoseconds that a detector takes at most. What it says of that time before the first frame is no
 # fault: it was there before the tracker.
-_SLOWEST = 5.0
+_SLOWEST = 5 * NANOSECONDS
+# Before the first frame of all there is none that could be nearer than by so much.
+_NEAR_FIRST = NANOSECONDS // 50
 # What counts of detections in a frame, None where they say nothing of it; why others do not.
 Looker = Callable[[Detections, Frame], tuple[tuple[Sighting, ...] | None, list[str]]]
 
 
-def fill_in(
-    history: History, late: Sequence[Detections], interval: float, look: Looker
+class StampedDetections(NamedTuple):
+    """What a detector found in the frame with a stamp, nanoseconds; 0 for the one at hand."""
+
+    stamp: int
+    detections: Detections
+
+
+def insert_late(
+    buffer: FrameBuffer, late: Sequence[StampedDetections], now: int, look: Looker
 ) -> tuple[list[Moment], list[str]]:
     """The moments from the oldest on that late detections are of, with these in them.
 
     Args:
-        history: The frames so far.
+        buffer: The frames so far.
         late: Of earlier frames than the one at hand.
-        interval: Seconds from the last frame to that one.
+        now: Stamp of the frame at hand, nanoseconds.
         look: Tells what counts of detections.
 
     Returns:
-        The moments, to be worked out again, and what was left out.
+        The moments, to be processed again, and what was left out.
     """
     moments: list[Moment] = []
     left_out: list[str] = []
-    for detections in sorted(late, key=lambda one: -one.age):
-        since = history.since(detections.age - interval)
-        if since is None:
-            kept = history.seconds + interval
-            if not (history.is_whole and detections.age < kept + _SLOWEST):
+    for stamp, detections in sorted(late, key=lambda one: one.stamp):
+        since = moments_since(buffer, stamp) if now - stamp <= _LATEST else []
+        if not since:
+            oldest = max(buffer.first.stamp, now - _LATEST) if len(buffer) else now
+            early = buffer.first.stamp - stamp if len(buffer) else 0
+            if not (buffer.is_whole and _NEAR_FIRST < early < _SLOWEST):
                 left_out.append(
-                    f"the detections are {detections.age:.3g} s old, and frames of the last "
-                    f"{kept:.2g} s are kept"
+                    f"the detections are {(now - stamp) / NANOSECONDS:.3g} s old, and frames of "
+                    f"the last {(now - oldest) / NANOSECONDS:.2g} s are kept"
                 )
             continue
         moments = moments or since
@@ -57,7 +78,24 @@ def fill_in(
     return moments, left_out
 
 
-def work_out(keeper: CrowdKeeper, moments: Sequence[Moment]) -> tuple[Crowd, list[Moment]]:
+def moments_since(buffer: FrameBuffer, stamp: int) -> list[Moment]:
+    """The moments from the one on that a stamp is of; none where that is not kept.
+
+    Args:
+        buffer: The frames so far.
+        stamp: Of the frame that a detector saw, nanoseconds; up to half an interval off.
+    """
+    since = buffer.since(stamp)
+    if not since:
+        return buffer.moments[-1:]
+    early = since[0].stamp - stamp
+    allowed = round(since[0].interval * NANOSECONDS / 2)
+    if buffer.is_whole and since[0] is buffer.first:
+        allowed = max(allowed, _NEAR_FIRST)
+    return since if early <= allowed else []
+
+
+def reprocess(keeper: CrowdKeeper, moments: Sequence[Moment]) -> tuple[Crowd, list[Moment]]:
     """What moments make of the targets that there were before the first of them.
 
     Args:
@@ -78,7 +116,7 @@ def work_out(keeper: CrowdKeeper, moments: Sequence[Moment]) -> tuple[Crowd, lis
     return crowd, revised
 
 
-def follow_alone(
+def replay_track(
     keeper: CrowdKeeper, life: Life, moments: Sequence[Moment], taken_over: Sequence[Life] = ()
 ) -> tuple[Life, list[Moment]]:
     """Take a target that began in a moment through those since, which it joins.
