@@ -219,7 +219,9 @@ class Updater:
         if len(boxes):
             hidden = covered(predicted[None], boxes)[0]
             evidence.append(_of_others(boxes, hidden))
-            is_hidden = own is None and bool(hidden.max() > _HIDDEN_ABOVE)
+            # What is only like a target hides none, which then is looked for beside it.
+            hides = np.array([not one.is_rival for one in front])
+            is_hidden = own is None and bool((hidden * hides).max() > _HIDDEN_ABOVE)
         if not is_hidden:
             if expected is None:
                 asked = (target, is_alone or _asks_for_size(life, own, is_silent))
