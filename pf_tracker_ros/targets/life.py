@@ -72,6 +72,7 @@ class Life:
         is_confirmed: Whether it was confirmed often enough to be told.
         is_hidden: Whether another target is in front of it.
         is_doubled: Whether its box, then, is as good as that of the other one.
+        is_doubted: Whether it may be another one by now, which it was seen beside.
         host: The target that it looks like and is beside of, where only that is known of it: a
             rival, which is followed to be told apart, and not told. None for all others.
         unseen_for: Seconds for which a rival was not seen; more where it should have been.
@@ -97,6 +98,7 @@ class Life:
     is_confirmed: bool = False
     is_hidden: bool = False
     is_doubled: bool = False
+    is_doubted: bool = False
     host: Key | None = None
     unseen_for: float = 0.0
     glimpse: Glimpse | None = None

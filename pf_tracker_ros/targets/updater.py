@@ -11,7 +11,7 @@ from itertools import compress
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box, BoxesByAxis, as_box
+from pf_tracker_ros.boxes import Box, BoxesByAxis, are_at, as_box, sides_apart
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
 from pf_tracker_ros.targets.detections import Sighting
@@ -20,6 +20,7 @@ from pf_tracker_ros.targets.ground import Ground, grounds_of
 from pf_tracker_ros.targets.life import Life
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.measurement import Evidence, Expectation
+from pf_tracker_ros.tracking.target import Target
 
 # Probability that a detection is not of its target, so that it says nothing of the place.
 _WRONG = 0.02
@@ -55,6 +56,7 @@ _SIZE_EVERY = 2
 _LEARN_EVERY = 0.4
 # Seconds without a detector's answer after which the image tells the sizes again.
 _SILENT_AFTER = 2.0
+_ON_RIVAL, _DOUBT_GATE = 0.3, 6.0
 # Seconds without a detector's answer after which there is none.
 _ON_THEIR_OWN_AFTER = 10.0
 # What a detection adds to the belief in its target, and the most that this can be.
@@ -135,6 +137,9 @@ class Updater:
                     is_alone=bool(alone[place]),
                     is_silent=is_silent,
                 )
+                if own[place] is None and life.is_on_its_own:
+                    rivals = [one.host == life.key for one in lives]
+                    life = self._doubt(life, lives[place], predicted[rivals])
             updated[place] = life
             if not _is_guess(life):
                 front.append(life)
@@ -263,6 +268,30 @@ class Updater:
         )
         return self._correct(life, frame, own) if own else life
 
+    def _doubt(self, life: Life, before: Life, rivals: NDArray[np.float64]) -> Life:
+        """A target that may be another one by now, without its course moved, and not told as seen.
+
+        It is doubted from when it jumps to what was seen beside it, or is on what looks like it, and
+        until it is where its course leads.
+
+        Args:
+            life: In this frame.
+            before: After the last one, its course in this frame.
+            rivals: (K, 4) boxes of what looks like it.
+        """
+        target, box, last = life.target, life.box, before.target
+        is_on_rival = overlaps(box[None], rivals).max(initial=0.0) > _ON_RIVAL
+        is_doubted = bool(is_on_rival) or _has_jumped(last, box)
+        if not is_doubted and before.is_doubted:
+            variance = before.course.spread + np.square(_IMAGE_SPREAD * box[2:])
+            apart = box[:2] + box[2:] / 2 - before.course.center
+            is_doubted = bool((np.square(apart) / variance).sum() > _DOUBT_GATE)
+        if not is_doubted:
+            return replace(life, is_doubted=False)
+        if target.estimate.state == "tracking":
+            target = replace(target, estimate=replace(target.estimate, state="occluded"))
+        return replace(life, target=target, course=before.course, is_doubted=True)
+
     def _begin_anew(self, life: Life, frame: Frame, interval: float, own: Sighting) -> Life:
         """A target that a detection shows after a pause, where its motion tells of no place."""
         target = self._follower.begin(frame, as_box(own.box), life.target.randomness)
@@ -320,6 +349,15 @@ def _asks_for_size(life: Life, own: Sighting | None, is_silent: bool) -> bool:
     """Whether it has to in this frame."""
     is_due = life.target.followed_frames % _SIZE_EVERY == 0
     return is_due and _is_sized(life, own, is_silent)
+
+
+def _has_jumped(last: Target, box: NDArray[np.float64]) -> bool:
+    """Whether a target has jumped to a (4,) box, where something was seen beside it before."""
+    return (
+        last.runner_up is not None
+        and bool(are_at(box, last.runner_up))
+        and bool(sides_apart(box, last.estimate.box) >= 1.0)
+    )
 
 
 def _inside(box: NDArray[np.float64], image_size: tuple[int, int]) -> Box:
