@@ -176,7 +176,7 @@ def declared(
     numeric = (
         isinstance(default, int | float | tuple) and not isinstance(default, bool) and default != ()
     )
-    if numeric and not choices and not (math.isfinite(minimum) and math.isfinite(maximum)):
+    if numeric and choices == () and not (math.isfinite(minimum) and math.isfinite(maximum)):
         raise TypeError(f"a number needs a range: {description}")
     return dataclasses.field(
         default=default,

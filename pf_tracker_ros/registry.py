@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import importlib
+import logging
 import pkgutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 Part = TypeVar("Part")
 Registered = TypeVar("Registered", bound=Callable[..., Any])
@@ -20,12 +25,19 @@ class NoParameters:
 class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
     """Name to what makes a part, in the order in which they registered.
 
+    Other packages bring parts by entry points: `NAME = "MODULE:MAKER"`, where the module registers
+    the maker by that name. Their names come last, in alphabetical order, and are known without
+    importing anything; each is imported when it is asked for. A part that cannot be used is
+    reported in the log, and raises `ParameterError` only when it is made.
+
     Args:
         kind: What the parts are, for messages.
+        group: Of the entry points.
     """
 
-    def __init__(self, kind: str) -> None:
+    def __init__(self, kind: str, group: str = "") -> None:
         self._kind = kind
+        self._group = group
         self._makers: dict[str, Callable[..., Part]] = {}
         self._parameters: dict[str, type] = {}
 
@@ -53,16 +65,91 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
 
     def parameters_of(self, name: str) -> type:
         """The group of tunables of a part."""
+        self._load(name)
         return self._parameters[name]
 
+    def make(self, name: str, parameters: Any) -> Part:
+        """A part that is made of nothing but its group of tunables, or of nothing if it has none.
+
+        Raises:
+            ParameterError: It cannot be imported.
+        """
+        maker = self[name]
+        return maker() if isinstance(parameters, NoParameters) else maker(parameters)
+
     def __getitem__(self, name: str) -> Callable[..., Part]:
+        self._load(name)
         return self._makers[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._makers)
+        yield from (name for name in tuple(self._makers) if name not in self._brought)
+        yield from self._brought
 
     def __len__(self) -> int:
-        return len(self._makers)
+        return sum(1 for _ in self)
+
+    @cached_property
+    def _brought(self) -> Mapping[str, Sequence[EntryPoint]]:
+        """Name to the entry points of other packages; more than one is too many."""
+        # It takes as long as the rest of the library, and only lists of parts need it.
+        from importlib.metadata import entry_points
+
+        brought: dict[str, list[EntryPoint]] = {}
+        found = sorted(entry_points(group=self._group), key=lambda point: (point.name, point.value))
+        for point in found if self._group else ():
+            maker = self._makers.get(point.name)
+            if maker is None or _top_package(maker.__module__) == _top_package(point.value):
+                brought.setdefault(point.name, []).append(point)
+            else:
+                self._report([point], f"there is a {self._kind} of that name already")
+        return brought
+
+    def _load(self, name: str) -> None:
+        """Import a part that another package brings, unless that was done before."""
+        points = () if name in self._makers else self._brought.get(name, ())
+        if not points:
+            return
+        try:
+            if len(points) > 1:
+                raise ImportError("only one package may bring it; uninstall the others")
+            maker = points[0].load()
+            if self._makers.get(name) is not maker:
+                raise ImportError(
+                    f"it is not registered by that name; decorate it by .register('{name}')"
+                )
+        except Exception as error:
+            # Whatever goes wrong in another package, a tracker without its part is to run.
+            self._makers[name] = _refusing(self._report(points, _in_one_line(error)))
+            self._parameters[name] = NoParameters
+
+    def _report(self, points: Sequence[EntryPoint], reason: str) -> str:
+        """Log that a part cannot be used; returns what it says."""
+        where = " and ".join(
+            f"{point.dist.name if point.dist else 'unknown'} ({point.value})" for point in points
+        )
+        message = f"the {self._kind} '{points[0].name}' of {where} cannot be used: {reason}"
+        logging.getLogger(__name__).warning(message)
+        return message
+
+
+def _top_package(name: str) -> str:
+    return name.partition(":")[0].partition(".")[0]
+
+
+def _in_one_line(error: Exception) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+def _refusing(reason: str) -> Callable[..., Any]:
+    """What makes no part, and says why."""
+
+    def refuse(*arguments: Any, **keywords: Any) -> Any:
+        # What declares parameters knows of registries.
+        from pf_tracker_ros.parameters import ParameterError
+
+        raise ParameterError(reason)
+
+    return refuse
 
 
 def import_all(package: str, path: list[str]) -> None:

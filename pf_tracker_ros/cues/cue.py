@@ -176,7 +176,7 @@ class Cue(Protocol):
 
 
 # Each cue registers itself.
-CUES = Registry[Cue]("cue")
+CUES = Registry[Cue]("cue", group="pf_tracker_ros.cues")
 
 
 @runtime_checkable

@@ -39,7 +39,7 @@ class Resampler(Protocol):
         """
 
 
-RESAMPLERS = Registry[Resampler]("resampling scheme")
+RESAMPLERS = Registry[Resampler]("resampling scheme", group="pf_tracker_ros.resamplers")
 
 _LARGEST_POSITION = np.nextafter(1.0, 0.0)
 
