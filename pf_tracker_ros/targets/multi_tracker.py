@@ -447,7 +447,9 @@ class MultiTracker:
     ) -> tuple[tuple[Sighting, ...] | None, list[str]]:
         detector = self._parameters.detector
         wanted = detections.with_labels(detector.labels)
-        seen, reasons = sightings(wanted, frame, detector.score_above)
+        seen, reasons = sightings(
+            wanted, frame, detector.score_above, self._keeper.appearance
+        )
         if seen or not len(wanted) or len(usable(wanted, frame.size, -math.inf)[0]):
             return tuple(seen), reasons
         # None of the boxes makes sense: that does not say that nothing is there.

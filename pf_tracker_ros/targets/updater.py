@@ -274,7 +274,7 @@ class Updater:
         learns = goes_over or (life.learned_for >= _LEARN_EVERY and not is_doubted)
         if learns:
             target = self._follower.steering.relearn(target, frame)
-        life = life.looked(own.look) if own.is_clear else life
+        life = life.viewed(own.descriptor, self._appearance) if own.is_clear else life
         return replace(
             life.voted(own.label, own.score),
             target=target,

@@ -1,8 +1,4 @@
-"""What is in a box, told so that targets can be told apart over a long time.
-
-A cue's template follows its target from frame to frame, and takes in what hides it. This is made of
-what a detector has confirmed, and changes slowly.
-"""
+"""Color stripes: histograms of the colors in horizontal stripes of a box."""
 
 from __future__ import annotations
 
@@ -16,6 +12,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import BoxesByAxis
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.tiles import Part
+from pf_tracker_ros.targets.appearances.appearance import APPEARANCES, Appearance, Descriptor
 from pf_tracker_ros.targets.geometry import overlaps
 
 # From top to bottom: clothes differ along a body, whatever its pose.
@@ -31,7 +28,7 @@ _ROWS, _COLUMNS = 36, 12
 # What is at the edge counts less: so much of the weight is gone at the sides, and at the ends.
 _FALLS_ACROSS, _FALLS_DOWN = 0.9, 0.7
 
-# An image is searched for a look with boxes of so many pixels across at least, without what is left
+# An image is searched with boxes of so many pixels across at least, without what is left
 # out; in so many steps of a box's width, and twice as many of its height.
 _SEARCHED_COLUMNS, _STEPS = 6, 5
 # Pixels that are searched, however large the image.
@@ -40,9 +37,6 @@ _MOST_SEARCHED = 60_000
 _RARE, _SPILLS = 0.002, 0.1
 # What overlaps something else by more than this is that.
 _TAKEN_ABOVE = 0.4
-
-# (stripes * levels,) square roots of the shares of the colors.
-Look = NDArray[np.float32]
 
 
 def _weights() -> NDArray[np.float64]:
@@ -59,80 +53,87 @@ _BINS = int(_LEVELS.prod())
 _STRIPE = np.repeat(np.arange(_ROWS) * _STRIPES // _ROWS * _BINS, _COLUMNS)
 
 
-def look_at(frame: Frame, box: NDArray[np.float64]) -> Look:
-    """The look of what is in a (4,) box, whose center is inside the image."""
-    (left, right), (top, bottom) = (
-        _inner(start, side, inset, length)
-        for start, side, inset, length in zip(
-            box[:2], box[2:], (_INSET_ACROSS, _INSET_DOWN), frame.size, strict=True
-        )
-    )
-    crop = frame.view(Part(top, bottom, left, right))
-    crop = cv2.resize(crop, (_COLUMNS, _ROWS), interpolation=cv2.INTER_AREA)
-    # Between two steps a pixel counts for both: light that changes a little changes little.
-    places = _in_steps(_lab(crop).reshape(-1, 3)) - 0.5
-    lower = np.floor(places)
-    upper_share = (places - lower).T
-    lower = lower.T
-    # (3, 2, pixels): of each color the steps below and above, and their shares.
-    steps = np.clip([lower, lower + 1.0], 0, _LEVELS[:, None] - 1).astype(np.intp)
-    first, second, third = np.swapaxes(steps, 0, 1)
-    one, two, three = np.swapaxes([1.0 - upper_share, upper_share], 0, 1)
-    bins = first[:, None, None] * _LEVELS[1] + second[:, None]
-    bins = bins * _LEVELS[2] + third + _STRIPE
-    shares = one[:, None, None] * two[:, None] * three * _WEIGHTS
-    counts = np.bincount(bins.ravel(), shares.ravel(), minlength=_STRIPES * _BINS)
-    return np.sqrt(counts / _WEIGHTS.sum()).astype(np.float32)
+@APPEARANCES.register("color_stripes")
+class ColorStripes(Appearance):
+    """Square roots of the shares of the colors in stripes of a box; D = 4 * 800."""
 
+    def extract(self, frame: Frame, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
+        """See `Appearance.extract`."""
+        lab = np.empty((len(boxes), _ROWS, _COLUMNS, 3), dtype=np.uint8)
+        for number, box in enumerate(boxes):
+            (left, right), (top, bottom) = (
+                _inner(start, side, inset, length)
+                for start, side, inset, length in zip(
+                    box[:2], box[2:], (_INSET_ACROSS, _INSET_DOWN), frame.size, strict=True
+                )
+            )
+            crop = frame.view(Part(top, bottom, left, right))
+            lab[number] = _lab(cv2.resize(crop, (_COLUMNS, _ROWS), interpolation=cv2.INTER_AREA))
+        # Between two steps a pixel counts for both: light that changes a little changes little.
+        places = _in_steps(lab.reshape(-1, 3)) - 0.5
+        lower = np.floor(places)
+        upper_share = (places - lower).T
+        lower = lower.T
+        # (3, 2, pixels): of each color the steps below and above, and their shares.
+        steps = np.clip([lower, lower + 1.0], 0, _LEVELS[:, None] - 1).astype(np.intp)
+        first, second, third = np.swapaxes(steps, 0, 1)
+        one, two, three = np.swapaxes([1.0 - upper_share, upper_share], 0, 1)
+        bins = first[:, None, None] * _LEVELS[1] + second[:, None]
+        of_box = np.arange(len(boxes))[:, None] * (_STRIPES * _BINS) + _STRIPE
+        bins = bins * _LEVELS[2] + third + of_box.ravel()
+        weights = np.tile(_WEIGHTS, len(boxes))
+        shares = one[:, None, None] * two[:, None] * three * weights
+        size = len(boxes) * _STRIPES * _BINS
+        counts = np.bincount(bins.ravel(), shares.ravel(), minlength=size)
+        counts = counts.reshape(len(boxes), _STRIPES * _BINS)
+        return np.sqrt(counts / _WEIGHTS.sum()).astype(np.float32)
 
-def unlikeness(one: Look, other: Look) -> float:
-    """How far two looks differ, 0 (the same) to 1 (nothing in common)."""
-    return max(1.0 - float(one @ other), 0.0)
+    def distance(
+        self, descriptor: Descriptor, others: NDArray[np.float32]
+    ) -> NDArray[np.float64]:
+        """See `Appearance.distance`: 1 minus the Bhattacharyya coefficient."""
+        return np.maximum(1.0 - (others @ descriptor).astype(np.float64), 0.0)
 
+    def blend(self, descriptor: Descriptor, seen: Descriptor, share: float) -> Descriptor:
+        """See `Appearance.blend`."""
+        return np.sqrt((1.0 - share) * np.square(descriptor) + share * np.square(seen))
 
-def alike(
-    frame: Frame, look: Look, size: NDArray[np.float64], known: NDArray[np.float64], most: int
-) -> list[NDArray[np.float64]]:
-    """Where in an image it is most like a look, the likeliest first, each a (4,) box.
+    def find(
+        self,
+        frame: Frame,
+        descriptor: Descriptor,
+        size: NDArray[np.float64],
+        known: NDArray[np.float64],
+        most: int,
+    ) -> list[NDArray[np.float64]]:
+        """See `Appearance.find`.
 
-    All places are asked, by how much oftener each color is in the look than in the image; the looks
-    of the boxes themselves tell more.
-
-    Args:
-        frame: To be searched.
-        look: Looked for.
-        size: (2,) width and height of the boxes, pixels.
-        known: (K, 4) boxes of what is something else: what overlaps these is passed over.
-        most: Boxes, which do not overlap each other by half; less where there is no room.
-    """
-    pixels = frame.size[0] * frame.size[1]
-    narrow = math.floor((1.0 - 2.0 * _INSET_ACROSS) * size[0] / _SEARCHED_COLUMNS)
-    reduction = max(narrow, math.ceil(math.sqrt(pixels / _MOST_SEARCHED)), 1)
-    across, down = size / reduction
-    # Centers are in the image, whose last pixels may be less than a whole one of the reduced image.
-    ends = np.array(frame.size) / reduction - (across / 2, down / 2)
-    x = np.arange(-across / 2, ends[0], max(across / _STEPS, 1.0))
-    y = np.arange(-down / 2, ends[1], max(down / (2 * _STEPS), 1.0))
-    likeness = _likeness(frame, look, reduction, BoxesByAxis(x, y, across, down))
-    corners = np.stack(np.broadcast_arrays(x * reduction, y[:, None] * reduction), axis=-1)
-    boxes = np.concatenate([corners, np.broadcast_to(size, corners.shape)], axis=-1)
-    if len(known):
-        taken = overlaps(boxes.reshape(-1, 4), known).max(axis=1) > _TAKEN_ABOVE
-        likeness[taken.reshape(likeness.shape)] = -np.inf
-    best: list[NDArray[np.float64]] = []
-    for _ in range(most):
-        row, column = divmod(int(likeness.argmax()), len(x))
-        if likeness[row, column] == -np.inf:
-            break
-        best.append(boxes[row, column])
-        is_near = np.abs(y - y[row]) < down / 2, np.abs(x - x[column]) < across / 2
-        likeness[np.ix_(*is_near)] = -np.inf
-    return best
-
-
-def blend(look: Look, seen: Look, share: float) -> Look:
-    """A look moved to another by a share, 0 to 1."""
-    return np.sqrt((1.0 - share) * np.square(look) + share * np.square(seen))
+        All places are asked, by how much oftener each color is in the descriptor than in the image;
+        the descriptors of the boxes themselves tell more.
+        """
+        pixels = frame.size[0] * frame.size[1]
+        narrow = math.floor((1.0 - 2.0 * _INSET_ACROSS) * size[0] / _SEARCHED_COLUMNS)
+        reduction = max(narrow, math.ceil(math.sqrt(pixels / _MOST_SEARCHED)), 1)
+        across, down = size / reduction
+        # Centers are in the image, whose last pixels may be less than a whole one of the reduced image.
+        ends = np.array(frame.size) / reduction - (across / 2, down / 2)
+        x = np.arange(-across / 2, ends[0], max(across / _STEPS, 1.0))
+        y = np.arange(-down / 2, ends[1], max(down / (2 * _STEPS), 1.0))
+        likeness = _likeness(frame, descriptor, reduction, BoxesByAxis(x, y, across, down))
+        corners = np.stack(np.broadcast_arrays(x * reduction, y[:, None] * reduction), axis=-1)
+        boxes = np.concatenate([corners, np.broadcast_to(size, corners.shape)], axis=-1)
+        if len(known):
+            taken = overlaps(boxes.reshape(-1, 4), known).max(axis=1) > _TAKEN_ABOVE
+            likeness[taken.reshape(likeness.shape)] = -np.inf
+        best: list[NDArray[np.float64]] = []
+        for _ in range(most):
+            row, column = divmod(int(likeness.argmax()), len(x))
+            if likeness[row, column] == -np.inf:
+                break
+            best.append(boxes[row, column])
+            is_near = np.abs(y - y[row]) < down / 2, np.abs(x - x[column]) < across / 2
+            likeness[np.ix_(*is_near)] = -np.inf
+        return best
 
 
 def _lab(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -155,21 +156,23 @@ def _bins(frame: Frame, reduction: int) -> tuple[NDArray[np.intp], NDArray[np.fl
     return bins, np.bincount(bins.ravel(), minlength=_BINS) / bins.size
 
 
-def _likeness(frame: Frame, look: Look, reduction: int, boxes: BoxesByAxis) -> NDArray[np.float64]:
-    """How much a look speaks for boxes.
+def _likeness(
+    frame: Frame, descriptor: Descriptor, reduction: int, boxes: BoxesByAxis
+) -> NDArray[np.float64]:
+    """How much a descriptor speaks for boxes.
 
     Args:
         frame: They are in.
-        look: Looked for.
+        descriptor: Looked for.
         reduction: Of the image.
         boxes: (columns,) left and (rows,) upper edges, and the sides of all, in its pixels.
 
     Returns:
         (rows, columns) sums over the stripes of the mean log ratio of how often a color is in the
-        look, and in the image.
+        descriptor, and in the image.
     """
-    bins, shares = frame.share(("look bins", reduction), lambda: _bins(frame, reduction))
-    wanted = np.square(look.reshape(_STRIPES, _BINS)) * _STRIPES
+    bins, shares = frame.share(("color bins", reduction), lambda: _bins(frame, reduction))
+    wanted = np.square(descriptor.reshape(_STRIPES, _BINS)) * _STRIPES
     # A stripe may be off by some: what is in others is expected a little, too.
     wanted = (1.0 - _SPILLS) * wanted + _SPILLS * wanted.mean(axis=0)
     tells = np.log((wanted + _RARE) / (shares + _RARE)).astype(np.float32)
