@@ -191,11 +191,9 @@ def declared(
 ) -> Any:
     """Declare one tunable as a field of a frozen dataclass; arguments as in `Declaration`.
 
-    Choices may be a collection that still grows, such as a `Registry`.
-
-    Args:
-        only_with: Where it does not always count: the name of the tunable that decides, counted
-            from the group around the field, and the choices with which this one counts.
+    Choices may be a collection that still grows, such as a `Registry`. Where the tunable does not
+    always count, `only_with` has the name of the one that decides, as counted from the group around
+    the field, and the choices with which it does.
 
     Raises:
         TypeError: A number without both ends of its range; the range keeps out NaN and infinity.
@@ -231,9 +229,7 @@ def group(group_type: type[Group], *, only_with: Sequence[str] = ()) -> Group:
         group_type: Of the tunables.
         only_with: As for `declared`, of all of them.
     """
-    return dataclasses.field(
-        default_factory=group_type, metadata={_CONDITION_KEY: only_with}
-    )
+    return dataclasses.field(default_factory=group_type, metadata={_CONDITION_KEY: only_with})
 
 
 def parts(by: str, registry: Registry[Any], *, beside: bool = False) -> Any:

@@ -15,7 +15,6 @@ from pf_tracker_ros.tracking.former_names import FORMER_NAMES
 from pf_tracker_ros.tracking.redetection import RedetectionParameters
 from pf_tracker_ros.tracking.track_parameters import TrackParameters
 
-
 _NEED_FOREGROUND = [name for name, cue in CUES.items() if getattr(cue, "needs_foreground", False)]
 
 

@@ -12,8 +12,8 @@ from pf_tracker_ros.filter import (
     DegenerateError,
     ForeseenMotion,
     KalmanForesight,
-    ProposalParameters,
     ParticleSet,
+    ProposalParameters,
 )
 from pf_tracker_ros.tracking.target import Target
 

@@ -20,8 +20,8 @@ from pf_tracker_ros.filter import (
     GridDensity,
     MotionModel,
     ParticleSet,
-    SearchGrid,
     ProposalParameters,
+    SearchGrid,
     propose_from_search,
 )
 
