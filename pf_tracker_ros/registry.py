@@ -32,33 +32,52 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
 
     Args:
         kind: What the parts are, for messages.
+        parameters: The group of tunables that those of every part are derived from.
         group: Of the entry points.
+        shares: Whether parts share the tunables that they declare alike, which then have no name of
+            the part in theirs.
     """
 
-    def __init__(self, kind: str, group: str = "") -> None:
+    def __init__(
+        self,
+        kind: str,
+        parameters: type = NoParameters,
+        *,
+        group: str = "",
+        shares: bool = False,
+    ) -> None:
         self._kind = kind
+        self._common = parameters
         self._group = group
+        self.shares = shares
         self._makers: dict[str, Callable[..., Part]] = {}
         self._parameters: dict[str, type] = {}
 
     def register(
-        self, name: str, parameters: type = NoParameters
+        self, name: str, parameters: type | None = None
     ) -> Callable[[Registered], Registered]:
         """Decorate a class, or a function, that makes a part.
 
         Args:
             name: That it is chosen by.
-            parameters: Its group of tunables, which exist while it is chosen.
+            parameters: Its group of tunables; by default, those that every part has.
 
         Raises:
             ValueError: The name is taken.
+            TypeError: The group lacks what every part has.
         """
         if name in self._makers:
             raise ValueError(f"there is a {self._kind} '{name}' already; choose another name")
+        own = parameters or self._common
+        if self._common is not NoParameters and not issubclass(own, self._common):
+            raise TypeError(
+                f"the parameters of the {self._kind} '{name}' have to be derived from "
+                f"{self._common.__name__}"
+            )
 
         def enter(maker: Registered) -> Registered:
             self._makers[name] = maker
-            self._parameters[name] = parameters
+            self._parameters[name] = own
             return maker
 
         return enter
@@ -117,10 +136,33 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
                 raise ImportError(
                     f"it is not registered by that name; decorate it by .register('{name}')"
                 )
+            self._check_parameters(name)
         except Exception as error:
             # Whatever goes wrong in another package, a tracker without its part is to run.
             self._makers[name] = _refusing(self._report(points, _in_one_line(error)))
-            self._parameters[name] = NoParameters
+            self._parameters[name] = self._common
+
+    def _check_parameters(self, name: str) -> None:
+        """Refuse tunables that do not go with those of the other parts.
+
+        Raises:
+            TypeError: What is wrong with them, and what would be right.
+        """
+        # What declares parameters knows of registries.
+        from pf_tracker_ros.parameters import declarations
+
+        own = declarations(self._parameters[name])
+        for missing in declarations(self._common).keys() - own.keys():
+            raise TypeError(
+                f"it has no parameter '{missing}'; derive its group from {self._common.__name__}"
+            )
+        for other in self._makers if self.shares else ():
+            for declared, theirs in declarations(self._parameters[other]).items():
+                if own.get(declared, theirs) != theirs:
+                    raise TypeError(
+                        f"its parameter '{declared}' is declared otherwise than that of '{other}'; "
+                        "declare it alike, or give it a name of its own"
+                    )
 
     def _report(self, points: Sequence[EntryPoint], reason: str) -> str:
         """Log that a part cannot be used; returns what it says."""
@@ -144,7 +186,6 @@ def _refusing(reason: str) -> Callable[..., Any]:
     """What makes no part, and says why."""
 
     def refuse(*arguments: Any, **keywords: Any) -> Any:
-        # What declares parameters knows of registries.
         from pf_tracker_ros.parameters import ParameterError
 
         raise ParameterError(reason)

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.parameter_files import TrackerSettings, read_parameter_file
-from pf_tracker_ros.parameters import Declaration, ParameterError, all_declarations
+from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS
 
@@ -58,7 +58,7 @@ def parse_parameters(
     Raises:
         EvaluationError: A text has no `=`, or a name is given twice.
     """
-    known = all_declarations(tunables)
+    known = declarations(tunables)
     values: dict[str, Any] = {}
     for assignment in assignments:
         name, equals, text = (part.strip() for part in assignment.partition("="))
