@@ -235,8 +235,7 @@ def group(group_type: type[Group], *, only_with: Sequence[str] = ()) -> Group:
 def parts(by: str, registry: Registry[Any]) -> Any:
     """Declare the tunables of every part of a registry, as a field.
 
-    The field holds the built groups, by the names of the parts. Those of each part are a group that
-    has its name; or, where the registry shares them, all stand beside the one that chooses.
+    The field holds the built groups, by the names of the parts.
 
     Args:
         by: Name of the tunable that chooses among the parts, before the field in the same group.
@@ -378,10 +377,9 @@ def _explained(declaration: Declaration, known: Mapping[str, Declaration]) -> De
     if declaration.condition is None:
         return declaration
     name, choices = declaration.condition
-    chooser = known.get(name)
-    if chooser is None or set(choices) == set(chooser.choices):
+    if name not in known or set(choices) == set(known[name].choices):
         return dataclasses.replace(declaration, condition=None)
-    verb = "is" if chooser.type is str else "holds"
+    verb = "is" if known[name].type is str else "holds"
     description = f"{declaration.description} Counts while '{name}' {verb} {_listed(choices)}."
     return dataclasses.replace(declaration, description=description)
 
@@ -390,7 +388,7 @@ def _parts(field: dataclasses.Field[Any], prefix: str) -> dict[str, tuple[str, t
     """Name of each part to the prefix of its tunables, and their group."""
     _, registry = field.metadata[_PARTS_KEY]
     return {
-        name: (prefix if registry.shares else f"{prefix}{name}.", registry.parameters_of(name))
+        name: (prefix + registry.prefix.format(part=name), registry.parameters_of(name))
         for name in registry
     }
 

@@ -34,8 +34,8 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
         kind: What the parts are, for messages.
         parameters: The group of tunables that those of every part are derived from.
         group: Of the entry points.
-        shares: Whether parts share the tunables that they declare alike, which then have no name of
-            the part in theirs.
+        prefix: How the names of a part's tunables begin in the group around them; empty where parts
+            share those that they declare alike.
     """
 
     def __init__(
@@ -44,12 +44,12 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
         parameters: type = NoParameters,
         *,
         group: str = "",
-        shares: bool = False,
+        prefix: str = "{part}.",
     ) -> None:
         self._kind = kind
         self._common = parameters
         self._group = group
-        self.shares = shares
+        self.prefix = prefix
         self._makers: dict[str, Callable[..., Part]] = {}
         self._parameters: dict[str, type] = {}
 
@@ -156,7 +156,7 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
             raise TypeError(
                 f"it has no parameter '{missing}'; derive its group from {self._common.__name__}"
             )
-        for other in self._makers if self.shares else ():
+        for other in () if self.prefix else self._makers:
             for declared, theirs in declarations(self._parameters[other]).items():
                 if own.get(declared, theirs) != theirs:
                     raise TypeError(

@@ -13,7 +13,7 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from pf_tracker_ros.cues.correlation_filter import (
     train,
 )
 from pf_tracker_ros.cues.cue import CUES, CueParameters, Match, Prospect, SearchableCue
-from pf_tracker_ros.cues.features import FEATURES, Features
+from pf_tracker_ros.cues.features import FEATURES
 from pf_tracker_ros.cues.response_map import (
     SMALLEST_RESPONSE,
     Answers,
@@ -39,7 +39,7 @@ from pf_tracker_ros.cues.response_map import (
 from pf_tracker_ros.cues.square_transform import Spectrum
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.frames.windows import read_window
-from pf_tracker_ros.parameters import declared
+from pf_tracker_ros.parameters import declared, parts
 
 Value = TypeVar("Value", bound=np.generic)
 
@@ -62,6 +62,7 @@ class CorrelationResponseParameters(CueParameters):
         choices=FEATURES,
         read_only=True,
     )
+    of_features: dict[str, Any] = parts("features", FEATURES)
     window: float = declared(
         4.0,
         "Side of the square window around the target that the filter is trained in; a larger one "
@@ -157,7 +158,9 @@ class CorrelationResponse(SearchableCue):
         training_interval: int = 3,
         settling_frames: int = 25,
     ) -> None:
-        self._features: Features = FEATURES[parameters.features]()
+        self._features = FEATURES.make(
+            parameters.features, parameters.of_features[parameters.features]
+        )
         self._window = parameters.window
         self._cells = cells
         # Windows that are worked on at once.

@@ -69,7 +69,9 @@ class ForeseenMotion(MotionModel, Protocol):
         """The Kalman filter for the first frame: at the first box, at rest."""
 
 
-MOTION_MODELS = Registry[MotionModel]("motion model", group="pf_tracker_ros.motion_models", shares=True)
+MOTION_MODELS = Registry[MotionModel](
+    "motion model", group="pf_tracker_ros.motion_models", prefix=""
+)
 
 
 def models_with(capability: str) -> tuple[str, ...]:

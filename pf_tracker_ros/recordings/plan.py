@@ -30,9 +30,6 @@ from pf_tracker_ros.tracking.tracker import Tracker
 if TYPE_CHECKING:
     from pf_tracker_ros.recordings.detections.hearing import Hearing
 
-DETECTORS = ("people", "motion")
-"""Keys of `pf_tracker_ros.targets.built_in_detectors.DETECTORS`, known without SciPy."""
-
 _MOST = "targets.most"
 
 BESIDE = Path()

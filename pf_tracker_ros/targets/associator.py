@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from pf_tracker_ros.targets.appearances import Appearance
+from pf_tracker_ros.targets.assignment import assign
 from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.life import Life
 
@@ -64,12 +64,7 @@ class Associator:
         boxes = np.array([one.box for one in seen])
         descriptors = np.array([one.descriptor for one in seen])
         costs = np.array([self._costs(life, seen, boxes, descriptors) for life in lives])
-        rows, columns = linear_sum_assignment(np.minimum(costs, _MOST_COST))
-        return {
-            int(row): int(column)
-            for row, column in zip(rows, columns, strict=True)
-            if costs[row, column] < _MOST_COST
-        }
+        return assign(costs, _MOST_COST)
 
     def _costs(
         self,

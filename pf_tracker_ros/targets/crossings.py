@@ -39,9 +39,9 @@ def tell_apart(
         if seen is None or seen_other is None or not _are_near(seen, seen_other):
             continue
         shown_both = np.array([seen.descriptor, seen_other.descriptor])
-        own_first, other_second = appearance.distance(one.descriptor, shown_both)
-        other_first, own_second = appearance.distance(another.descriptor, shown_both)
-        if (own_first + own_second) - (other_second + other_first) > _MARGIN:
+        one_as_is, one_exchanged = appearance.distance(one.descriptor, shown_both)
+        another_exchanged, another_as_is = appearance.distance(another.descriptor, shown_both)
+        if one_as_is + another_as_is - (one_exchanged + another_exchanged) > _MARGIN:
             settled[place], settled[other] = _with_filter(another, one), _with_filter(one, another)
     return tuple(settled)
 

@@ -43,9 +43,7 @@ class Initiator:
         appearance: Describes them.
     """
 
-    def __init__(
-        self, follower: Follower, seed: int, most: int, appearance: Appearance
-    ) -> None:
+    def __init__(self, follower: Follower, seed: int, most: int, appearance: Appearance) -> None:
         self._follower = follower
         self._seed = seed
         self._most = most

@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.appearances import Appearance, Descriptor
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.tracking.target import Target
@@ -170,6 +172,11 @@ class Life:
             least = min((one for one in votes if one != label), key=lambda one: votes[one])
             del votes[least]
         return replace(self, votes=votes)
+
+    def described(self, frame: Frame, box: Box, appearance: Appearance) -> Life:
+        """The same, described anew by what is in its box."""
+        (descriptor,) = appearance.extract(frame, np.array([box]))
+        return replace(self, descriptor=descriptor, varies=USUALLY_VARIES, views=1)
 
     def viewed(self, seen: Descriptor, appearance: Appearance) -> Life:
         """The same, seen once more alone."""

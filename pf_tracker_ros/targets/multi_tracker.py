@@ -160,7 +160,9 @@ class MultiTracker:
         memory = Memory(self._crowd, self._history, self._camera.frame)
         if not needs_learning(memory, self.parameters, other.parameters):
             return reconfigured(memory, other._follower)
-        crowd, unseen = learned_again(memory, other._follower)
+        is_same = other._parameters.appearance == self._parameters.appearance
+        appearance = None if is_same else other._keeper.appearance
+        crowd, unseen = learned_again(memory, other._follower, appearance=appearance)
         for life in unseen:
             if life.is_told and life.key in self._names:
                 raise ParameterError(
@@ -446,9 +448,7 @@ class MultiTracker:
     ) -> tuple[tuple[Sighting, ...] | None, list[str]]:
         detector = self._parameters.detector
         wanted = detections.with_labels(detector.labels)
-        seen, reasons = sightings(
-            wanted, frame, detector.score_above, self._keeper.appearance
-        )
+        seen, reasons = sightings(wanted, frame, detector.score_above, self._keeper.appearance)
         if seen or not len(wanted) or len(usable(wanted, frame.size, -math.inf)[0]):
             return tuple(seen), reasons
         # None of the boxes makes sense: that does not say that nothing is there.

@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from pf_tracker_ros.parameters import build, declared, flatten, group
+from pf_tracker_ros.targets.appearances import AppearanceParameters
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 from pf_tracker_ros.tracking.track_parameters import TrackParameters
@@ -69,6 +70,7 @@ class SeveralTargetsParameters(TrackerParameters):
 
     track: SeveralTrackParameters = group(SeveralTrackParameters)
     detector: DetectorParameters = group(DetectorParameters)
+    appearance: AppearanceParameters = group(AppearanceParameters)
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from pf_tracker_ros.targets.appearances import Appearance
+from pf_tracker_ros.targets.assignment import assign
 from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.geometry import covered
 from pf_tracker_ros.targets.life import Life
 
-# A target is recognized by an appearance that differs by less than so much of what it usually varies by.
+# A target is recognized where its appearance differs by less than so much of what it usually
+# varies by.
 _ALIKE_BELOW = 1.5
 # How far it may have come: box heights at once, and in each second.
 _REACH, _SPEED = 1.0, 1.0
@@ -52,12 +53,8 @@ class Recognizer:
         if not missing or not shown:
             return crowd
         differs = np.array([self._differences(before, shown) for before in missing])
-        rows, columns = linear_sum_assignment(np.minimum(differs, _ALIKE_BELOW))
-        known = {
-            shown[column].key: missing[row]
-            for row, column in zip(rows, columns, strict=True)
-            if differs[row, column] < _ALIKE_BELOW
-        }
+        pairs = assign(differs, _ALIKE_BELOW)
+        known = {shown[column].key: missing[row] for row, column in pairs.items()}
         found = {before.key for before in known.values()}
         return replace(
             crowd,
@@ -70,9 +67,7 @@ class Recognizer:
         )
 
     def _differences(self, before: Life, shown: Sequence[Life]) -> NDArray[np.float64]:
-        """(N,) how far others are from a missing target, in what that varies by; infinite if none.
-
-        """
+        """(N,) how unlike a missing target others are, in what it varies by; infinite if not it."""
         differs = self._appearance.distance(
             before.descriptor, np.array([life.descriptor for life in shown])
         )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declarations
+from pf_tracker_ros.targets.appearances import Appearance
 from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.history import History, Moment
 from pf_tracker_ros.targets.life import Life
@@ -35,9 +36,9 @@ class Memory(NamedTuple):
 
     @property
     def every_life(self) -> list[Life]:
-        """Those that are followed, and were in the frames that are kept."""
+        """Those that are followed or remembered, and were in the frames that are kept."""
         before = (life for moment in self.history.moments for life in moment.before.lives)
-        return [*self.crowd.lives, *before]
+        return [*self.crowd.lives, *self.crowd.gone, *before]
 
 
 class Sight(NamedTuple):
@@ -86,7 +87,10 @@ def reconfigured(memory: Memory, follower: Follower) -> tuple[Crowd, tuple[Momen
 
 
 def learned_again(
-    memory: Memory, follower: Follower, adapt: Callable[[Sight], Sight] = lambda sight: sight
+    memory: Memory,
+    follower: Follower,
+    adapt: Callable[[Sight], Sight] = lambda sight: sight,
+    appearance: Appearance | None = None,
 ) -> tuple[Crowd, tuple[Life, ...]]:
     """The crowd with every target learned again; one that is hidden is so until it is seen.
 
@@ -94,6 +98,8 @@ def learned_again(
         memory: What is known of the targets.
         follower: Learns them.
         adapt: Makes of where a target was seen where it is to be learned.
+        appearance: Describes them anew, and those that have ended are forgotten; None where the
+            descriptors stay.
 
     Returns:
         The crowd, and those that are not in it because they were not seen for too long.
@@ -108,8 +114,10 @@ def learned_again(
         frame, box = adapt(sight)
         before = life.target
         target = follower.begin(frame, box, before.randomness, before.estimate.state)
-        lives.append(replace(life, target=target, learned_for=0.0))
-    return replace(memory.crowd, lives=tuple(lives)), tuple(unseen)
+        learned = replace(life, target=target, learned_for=0.0)
+        lives.append(learned.described(frame, box, appearance) if appearance else learned)
+    gone = () if appearance else memory.crowd.gone
+    return replace(memory.crowd, lives=tuple(lives), gone=gone), tuple(unseen)
 
 
 def resized(memory: Memory, follower: Follower, like: NDArray[np.generic]) -> Crowd:

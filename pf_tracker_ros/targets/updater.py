@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box, BoxesByAxis, as_box
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.targets.appearances import Appearance
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
 from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.geometry import covered, is_cut, overlaps
@@ -79,10 +80,12 @@ class Updater:
     Args:
         follower: Follows each target.
         recall: Share of the visible targets that the detector finds.
+        appearance: Describes the targets.
     """
 
-    def __init__(self, follower: Follower, recall: float) -> None:
+    def __init__(self, follower: Follower, recall: float, appearance: Appearance) -> None:
         self._follower = follower
+        self._appearance = appearance
         self._log_miss = math.log(1.0 - recall)
 
     def update(

@@ -95,7 +95,7 @@ from pf_tracker_ros.cues.features import FEATURES
 
 window = np.random.default_rng(0).integers(0, 256, (24, 24, 3), dtype=np.uint8)
 ramp = np.tile((2 * np.arange(24)).astype(np.uint8), (24, 1))
-features = FEATURES["cell_means"]()
+features = FEATURES.make("cell_means", FEATURES.parameters_of("cell_means")())
 print(json.dumps([
     window.tolist(), features.extract(window[None])[0].tolist(),
     features.extract(ramp[None])[0].tolist(),

@@ -56,7 +56,9 @@ class Calibration:
         stands_out = self._share(self.even_clutter * peak / deviation)
         return stands_out * self._share(peak / reference / self.even_level)
 
-    def log_odds(self, stands_out: float, stands_out_first: float, level: float) -> dict[str, float]:
+    def log_odds(
+        self, stands_out: float, stands_out_first: float, level: float
+    ) -> dict[str, float]:
         """What the responses at a box say, see `Cue.log_odds`.
 
         Args:

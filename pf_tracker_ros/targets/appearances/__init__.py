@@ -8,9 +8,17 @@ from pf_tracker_ros.registry import import_all
 from pf_tracker_ros.targets.appearances.appearance import (
     APPEARANCES,
     Appearance,
+    AppearanceParameters,
     Descriptor,
+    build_appearance,
 )
 
-__all__ = ["APPEARANCES", "Appearance", "Descriptor"]
+__all__ = [
+    "APPEARANCES",
+    "Appearance",
+    "AppearanceParameters",
+    "Descriptor",
+    "build_appearance",
+]
 
 import_all(__name__, __path__)

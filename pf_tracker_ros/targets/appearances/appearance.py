@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.parameters import declared, parts
 from pf_tracker_ros.registry import Registry
 
 # (D,) of one box.
@@ -30,13 +32,11 @@ class Appearance(Protocol):
         """
 
     @abstractmethod
-    def distance(
-        self, descriptor: Descriptor, others: NDArray[np.float32]
-    ) -> NDArray[np.float64]:
+    def distance(self, descriptor: Descriptor, others: NDArray[np.float32]) -> NDArray[np.float64]:
         """(N,) how far a (D,) descriptor and (N, D) others differ, 0 (not at all) to 1.
 
-        The scale is the same for every kind: two views of one target differ by about 0.12 in the
-        median, and few by more than 0.25; those of two targets mostly by more than that.
+        The scale is the same for every kind: two views of one target usually differ by about 0.12
+        and hardly by more than 0.25, those of two targets mostly by more than that.
         """
 
     @abstractmethod
@@ -66,3 +66,22 @@ class Appearance(Protocol):
 
 
 APPEARANCES = Registry[Appearance]("appearance", group="pf_tracker_ros.appearances")
+
+
+@dataclass(frozen=True)
+class AppearanceParameters:
+    """What targets are told apart by over a long time."""
+
+    kind: str = declared(
+        "color_stripes",
+        "What detections and targets are told apart by: color_stripes by the colors in stripes of "
+        "their boxes.",
+        choices=APPEARANCES,
+        read_only=True,
+    )
+    of_kinds: dict[str, Any] = parts("kind", APPEARANCES)
+
+
+def build_appearance(parameters: AppearanceParameters) -> Appearance:
+    """The appearance that the parameters describe."""
+    return APPEARANCES.make(parameters.kind, parameters.of_kinds[parameters.kind])

@@ -28,8 +28,8 @@ _ROWS, _COLUMNS = 36, 12
 # What is at the edge counts less: so much of the weight is gone at the sides, and at the ends.
 _FALLS_ACROSS, _FALLS_DOWN = 0.9, 0.7
 
-# An image is searched with boxes of so many pixels across at least, without what is left
-# out; in so many steps of a box's width, and twice as many of its height.
+# An image is searched with boxes of so many pixels across at least, without what is left out; in
+# so many steps of a box's width, and twice as many of its height.
 _SEARCHED_COLUMNS, _STEPS = 6, 5
 # Pixels that are searched, however large the image.
 _MOST_SEARCHED = 60_000
@@ -88,9 +88,7 @@ class ColorStripes(Appearance):
         counts = counts.reshape(len(boxes), _STRIPES * _BINS)
         return np.sqrt(counts / _WEIGHTS.sum()).astype(np.float32)
 
-    def distance(
-        self, descriptor: Descriptor, others: NDArray[np.float32]
-    ) -> NDArray[np.float64]:
+    def distance(self, descriptor: Descriptor, others: NDArray[np.float32]) -> NDArray[np.float64]:
         """See `Appearance.distance`: 1 minus the Bhattacharyya coefficient."""
         return np.maximum(1.0 - (others @ descriptor).astype(np.float64), 0.0)
 
@@ -115,7 +113,7 @@ class ColorStripes(Appearance):
         narrow = math.floor((1.0 - 2.0 * _INSET_ACROSS) * size[0] / _SEARCHED_COLUMNS)
         reduction = max(narrow, math.ceil(math.sqrt(pixels / _MOST_SEARCHED)), 1)
         across, down = size / reduction
-        # Centers are in the image, whose last pixels may be less than a whole one of the reduced image.
+        # Centers are in the image, whose last pixels may be less than one of the reduced image.
         ends = np.array(frame.size) / reduction - (across / 2, down / 2)
         x = np.arange(-across / 2, ends[0], max(across / _STEPS, 1.0))
         y = np.arange(-down / 2, ends[1], max(down / (2 * _STEPS), 1.0))
