@@ -143,7 +143,7 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
             self._parameters[name] = self._common
 
     def _check_parameters(self, name: str) -> None:
-        """Refuse tunables that do not go with those of the other parts.
+        """Refuse tunables that cannot stand beside those of the other parts.
 
         Raises:
             TypeError: What is wrong with them, and what would be right.
@@ -152,10 +152,6 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
         from pf_tracker_ros.parameters import declarations
 
         own = declarations(self._parameters[name])
-        for missing in declarations(self._common).keys() - own.keys():
-            raise TypeError(
-                f"it has no parameter '{missing}'; derive its group from {self._common.__name__}"
-            )
         for other in () if self.prefix else self._makers:
             for declared, theirs in declarations(self._parameters[other]).items():
                 if own.get(declared, theirs) != theirs:
