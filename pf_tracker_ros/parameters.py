@@ -379,10 +379,9 @@ def _explained(declaration: Declaration, known: Mapping[str, Declaration]) -> De
     if declaration.condition is None:
         return declaration
     name, choices = declaration.condition
-    chooser = known[name]
-    if set(choices) == set(chooser.choices):
+    if name not in known or set(choices) == set(known[name].choices):
         return dataclasses.replace(declaration, condition=None)
-    verb = "is" if chooser.type is str else "holds"
+    verb = "is" if known[name].type is str else "holds"
     description = f"{declaration.description} Counts while '{name}' {verb} {_listed(choices)}."
     return dataclasses.replace(declaration, description=description)
 
