@@ -16,7 +16,7 @@ import dataclasses
 import difflib
 import math
 import typing
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple, TypeVar
@@ -222,12 +222,14 @@ def declared(
     )
 
 
-def group(group_type: type[Group], *, only_with: Sequence[str] = ()) -> Group:
+def group(
+    group_type: type[Group], *, only_with: Sequence[str] | Callable[[], Sequence[str]] = ()
+) -> Group:
     """Declare a nested group of tunables as a field of a frozen dataclass.
 
     Args:
         group_type: Of the tunables.
-        only_with: As for `declared`, of all of them.
+        only_with: As for `declared`, of all of them; or what returns it, asked when it is needed.
     """
     return dataclasses.field(default_factory=group_type, metadata={_CONDITION_KEY: only_with})
 
@@ -332,7 +334,8 @@ def _walk(group_type: type, prefix: str, condition: Condition | None) -> Iterato
     types = _types(group_type)
     for field in dataclasses.fields(group_type):
         name = prefix + field.name
-        chooser, *choices = field.metadata.get(_CONDITION_KEY) or ("",)
+        only_with = field.metadata.get(_CONDITION_KEY, ())
+        chooser, *choices = (only_with() if callable(only_with) else only_with) or ("",)
         own = Condition(prefix + chooser, tuple(choices)) if chooser else condition
         if _METADATA_KEY in field.metadata:
             if len(_choices(field)) != 1:

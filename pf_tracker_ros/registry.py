@@ -7,7 +7,7 @@ import logging
 import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 if TYPE_CHECKING:
@@ -23,12 +23,13 @@ class NoParameters:
 
 
 class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
-    """Name to what makes a part, in the order in which they registered.
+    """Name to what makes a part: a class or a function.
 
-    Other packages bring parts by entry points: `NAME = "MODULE:MAKER"`, where the module registers
-    the maker by that name. Their names come last, in alphabetical order, and are known without
-    importing anything; each is imported when it is asked for. A part that cannot be used is
-    reported in the log, and raises `ParameterError` only when it is made.
+    Parts are in the order in which they registered. Other packages bring parts by entry points:
+    `NAME = "MODULE:MAKER"`, where the module registers the maker by that name. Their names come
+    last, in alphabetical order, and are known without importing anything; each is imported when it
+    is asked for. A part that cannot be used is reported in the log, and raises `ParameterError`
+    only when it is made.
 
     Args:
         kind: What the parts are, for messages.
@@ -52,6 +53,8 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
         self.prefix = prefix
         self._makers: dict[str, Callable[..., Part]] = {}
         self._parameters: dict[str, type] = {}
+        self._loaded: set[str] = set()
+        self._unusable: dict[str, str] = {}
 
     def register(
         self, name: str, parameters: type | None = None
@@ -87,11 +90,24 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
         self._load(name)
         return self._parameters[name]
 
+    def check(self, name: str) -> None:
+        """Refuse a part of another package that cannot be used.
+
+        Raises:
+            ParameterError: Says why, and of which package it is.
+        """
+        # What declares parameters knows of registries.
+        from pf_tracker_ros.parameters import ParameterError
+
+        self._load(name)
+        if name in self._unusable:
+            raise ParameterError(self._unusable[name])
+
     def make(self, name: str, parameters: Any) -> Part:
         """A part that is made of nothing but its group of tunables, or of nothing if it has none.
 
         Raises:
-            ParameterError: It cannot be imported.
+            ParameterError: As `check`.
         """
         maker = self[name]
         return maker() if isinstance(parameters, NoParameters) else maker(parameters)
@@ -125,9 +141,10 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
 
     def _load(self, name: str) -> None:
         """Import a part that another package brings, unless that was done before."""
-        points = () if name in self._makers else self._brought.get(name, ())
-        if not points:
+        if name in self._loaded or name not in self._brought:
             return
+        self._loaded.add(name)
+        points = self._brought[name]
         try:
             if len(points) > 1:
                 raise ImportError("only one package may bring it; uninstall the others")
@@ -139,8 +156,13 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
             self._check_parameters(name)
         except Exception as error:
             # Whatever goes wrong in another package, a tracker without its part is to run.
-            self._makers[name] = _refusing(self._report(points, _in_one_line(error)))
+            self._unusable[name] = self._report(points, _in_one_line(error))
+            self._makers[name] = partial(self._refuse, name)
             self._parameters[name] = self._common
+
+    def _refuse(self, name: str, *arguments: Any, **keywords: Any) -> Any:
+        """Make no part, and say why."""
+        self.check(name)
 
     def _check_parameters(self, name: str) -> None:
         """Refuse tunables that cannot stand beside those of the other parts.
@@ -148,7 +170,6 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
         Raises:
             TypeError: What is wrong with them, and what would be right.
         """
-        # What declares parameters knows of registries.
         from pf_tracker_ros.parameters import declarations
 
         own = declarations(self._parameters[name])
@@ -176,17 +197,6 @@ def _top_package(name: str) -> str:
 
 def _in_one_line(error: Exception) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
-
-
-def _refusing(reason: str) -> Callable[..., Any]:
-    """What makes no part, and says why."""
-
-    def refuse(*arguments: Any, **keywords: Any) -> Any:
-        from pf_tracker_ros.parameters import ParameterError
-
-        raise ParameterError(reason)
-
-    return refuse
 
 
 def import_all(package: str, path: list[str]) -> None:

@@ -162,7 +162,7 @@ class Radio(Device):
     channel: int = declared(16, "Channel.", minimum=1, maximum=88)
 
 
-DRIVES, DEVICES = Registry("drive"), Registry("device", Device)
+DRIVES, DEVICES = Registry("drive", prefix=""), Registry("device", Device)
 for drive, own in {"sail": (Sail,), "diesel": (Diesel,), "oars": ()}.items():
     DRIVES.register(drive, *own)(dict)
 for device, own in {"radio": (Radio,), "plotter": (), "spare": (Radio,)}.items():
@@ -172,7 +172,7 @@ for device, own in {"radio": (Radio,), "plotter": (), "spare": (Radio,)}.items()
 @dataclass(frozen=True)
 class Drive:
     kind: str = declared("sail", "Kind.", choices=DRIVES, read_only=True)
-    of_kinds: dict[str, Any] = parts("kind", DRIVES, beside=True)
+    of_kinds: dict[str, Any] = parts("kind", DRIVES)
     reefs: int = declared(2, "Reefs.", minimum=0, maximum=4, only_with=("kind", "sail"))
 
 
@@ -267,12 +267,12 @@ def test_parts_share_what_they_declare_alike_and_have_the_rest_for_themselves():
 
 
 def test_what_every_part_has_always_counts():
-    drives = Registry("drive")
+    drives = Registry("drive", prefix="")
 
     @dataclass(frozen=True)
     class Machine:
         kind: str = declared("sail", "Kind.", choices=drives)
-        of_kinds: dict[str, Any] = parts("kind", drives, beside=True)
+        of_kinds: dict[str, Any] = parts("kind", drives)
 
     for name, one in {"sail": Sail, "diesel": Diesel}.items():
         drives.register(name, one)(dict)
@@ -284,7 +284,7 @@ def test_what_every_part_has_always_counts():
 
 @pytest.mark.parametrize("with_own", [True, False])
 def test_one_name_for_two_things_is_refused(with_own):
-    drives = Registry("drive")
+    drives = Registry("drive", prefix="")
 
     @dataclass(frozen=True)
     class Barge:
@@ -293,7 +293,7 @@ def test_one_name_for_two_things_is_refused(with_own):
     @dataclass(frozen=True)
     class Machine:
         kind: str = declared("sail", "Kind.", choices=drives)
-        of_kinds: dict[str, Any] = parts("kind", drives, beside=True)
+        of_kinds: dict[str, Any] = parts("kind", drives)
         area: float = declared(20.0, "Area.", minimum=1.0, maximum=99.0)
 
     drives.register("barge", Barge)(dict)

@@ -76,6 +76,14 @@ def test_the_parameters_of_a_part_are_derived_from_those_that_every_part_has():
     assert "odd" not in registry
 
 
+def test_a_part_is_made_of_its_parameters_if_it_has_any():
+    registry = Registry("wheel")
+    registry.register("wooden", WheelParameters)(lambda parameters: parameters.radius)
+    registry.register("air")(lambda: "pumped")
+    assert registry.make("wooden", WheelParameters(2.0)) == 2.0
+    assert registry.make("air", NoParameters()) == "pumped"
+
+
 def test_an_unknown_name_has_nothing(wheels):
     registry, _, _ = wheels
     for ask in (registry.__getitem__, registry.parameters_of):

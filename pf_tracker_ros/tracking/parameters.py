@@ -15,7 +15,10 @@ from pf_tracker_ros.tracking.former_names import FORMER_NAMES
 from pf_tracker_ros.tracking.redetection import RedetectionParameters
 from pf_tracker_ros.tracking.track_parameters import TrackParameters
 
-_NEED_FOREGROUND = [name for name, cue in CUES.items() if getattr(cue, "needs_foreground", False)]
+
+def _with_foreground() -> tuple[str, ...]:
+    names = (name for name, cue in CUES.items() if getattr(cue, "needs_foreground", False))
+    return "cues", *names
 
 
 @dataclass(frozen=True)
@@ -55,9 +58,7 @@ class TrackerParameters:
         choices=CUES,
     )
     of_cues: dict[str, Any] = parts("cues", CUES)
-    background: BackgroundParameters = group(
-        BackgroundParameters, only_with=("cues", *_NEED_FOREGROUND)
-    )
+    background: BackgroundParameters = group(BackgroundParameters, only_with=_with_foreground)
     fusion: FusionParameters = group(FusionParameters, only_with=("proposal.method", "search"))
     redetection: RedetectionParameters = group(
         RedetectionParameters, only_with=("proposal.method", "search")

@@ -24,7 +24,7 @@ class Electric:
     cells: int = declared(6, "Cells.", minimum=1, maximum=12)
 
 
-ENGINES = Registry("engine")
+ENGINES = Registry("engine", prefix="")
 for name, own in {"steam": (Steam,), "electric": (Electric,), "none": ()}.items():
     ENGINES.register(name, *own)(dict)
 
@@ -32,7 +32,7 @@ for name, own in {"steam": (Steam,), "electric": (Electric,), "none": ()}.items(
 @dataclass(frozen=True)
 class Engine:
     kind: str = declared("steam", "Kind.", choices=ENGINES, read_only=True)
-    of_kinds: dict[str, Any] = parts("kind", ENGINES, beside=True)
+    of_kinds: dict[str, Any] = parts("kind", ENGINES)
 
 
 @dataclass(frozen=True)
