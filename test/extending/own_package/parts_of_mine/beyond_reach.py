@@ -1,3 +1,5 @@
 """A cue that needs what is not installed."""
 
-import a_network_that_nobody_has  # noqa: F401
+from importlib import import_module
+
+import_module("a_network_that_nobody_has")
