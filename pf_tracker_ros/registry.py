@@ -22,31 +22,40 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
 
     Args:
         kind: What the parts are, for messages.
+        parameters: The group of tunables that those of every part are derived from.
     """
 
-    def __init__(self, kind: str) -> None:
+    def __init__(self, kind: str, parameters: type = NoParameters) -> None:
         self._kind = kind
+        self._common = parameters
         self._makers: dict[str, Callable[..., Part]] = {}
         self._parameters: dict[str, type] = {}
 
     def register(
-        self, name: str, parameters: type = NoParameters
+        self, name: str, parameters: type | None = None
     ) -> Callable[[Registered], Registered]:
         """Decorate a class, or a function, that makes a part.
 
         Args:
             name: That it is chosen by.
-            parameters: Its group of tunables, which exist while it is chosen.
+            parameters: Its group of tunables; by default, those that every part has.
 
         Raises:
             ValueError: The name is taken.
+            TypeError: The group lacks what every part has.
         """
         if name in self._makers:
             raise ValueError(f"there is a {self._kind} '{name}' already; choose another name")
+        own = parameters or self._common
+        if self._common is not NoParameters and not issubclass(own, self._common):
+            raise TypeError(
+                f"the parameters of the {self._kind} '{name}' have to be derived from "
+                f"{self._common.__name__}"
+            )
 
         def enter(maker: Registered) -> Registered:
             self._makers[name] = maker
-            self._parameters[name] = parameters
+            self._parameters[name] = own
             return maker
 
         return enter

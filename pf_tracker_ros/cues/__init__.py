@@ -1,6 +1,6 @@
 """Cues: what a box in the image looks like, compared with a template of the target."""
 
-from pf_tracker_ros.cues.cue import CUES, Cue, Match, SearchableCue, power_group
+from pf_tracker_ros.cues.cue import CUES, Cue, Match, SearchableCue
 from pf_tracker_ros.cues.fusion import CueFusion, FusionParameters, TemplateParameters
 from pf_tracker_ros.registry import import_all
 
@@ -12,7 +12,6 @@ __all__ = [
     "Match",
     "SearchableCue",
     "TemplateParameters",
-    "power_group",
 ]
 
 import_all(__name__, __path__)

@@ -25,7 +25,7 @@ from pf_tracker_ros.cues.correlation_filter import (
     spectra_of,
     train,
 )
-from pf_tracker_ros.cues.cue import CUES, Match, Prospect, SearchableCue
+from pf_tracker_ros.cues.cue import CUES, CueParameters, Match, Prospect, SearchableCue
 from pf_tracker_ros.cues.features import FEATURES, Features
 from pf_tracker_ros.cues.response_map import (
     SMALLEST_RESPONSE,
@@ -66,7 +66,7 @@ _LEVEL_ODDS, _LEAST_LEVEL = 50.0, 0.25
 
 
 @dataclass(frozen=True)
-class CorrelationResponseParameters:
+class CorrelationResponseParameters(CueParameters):
     """The correlation response cue."""
 
     features: str = declared(

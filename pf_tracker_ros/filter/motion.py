@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.filter.foresight import KalmanForesight
 from pf_tracker_ros.filter.proposals import CenterPrior
-from pf_tracker_ros.parameters import Groups, chosen, declared
+from pf_tracker_ros.parameters import declared, parts
 from pf_tracker_ros.registry import Registry
 
 # Standard deviation of the prior's position around the first box, box sizes: as well as a hand, or
@@ -77,10 +77,6 @@ def models_with(capability: str) -> tuple[str, ...]:
     return tuple(name for name, model in MOTION_MODELS.items() if hasattr(model, capability))
 
 
-def _groups(model: str) -> Groups:
-    return {"": MOTION_MODELS.parameters_of(model)}
-
-
 @dataclass(frozen=True)
 class MotionParameters:
     """The motion model and its noise."""
@@ -94,7 +90,7 @@ class MotionParameters:
         choices=MOTION_MODELS,
         read_only=True,
     )
-    of_model: dict[str, Any] = chosen("model", _groups)
+    of_models: dict[str, Any] = parts("model", MOTION_MODELS, beside=True)
 
 
 def declared_position_noise() -> float:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.parameters import ParameterError, build, change, flatten
+from pf_tracker_ros.parameters import ParameterError, build, flatten
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.detections import Detections, Sighting, sightings, usable
@@ -98,8 +98,7 @@ class MultiTracker:
             ParameterError: No such preset or parameter, or a value that is not allowed.
             ValueError: The seed is no whole number from 0.
         """
-        values = multi_preset_parameters(preset)
-        values = change(MultiTrackerParameters, values, parameters or {})
+        values = {**multi_preset_parameters(preset), **(parameters or {})}
         return cls(build(MultiTrackerParameters, values), seed)
 
     @property
@@ -126,7 +125,7 @@ class MultiTracker:
             ParameterError: A name or value is not allowed, values contradict each other, or a
                 target was not seen for so long that it could not be learned.
         """
-        values = change(MultiTrackerParameters, self.parameters, values)
+        values = {**self.parameters, **values}
         self.share_parameters(MultiTracker(build(MultiTrackerParameters, values), self._seed))
 
     def share_parameters(self, other: MultiTracker) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from pf_tracker_ros.parameters import build, change, declared, flatten, group
+from pf_tracker_ros.parameters import build, declared, flatten, group
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 from pf_tracker_ros.tracking.track_parameters import TrackParameters
@@ -106,5 +106,5 @@ def multi_preset_parameters(name: str) -> dict[str, Any]:
     Raises:
         ParameterError: No preset has this name; the message lists those there are.
     """
-    values = change(MultiTrackerParameters, preset_parameters(name), _FOR_SEVERAL.get(name, {}))
+    values = {**preset_parameters(name), **_FOR_SEVERAL.get(name, {})}
     return flatten(build(MultiTrackerParameters, values))

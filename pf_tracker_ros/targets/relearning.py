@@ -61,10 +61,10 @@ def needs_learning(memory: Memory, before: Mapping[str, Any], after: Mapping[str
         after: The same of the others.
     """
     lives = memory.every_life
-    for name, declaration in declarations(MultiTrackerParameters, before).items():
-        if lives and declaration.read_only and name in after and after[name] != before[name]:
+    for name, one in declarations(MultiTrackerParameters).items():
+        if lives and one.read_only and one.counts(before) and after[name] != before[name]:
             return True
-    knowing = {name for name in after["cues"] if after.get(f"{name}.power", 1.0) > 0.0}
+    knowing = {name for name in after["cues"] if after[f"{name}.power"] > 0.0}
     return not all(knowing & life.target.templates.keys() for life in lives)
 
 

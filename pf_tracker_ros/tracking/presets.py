@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from pf_tracker_ros.parameters import ParameterError, build, declarations, flatten
+from pf_tracker_ros.parameters import ParameterError, build, flatten
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
@@ -105,9 +105,7 @@ class PresetInForce:
 
     Attributes:
         name: A key of `PRESETS`.
-        changes: Full parameter name to (value in force, value of the preset), where they differ. A
-            parameter that there is not with the preset differs from its declared default; one that
-            there is with the preset alone has no value that could differ.
+        changes: Full parameter name to (value in force, value of the preset), where they differ.
     """
 
     name: str
@@ -117,26 +115,19 @@ class PresetInForce:
     def of(
         cls,
         values: Mapping[str, Any],
-        tunables: type = TrackerParameters,
         parameters_of: Callable[[str], Mapping[str, Any]] = preset_parameters,
     ) -> PresetInForce:
         """Compare values with their preset.
 
         Args:
             values: Full name to value of `preset` and every parameter of the tracker.
-            tunables: The declared group of these.
             parameters_of: Tells the value of every parameter in a preset.
         """
         name = values["preset"]
-        preset = parameters_of(name)
-        usual = {
-            parameter: preset.get(parameter, declaration.default)
-            for parameter, declaration in declarations(tunables, values).items()
-        }
         changes = {
             parameter: (values[parameter], value)
-            for parameter, value in usual.items()
-            if values[parameter] != value
+            for parameter, value in parameters_of(name).items()
+            if parameter in values and values[parameter] != value
         }
         return cls(name, changes)
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pf_tracker_ros.parameters import ParameterError, build, change, declarations, flatten
+from pf_tracker_ros.parameters import ParameterError, build, declarations, flatten
 from pf_tracker_ros.tracking.estimate import Estimate, TrackState
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_interval, check_seed
@@ -71,7 +71,7 @@ class Tracker:
             ParameterError: No such preset or parameter, or a value that is not allowed.
             ValueError: The seed is no whole number from 0.
         """
-        values = change(TrackerParameters, preset_parameters(preset), parameters or {})
+        values = {**preset_parameters(preset), **(parameters or {})}
         return cls(build(TrackerParameters, values), seed)
 
     @property
@@ -99,7 +99,7 @@ class Tracker:
             ParameterError: A name or value is not allowed, values contradict each other, or
                 `forbid` tells why the target could not be kept.
         """
-        values = change(TrackerParameters, self.parameters, values)
+        values = {**self.parameters, **values}
         self.share_parameters(Tracker(build(TrackerParameters, values)))
 
     def share_parameters(self, other: Tracker) -> None:
@@ -127,14 +127,12 @@ class Tracker:
         if self._tracked is None:
             return ""
         before = self.parameters
-        for name, declaration in declarations(TrackerParameters, before).items():
-            if declaration.read_only and name in values and values[name] != before[name]:
+        for name, one in declarations(TrackerParameters).items():
+            if one.read_only and one.counts(before) and values[name] != before[name]:
                 return f"parameter '{name}' can't change while a target is tracked; stop first"
         # Without any that knows the target, all there is would be taken for it.
         known = self._tracked.target.templates
-        if not any(
-            name in known and values.get(f"{name}.power", 1.0) > 0.0 for name in values["cues"]
-        ):
+        if not any(name in known and values[f"{name}.power"] > 0.0 for name in values["cues"]):
             return (
                 "no cue in 'cues' has learned the target that is tracked; keep one that has until "
                 "the others have, or stop first"

@@ -21,7 +21,7 @@ from pf_tracker_ros.node.tracker.several_input import DETECTIONS_TOPIC, NOT_INST
 from pf_tracker_ros.node.tracker.several_outputs import SeveralOutputs
 from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED
 from pf_tracker_ros.node.tracker.state_log import TargetsLog
-from pf_tracker_ros.parameters import all_declarations, declarations
+from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS, Detector
@@ -50,7 +50,7 @@ class SeveralTargets:
     tunables = SeveralTargetsParameters
     # They tell of the detector that there is, and not of how it is made use of.
     kept: Collection[str] = tuple(
-        name for name in all_declarations(SeveralTargetsParameters) if name.startswith("detector.")
+        name for name in declarations(SeveralTargetsParameters) if name.startswith("detector.")
     )
 
     def __init__(self, logger: Any) -> None:
@@ -68,7 +68,7 @@ class SeveralTargets:
         return multi_preset_parameters(preset)
 
     def preset(self, values: Values) -> PresetInForce:  # noqa: D102
-        return PresetInForce.of(values, SeveralTargetsParameters, self.usual)
+        return PresetInForce.of(values, self.usual)
 
     @property
     def is_ready(self) -> bool:  # noqa: D102
@@ -236,7 +236,7 @@ def _made_detector(name: str) -> Detector | None:
 
 
 def _of_tracker(values: Values) -> dict[str, Any]:
-    tunables = declarations(SeveralTargetsParameters, values)
+    tunables = declarations(SeveralTargetsParameters)
     return {name: values[name] for name in tunables} | {"targets.most": values["max_targets"]}
 
 
