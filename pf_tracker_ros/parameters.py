@@ -113,7 +113,7 @@ class Declaration:
         if self.condition is None:
             return True
         value = values[self.condition.chooser]
-        chosen = (value,) if isinstance(value, str) else value
+        chosen = value if isinstance(value, (list, tuple)) else (value,)
         return not set(self.condition.choices).isdisjoint(chosen)
 
     def validate(self, value: Any) -> Any:
@@ -367,9 +367,10 @@ def _shared(known: Declaration, other: Declaration) -> Declaration:
     """The one tunable of several parts, with another part that declares it."""
     mine, theirs = known.condition, other.condition
     if not mine or not theirs or dataclasses.replace(other, condition=mine) != known:
+        among = ", ".join(choice for one in (mine, theirs) if one for choice in one.choices)
         raise TypeError(
-            f"'{known.name}' of {mine and _listed(mine.choices)} is declared differently for "
-            f"{theirs and _listed(theirs.choices)}; declare it alike, or give it a name of its own"
+            f"'{known.name}' is declared in two ways by what belongs to {among}; declare it alike, "
+            "or give it a name of its own"
         )
     choices = mine.choices + theirs.choices
     return dataclasses.replace(known, condition=mine._replace(choices=choices))

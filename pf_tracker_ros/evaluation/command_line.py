@@ -44,8 +44,8 @@ def parse_parameters(
 ) -> dict[str, Any]:
     """Values of parameters from texts `NAME=VALUE`, read by the type that is declared.
 
-    A list is written with commas, with or without square brackets. Whether a name exists beside
-    the others and a value is allowed is for the tracker to judge, which names what would be.
+    A list is written with commas, with or without square brackets. Whether a name exists and a
+    value is allowed is for the tracker to judge, which names what would be.
 
     Args:
         assignments: The texts.

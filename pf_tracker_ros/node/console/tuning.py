@@ -23,7 +23,8 @@ from pf_tracker_ros.tracking.presets import preset_parameters
 
 _NODE = declarations(NodeParameters)
 _TRACKER = declarations(TrackerParameters)
-_ORDER = {name: place for place, name in enumerate([*_NODE, *_TRACKER])}
+_DEFAULTS = {name: one.default for name, one in (_NODE | _TRACKER).items()}
+_ORDER = {name: place for place, name in enumerate(_DEFAULTS)}
 _KINDS = {
     ParameterType.PARAMETER_BOOL: "bool",
     ParameterType.PARAMETER_INTEGER: "int",
@@ -61,7 +62,7 @@ def shaped(
     shown = [
         {
             "name": descriptor.name,
-            "group": _group(descriptor.name, usual | plain),
+            "group": _group(descriptor.name, _DEFAULTS | usual | plain),
             "kind": _KINDS.get(descriptor.type, "text"),
             "description": descriptor.description,
             "constraints": descriptor.additional_constraints,
@@ -149,11 +150,10 @@ def parameter_file(node: str, known: Sequence[Json]) -> str:
 
 def _usual(values: Mapping[str, Any]) -> dict[str, Any]:
     """What each parameter has with the preset in force and nothing else."""
-    usual = {name: one.default for name, one in _NODE.items()}
+    usual = dict(_DEFAULTS)
     if int(values.get("max_targets", 1)) > 1:
-        usual |= _of_several(str(values.get("preset")))
+        usual = {name: _DEFAULTS[name] for name in _NODE} | _of_several(str(values.get("preset")))
     else:
-        usual |= {name: one.default for name, one in _TRACKER.items()}
         with contextlib.suppress(ParameterError):
             usual |= preset_parameters(str(values.get("preset")))
     if "preset" in values:
