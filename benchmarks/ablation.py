@@ -59,7 +59,6 @@ NOTE = (
     "standard deviation of a sequence's AUC over the seeds, mean over the sequences; ± mean: that "
     "of the mean AUC. CPU time of a frame: mean of the sequences' medians."
 )
-_CUE_POWER = ".power"
 
 
 @dataclass(frozen=True)
@@ -76,14 +75,11 @@ def cue_variants(preset: str) -> list[Variant]:
     Raises:
         ParameterError: No preset has this name.
     """
-    powers = {
-        name: value
-        for name, value in preset_parameters(preset).items()
-        if name.endswith(_CUE_POWER) and value > 0.0
-    }
-    if len(powers) < 2:
+    own = preset_parameters(preset)
+    used = [name for name in own["cues"] if own[f"{name}.power"] > 0.0]
+    if len(used) < 2:
         return []
-    return [Variant(f"without {name.removesuffix(_CUE_POWER)}", {name: 0.0}) for name in powers]
+    return [Variant(f"without {name}", {f"{name}.power": 0.0}) for name in used]
 
 
 def variants(preset: str, particles: Sequence[int], off: Sequence[str]) -> list[Variant]:
@@ -119,9 +115,7 @@ def variants(preset: str, particles: Sequence[int], off: Sequence[str]) -> list[
             Tracker.from_preset(preset, parameters=variant.parameters)
         except ParameterError as error:
             raise ParameterError(f"{variant.name}: {error}") from error
-        if variant.parameters and all(
-            name in own and own[name] == value for name, value in variant.parameters.items()
-        ):
+        if variant.parameters and own | variant.parameters == own:
             raise EvaluationError(
                 f"{variant.name}: so it is in preset {preset}; allowed: another value"
             )

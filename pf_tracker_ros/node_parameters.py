@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-from pf_tracker_ros.parameters import declared
+from pf_tracker_ros.parameters import declared, parts
+from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 from pf_tracker_ros.tracking.presets import PRESETS
 
 
@@ -32,8 +34,9 @@ class NodeParameters:
         "Detector of the node's own that starts and corrects targets, where max_targets is above "
         "1: people is OpenCV's for people who are at least 100 px high, motion finds what moves "
         "before a camera that stands still.",
-        choices=("none", "people", "motion"),
+        choices=("none", *DETECTORS),
     )
+    of_detectors: dict[str, Any] = parts("built_in_detector", DETECTORS)
     built_in_detector_rate: float = declared(
         1.0,
         "Most frames in a second that the built-in detector looks at, beside the tracker and as "

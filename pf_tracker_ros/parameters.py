@@ -5,8 +5,9 @@ default, the description, the unit and the range. Groups nest: the field `partic
 `filter` has the full name `filter.particles`. From the declarations follow the checks at start-up
 and at run time, the ROS descriptors, the preset files and the table in `docs/parameters.md`.
 
-Some tunables choose a part by its name, such as the motion model. What only that part reads is
-declared beside it by `chosen`, and exists while the part is chosen.
+Some tunables choose a part by its name, such as the motion model. The tunables of all parts of a
+registry are declared beside it by `parts`. All of them exist all the time; the description of each
+says while which part is chosen it counts.
 """
 
 from __future__ import annotations
@@ -18,12 +19,15 @@ import typing
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
+
+from pf_tracker_ros.registry import Registry
 
 Group = TypeVar("Group")
 
 _METADATA_KEY = "declaration"
-_CHOSEN_KEY = "chosen"
+_CONDITION_KEY = "condition"
+_PARTS_KEY = "parts"
 _TYPE_NAMES = {
     bool: "bool",
     int: "int",
@@ -41,6 +45,18 @@ class ParameterError(ValueError):
     """A parameter that does not exist, or a value that it does not allow."""
 
 
+class Condition(NamedTuple):
+    """That one of some parts is chosen.
+
+    Attributes:
+        chooser: Full name of the tunable that chooses.
+        choices: Its values, or elements of its value, with which the condition holds.
+    """
+
+    chooser: str
+    choices: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class Declaration:
     """One tunable: its full name, type, default, range and what it is for.
@@ -49,15 +65,14 @@ class Declaration:
         name: Full name, groups separated by dots.
         type: `bool`, `int`, `float`, `str`, `tuple[float, ...]` or `tuple[str, ...]`.
         default: Value when nothing else is given.
-        description: One sentence: what it does, and when to change it.
+        description: What it does, when to change it, and while what it counts.
         unit: Unit of the value, empty where it has none.
         minimum: Smallest allowed number, inclusive; of each element for a list; -inf for others.
         maximum: Largest allowed number, inclusive; of each element for a list; inf for others.
         choices: Allowed strings; empty allows any. A list of strings holds each at most once.
         lengths: Allowed lengths of a list; empty allows any.
         read_only: Whether it is fixed once the tracker or node has started.
-        only_with: What else must be chosen for it to exist, for example
-            "motion.model 'affine'"; empty where it always does.
+        condition: While it counts; None where it always does.
     """
 
     name: str
@@ -70,7 +85,7 @@ class Declaration:
     choices: tuple[str, ...] = ()
     lengths: tuple[int, ...] = ()
     read_only: bool = False
-    only_with: str = ""
+    condition: Condition | None = None
 
     @property
     def type_name(self) -> str:
@@ -92,6 +107,14 @@ class Declaration:
             lengths = " or ".join(str(length) for length in self.lengths)
             return f"{lengths} numbers, each {text}"
         return text
+
+    def counts(self, values: Mapping[str, Any]) -> bool:
+        """Whether it does with some values: full name to value of every tunable."""
+        if self.condition is None:
+            return True
+        value = values[self.condition.chooser]
+        chosen = value if isinstance(value, (list, tuple)) else (value,)
+        return not set(self.condition.choices).isdisjoint(chosen)
 
     def validate(self, value: Any) -> Any:
         """Return `value` in the declared type.
@@ -164,10 +187,13 @@ def declared(
     choices: Collection[str] = (),
     lengths: Sequence[int] = (),
     read_only: bool = False,
+    only_with: Sequence[str] = (),
 ) -> Any:
     """Declare one tunable as a field of a frozen dataclass; arguments as in `Declaration`.
 
-    Choices may be a collection that still grows, such as a `Registry`.
+    Choices may be a collection that still grows, such as a `Registry`. Where the tunable does not
+    always count, `only_with` has the name of the one that decides, as counted from the group around
+    the field, and the choices with which it does.
 
     Raises:
         TypeError: A number without both ends of its range; the range keeps out NaN and infinity.
@@ -176,7 +202,7 @@ def declared(
     numeric = (
         isinstance(default, int | float | tuple) and not isinstance(default, bool) and default != ()
     )
-    if numeric and not choices and not (math.isfinite(minimum) and math.isfinite(maximum)):
+    if numeric and choices == () and not (math.isfinite(minimum) and math.isfinite(maximum)):
         raise TypeError(f"a number needs a range: {description}")
     return dataclasses.field(
         default=default,
@@ -190,178 +216,94 @@ def declared(
                 "choices": choices,
                 "lengths": tuple(lengths),
                 "read_only": read_only,
-            }
+            },
+            _CONDITION_KEY: only_with,
         },
     )
 
 
-def group(group_type: type[Group]) -> Group:
-    """Declare a nested group of tunables as a field of a frozen dataclass."""
-    return dataclasses.field(default_factory=group_type)
-
-
-# Under which name each chosen group stands, "" for that of the group around it, to its type.
-Groups = Mapping[str, type]
-
-
-def chosen(by: str, groups: Callable[[Any], Groups]) -> Any:
-    """Declare the tunables that exist only with some values of another one, as a field.
-
-    The field holds the built groups by the same names.
+def group(
+    group_type: type[Group], *, only_with: Sequence[str] | Callable[[], Sequence[str]] = ()
+) -> Group:
+    """Declare a nested group of tunables as a field of a frozen dataclass.
 
     Args:
-        by: The other one's name, counted from the group around the field.
-        groups: From its value to the groups that it brings.
+        group_type: Of the tunables.
+        only_with: As for `declared`, of all of them; or what returns it, asked when it is needed.
+    """
+    return dataclasses.field(default_factory=group_type, metadata={_CONDITION_KEY: only_with})
+
+
+def parts(by: str, registry: Registry[Any]) -> Any:
+    """Declare the tunables of every part of a registry, as a field.
+
+    The field holds the built groups, by the names of the parts.
+
+    Args:
+        by: Name of the tunable that chooses among the parts, before the field in the same group.
+        registry: Of the parts.
     """
     return dataclasses.field(
-        default_factory=dict, metadata={_CHOSEN_KEY: {"by": by, "groups": groups}}
+        default_factory=lambda: {name: registry.parameters_of(name)() for name in registry},
+        metadata={_PARTS_KEY: (by, registry)},
     )
 
 
-def declarations(
-    group_type: type, values: Mapping[str, Any] | None = None, prefix: str = ""
-) -> dict[str, Declaration]:
-    """All tunables that there are with some values, in order of declaration.
+def declarations(group_type: type) -> dict[str, Declaration]:
+    """All tunables of a group, in order of declaration.
 
     A choice among one is none, and not listed.
 
     Args:
-        group_type: A frozen dataclass whose fields were made by `declared`, `group` and `chosen`.
-        values: Full name to value, which tells what is chosen; the default of what is not named.
-        prefix: Put in front of each name, with its dot.
+        group_type: A frozen dataclass whose fields were made by `declared`, `group` and `parts`.
 
     Returns:
         Full name to declaration.
 
     Raises:
-        ParameterError: A value that chooses is not allowed.
+        TypeError: A field was made otherwise, or parts declare one name differently.
     """
-    types = _types(group_type)
     found: dict[str, Declaration] = {}
-    for field in dataclasses.fields(group_type):
-        name = prefix + field.name
-        if _METADATA_KEY in field.metadata:
-            declaration = _declaration(name, types[field.name], field)
-            if len(declaration.choices) != 1:
-                found[name] = declaration
-        elif _CHOSEN_KEY in field.metadata:
-            chooser = found[prefix + field.metadata[_CHOSEN_KEY]["by"]]
-            value = chooser.validate((values or {}).get(chooser.name, chooser.default))
-            for own, of_part in field.metadata[_CHOSEN_KEY]["groups"](value).items():
-                found.update(declarations(of_part, values, _extended(prefix, own)))
-        elif dataclasses.is_dataclass(types[field.name]):
-            found.update(declarations(types[field.name], values, prefix=f"{name}."))
-        else:
-            raise TypeError(
-                f"{group_type.__name__}.{field.name} is no tunable; make it by `declared`, with "
-                "its description and its range"
-            )
-    return found
-
-
-def all_declarations(group_type: type) -> dict[str, Declaration]:
-    """All tunables that can be, whatever is chosen; `only_with` says with what.
-
-    Args:
-        group_type: As for `declarations`.
-    """
-    found = declarations(group_type)
-    needs: dict[str, str] = {}
-    for chooser in choosers(group_type).values():
-        choices, takes_several = chooser.choices, chooser.type == tuple[str, ...]
-        there = {
-            choice: declarations(group_type, {chooser.name: (choice,) if takes_several else choice})
-            for choice in choices
-        }
-        for of_choice in there.values():
-            found |= {name: one for name, one in of_choice.items() if name not in found}
-        for name in found:
-            bringing = [choice for choice in choices if name in there[choice]]
-            if 0 < len(bringing) < len(choices):
-                needs[name] = f"{chooser.name} {_listed(bringing)}"
-        if not takes_several:
-            continue
-        together = declarations(group_type, {chooser.name: choices})
-        for choice in choices:
-            others = [other for other in choices if other != choice]
-            without = declarations(group_type, {chooser.name: others})
-            for name in together.keys() - without.keys() - there[choice].keys():
-                found[name] = together[name]
-                needs[name] = f"{chooser.name} {_listed([choice])} and another"
-    return {
-        name: dataclasses.replace(declaration, only_with=needs.get(name, ""))
-        for name, declaration in found.items()
-    }
-
-
-def choosers(group_type: type) -> dict[str, Declaration]:
-    """The tunables that decide which others there are; they are always there.
-
-    Args:
-        group_type: As for `declarations`.
-
-    Returns:
-        Full name to declaration.
-    """
-    return {declaration.name: declaration for declaration in _choosers(group_type)}
+    for one in _walk(group_type, "", None):
+        found[one.name] = _shared(found[one.name], one) if one.name in found else one
+    return {name: _explained(one, found) for name, one in found.items()}
 
 
 def build(group_type: type[Group], values: Mapping[str, Any]) -> Group:
     """Build a group from full names and values; what is not named keeps its default.
 
     Args:
-        group_type: A frozen dataclass whose fields were made by `declared`, `group` and `chosen`.
+        group_type: As for `declarations`.
         values: Full name to value.
 
     Returns:
         The group, every value checked.
 
     Raises:
-        ParameterError: A name is not declared with these values, or a value is not allowed.
+        ParameterError: A name is not declared, or a value is not allowed.
     """
-    known = declarations(group_type, values)
+    known = declarations(group_type)
     for name in values:
         if name not in known:
-            raise ParameterError(why_unknown(group_type, name, values))
+            raise ParameterError(why_unknown(group_type, name))
     checked = {name: one.validate(values.get(name, one.default)) for name, one in known.items()}
     return typing.cast(Group, _assemble(group_type, checked, prefix=""))
 
 
-def change(
-    group_type: type, before: Mapping[str, Any], changes: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Values after a change: what the change no longer lets exist is left out.
-
-    Args:
-        group_type: As for `build`.
-        before: Full name to value.
-        changes: Full name to value.
-
-    Raises:
-        ParameterError: A value that chooses is not allowed.
-    """
-    known = declarations(group_type, {**before, **changes})
-    return {name: value for name, value in before.items() if name in known} | dict(changes)
-
-
-def why_unknown(group_type: type, name: str, values: Mapping[str, Any]) -> str:
-    """Why there is no tunable of a name with these values, and what to do, as a sentence.
+def why_unknown(group_type: type, name: str) -> str:
+    """Why there is no tunable of a name, and what to do, as a sentence.
 
     A group type may tell in `former_names` what became of names that it has no more: full name to
     another that is to be used, or to a reason.
     """
     former = getattr(group_type, "former_names", {})
-    every = all_declarations(group_type)
-    here = declarations(group_type, values)
+    known = declarations(group_type)
     if name in former:
         new = former[name]
-        needs = every[new].only_with if new in every and new not in here else ""
-        instead = f"use '{new}'" if new in every else new
-        return f"no parameter '{name}'; {instead}{needs and f', which needs {needs}'}"
-    if name in every:
-        return f"no parameter '{name}' here; it needs {every[name].only_with}"
-    close = difflib.get_close_matches(str(name), every, n=1)
-    guess = f"did you mean '{close[0]}'?" if close else f"there are: {', '.join(here)}"
+        instead = f"use '{new}'" if new in known else new
+        return f"no parameter '{name}'; {instead}"
+    close = difflib.get_close_matches(str(name), known, n=1)
+    guess = f"did you mean '{close[0]}'?" if close else f"there are: {', '.join(known)}"
     return f"no parameter '{name}'; {guess}"
 
 
@@ -374,9 +316,9 @@ def flatten(values: Any, prefix: str = "") -> dict[str, Any]:
         if _METADATA_KEY in field.metadata:
             if len(_choices(field)) != 1:
                 flat[name] = value
-        elif _CHOSEN_KEY in field.metadata:
-            for own, part in value.items():
-                flat.update(flatten(part, _extended(prefix, own)))
+        elif _PARTS_KEY in field.metadata:
+            for part, (own_prefix, _) in _parts(field, prefix).items():
+                flat.update(flatten(value[part], own_prefix))
         else:
             flat.update(flatten(value, prefix=f"{name}."))
     return flat
@@ -387,12 +329,72 @@ def _types(group_type: type) -> Mapping[str, Any]:
     return typing.get_type_hints(group_type)
 
 
-def _declaration(name: str, value_type: Any, field: dataclasses.Field[Any]) -> Declaration:
+def _walk(group_type: type, prefix: str, condition: Condition | None) -> Iterator[Declaration]:
+    """Every tunable of a group, with what parts share once for each of them."""
+    types = _types(group_type)
+    for field in dataclasses.fields(group_type):
+        name = prefix + field.name
+        only_with = field.metadata.get(_CONDITION_KEY, ())
+        chooser, *choices = (only_with() if callable(only_with) else only_with) or ("",)
+        own = Condition(prefix + chooser, tuple(choices)) if chooser else condition
+        if _METADATA_KEY in field.metadata:
+            if len(_choices(field)) != 1:
+                yield _declaration(name, types[field.name], field, own)
+        elif _PARTS_KEY in field.metadata:
+            by = prefix + field.metadata[_PARTS_KEY][0]
+            for part, (own_prefix, of_part) in _parts(field, prefix).items():
+                yield from _walk(of_part, own_prefix, Condition(by, (part,)))
+        elif dataclasses.is_dataclass(types[field.name]):
+            yield from _walk(types[field.name], f"{name}.", own)
+        else:
+            raise TypeError(
+                f"{group_type.__name__}.{field.name} is no tunable; make it by `declared`, with "
+                "its description and its range"
+            )
+
+
+def _declaration(
+    name: str, value_type: Any, field: dataclasses.Field[Any], condition: Condition | None
+) -> Declaration:
     declaration = Declaration(name=name, type=value_type, **field.metadata[_METADATA_KEY])
     is_bounded = math.isfinite(declaration.minimum) and math.isfinite(declaration.maximum)
     if _ELEMENTS.get(value_type, value_type) in (int, float) and not is_bounded:
         raise TypeError(f"a number needs a range: {declaration.description}")
-    return dataclasses.replace(declaration, choices=_choices(field))
+    return dataclasses.replace(declaration, choices=_choices(field), condition=condition)
+
+
+def _shared(known: Declaration, other: Declaration) -> Declaration:
+    """The one tunable of several parts, with another part that declares it."""
+    mine, theirs = known.condition, other.condition
+    if not mine or not theirs or dataclasses.replace(other, condition=mine) != known:
+        among = ", ".join(choice for one in (mine, theirs) if one for choice in one.choices)
+        raise TypeError(
+            f"'{known.name}' is declared in two ways by what belongs to {among}; declare it alike, "
+            "or give it a name of its own"
+        )
+    choices = mine.choices + theirs.choices
+    return dataclasses.replace(known, condition=mine._replace(choices=choices))
+
+
+def _explained(declaration: Declaration, known: Mapping[str, Declaration]) -> Declaration:
+    """The declaration whose description says while what it counts."""
+    if declaration.condition is None:
+        return declaration
+    name, choices = declaration.condition
+    if name not in known or set(choices) == set(known[name].choices):
+        return dataclasses.replace(declaration, condition=None)
+    verb = "is" if known[name].type is str else "holds"
+    description = f"{declaration.description} Counts while '{name}' {verb} {_listed(choices)}."
+    return dataclasses.replace(declaration, description=description)
+
+
+def _parts(field: dataclasses.Field[Any], prefix: str) -> dict[str, tuple[str, type]]:
+    """Name of each part to the prefix of its tunables, and their group."""
+    _, registry = field.metadata[_PARTS_KEY]
+    return {
+        name: (prefix + registry.prefix.format(part=name), registry.parameters_of(name))
+        for name in registry
+    }
 
 
 def _choices(field: dataclasses.Field[Any]) -> tuple[str, ...]:
@@ -403,20 +405,6 @@ def _listed(choices: Sequence[str]) -> str:
     return " or ".join(f"'{choice}'" for choice in choices)
 
 
-def _choosers(group_type: type, prefix: str = "") -> Iterator[Declaration]:
-    types = _types(group_type)
-    known = declarations(group_type, prefix=prefix)
-    for field in dataclasses.fields(group_type):
-        if _CHOSEN_KEY in field.metadata:
-            yield known[prefix + field.metadata[_CHOSEN_KEY]["by"]]
-        elif _METADATA_KEY not in field.metadata:
-            yield from _choosers(types[field.name], f"{prefix}{field.name}.")
-
-
-def _extended(prefix: str, own: str) -> str:
-    return f"{prefix}{own}." if own else prefix
-
-
 def _assemble(group_type: Any, checked: Mapping[str, Any], prefix: str) -> Any:
     types = _types(group_type)
     arguments: dict[str, Any] = {}
@@ -425,13 +413,10 @@ def _assemble(group_type: Any, checked: Mapping[str, Any], prefix: str) -> Any:
         if _METADATA_KEY in field.metadata:
             if name in checked:
                 arguments[field.name] = checked[name]
-        elif _CHOSEN_KEY in field.metadata:
-            groups = field.metadata[_CHOSEN_KEY]["groups"]
+        elif _PARTS_KEY in field.metadata:
             arguments[field.name] = {
-                own: _assemble(of_part, checked, _extended(prefix, own))
-                for own, of_part in groups(
-                    checked[prefix + field.metadata[_CHOSEN_KEY]["by"]]
-                ).items()
+                part: _assemble(of_part, checked, own_prefix)
+                for part, (own_prefix, of_part) in _parts(field, prefix).items()
             }
         else:
             arguments[field.name] = _assemble(types[field.name], checked, prefix=f"{name}.")

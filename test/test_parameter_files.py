@@ -4,7 +4,7 @@ import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.parameter_files import TrackerSettings, read_parameter_file
-from pf_tracker_ros.parameters import ParameterError, all_declarations
+from pf_tracker_ros.parameters import ParameterError, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
@@ -79,7 +79,7 @@ def test_every_value_of_a_preset_comes_back(file, preset):
     ]
     text = "/**:\n  ros__parameters:\n" + "\n".join(lines).replace("True", "true")
     assert read_parameter_file(file(text.replace("False", "false"))).parameters == values
-    assert values.keys() <= all_declarations(TrackerParameters).keys()
+    assert values.keys() <= declarations(TrackerParameters).keys()
 
 
 @pytest.mark.parametrize(

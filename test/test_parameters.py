@@ -1,31 +1,27 @@
 """Declared parameters: checked, nested, and named by their full name."""
 
-import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pf_tracker_ros.parameters import (
     ParameterError,
-    all_declarations,
     build,
-    change,
-    choosers,
-    chosen,
     declarations,
     declared,
     flatten,
     group,
+    parts,
     why_unknown,
 )
-from pf_tracker_ros.registry import NoParameters
+from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
+from pf_tracker_ros.tracking.presets import PRESETS
 
 
 @dataclass(frozen=True)
@@ -140,31 +136,44 @@ def test_a_number_without_a_range_cannot_be_declared():
         declared(1.0, "Unbounded.")
 
 
+def declared_draft(default=2.0):
+    return declared(default, "Draft.", minimum=0.1, maximum=9.0)
+
+
 @dataclass(frozen=True)
 class Sail:
     area: float = declared(20.0, "Area.", minimum=1.0, maximum=99.0)
-    draft: float = declared(2.0, "Draft.", minimum=0.1, maximum=9.0)
+    draft: float = declared_draft()
 
 
 @dataclass(frozen=True)
 class Diesel:
     liters: float = declared(3.0, "Liters.", minimum=0.5, maximum=9.0)
-    draft: float = declared(2.0, "Draft.", minimum=0.1, maximum=9.0)
+    draft: float = declared_draft()
 
 
 @dataclass(frozen=True)
-class Radio:
+class Device:
+    age: int = declared(1, "Age.", minimum=0, maximum=99)
+
+
+@dataclass(frozen=True)
+class Radio(Device):
     channel: int = declared(16, "Channel.", minimum=1, maximum=88)
 
 
-DRIVES = {"sail": Sail, "diesel": Diesel, "oars": NoParameters}
-DEVICES = {"radio": Radio, "plotter": NoParameters, "spare": Radio}
+DRIVES, DEVICES = Registry("drive", prefix=""), Registry("device", Device)
+for drive, own in {"sail": (Sail,), "diesel": (Diesel,), "oars": ()}.items():
+    DRIVES.register(drive, *own)(dict)
+for device, own in {"radio": (Radio,), "plotter": (), "spare": (Radio,)}.items():
+    DEVICES.register(device, *own)(dict)
 
 
 @dataclass(frozen=True)
 class Drive:
     kind: str = declared("sail", "Kind.", choices=DRIVES, read_only=True)
-    of_kind: dict[str, Any] = chosen("kind", lambda kind: {"": DRIVES[kind]})
+    of_kinds: dict[str, Any] = parts("kind", DRIVES)
+    reefs: int = declared(2, "Reefs.", minimum=0, maximum=4, only_with=("kind", "sail"))
 
 
 @dataclass(frozen=True)
@@ -179,146 +188,142 @@ class Boat:
     hull: str = declared("wood", "Hull.", choices=("wood",))
     drive: Drive = group(Drive)
     devices: tuple[str, ...] = declared(("plotter",), "Devices.", choices=DEVICES)
-    of_devices: dict[str, Any] = chosen(
-        "devices", lambda names: {name: DEVICES[name] for name in names}
-    )
-    of_antenna: dict[str, Any] = chosen(
-        "devices", lambda names: {"antenna": Antenna} if {"radio", "spare"} & set(names) else {}
-    )
+    of_devices: dict[str, Any] = parts("devices", DEVICES)
+    antenna: Antenna = group(Antenna, only_with=("devices", "radio", "spare"))
     ropes: tuple[str, ...] = declared((), "Ropes.", choices=("bow", "stern", "spring"))
 
 
-ALWAYS = ["name", "drive.kind", "devices", "ropes"]
-OF_DRIVES = {
-    "sail": ["drive.area", "drive.draft"],
-    "diesel": ["drive.liters", "drive.draft"],
-    "oars": [],
+# Name to what has to be chosen for it to count.
+CONDITIONS = {
+    "name": None,
+    "drive.kind": None,
+    "drive.area": ("drive.kind", ("sail",)),
+    "drive.draft": ("drive.kind", ("sail", "diesel")),
+    "drive.liters": ("drive.kind", ("diesel",)),
+    "drive.reefs": ("drive.kind", ("sail",)),
+    "devices": None,
+    "radio.age": ("devices", ("radio",)),
+    "radio.channel": ("devices", ("radio",)),
+    "plotter.age": ("devices", ("plotter",)),
+    "spare.age": ("devices", ("spare",)),
+    "spare.channel": ("devices", ("spare",)),
+    "antenna.height": ("devices", ("radio", "spare")),
+    "ropes": None,
 }
-KINDS = st.sampled_from(list(DRIVES))
-SOME_DEVICES = st.lists(st.sampled_from(list(DEVICES)), unique=True).map(tuple)
+BOAT = declarations(Boat)
 
 
 def boats():
-    """Any values that go together, some of them left out."""
-
-    def values(choice):
-        kind, devices = choice
-        there = declarations(Boat, {"drive.kind": kind, "devices": devices})
-        possible = {
-            "drive.kind": st.just(kind),
-            "devices": st.just(devices),
-            "name": st.text(),
-            "ropes": st.lists(st.sampled_from(["bow", "stern", "spring"]), unique=True).map(tuple),
-        }
-        for name, declaration in there.items():
-            if declaration.type is float:
-                possible[name] = st.floats(declaration.minimum, declaration.maximum)
-            elif declaration.type is int:
-                possible[name] = st.integers(int(declaration.minimum), int(declaration.maximum))
-        needed = {name: possible.pop(name) for name in ("drive.kind", "devices")}
-        return st.fixed_dictionaries(needed, optional=possible)
-
-    return st.tuples(KINDS, SOME_DEVICES).flatmap(values)
+    """Any values, some of them left out."""
+    some_devices = st.lists(st.sampled_from(list(DEVICES)), unique=True).map(tuple)
+    possible = {"drive.kind": st.sampled_from(list(DRIVES)), "devices": some_devices}
+    for name, declaration in BOAT.items():
+        if declaration.type is float:
+            possible[name] = st.floats(declaration.minimum, declaration.maximum)
+        elif declaration.type is int:
+            possible[name] = st.integers(int(declaration.minimum), int(declaration.maximum))
+    return st.fixed_dictionaries({}, optional=possible)
 
 
-@given(KINDS, SOME_DEVICES)
-def test_there_is_what_is_chosen_and_nothing_else(kind, devices):
-    there = declarations(Boat, {"drive.kind": kind, "devices": devices})
-    expected = {*ALWAYS, *OF_DRIVES[kind]}
-    expected |= {f"{name}.channel" for name in devices if name != "plotter"}
-    if set(devices) - {"plotter"}:
-        expected.add("antenna.height")
-    assert set(there) == expected
-    assert all(name == declaration.name for name, declaration in there.items())
+def test_those_of_all_parts_are_there_and_know_while_what_they_count():
+    assert {name: declaration.condition for name, declaration in BOAT.items()} == CONDITIONS
+    assert list(BOAT) == list(CONDITIONS)
+    assert all(name == declaration.name for name, declaration in BOAT.items())
     # A choice among one is none.
-    assert "hull" not in there
+    assert "hull" not in BOAT
 
 
-def test_what_is_not_named_chooses_by_default():
-    assert list(declarations(Boat)) == [
-        "name",
-        "drive.kind",
-        "drive.area",
-        "drive.draft",
-        "devices",
-        "ropes",
-    ]
+def test_the_description_says_while_what_they_count():
+    described = {name: declaration.description for name, declaration in BOAT.items()}
+    assert described["name"] == "Name."
+    assert described["drive.draft"] == "Draft. Counts while 'drive.kind' is 'sail' or 'diesel'."
+    assert described["spare.channel"] == "Channel. Counts while 'devices' holds 'spare'."
+
+
+@given(boats())
+def test_what_counts_follows_from_what_is_chosen(values):
+    values = flatten(build(Boat, values))
+    for name, condition in CONDITIONS.items():
+        chosen = values[condition[0]] if condition else ()
+        chosen = {chosen} if isinstance(chosen, str) else set(chosen)
+        assert BOAT[name].counts(values) == (condition is None or bool(chosen & {*condition[1]}))
 
 
 @given(boats())
 def test_flatten_is_the_inverse_of_build_whatever_is_chosen(values):
     flat = flatten(build(Boat, values))
-    assert flat.keys() == declarations(Boat, values).keys()
-    assert values.items() <= flat.items()
-    assert all(
-        flat[name] == declaration.default
-        for name, declaration in declarations(Boat, values).items()
-        if name not in values
-    )
+    assert list(flat) == list(BOAT)
+    assert flat == {name: values.get(name, one.default) for name, one in BOAT.items()}
     assert build(Boat, flat) == build(Boat, values)
+    assert build(Boat, {}) == Boat()
 
 
-@given(boats(), boats())
-def test_what_a_change_leaves_keeps_its_value_and_the_rest_has_its_default(before, changes):
-    before = flatten(build(Boat, before))
-    after = flatten(build(Boat, change(Boat, before, changes)))
-    known = declarations(Boat, after)
-    for name, declaration in known.items():
-        usual = before.get(name, declaration.default)
-        assert after[name] == changes.get(name, usual)
+def test_parts_share_what_they_declare_alike_and_have_the_rest_for_themselves():
+    boat = build(Boat, {"drive.draft": 3.0, "drive.area": 9.0, "spare.channel": 7})
+    assert boat.drive.of_kinds["sail"] == Sail(area=9.0, draft=3.0)
+    assert boat.drive.of_kinds["diesel"] == Diesel(draft=3.0)
+    assert boat.of_devices["radio"] == Radio()
+    assert boat.of_devices["spare"] == Radio(channel=7)
 
 
-@given(boats(), boats())
-def test_what_does_not_exist_with_a_change_is_refused(before, wrong):
-    before = flatten(build(Boat, before))
-    strange = wrong.keys() - before.keys()
-    assume(strange)
-    changes = {name: wrong[name] for name in strange}
-    with pytest.raises(ParameterError, match="no parameter"):
-        build(Boat, change(Boat, before, changes))
+def test_what_every_part_has_always_counts():
+    drives = Registry("drive", prefix="")
+
+    @dataclass(frozen=True)
+    class Machine:
+        kind: str = declared("sail", "Kind.", choices=drives)
+        of_kinds: dict[str, Any] = parts("kind", drives)
+
+    for name, one in {"sail": Sail, "diesel": Diesel}.items():
+        drives.register(name, one)(dict)
+    draft = declarations(Machine)["draft"]
+    assert (draft.condition, draft.description) == (None, "Draft.")
+    drives.register("oars")(dict)
+    assert declarations(Machine)["draft"].condition == ("kind", ("sail", "diesel"))
 
 
-def test_all_declarations_are_those_of_every_choice_and_tell_what_they_need():
-    every = all_declarations(Boat)
-    assert {name: declaration.only_with for name, declaration in every.items()} == {
-        **dict.fromkeys(ALWAYS, ""),
-        "drive.area": "drive.kind 'sail'",
-        "drive.liters": "drive.kind 'diesel'",
-        "drive.draft": "drive.kind 'sail' or 'diesel'",
-        "radio.channel": "devices 'radio'",
-        "spare.channel": "devices 'spare'",
-        "antenna.height": "devices 'radio' or 'spare'",
-    }
+@dataclass(frozen=True)
+class Barge:
+    draft: float = declared_draft(default=1.0)
 
 
-@given(KINDS, SOME_DEVICES)
-def test_all_declarations_hold_those_of_any_choice(kind, devices):
-    every = all_declarations(Boat)
-    for name, declaration in declarations(Boat, {"drive.kind": kind, "devices": devices}).items():
-        assert dataclasses.replace(every[name], only_with="") == declaration
+@dataclass(frozen=True)
+class Balloon:
+    height: float = declared(9.0, "Height.", minimum=0.0, maximum=99.0)
 
 
-def test_the_choosers_are_always_there():
-    assert list(choosers(Boat)) == ["drive.kind", "devices"]
-    assert choosers(Boat)["devices"] == declarations(Boat)["devices"]
-    assert choosers(Car) == {}
+@pytest.mark.parametrize(("other", "name"), [(Barge, "draft"), (Balloon, "height")])
+def test_one_name_for_two_things_is_refused(other, name):
+    drives = Registry("drive", prefix="")
+
+    @dataclass(frozen=True)
+    class Machine:
+        kind: str = declared("sail", "Kind.", choices=drives)
+        height: float = declared(5.0, "Height.", minimum=0.0, maximum=30.0)
+        of_kinds: dict[str, Any] = parts("kind", drives)
+
+    drives.register("sail", Sail)(dict)
+    # There is no choice yet, and so no condition.
+    assert list(declarations(Machine)) == ["height", "area", "draft"]
+    assert declarations(Machine)["draft"].condition is None
+    drives.register("other", other)(dict)
+    with pytest.raises(TypeError, match=f"'{name}' is declared in two ways by .*other; declare it"):
+        declarations(Machine)
 
 
 WHY_UNKNOWN = {
-    "drive.canvas": "no parameter 'drive.canvas'; use 'drive.area', which needs drive.kind 'sail'",
+    "drive.canvas": "no parameter 'drive.canvas'; use 'drive.area'",
     "keel": "no parameter 'keel'; every boat has one",
-    "drive.area": "no parameter 'drive.area' here; it needs drive.kind 'sail'",
-    "antenna.height": "no parameter 'antenna.height' here; it needs devices 'radio' or 'spare'",
-    "rudder": "no parameter 'rudder'; there are: name, drive.kind, devices, ropes",
+    "drive.arae": "no parameter 'drive.arae'; did you mean 'drive.area'?",
+    "zzz": f"no parameter 'zzz'; there are: {', '.join(CONDITIONS)}",
 }
 
 
 @pytest.mark.parametrize("name", WHY_UNKNOWN)
 def test_why_a_name_is_not_there_is_told_with_what_to_do(name):
-    rowed = {"drive.kind": "oars"}
-    assert why_unknown(Boat, name, rowed) == WHY_UNKNOWN[name]
+    assert why_unknown(Boat, name) == WHY_UNKNOWN[name]
     with pytest.raises(ParameterError) as refusal:
-        build(Boat, {**rowed, name: 1.0})
+        build(Boat, {name: 1.0})
     assert str(refusal.value) == WHY_UNKNOWN[name]
 
 
@@ -340,29 +345,22 @@ def test_a_list_of_strings_keeps_its_order():
 @pytest.mark.parametrize("name", ["drive.kind", "devices"])
 def test_a_wrong_choice_is_refused_with_what_can_be_chosen(name):
     with pytest.raises(ParameterError, match=f"'{name}' is .*; allowed: .*'(sail|radio)'"):
-        declarations(Boat, {name: "kite"})
-
-
-def test_a_parameter_of_the_tracker_is_the_same_whatever_it_belongs_to():
-    every = all_declarations(TrackerParameters)
-    for chooser in choosers(TrackerParameters).values():
-        for choice in chooser.choices:
-            value = (choice,) if chooser.type == tuple[str, ...] else choice
-            for name, one in declarations(TrackerParameters, {chooser.name: value}).items():
-                assert dataclasses.replace(every[name], only_with="") == one
+        build(Boat, {name: "kite"})
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_a_preset_names_only_what_there_is_with_it(preset):
-    assert PRESETS[preset].keys() <= preset_parameters(preset).keys()
+def test_a_preset_names_only_what_counts_with_it(preset):
+    known = declarations(TrackerParameters)
+    values = flatten(build(TrackerParameters, PRESETS[preset]))
+    assert all(known[name].counts(values) for name in PRESETS[preset])
 
 
 def test_no_former_name_is_a_name():
-    every = all_declarations(TrackerParameters)
+    every = declarations(TrackerParameters)
     former = TrackerParameters.former_names
     assert not former.keys() & every.keys()
     for name in former:
-        reason = why_unknown(TrackerParameters, name, {})
+        reason = why_unknown(TrackerParameters, name)
         assert reason.startswith(f"no parameter '{name}'; ")
         assert len(reason) > len(f"no parameter '{name}'; ")
 

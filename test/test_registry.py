@@ -66,6 +66,24 @@ def test_a_name_that_is_taken_is_refused_and_keeps_its_part(wheels):
     assert list(registry) == ["wooden", "air"]
 
 
+def test_the_parameters_of_a_part_are_derived_from_those_that_every_part_has():
+    registry = Registry("wheel", WheelParameters)
+    registry.register("plain")(int)
+    assert registry.parameters_of("plain") is WheelParameters
+    message = "parameters of the wheel 'odd' have to be derived from WheelParameters"
+    with pytest.raises(TypeError, match=message):
+        registry.register("odd", NoParameters)
+    assert "odd" not in registry
+
+
+def test_a_part_is_made_of_its_parameters_if_it_has_any():
+    registry = Registry("wheel")
+    registry.register("wooden", WheelParameters)(lambda parameters: parameters.radius)
+    registry.register("air")(lambda: "pumped")
+    assert registry.make("wooden", WheelParameters(2.0)) == 2.0
+    assert registry.make("air", NoParameters()) == "pumped"
+
+
 def test_an_unknown_name_has_nothing(wheels):
     registry, _, _ = wheels
     for ask in (registry.__getitem__, registry.parameters_of):

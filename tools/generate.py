@@ -15,7 +15,7 @@ from typing import Any
 from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.node_parameters import NodeParameters
-from pf_tracker_ros.parameters import Declaration, all_declarations, choosers, declarations
+from pf_tracker_ros.parameters import Declaration, declarations
 from pf_tracker_ros.targets.parameters import MultiTrackerParameters, multi_preset_parameters
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
@@ -24,8 +24,7 @@ _COMMAND = "make generate"
 _LINE_LENGTH = 100
 _INDENT = " " * 4
 _NODE = declarations(NodeParameters)
-_CHOOSERS = choosers(TrackerParameters)
-_OF_ONE = all_declarations(TrackerParameters)
+_OF_ONE = declarations(TrackerParameters)
 _OF_SEVERAL = {
     name: declaration
     for name, declaration in declarations(MultiTrackerParameters).items()
@@ -41,23 +40,23 @@ def generated_files() -> dict[str, str]:
 
 
 def _preset_file(preset: str) -> str:
-    """A ROS parameter file that sets the preset, and names the others there are in comments."""
+    """A ROS parameter file that sets the preset, and names the others that count in comments."""
     values = {name: declaration.default for name, declaration in _NODE.items()}
     values |= preset_parameters(preset)
     lines = [
         f"# Parameters of the tracker node: the preset {preset}. To change a value, copy the file,",
         "# take away the # in front of the parameter's name, and use the copy with",
         "#   ros2 run pf_tracker_ros tracker --ros-args --params-file FILE",
-        "# Another choice of parts has other parameters: see docs/parameters.md.",
+        "# What does not count with the preset is left out: see docs/parameters.md.",
         f"# (Written by `{_COMMAND}`.)",
         "/**:",
         "  ros__parameters:",
     ]
-    for name, declaration in (_NODE | declarations(TrackerParameters, values)).items():
+    for name, declaration in (_NODE | _OF_ONE).items():
+        if not declaration.counts(values):
+            continue
         fixed = "fixed while the node runs" if name in _NODE else "a change learns the target again"
         comment = f"{declaration.description} {_allowed(declaration, fixed)}."
-        if name in _CHOOSERS:
-            comment += " Decides which other parameters there are."
         lines += textwrap.wrap(
             comment,
             _LINE_LENGTH,
@@ -74,6 +73,7 @@ def _preset_file(preset: str) -> str:
 
 def _parameter_tables() -> str:
     presets = {preset: preset_parameters(preset) for preset in PRESETS}
+    choosers = dict.fromkeys(one.condition.chooser for one in _OF_ONE.values() if one.condition)
     sections = [
         "# Parameters",
         f"Written by `{_COMMAND}` from the declarations in the code.",
@@ -91,12 +91,9 @@ def _parameter_tables() -> str:
         "each preset, of which `default` applies if none is chosen. All change at run time in the "
         "node; those marked *learns again* make it learn the target again where it was last seen, "
         "and are fixed in the library while there is a target.",
-        f"{_listed(_CHOOSERS)} choose what the tracker is made of. A parameter of a part is there "
-        "only with what the column *only with* names, and `-` stands where a preset has chosen "
-        "something else. A choice at run time takes the parameters of what was chosen before away "
-        "and brings those of what is, with the values that the preset in force has for them, or "
-        "else those of the column *otherwise*; one request may choose and set what that brings.",
-        _table(_in_groups(all_declarations(TrackerParameters)), presets, "learns again"),
+        f"{_listed(choosers)} choose what the tracker is made of. A parameter of a part is there "
+        "all the time, and counts while the part is chosen, as its description says.",
+        _table(_OF_ONE, presets, "learns again"),
         "## Several targets",
         "With `max_targets` above 1 the node has these as well, and the library's `MultiTracker` "
         "always has; `targets.most` is the library's alone, in the place of `max_targets`. The "
@@ -118,7 +115,7 @@ def _different_for_several() -> str:
         changed = [
             f"`{name}: {_yaml(value)}`"
             for name, value in several.items()
-            if name not in _OF_SEVERAL and one.get(name) != value and name in one
+            if name in one and one[name] != value
         ]
         if changed:
             found.append(f"`{preset}`, which then has {', '.join(changed)}")
@@ -128,23 +125,6 @@ def _different_for_several() -> str:
 def _listed(names: Iterable[str]) -> str:
     *others, last = (f"`{name}`" for name in names)
     return f"{', '.join(others)} and {last}"
-
-
-def _without_company(declaration: Declaration) -> str:
-    """What a parameter needs: the power of a cue belongs beside the cue's other parameters."""
-    return declaration.only_with.removesuffix(" and another")
-
-
-def _in_groups(known: Mapping[str, Declaration]) -> dict[str, Declaration]:
-    """What is always there first, then what belongs to the same choices side by side."""
-    parts = ["", *_CHOOSERS]
-    conditions = list(dict.fromkeys(_without_company(one) for one in known.values()))
-
-    def place(declaration: Declaration) -> tuple[int, int]:
-        condition = _without_company(declaration)
-        return parts.index(condition.partition(" ")[0]), conditions.index(condition)
-
-    return {one.name: one for one in sorted(known.values(), key=place)}
 
 
 def _table(
@@ -157,27 +137,20 @@ def _table(
     }
     titles = ["name", "type", *columns]
     if presets:
-        titles = ["name", "only with", "type", *(f"`{column}`" for column in columns), "otherwise"]
+        titles = ["name", "type", *(f"`{column}`" for column in columns)]
     rows = [[*titles, "allowed", "unit", "at run time", "description"]]
     rows.append(["---"] * len(rows[0]))
     for name, declaration in known.items():
         cells = [
             f"`{name}`",
             declaration.type_name,
-            *(_cell(name, one) for one in columns.values()),
+            *(f"`{_yaml(one[name])}`" for one in columns.values()),
         ]
-        if presets:
-            cells.insert(1, declaration.only_with)
-            cells.append(f"`{_yaml(declaration.default)}`" if declaration.only_with else "")
         at_run_time = read_only if declaration.read_only else "yes"
         rows.append(
             [*cells, declaration.allowed, declaration.unit, at_run_time, declaration.description]
         )
     return "\n".join(_row(row) for row in rows)
-
-
-def _cell(name: str, values: Mapping[str, Any]) -> str:
-    return f"`{_yaml(values[name])}`" if name in values else "-"
 
 
 def _row(cells: Iterable[str]) -> str:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep
+from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, Match, declared_keep, declared_power
 from pf_tracker_ros.cues.repeats import WORTHWHILE, distinct
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import declared
@@ -32,9 +32,10 @@ _FADED = 0.01
 
 
 @dataclass(frozen=True)
-class ColorHistogramParameters:
+class ColorHistogramParameters(CueParameters):
     """The color histogram cue."""
 
+    power: float = declared_power(0.6)
     sharpness: float = declared(
         20.0,
         "How fast the likelihood falls with the squared Bhattacharyya distance (lambda).",
@@ -89,8 +90,6 @@ class ColorHistogram(Cue):
         parameters: Sharpness, and how slowly the template changes.
         levels: Steps that each of red, green and blue is divided into, at most 32.
     """
-
-    usual_power = 0.6
 
     def __init__(self, parameters: ColorHistogramParameters, *, levels: int = 16) -> None:
         self._levels = levels

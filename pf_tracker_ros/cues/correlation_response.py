@@ -13,7 +13,7 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,8 @@ from pf_tracker_ros.cues.correlation_filter import (
     spectra_of,
     train,
 )
-from pf_tracker_ros.cues.cue import CUES, Match, Prospect, SearchableCue
-from pf_tracker_ros.cues.features import FEATURES, Features
+from pf_tracker_ros.cues.cue import CUES, CueParameters, Match, Prospect, SearchableCue
+from pf_tracker_ros.cues.features import FEATURES
 from pf_tracker_ros.cues.response_map import (
     SMALLEST_RESPONSE,
     Answers,
@@ -39,7 +39,7 @@ from pf_tracker_ros.cues.response_map import (
 from pf_tracker_ros.cues.square_transform import Spectrum
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.frames.windows import read_window
-from pf_tracker_ros.parameters import declared
+from pf_tracker_ros.parameters import declared, parts
 
 Value = TypeVar("Value", bound=np.generic)
 
@@ -47,26 +47,13 @@ Value = TypeVar("Value", bound=np.generic)
 _CELLS_AT_ONCE = 2400
 # Places along each side of a cell at which the response is computed.
 _REFINEMENT = 2
-# Standard deviation of the response map, as a share of its peak, at which the target is as likely
-# there as not; the same for the peak, as a share of the response to what was learned from last; and
-# how fast that changes with both.
-_EVEN_CLUTTER, _EVEN_LEVEL, _EXPONENT = 0.135, 0.4, 6.5
 # Mean difference between the largest and the smallest of a pixel's channels, in gray levels, from
 # which on a window shows colors; some cameras give gray images three channels.
 _LEAST_COLOR = 2.0
-# How fast the log odds that it is the target grow with the logarithm of how far the box stands out,
-# in standard deviations of the response map, and where they are even: for the filter as it is, ...
-_ODDS_GROWTH, _EVEN_STANDING_OUT = 1.0, 8.0
-# ... and for that of the first frame.
-_FIRST_ODDS_GROWTH, _EVEN_FIRST_STANDING_OUT = 2.0, 4.3
-# How fast they fall with the logarithm of the response at the box, as a share of the one to what
-# was learned from last, below the share that the target itself hardly ever falls below: what has
-# its colors is not the target where the filter hardly answers.
-_LEVEL_ODDS, _LEAST_LEVEL = 50.0, 0.25
 
 
 @dataclass(frozen=True)
-class CorrelationResponseParameters:
+class CorrelationResponseParameters(CueParameters):
     """The correlation response cue."""
 
     features: str = declared(
@@ -75,6 +62,7 @@ class CorrelationResponseParameters:
         choices=FEATURES,
         read_only=True,
     )
+    of_features: dict[str, Any] = parts("features", FEATURES)
     window: float = declared(
         4.0,
         "Side of the square window around the target that the filter is trained in; a larger one "
@@ -143,6 +131,8 @@ class Square(NamedTuple):
 class CorrelationResponse(SearchableCue):
     """Response of a regularized correlation filter, against that to the window it was trained on.
 
+    What a response says of the target depends on the features, which bring their calibration.
+
     Args:
         parameters: Features, window and sharpness.
         cells: Along each side of the window, even; each has as many pixels as the features ask for,
@@ -168,7 +158,9 @@ class CorrelationResponse(SearchableCue):
         training_interval: int = 3,
         settling_frames: int = 25,
     ) -> None:
-        self._features: Features = FEATURES[parameters.features]()
+        self._features = FEATURES.make(
+            parameters.features, parameters.of_features[parameters.features]
+        )
         self._window = parameters.window
         self._cells = cells
         # Windows that are worked on at once.
@@ -237,7 +229,7 @@ class CorrelationResponse(SearchableCue):
 
         The response at the box says little, since there is a best place even where the target is
         hidden. The similarity is how far the best place stands out from all others, and whether its
-        response is on the level of the last one that was learned from.
+        response is on the level of the last one that was learned from (`Calibration`).
 
         Source: Bolme, Beveridge, Draper, Lui 2010, "Visual object tracking using adaptive
         correlation filters", section 3.5 (the peak-to-sidelobe ratio).
@@ -245,9 +237,10 @@ class CorrelationResponse(SearchableCue):
         value = float(self.strength(seen.region, seen.box[None], template)[0])
         answers = self._answers(seen.region, template)
         peak = max(float(answers.expected.max()), SMALLEST_RESPONSE)
-        stands_out = _odds(_EVEN_CLUTTER * peak / answers.deviation)
-        is_there = _odds(peak / template.reference / _EVEN_LEVEL)
-        return Match(-self._sharpness * (1.0 - value), stands_out * is_there)
+        similarity = self._features.calibration.similarity(
+            peak, answers.deviation, template.reference
+        )
+        return Match(-self._sharpness * (1.0 - value), similarity)
 
     def log_odds(
         self, seen: View, template: CorrelationTemplate, first: CorrelationTemplate
@@ -271,12 +264,7 @@ class CorrelationResponse(SearchableCue):
         stands_out = standing_out(at_box, answers.deviation)
         stands_out_first = standing_out(near, deviation_of(early))
         level = max(at_box, SMALLEST_RESPONSE) / template.reference
-        return {
-            "response": _ODDS_GROWTH * math.log(stands_out / _EVEN_STANDING_OUT),
-            "first response": _FIRST_ODDS_GROWTH
-            * math.log(stands_out_first / _EVEN_FIRST_STANDING_OUT),
-            "level": _LEVEL_ODDS * min(math.log(level / _LEAST_LEVEL), 0.0),
-        }
+        return self._features.calibration.log_odds(stands_out, stands_out_first, level)
 
     def strength(
         self, region: Region, boxes: NDArray[np.float64], template: CorrelationTemplate
@@ -398,8 +386,3 @@ def _of_the_best(
 
 def _reference(trained: Spectrum, seen: Spectrum) -> float:
     return max(response_at_center(trained, seen), SMALLEST_RESPONSE)
-
-
-def _odds(ratio: float) -> float:
-    """From 0 to 1, a half at a ratio of 1."""
-    return ratio**_EXPONENT / (1.0 + ratio**_EXPONENT)

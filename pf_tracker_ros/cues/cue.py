@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -17,33 +16,27 @@ from pf_tracker_ros.parameters import declared
 from pf_tracker_ros.registry import Registry
 
 
-@cache
-def power_group(usual: float) -> type:
-    """The group of the one tunable that a cue has beside others: its power in the fused likelihood.
+def declared_power(default: float) -> float:
+    """The parameter that every cue has.
 
     Args:
-        usual: Its default, 0 to 1.
+        default: 0 to 1.
     """
-
-    @dataclass(frozen=True)
-    class Power:
-        power: float = declared(
-            usual,
-            "Power of this cue in the fused likelihood; 0 switches it off. The powers of all cues "
-            "are scaled to a sum of 1.",
-            minimum=0.0,
-            maximum=1.0,
-        )
-
-        def __reduce__(self) -> tuple[Any, ...]:
-            return _make_power, (usual, self.power)
-
-    return Power
+    power: float = declared(
+        default,
+        "Power of this cue in the fused likelihood beside other cues; 0 switches it off. The "
+        "powers of all cues are scaled to a sum of 1.",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    return power
 
 
-def _make_power(usual: float, power: float) -> Any:
-    """For pickle, which finds no class that a function has made."""
-    return power_group(usual)(power)
+@dataclass(frozen=True)
+class CueParameters:
+    """What every cue has; those of a cue are derived from it."""
+
+    power: float = declared_power(0.5)
 
 
 def declared_keep(default: float, symbol: str = "") -> float:
@@ -102,14 +95,12 @@ class Cue(Protocol):
         needs_foreground: Whether it reads `Frame.foreground`.
         joins_search: Whether it has a say in a search that searchable cues lead: many boxes cost it
             little, but it does not know the target.
-        usual_power: Power beside other cues, above 0 up to 1, where none is chosen.
     """
 
     looks_in_one_size: ClassVar[bool] = False
     judges: ClassVar[bool] = True
     needs_foreground: ClassVar[bool] = False
     joins_search: ClassVar[bool] = False
-    usual_power: ClassVar[float] = 0.5
 
     @property
     def reach(self) -> float:
@@ -176,7 +167,7 @@ class Cue(Protocol):
 
 
 # Each cue registers itself.
-CUES = Registry[Cue]("cue")
+CUES = Registry[Cue]("cue", CueParameters, group="pf_tracker_ros.cues")
 
 
 @runtime_checkable

@@ -15,16 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxGrid
-from pf_tracker_ros.cues.cue import CUES, Cue
+from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, declared_power
 from pf_tracker_ros.cues.integral_image import sums, sums_on_grid
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.parameters import declared
 
 
 @dataclass(frozen=True)
-class ForegroundParameters:
+class ForegroundParameters(CueParameters):
     """The foreground cue."""
 
+    power: float = declared_power(0.25)
     sharpness: float = declared(
         20.0,
         "How fast the likelihood falls as the foreground's share in the box does, against that in "
@@ -45,7 +46,6 @@ class ForegroundCue(Cue):
 
     needs_foreground = True
     joins_search = True
-    usual_power = 0.25
 
     def __init__(self, parameters: ForegroundParameters, *, ring: float = 0.3) -> None:
         self._ring = ring

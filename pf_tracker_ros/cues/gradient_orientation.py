@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep
+from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, Match, declared_keep, declared_power
 from pf_tracker_ros.cues.matrix_product import ONE_THREAD
 from pf_tracker_ros.cues.repeats import WORTHWHILE, distinct
 from pf_tracker_ros.frames.region import Region, nearest_pixel
@@ -22,9 +22,10 @@ _PARTS = 2
 
 
 @dataclass(frozen=True)
-class GradientOrientationParameters:
+class GradientOrientationParameters(CueParameters):
     """The gradient orientation vector cue."""
 
+    power: float = declared_power(0.4)
     sharpness: float = declared(
         20.0,
         "How fast the likelihood falls with the squared Euclidean distance (mu).",
@@ -49,8 +50,6 @@ class GradientOrientation(Cue):
         gaussian_width: Standard deviation of the Gaussian weight around the center of the box, box
             sides.
     """
-
-    usual_power = 0.4
 
     def __init__(
         self,

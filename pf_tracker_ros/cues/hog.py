@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep
+from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, Match, declared_keep
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.frames.differences import all_gradients
 from pf_tracker_ros.parameters import declared
@@ -29,7 +29,7 @@ _ROUNDING = 1e-3
 
 
 @dataclass(frozen=True)
-class HogParameters:
+class HogParameters(CueParameters):
     """The cue of histograms of oriented gradients (HOG)."""
 
     sharpness: float = declared(

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.parameter_files import TrackerSettings, read_parameter_file
-from pf_tracker_ros.parameters import Declaration, ParameterError, all_declarations
+from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS
 
@@ -44,8 +44,8 @@ def parse_parameters(
 ) -> dict[str, Any]:
     """Values of parameters from texts `NAME=VALUE`, read by the type that is declared.
 
-    A list is written with commas, with or without square brackets. Whether a name exists beside
-    the others and a value is allowed is for the tracker to judge, which names what would be.
+    A list is written with commas, with or without square brackets. Whether a name exists and a
+    value is allowed is for the tracker to judge, which names what would be.
 
     Args:
         assignments: The texts.
@@ -58,7 +58,7 @@ def parse_parameters(
     Raises:
         EvaluationError: A text has no `=`, or a name is given twice.
     """
-    known = all_declarations(tunables)
+    known = declarations(tunables)
     values: dict[str, Any] = {}
     for assignment in assignments:
         name, equals, text = (part.strip() for part in assignment.partition("="))

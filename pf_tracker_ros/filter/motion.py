@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.filter.foresight import KalmanForesight
 from pf_tracker_ros.filter.proposals import CenterPrior
-from pf_tracker_ros.parameters import Groups, chosen, declared
+from pf_tracker_ros.parameters import declared, parts
 from pf_tracker_ros.registry import Registry
 
 # Standard deviation of the prior's position around the first box, box sizes: as well as a hand, or
@@ -69,16 +69,14 @@ class ForeseenMotion(MotionModel, Protocol):
         """The Kalman filter for the first frame: at the first box, at rest."""
 
 
-MOTION_MODELS = Registry[MotionModel]("motion model")
+MOTION_MODELS = Registry[MotionModel](
+    "motion model", group="pf_tracker_ros.motion_models", prefix=""
+)
 
 
 def models_with(capability: str) -> tuple[str, ...]:
     """Names of the models that have a method."""
     return tuple(name for name, model in MOTION_MODELS.items() if hasattr(model, capability))
-
-
-def _groups(model: str) -> Groups:
-    return {"": MOTION_MODELS.parameters_of(model)}
 
 
 @dataclass(frozen=True)
@@ -94,7 +92,7 @@ class MotionParameters:
         choices=MOTION_MODELS,
         read_only=True,
     )
-    of_model: dict[str, Any] = chosen("model", _groups)
+    of_models: dict[str, Any] = parts("model", MOTION_MODELS)
 
 
 def declared_position_noise() -> float:

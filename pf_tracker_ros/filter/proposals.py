@@ -11,18 +11,15 @@ methods for Bayesian filtering", section II.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.filter.gaussian import Gaussian
-from pf_tracker_ros.parameters import Groups, chosen, declared
-from pf_tracker_ros.registry import NoParameters
+from pf_tracker_ros.parameters import declared
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 # The transition prior keeps a part, so that no weight is multiplied by more than 1 / that part.
@@ -57,51 +54,6 @@ class Proposed(NamedTuple):
     log_ratio: NDArray[np.float64]
 
 
-def _declared_share() -> float:
-    """The parameter of methods that draw a share of the particles."""
-    share: float = declared(
-        0.5,
-        "Share of the particles drawn by the method, the rest from the transition prior.",
-        minimum=0.01,
-        maximum=LARGEST_SHARE,
-    )
-    return share
-
-
-@dataclass(frozen=True)
-class KalmanProposalParameters:
-    """Particles drawn around a Kalman filter's prediction."""
-
-    share: float = _declared_share()
-
-
-@dataclass(frozen=True)
-class SearchProposalParameters:
-    """Particles drawn where the cues that can search find the target likely."""
-
-    share: float = _declared_share()
-    window: float = declared(
-        3.6,
-        "Side of the square around the prediction that is searched.",
-        unit="box sizes",
-        minimum=1.0,
-        maximum=8.0,
-    )
-
-
-PROPOSALS: Mapping[str, type] = MappingProxyType(
-    {
-        "transition": NoParameters,
-        "kalman": KalmanProposalParameters,
-        "search": SearchProposalParameters,
-    }
-)
-
-
-def _groups(method: str) -> Groups:
-    return {"": PROPOSALS[method]}
-
-
 @dataclass(frozen=True)
 class ProposalParameters:
     """Where the particles are drawn."""
@@ -112,10 +64,24 @@ class ProposalParameters:
         "around a Kalman filter's prediction (models affine and second_order_autoregressive), "
         "search a share where the cues that can search find the target likely (models "
         "constant_velocity and constant_velocity_and_size).",
-        choices=PROPOSALS,
+        choices=("transition", "kalman", "search"),
         read_only=True,
     )
-    of_method: dict[str, Any] = chosen("method", _groups)
+    share: float = declared(
+        0.5,
+        "Share of the particles drawn by the method, the rest from the transition prior.",
+        minimum=0.01,
+        maximum=LARGEST_SHARE,
+        only_with=("method", "kalman", "search"),
+    )
+    window: float = declared(
+        3.6,
+        "Side of the square around the prediction that is searched.",
+        unit="box sizes",
+        minimum=1.0,
+        maximum=8.0,
+        only_with=("method", "search"),
+    )
 
 
 def propose_from_transition(

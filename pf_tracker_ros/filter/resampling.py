@@ -11,13 +11,13 @@ Reference: Douc, Cappe, Moulines 2005, "Comparison of resampling schemes for par
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.filter.particles import ParticleSet
-from pf_tracker_ros.parameters import declared
+from pf_tracker_ros.parameters import declared, parts
 from pf_tracker_ros.registry import Registry
 
 
@@ -39,7 +39,7 @@ class Resampler(Protocol):
         """
 
 
-RESAMPLERS = Registry[Resampler]("resampling scheme")
+RESAMPLERS = Registry[Resampler]("resampling scheme", group="pf_tracker_ros.resamplers")
 
 _LARGEST_POSITION = np.nextafter(1.0, 0.0)
 
@@ -152,6 +152,7 @@ class ResamplingParameters:
         "particle of the largest weight always go on, for few particles.",
         choices=RESAMPLERS,
     )
+    of_schemes: dict[str, Any] = parts("scheme", RESAMPLERS)
     threshold: float = declared(
         0.8,
         "Resample when the effective sample size falls below this share of the particles; "
@@ -196,4 +197,5 @@ class EffectiveSampleSizeResampler:
 
 def build_resampler(parameters: ResamplingParameters) -> EffectiveSampleSizeResampler:
     """The resampler that the parameters describe."""
-    return EffectiveSampleSizeResampler(RESAMPLERS[parameters.scheme](), parameters.threshold)
+    scheme = RESAMPLERS.make(parameters.scheme, parameters.of_schemes[parameters.scheme])
+    return EffectiveSampleSizeResampler(scheme, parameters.threshold)

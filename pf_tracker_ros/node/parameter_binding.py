@@ -1,18 +1,15 @@
 """Declared parameters as parameters of a ROS node.
 
-A `ParameterBinding` declares on a node, with their descriptors, the parameters that there are,
-checks what the user gave at start-up, and keeps the checked values up to date as they are set at
-run time. When a parameter that chooses a part is set, the node loses the parameters of the part
-before and gets those of the other. A wrong value at start-up does not end the node: it is
-reported, listed in `ParameterBinding.refused`, and the parameter holds its default until it is set
-rightly.
+A `ParameterBinding` declares the parameters on a node, with their descriptors, checks what the
+user gave at start-up, and keeps the checked values up to date as they are set at run time. A wrong
+value at start-up does not end the node: it is reported, listed in `ParameterBinding.refused`, and
+the parameter holds its default until it is set rightly.
 """
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import SetParametersResult
@@ -44,14 +41,12 @@ class _Request(NamedTuple):
     """What a request comes to.
 
     Attributes:
-        there: Full name to declaration, of each parameter that there is after it.
-        values: Full name to value, of the same.
-        changes: Full name to value of what is requested, follows from it, or comes to be there.
+        values: Full name to value, of every parameter after it.
+        changes: Full name to value of what is requested or follows from it.
         wrong: Full name to the reason, of what cannot be set to what is asked.
         unknown: Full name to the reason, of what is not there.
     """
 
-    there: dict[str, Declaration]
     values: dict[str, Any]
     changes: dict[str, Any]
     wrong: dict[str, str]
@@ -65,8 +60,8 @@ class ParameterBinding:
     then on read-only parameters are fixed, but not before every wrong value has been corrected.
 
     Attributes:
-        values: Full name to checked value, in the declared type, of each parameter that there is.
-            What was refused at start-up has its default.
+        values: Full name to checked value, in the declared type. What was refused at start-up has
+            its default.
         refused: Full name to the reason, for each parameter that was given a wrong value at
             start-up, or given by a name that it has no more, and has not been set rightly since.
 
@@ -88,7 +83,6 @@ class ParameterBinding:
         self._overrides: dict[str, Parameter] = dict(node._parameter_overrides)
         self._superseded: set[str] = set()
         self._locked = False
-        self._declaring = False
         self._request: _Request | None = None
         self._check: Callable[[Values], None] = lambda values: None
         self._apply: Callable[[Values], None] = lambda changes: None
@@ -111,7 +105,7 @@ class ParameterBinding:
         Args:
             group_type: A frozen dataclass as `pf_tracker_ros.parameters.declarations` takes it.
             usual: From the values of what was declared before to full name to value, where that is
-                another than the declared default; may name what is not there.
+                another than the declared default; may name what is not in the group.
             renewed_by: Full name of a parameter that was declared before: when it is set, all of
                 this group begin anew from `usual`.
             kept: Full names of those that do not.
@@ -126,16 +120,27 @@ class ParameterBinding:
         reading = group.read(given, {}, self.values)
         refused = dict(reading.wrong)
         for name in group.former_names.keys() & given.keys():
-            reason = group.why_unknown(name, reading.values)
+            reason = group.why_unknown(name)
             refused[name] = reason if group.new_name(name) else f"{reason}; start without it"
         for reason in refused.values():
             self._report(reason)
         self.refused |= refused
-        self._superseded |= group.every.keys() & superseded
+        self._superseded |= group.declarations.keys() & superseded
         self._groups.append(group)
         self.values |= reading.values
-        self._put(reading.there.values(), reading.values)
-        self._declarations |= reading.there
+        self._declarations |= group.declarations
+        # Declared by type and set afterwards, because rclpy takes an empty list for bytes.
+        self._node.declare_parameters(
+            "",
+            [
+                (one.name, ros_type(one), descriptor_of(one, read_only=False))
+                for one in group.declarations.values()
+            ],
+            ignore_override=True,
+        )
+        self._node.set_parameters_atomically(
+            [ros_parameter(one, self.values[one.name]) for one in group.declarations.values()]
+        )
 
     def listen(
         self,
@@ -149,8 +154,8 @@ class ParameterBinding:
         Args:
             check: Called with all values as they would become; raises ValueError to refuse the
                 whole set. It must not change anything.
-            apply: Called with the changed values once `values` holds them: what was requested, what
-                begins anew with it, and what has come to be there.
+            apply: Called with the changed values once `values` holds them: what was requested, and
+                what begins anew with it.
             ready: Whether the node has begun; until then read-only parameters can be corrected.
         """
         self._check = check or self._check
@@ -164,7 +169,7 @@ class ParameterBinding:
         for name in self._overrides:
             is_foreign = self._node.has_parameter(name) or name.startswith("qos_overrides.")
             if name not in told and not is_foreign:
-                self._report(f"{self._why_unknown(name, self.values)}; it has no effect")
+                self._report(f"{self._why_unknown(name)}; it has no effect")
 
     def faults(self, parameters: Sequence[Parameter]) -> dict[str, str]:
         """What of a request cannot be, whatever else is in it; each is reported.
@@ -181,48 +186,34 @@ class ParameterBinding:
             self._report(reason)
         return faults
 
-    def precedence(self, name: str) -> int:
-        """Where a parameter comes when several are set one by one: the smallest first.
-
-        First what renews others, then what decides which there are, then the rest.
-        """
-        if any(name == group.renewed_by for group in self._groups):
-            return 0
-        return 1 if any(name in group.choosers for group in self._groups) else 2
+    def renews(self, name: str) -> bool:
+        """Whether others begin anew when a parameter is set, so that it has to come first."""
+        return any(name == group.renewed_by for group in self._groups)
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
         """Give each value its declared type, and add what follows.
 
-        What is only coming to be there is left out, and declared once rclpy has taken the rest. In
-        place of a wrong value stands the present one, so that it is `_validate` that refuses it:
+        In place of a wrong value stands the present one, so that it is `_validate` that refuses it:
         what rclpy says of a wrong type or range does not always name the parameter.
         """
-        if self._declaring:
-            return parameters
         self._request = request = self._read(parameters)
         reasons = [*request.unknown.values(), *request.wrong.values()]
         for reason in reasons:
             self._report(reason)
         if request.unknown:
             raise NoSuchParameter("; ".join(reasons))
-        converted = [parameter for parameter in parameters if parameter.name not in request.there]
-        named = dict.fromkeys([parameter.name for parameter in parameters] + [*request.changes])
-        for name in named:
-            declaration = request.there.get(name)
-            if declaration and declaration == self._declarations.get(name):
-                value = self.values[name] if name in request.wrong else request.changes[name]
-                converted.append(ros_parameter(declaration, value))
-        return converted
+        foreign = [one for one in parameters if one.name not in self._declarations]
+        values = request.changes | {name: self.values[name] for name in request.wrong}
+        bound = [ros_parameter(self._declarations[name], value) for name, value in values.items()]
+        return foreign + bound
 
     def _read(self, parameters: Sequence[Parameter]) -> _Request:
-        request = _Request({}, {}, {}, {}, {})
+        request = _Request({}, {}, {}, {})
         given = {parameter.name: parameter for parameter in parameters}
         for group in self._groups:
-            before = {name: one for name, one in self.values.items() if name in group.every}
-            if group.renewed_by in request.changes:
-                before = {name: one for name, one in before.items() if name in group.kept}
+            stays = group.kept if group.renewed_by in request.changes else group.declarations
+            before = {name: self.values[name] for name in stays}
             reading = group.read(given, before, request.values)
-            request.there.update(reading.there)
             request.values.update(reading.values)
             request.wrong.update(reading.wrong)
             request.changes.update(
@@ -231,14 +222,13 @@ class ParameterBinding:
                 if name in reading.taken or name not in before
             )
         for name in given:
-            declaration = request.there.get(name)
+            declaration = self._declarations.get(name)
             if declaration and declaration.read_only and self._locked:
                 request.wrong[name] = (
                     f"parameter '{name}' is fixed while the node runs; give it at start-up instead"
                 )
-            is_foreign = self._node.has_parameter(name) and name not in self._declarations
-            if declaration is None and not is_foreign:
-                request.unknown[name] = self._why_unknown(name, request.values)
+            if not self._node.has_parameter(name):
+                request.unknown[name] = self._why_unknown(name)
         return request
 
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
@@ -258,13 +248,7 @@ class ParameterBinding:
         request = self._request_of(parameters)
         if request is None:
             return
-        self._request = None
-        before, after = self._declarations, request.there
-        for name in before:
-            if after.get(name) != before[name]:
-                self._node.undeclare_parameter(name)
-        self._put((one for one in after.values() if before.get(one.name) != one), request.values)
-        self._declarations, self.values = after, request.values
+        self._request, self.values = None, request.values
         for name in list(self.refused):
             if self._is_settled(name, request):
                 del self.refused[name]
@@ -274,7 +258,7 @@ class ParameterBinding:
     def _request_of(self, parameters: Iterable[Parameter]) -> _Request | None:
         """What rclpy asks for, None if it is none of this binding's business."""
         is_bound = any(parameter.name in self._declarations for parameter in parameters)
-        return self._request if is_bound and not self._declaring else None
+        return self._request if is_bound else None
 
     def _is_settled(self, name: str, request: _Request) -> bool:
         """Whether a request has put right what was refused at start-up, or replaced it."""
@@ -282,35 +266,7 @@ class ParameterBinding:
             if name in group.former_names:
                 new = group.new_name(name)
                 return bool(new) and (new in request.changes or group.renewed_by in request.changes)
-        return name in request.changes or name not in request.there
-
-    def _put(self, declarations: Iterable[Declaration], values: Values) -> None:
-        """Declare parameters on the node with their values."""
-        declarations = list(declarations)
-        if not declarations:
-            return
-        # Declared by type and set afterwards, because rclpy takes an empty list for bytes.
-        with self._as_declaring():
-            self._node.declare_parameters(
-                "",
-                [
-                    (one.name, ros_type(one), descriptor_of(one, read_only=False))
-                    for one in declarations
-                ],
-                ignore_override=True,
-            )
-            self._node.set_parameters_atomically(
-                [ros_parameter(one, values[one.name]) for one in declarations]
-            )
-
-    @contextmanager
-    def _as_declaring(self) -> Iterator[None]:
-        """What is set meanwhile is no request."""
-        self._declaring = True
-        try:
-            yield
-        finally:
-            self._declaring = False
+        return name in request.changes
 
     def _lock(self) -> None:
         """Make read-only what is declared so, once nothing awaits correction."""
@@ -321,18 +277,12 @@ class ParameterBinding:
             if declaration.read_only:
                 self._node.set_descriptor(name, descriptor_of(declaration, read_only=True))
 
-    def _why_unknown(self, name: str, values: Values) -> str:
+    def _why_unknown(self, name: str) -> str:
         for group in self._groups:
-            if group.knows(name):
-                return group.why_unknown(name, values)
-        every: Mapping[str, Declaration] = {}
-        for group in self._groups:
-            every = {**every, **group.every}
-        close = [
-            *difflib.get_close_matches(name, values, n=1),
-            *difflib.get_close_matches(name, every, n=1),
-        ]
-        guess = f"did you mean '{close[0]}'?" if close else _known(values)
+            if name in group.former_names:
+                return group.why_unknown(name)
+        close = difflib.get_close_matches(name, self._declarations, n=1)
+        guess = f"did you mean '{close[0]}'?" if close else _known(self._declarations)
         return f"there is no parameter '{name}' ({guess})"
 
 

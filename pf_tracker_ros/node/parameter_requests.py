@@ -18,10 +18,9 @@ def take_whole_requests(node: Node, binding: ParameterBinding) -> None:
     """Let the service `set_parameters` take a request as a whole, where that is allowed.
 
     rclpy sets the parameters of a request one by one in their order, so values that are right
-    together could be refused on the way there, and one that brings others with it would undo those
-    that stand before it, or come after those that it brings. What cannot be is refused alone.
-    Where the rest cannot be taken as a whole, rclpy's way remains, with those that decide on
-    others before them.
+    together could be refused on the way there, and one with which others begin anew would undo
+    those that stand before it. What cannot be is refused alone. Where the rest cannot be taken as a
+    whole, rclpy's way remains, with those that renew others before them.
 
     A read-only parameter that is given the value that it has is no reason to refuse: what
     `ros2 param dump` wrote can be loaded again.
@@ -43,7 +42,7 @@ def take_whole_requests(node: Node, binding: ParameterBinding) -> None:
                 results[index] = SetParametersResult(successful=False, reason=reason)
         changes = [index for index in changes if given[index].name not in faults]
         if len(changes) < 2 or not _set_as_a_whole(node, [given[index] for index in changes]):
-            order = sorted(changes, key=lambda index: binding.precedence(given[index].name))
+            order = sorted(changes, key=lambda index: not binding.renews(given[index].name))
             request.parameters = [given[index] for index in order]
             for index, result in zip(order, one_by_one(request, response).results, strict=True):
                 results[index] = result

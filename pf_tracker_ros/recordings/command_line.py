@@ -13,7 +13,8 @@ from pf_tracker_ros.evaluation.command_line import add_tracker_options
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.stores import as_place
-from pf_tracker_ros.recordings.plan import BESIDE, DETECTORS
+from pf_tracker_ros.recordings.plan import BESIDE
+from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 
 _DESCRIPTION = """\
 Track a target, or several, through a recording, without a ROS graph: a bag, a video, a folder of
@@ -177,7 +178,7 @@ def _add_detections(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--detector",
-        choices=DETECTORS,
+        choices=tuple(DETECTORS),
         help="the same by the node's built-in detector, which here has all the time that it takes",
     )
     parser.add_argument(

@@ -30,9 +30,6 @@ from pf_tracker_ros.tracking.tracker import Tracker
 if TYPE_CHECKING:
     from pf_tracker_ros.recordings.detections.hearing import Hearing
 
-DETECTORS = ("people", "motion")
-"""Keys of `pf_tracker_ros.targets.built_in_detectors.DETECTORS`, known without SciPy."""
-
 _MOST = "targets.most"
 
 BESIDE = Path()
@@ -266,11 +263,12 @@ def _summary(preset: str, parameters: Mapping[str, Any], seed: int, *, several: 
         values = Tracker.from_preset(preset, seed, parameters).parameters
         return PresetInForce.of({"preset": preset, **values}).summary
     from pf_tracker_ros.targets.multi_tracker import MultiTracker
-    from pf_tracker_ros.targets.parameters import SeveralTargetsParameters, multi_preset_parameters
+    from pf_tracker_ros.targets.parameters import multi_preset_parameters
 
-    values = MultiTracker.from_preset(preset, seed, parameters).parameters
-    values = {"preset": preset, **values}
-    return PresetInForce.of(values, SeveralTargetsParameters, multi_preset_parameters).summary
+    values = MultiTracker.from_preset(preset, seed, parameters).parameters | {"preset": preset}
+    # The node has max_targets in its place, which is of no preset.
+    del values["targets.most"]
+    return PresetInForce.of(values, multi_preset_parameters).summary
 
 
 def _hearing(recording: Recording, options: argparse.Namespace, *, is_archived: bool) -> Hearing:

@@ -4,12 +4,3 @@
 the next one of it: the associator gives each detection to a target, the updater follows and
 corrects every target, the initiator starts new ones, the deleter ends old ones.
 """
-
-from importlib.util import find_spec
-
-if find_spec("scipy") is None:
-    raise ModuleNotFoundError(
-        "several targets need SciPy: pip install scipy (with ROS from apt: apt install "
-        "python3-scipy)",
-        name="scipy",
-    )

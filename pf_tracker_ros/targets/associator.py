@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.appearances import Appearance
+from pf_tracker_ros.targets.assignment import assign
 from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.life import Life
 
@@ -22,9 +24,9 @@ _TAIL = 3.0
 _GATE = 60.0
 # Weight of a size, and the most that it counts.
 _SIZE_WEIGHT, _MOST_OF_SIZE = 0.3, 9.0
-# Weight of a look, in units of how much that of the target usually varies, and up to how many of
-# these it rather speaks for the target.
-_LOOK_WEIGHT, _USUALLY = 2.0, 2.4
+# Weight of the appearance, in units of how much that of the target usually varies, and up to how
+# many of these it rather speaks for the target.
+_APPEARANCE_WEIGHT, _USUALLY = 2.0, 2.4
 # Weight of another label.
 _LABEL_WEIGHT = 1.0
 # A detection that costs more than this is of none of the targets.
@@ -35,9 +37,16 @@ class Associator:
     """Assigns detections to targets, all at once, at the least cost.
 
     The cost of a pair is what a detection of the target would be unlikely for: its distance under
-    the covariance of its course and of the detector, its size, its look and its label. Looks count
-    as much as the target's own are alike, so that they tell more in one footage than in another.
+    the covariance of its course and of the detector, its size, its appearance and its label. The
+    appearance counts as much as the target's own views are alike, so that it tells more in one
+    footage than in another.
+
+    Args:
+        appearance: Compares descriptors.
     """
+
+    def __init__(self, appearance: Appearance) -> None:
+        self._appearance = appearance
 
     def assign(
         self,
@@ -53,24 +62,18 @@ class Associator:
         if not lives or not seen:
             return {}
         # Only here: without detections no SciPy is needed.
-        from scipy.optimize import linear_sum_assignment
 
         boxes = np.array([one.box for one in seen])
-        looks = np.array([one.look for one in seen])
-        costs = np.array([self._costs(life, seen, boxes, looks) for life in lives])
-        rows, columns = linear_sum_assignment(np.minimum(costs, _MOST_COST))
-        return {
-            int(row): int(column)
-            for row, column in zip(rows, columns, strict=True)
-            if costs[row, column] < _MOST_COST
-        }
+        descriptors = np.array([one.descriptor for one in seen])
+        costs = np.array([self._costs(life, seen, boxes, descriptors) for life in lives])
+        return assign(costs, _MOST_COST)
 
     def _costs(
         self,
         life: Life,
         seen: Sequence[Sighting],
         boxes: NDArray[np.float64],
-        looks: NDArray[np.float32],
+        descriptors: NDArray[np.float32],
     ) -> NDArray[np.float64]:
         """(M,) of one target; infinite beyond the gate."""
         size, course = np.exp(life.log_size), life.course
@@ -84,7 +87,7 @@ class Associator:
         costs += _SIZE_WEIGHT * np.minimum(sizes, _MOST_OF_SIZE)
         label = life.label
         costs += _LABEL_WEIGHT * np.array([one.label != label for one in seen])
-        differs = np.maximum(1.0 - looks @ life.look, 0.0)
-        costs += _LOOK_WEIGHT * (differs / life.varies - _USUALLY)
+        differs = self._appearance.distance(life.descriptor, descriptors)
+        costs += _APPEARANCE_WEIGHT * (differs / life.varies - _USUALLY)
         costs[squared > _GATE] = np.inf
         return costs

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
 from typing import Any, Protocol
 
 import cv2
@@ -12,6 +10,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.background import BackgroundParameters
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.geometry import overlaps
 from pf_tracker_ros.tracking.camera import Camera
@@ -57,6 +56,12 @@ class Detector(Protocol):
         """
 
 
+DETECTORS = Registry[Detector](
+    "detector", group="pf_tracker_ros.detectors", prefix="built_in_detectors.{part}."
+)
+
+
+@DETECTORS.register("people")
 class PeopleDetector:
     """People who stand or walk and are at least 100 px high, by OpenCV's HOG detector.
 
@@ -96,6 +101,7 @@ class PeopleDetector:
         return Detections(boxes, scores, ["person"] * len(boxes))
 
 
+@DETECTORS.register("motion")
 class MotionDetector:
     """Whatever moves before a camera that stands still, by the background model.
 
@@ -183,9 +189,3 @@ class _Eye:
             frame = self._camera.open(image, interval, (), self._background, follow_light=False)
         self._camera.keep(frame)
         return frame
-
-
-DETECTORS: Mapping[str, Callable[[], Detector]] = MappingProxyType(
-    {"people": PeopleDetector, "motion": MotionDetector}
-)
-"""Name to what makes a detector."""

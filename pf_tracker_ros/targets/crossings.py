@@ -7,24 +7,29 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pf_tracker_ros.targets.appearance import unlikeness
+import numpy as np
+
+from pf_tracker_ros.appearances import Appearance
 from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.life import Life
 
 # Targets within so many heights of each other may have been taken for each other.
 _NEAR = 2.0
-# By how much the looks must fit better the other way round.
+# By how much the descriptors must fit better the other way round.
 _MARGIN = 0.15
 
 
-def tell_apart(lives: Sequence[Life], own: Sequence[Sighting | None]) -> tuple[Life, ...]:
+def tell_apart(
+    lives: Sequence[Life], own: Sequence[Sighting | None], appearance: Appearance
+) -> tuple[Life, ...]:
     """The targets, with those exchanged that came out of a crossing as each other.
 
-    Who is who is asked of the looks, as soon as detections show both alone; the filters go on.
+    Who is who is asked of the appearance, as soon as detections show both alone; the filters go on.
 
     Args:
         lives: The targets.
         own: The detection of each, None where there is none.
+        appearance: Compares descriptors.
     """
     settled = list(lives)
     shown = [place for place, one in enumerate(own) if one is not None and one.is_clear]
@@ -33,9 +38,10 @@ def tell_apart(lives: Sequence[Life], own: Sequence[Sighting | None]) -> tuple[L
         seen, seen_other = own[place], own[other]
         if seen is None or seen_other is None or not _are_near(seen, seen_other):
             continue
-        as_they_are = unlikeness(one.look, seen.look) + unlikeness(another.look, seen_other.look)
-        exchanged = unlikeness(one.look, seen_other.look) + unlikeness(another.look, seen.look)
-        if as_they_are - exchanged > _MARGIN:
+        shown_both = np.array([seen.descriptor, seen_other.descriptor])
+        one_as_is, one_exchanged = appearance.distance(one.descriptor, shown_both)
+        another_exchanged, another_as_is = appearance.distance(another.descriptor, shown_both)
+        if one_as_is + another_as_is - (one_exchanged + another_exchanged) > _MARGIN:
             settled[place], settled[other] = _with_filter(another, one), _with_filter(one, another)
     return tuple(settled)
 

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pf_tracker_ros.appearances import Appearance, Descriptor
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.plurals import counted
-from pf_tracker_ros.targets.appearance import Look, look_at
 from pf_tracker_ros.targets.geometry import overlaps
 
 # Characters of a label.
@@ -118,14 +118,14 @@ class Sighting(NamedTuple):
         box: (4,) in pixels, inside the image.
         score: 0 to 1.
         label: What it is, or an empty text.
-        look: What is in the box.
+        descriptor: Of what is in the box.
         is_clear: Whether none of the others overlaps it.
     """
 
     box: NDArray[np.float64]
     score: float
     label: str
-    look: Look
+    descriptor: Descriptor
     is_clear: bool = True
 
 
@@ -178,9 +178,9 @@ def usable(
 
 
 def sightings(
-    detections: Detections, frame: Frame, score_above: float
+    detections: Detections, frame: Frame, score_above: float, appearance: Appearance
 ) -> tuple[list[Sighting], list[str]]:
-    """What counts of the detections of a frame, each looked at once; and why others do not."""
+    """What counts of the detections of a frame, all described at once; and why others do not."""
     numbers, boxes, reasons = usable(detections, frame.size, score_above)
     shared = overlaps(boxes, boxes)
     np.fill_diagonal(shared, 0.0)
@@ -190,10 +190,12 @@ def sightings(
             box,
             float(np.clip(detections.scores[number], 0.0, 1.0)),
             detections.labels[number][:_LONGEST_LABEL],
-            look_at(frame, box),
+            descriptor,
             bool(is_clear),
         )
-        for number, box, is_clear in zip(numbers, boxes, clear, strict=True)
+        for number, box, descriptor, is_clear in zip(
+            numbers, boxes, appearance.extract(frame, boxes), clear, strict=True
+        )
     ]
     return found, reasons
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.appearances import Appearance
 from pf_tracker_ros.boxes import are_at, as_box
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.appearance import alike, look_at, unlikeness
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.targets.crowd import Crowd
@@ -28,15 +29,17 @@ _ALIKE_BELOW, _MARGIN, _CONFIDENT_ABOVE = 0.25, 0.1, 0.7
 class Finder:
     """Brings lost targets to where they are seen again, if no detector will.
 
-    What was started by hand, where there is no detector, has to be found by its looks: where the
-    image is most like them, and none of the other targets is, the filter is asked.
+    What was started by hand, where there is no detector, has to be found by its appearance: where
+    the image is most like it, and none of the other targets is, the filter is asked.
 
     Args:
         follower: Knows the targets.
+        appearance: Describes them.
     """
 
-    def __init__(self, follower: Follower) -> None:
+    def __init__(self, follower: Follower, appearance: Appearance) -> None:
         self._follower = follower
+        self._appearance = appearance
 
     def find(self, crowd: Crowd, frame: Frame) -> Crowd:
         """The crowd with those brought there that are found.
@@ -70,16 +73,23 @@ class Finder:
         box, size = life.box, np.array(life.target.seen_box[2:])
         center = box[:2] + box[2:] / 2
         is_inside = bool(((center >= 0.0) & (center < frame.size)).all())
-        here = unlikeness(life.look, look_at(frame, box)) if is_inside else 1.0
+        here = self._distances(life, frame, [box])[0] if is_inside else 1.0
         best, least = None, min(_ALIKE_BELOW, here - _MARGIN)
-        for place in alike(frame, life.look, size, known, _PLACES):
-            differs = unlikeness(life.look, look_at(frame, place))
+        places = self._appearance.find(frame, life.descriptor, size, known, _PLACES)
+        for place, differs in zip(places, self._distances(life, frame, places), strict=True):
             if differs < least:
                 found = self._follower.look_elsewhere(life.target, frame, place)
                 is_there = found is not None and are_at(found.box, as_box(place))
                 if found is not None and is_there and found.confidence > _CONFIDENT_ABOVE:
                     best, least = found.box, differs
         return best
+
+    def _distances(
+        self, life: Life, frame: Frame, boxes: Sequence[NDArray[np.float64]]
+    ) -> NDArray[np.float64]:
+        """(N,) how far what is in (4,) boxes is from a target."""
+        seen = self._appearance.extract(frame, np.array(boxes).reshape(-1, 4))
+        return self._appearance.distance(life.descriptor, seen)
 
     def _brought(self, life: Life, box: NDArray[np.float64]) -> Life:
         """A target that was found in a (4,) box."""

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.appearances import Appearance, Descriptor
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.appearance import Look, look_at
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.targets.crowd import Crowd
@@ -40,12 +40,14 @@ class Initiator:
         follower: Follows each target.
         seed: Seeds all randomness.
         most: Targets at a time that detections start.
+        appearance: Describes them.
     """
 
-    def __init__(self, follower: Follower, seed: int, most: int) -> None:
+    def __init__(self, follower: Follower, seed: int, most: int, appearance: Appearance) -> None:
         self._follower = follower
         self._seed = seed
         self._most = most
+        self._appearance = appearance
 
     def begin(
         self,
@@ -64,12 +66,12 @@ class Initiator:
             label: What it is.
             generator: Its source of randomness; None for one of its own among others.
         """
-        look = look_at(frame, np.array(box))
-        return self._life(frame, np.array(box), key, look, generator).voted(label, 1.0)
+        life = self._life(frame, np.array(box), key, generator=generator)
+        return life.voted(label, 1.0)
 
     def begin_rival(self, frame: Frame, box: NDArray[np.float64], key: Key, host: Life) -> Life:
         """What looks like a target beside it, in a (4,) box: no detector has found it so far."""
-        life = self._life(frame, box, key, look_at(frame, box)).voted(host.label, 0.0)
+        life = self._life(frame, box, key).voted(host.label, 0.0)
         return replace(life, belief=_RIVAL_BELIEF, confirmations=0, host=host.key, stood=None)
 
     def start(self, crowd: Crowd, frame: Frame, rest: Sequence[tuple[int, Sighting]]) -> Crowd:
@@ -91,7 +93,7 @@ class Initiator:
             if overlaps(one.box[None], boxes).max(initial=0.0) > _TAKEN_ABOVE:
                 continue
             key = Key(crowd.frame, place)
-            life = self._life(frame, one.box, key, one.look).voted(one.label, one.score)
+            life = self._life(frame, one.box, key, one.descriptor).voted(one.label, one.score)
             life = replace(life, belief=_FIRST_BELIEF + 2.0 * (one.score - 1.0))
             lives = [other for other in lives if not (other.is_rival and is_on(other, life.box))]
             lives.append(life)
@@ -152,9 +154,11 @@ class Initiator:
         frame: Frame,
         box: NDArray[np.float64],
         key: Key,
-        look: Look,
+        descriptor: Descriptor | None = None,
         generator: np.random.Generator | None = None,
     ) -> Life:
+        if descriptor is None:
+            (descriptor,) = self._appearance.extract(frame, box[None])
         if generator is None:
             place = 2 * key.place if key.place >= 0 else -2 * key.place - 1
             spawn_key = (_RANDOMNESS_KEY, key.frame, place)
@@ -164,7 +168,7 @@ class Initiator:
         target = self._follower.begin(frame, as_box(box), Randomness.of(generator))
         course = Course.begin(box, CENTER_SPREAD * box[2:])
         stood = None if is_cut(box, frame.size) else box
-        return Life(key, target, look, course, np.log(box[2:]), _FIRST_BELIEF, stood=stood)
+        return Life(key, target, descriptor, course, np.log(box[2:]), _FIRST_BELIEF, stood=stood)
 
 
 def is_on(life: Life, box: NDArray[np.float64]) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from pf_tracker_ros.appearances import build_appearance
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.associator import Associator
 from pf_tracker_ros.targets.crossings import tell_apart
@@ -30,12 +31,13 @@ class CrowdKeeper:
     """
 
     def __init__(self, follower: Follower, parameters: TrackerParameters, seed: int) -> None:
-        self._associator = Associator()
-        self._updater = Updater(follower, parameters.detector.recall)
-        self.initiator = Initiator(follower, seed, parameters.max_targets)
+        self.appearance = build_appearance(parameters.appearance)
+        self._associator = Associator(self.appearance)
+        self._updater = Updater(follower, parameters.detector.recall, self.appearance)
+        self.initiator = Initiator(follower, seed, parameters.max_targets, self.appearance)
         self._deleter = Deleter(parameters.track.remember)
-        self._recognizer = Recognizer()
-        self._finder = Finder(follower)
+        self._recognizer = Recognizer(self.appearance)
+        self._finder = Finder(follower, self.appearance)
         self._rivals = Rivals(self.initiator, follower.steering)
 
     def advance(
@@ -61,7 +63,7 @@ class CrowdKeeper:
             seen[given[place]] if seen is not None and place in given else None
             for place in range(len(lives))
         ]
-        lives = tell_apart(lives, own)
+        lives = tell_apart(lives, own, self.appearance)
         lives = self._updater.update(lives, frame, interval, own, idle_for)
         if seen is not None:
             lives = self._updater.count_misses(lives, own, rhythm)

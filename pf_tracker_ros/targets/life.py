@@ -9,19 +9,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.targets.appearance import Look, blend, unlikeness
+from pf_tracker_ros.appearances import Appearance, Descriptor
+from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.tracking.target import Target
 
-# How unlike its own look a target usually is, before it is known, and how many detections that is
-# worth.
-USUALLY_VARIES, _PRIOR_LOOKS = 0.12, 10
-# Detections that a look, and how much it varies, are averages of; and the least that it varies.
-_LOOKS, _LEAST_VARIES = 30, 0.02
+# How far a target usually is from its own descriptor, before it is known, and how many detections
+# that is worth.
+USUALLY_VARIES, _PRIOR_VIEWS = 0.12, 10
+# Detections that a descriptor, and how much it varies, are averages of; the least that it varies.
+_VIEWS, _LEAST_VARIES = 30, 0.02
 # Labels of a target that are counted.
 _MOST_LABELS = 10
-# Least share of a detection's look in that of its target.
-_LOOK_RATE = 0.05
+# Least share of a detection's descriptor in that of its target.
+_RATE = 0.05
 
 
 class Key(NamedTuple):
@@ -58,9 +60,9 @@ class Life:
     Attributes:
         key: Its name for good.
         target: As the filter follows it.
-        look: What it looks like, as far as confirmed.
-        varies: How unlike that its detections usually are, 0 to 1.
-        looks: Detections that both were made of.
+        descriptor: Of its appearance, as far as confirmed.
+        varies: How far its detections usually are from that, 0 to 1.
+        views: Detections that both were made of.
         course: Where it goes.
         log_size: (2,) logarithms of its width and height, smoothed over the detections.
         belief: Logarithm of the odds that there is such a target.
@@ -84,12 +86,12 @@ class Life:
 
     key: Key
     target: Target
-    look: Look
+    descriptor: Descriptor
     course: Course
     log_size: NDArray[np.float64]
     belief: float
     varies: float = USUALLY_VARIES
-    looks: int = 1
+    views: int = 1
     votes: Mapping[str, float] = field(default_factory=dict)
     age: float = 0.0
     confirmations: int = 1
@@ -173,14 +175,19 @@ class Life:
             del votes[least]
         return replace(self, votes=votes)
 
-    def looked(self, look: Look) -> Life:
+    def described(self, frame: Frame, box: Box, appearance: Appearance) -> Life:
+        """The same, described anew by what is in its box."""
+        (descriptor,) = appearance.extract(frame, np.array([box]))
+        return replace(self, descriptor=descriptor, varies=USUALLY_VARIES, views=1)
+
+    def viewed(self, seen: Descriptor, appearance: Appearance) -> Life:
         """The same, seen once more alone."""
-        looks = self.looks + 1
-        rate = 1.0 / min(looks + _PRIOR_LOOKS, _LOOKS)
-        differs = max(unlikeness(self.look, look), _LEAST_VARIES)
+        views = self.views + 1
+        rate = 1.0 / min(views + _PRIOR_VIEWS, _VIEWS)
+        differs = max(float(appearance.distance(self.descriptor, seen[None])[0]), _LEAST_VARIES)
         return replace(
             self,
-            look=blend(self.look, look, max(1.0 / looks, _LOOK_RATE)),
+            descriptor=appearance.blend(self.descriptor, seen, max(1.0 / views, _RATE)),
             varies=self.varies + rate * (differs - self.varies),
-            looks=looks,
+            views=views,
         )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.parameters import build, change
+from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.out_of_sequence import StampedDetections
@@ -80,8 +80,7 @@ class MultiTracker:
             ParameterError: No such preset or parameter, or a value that is not allowed.
             ValueError: The seed is no whole number from 0.
         """
-        values = preset_parameters(preset, _MOST_TARGETS)
-        values = change(TrackerParameters, values, parameters or {})
+        values = {**preset_parameters(preset, _MOST_TARGETS), **(parameters or {})}
         return cls(build(TrackerParameters, values), seed)
 
     @property
@@ -107,7 +106,7 @@ class MultiTracker:
             ParameterError: A name or value is not allowed, values contradict each other, or a
                 target was never seen that would have to be learned again.
         """
-        values = change(TrackerParameters, self.parameters, values)
+        values = {**self.parameters, **values}
         other = TrackManager(build(TrackerParameters, values), self._manager.seed)
         self._manager.take_parameters(other)
 

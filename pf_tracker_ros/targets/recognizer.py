@@ -7,13 +7,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pf_tracker_ros.targets.appearance import unlikeness
+from pf_tracker_ros.appearances import Appearance
+from pf_tracker_ros.targets.assignment import assign
 from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.geometry import covered
 from pf_tracker_ros.targets.life import Life
 
-# A target is recognized by a look that differs by less than so much of what it usually varies by.
+# A target is recognized where its appearance differs by less than so much of what it usually
+# varies by.
 _ALIKE_BELOW = 1.5
 # How far it may have come: box heights at once, and in each second.
 _REACH, _SPEED = 1.0, 1.0
@@ -28,8 +31,14 @@ class Recognizer:
 
     Nobody ends what was started by hand. If it is lost, though, the detector finds it before
     anybody knows that it is the same one, and it begins as another: until the detector has missed
-    the one often enough, and the looks of both agree.
+    the one often enough, and both look alike.
+
+    Args:
+        appearance: Compares descriptors.
     """
+
+    def __init__(self, appearance: Appearance) -> None:
+        self._appearance = appearance
 
     def recognize(self, crowd: Crowd) -> Crowd:
         """The crowd with those recognized that a detection shows.
@@ -43,16 +52,9 @@ class Recognizer:
         shown = [life for life in crowd.lives if _may_be_another(life, crowd.lives)]
         if not missing or not shown:
             return crowd
-        # Only here: without detections no SciPy is needed.
-        from scipy.optimize import linear_sum_assignment
-
-        differs = np.array([[_difference(before, life) for life in shown] for before in missing])
-        rows, columns = linear_sum_assignment(np.minimum(differs, _ALIKE_BELOW))
-        known = {
-            shown[column].key: missing[row]
-            for row, column in zip(rows, columns, strict=True)
-            if differs[row, column] < _ALIKE_BELOW
-        }
+        differs = np.array([self._differences(before, shown) for before in missing])
+        pairs = assign(differs, _ALIKE_BELOW)
+        known = {shown[column].key: missing[row] for row, column in pairs.items()}
         found = {before.key for before in known.values()}
         return replace(
             crowd,
@@ -63,6 +65,14 @@ class Recognizer:
             ),
             gone=tuple(life for life in crowd.gone if life.key not in found),
         )
+
+    def _differences(self, before: Life, shown: Sequence[Life]) -> NDArray[np.float64]:
+        """(N,) how unlike a missing target others are, in what it varies by; infinite if not it."""
+        differs = self._appearance.distance(
+            before.descriptor, np.array([life.descriptor for life in shown])
+        )
+        may_be = [_may_be(before, life) for life in shown]
+        return np.where(may_be, differs / before.varies, math.inf)
 
 
 def _is_missing(life: Life) -> bool:
@@ -81,8 +91,8 @@ def _may_be_another(life: Life, lives: Sequence[Life]) -> bool:
     return bool((inside <= _HOLDS_ABOVE).all())
 
 
-def _difference(before: Life, life: Life) -> float:
-    """How unlike a missing target another one is, in what it varies by; infinite if it can't be."""
+def _may_be(before: Life, life: Life) -> bool:
+    """Whether another target may be the missing one, whatever it looks like."""
     if before.gone_for is None:
         since, began_after = before.unconfirmed_for, life.age <= before.unconfirmed_for
     else:
@@ -91,9 +101,7 @@ def _difference(before: Life, life: Life) -> float:
     one, other = life.box, before.box if before.gone_for is None else before.expected
     apart = one[:2] + one[2:] / 2 - other[:2] - other[2:] / 2
     is_near = math.hypot(*apart) <= (_REACH + _SPEED * since) * other[3]
-    if not began_after or not is_near or not _may_be_called(before, life.label):
-        return math.inf
-    return unlikeness(before.look, life.look) / before.varies
+    return began_after and is_near and _may_be_called(before, life.label)
 
 
 def _may_be_called(before: Life, label: str) -> bool:
@@ -111,9 +119,9 @@ def _as_before(life: Life, before: Life) -> Life:
     return replace(
         life,
         key=before.key,
-        look=before.look,
+        descriptor=before.descriptor,
         varies=before.varies,
-        looks=before.looks,
+        views=before.views,
         belief=max(life.belief, 0.5),
         age=before.age + (before.gone_for or 0.0),
         confirmations=before.confirmations + life.confirmations,

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.appearances import Appearance
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declarations
@@ -41,10 +42,10 @@ def needs_learning(
         before: Full name to value of every parameter in force.
         after: The same of the others.
     """
-    for name, declaration in declarations(TrackerParameters, before).items():
-        if lives and declaration.read_only and name in after and after[name] != before[name]:
+    for name, one in declarations(TrackerParameters).items():
+        if lives and one.read_only and one.counts(before) and after[name] != before[name]:
             return True
-    knowing = {name for name in after["cues"] if after.get(f"{name}.power", 1.0) > 0.0}
+    knowing = {name for name in after["cues"] if after[f"{name}.power"] > 0.0}
     return not all(knowing & life.target.templates.keys() for life in lives)
 
 
@@ -55,7 +56,10 @@ def reconfigured(crowd: Crowd, follower: Follower) -> Crowd:
 
 
 def learned_again(
-    crowd: Crowd, sights: Mapping[Key, Sight], follower: Follower
+    crowd: Crowd,
+    sights: Mapping[Key, Sight],
+    follower: Follower,
+    appearance: Appearance | None = None,
 ) -> tuple[Crowd, tuple[Life, ...]]:
     """The crowd with every target learned again; one that is hidden is so until it is seen.
 
@@ -63,6 +67,8 @@ def learned_again(
         crowd: After the last frame.
         sights: Where its targets were last seen.
         follower: Learns them.
+        appearance: Describes them anew, and those that have ended are forgotten; None where the
+            descriptors stay.
 
     Returns:
         The crowd, and those that are not in it because they were never seen.
@@ -76,8 +82,10 @@ def learned_again(
             continue
         box, before = box_within(sight.box, sight.frame.image), life.target
         target = follower.begin(sight.frame, box, before.randomness, before.estimate.state)
-        lives.append(replace(life, target=target, learned_for=0.0))
-    return replace(crowd, lives=tuple(lives)), tuple(unseen)
+        learned = replace(life, target=target, learned_for=0.0)
+        lives.append(learned.described(sight.frame, box, appearance) if appearance else learned)
+    gone = () if appearance else crowd.gone
+    return replace(crowd, lives=tuple(lives), gone=gone), tuple(unseen)
 
 
 def resized(

@@ -196,7 +196,8 @@ class TrackManager:
     def _adapted(self, other: TrackManager) -> tuple[Crowd, Sequence[Moment]]:
         """The targets, and the moments to be kept, for the parameters of another manager."""
         moments, follower = self.frames.moments, other._follower
-        lives = [*self._crowd.lives, *(one for moment in moments for one in moment.before.lives)]
+        before = (one for moment in moments for one in moment.before.lives)
+        lives = [*self._crowd.lives, *self._crowd.gone, *before]
         if not needs_learning(lives, self.parameters, other.parameters):
             return reconfigured(self._crowd, follower), [
                 replace(
@@ -206,7 +207,9 @@ class TrackManager:
                 )
                 for moment in moments
             ]
-        crowd, unseen = learned_again(self._crowd, self._sights, follower)
+        is_same = other._parameters.appearance == self._parameters.appearance
+        appearance = None if is_same else other._keeper.appearance
+        crowd, unseen = learned_again(self._crowd, self._sights, follower, appearance)
         for life in unseen:
             if life.is_told and life.key in self._names:
                 raise ParameterError(
@@ -296,7 +299,9 @@ class TrackManager:
     ) -> tuple[tuple[Sighting, ...] | None, list[str]]:
         detector = self._parameters.detector
         wanted = detections.with_labels(detector.labels)
-        seen, reasons = sightings(wanted, frame, detector.score_above)
+        seen, reasons = sightings(
+            wanted, frame, detector.score_above, self._keeper.appearance
+        )
         if seen or not len(wanted) or len(usable(wanted, frame.size, -np.inf)[0]):
             return tuple(seen), reasons
         # None of the boxes makes sense: that does not say that nothing is there.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.parameters import ParameterError, build, change
+from pf_tracker_ros.parameters import ParameterError, build
 from pf_tracker_ros.targets.track_manager import TrackManager
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_interval
@@ -69,7 +69,7 @@ class Tracker:
             ParameterError: No such preset or parameter, or a value that is not allowed.
             ValueError: The seed is no whole number from 0.
         """
-        values = change(TrackerParameters, preset_parameters(preset), parameters or {})
+        values = {**preset_parameters(preset), **(parameters or {})}
         return cls(build(TrackerParameters, values), seed)
 
     @property
@@ -100,7 +100,7 @@ class Tracker:
         Raises:
             ParameterError: A name or value is not allowed, or values contradict each other.
         """
-        values = change(TrackerParameters, self.parameters, values)
+        values = {**self.parameters, **values}
         other = type(self)(build(TrackerParameters, values), self._manager.seed)
         self._manager.take_parameters(other._manager)
 

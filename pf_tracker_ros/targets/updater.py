@@ -11,6 +11,7 @@ from itertools import compress
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.appearances import Appearance
 from pf_tracker_ros.boxes import Box, BoxesByAxis, are_at, as_box, sides_apart
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
@@ -84,10 +85,12 @@ class Updater:
     Args:
         follower: Follows each target.
         recall: Share of the visible targets that the detector finds.
+        appearance: Describes the targets.
     """
 
-    def __init__(self, follower: Follower, recall: float) -> None:
+    def __init__(self, follower: Follower, recall: float, appearance: Appearance) -> None:
         self._follower = follower
+        self._appearance = appearance
         self._log_miss = math.log(1.0 - recall)
 
     def update(
@@ -321,7 +324,7 @@ class Updater:
         learns = goes_over or (life.learned_for >= _LEARN_EVERY and not is_doubted)
         if learns:
             target = self._follower.steering.relearn(target, frame)
-        life = life.looked(own.look) if own.is_clear else life
+        life = life.viewed(own.descriptor, self._appearance) if own.is_clear else life
         return replace(
             life.voted(own.label, own.score),
             target=target,

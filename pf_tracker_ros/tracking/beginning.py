@@ -33,7 +33,8 @@ class Beginning:
 
     def motion(self, first_box: Box) -> MotionModel:
         """How a target moves from a box on."""
-        return MOTION_MODELS[self._motion.model](first_box, self._motion.of_model[""])
+        model = self._motion.model
+        return MOTION_MODELS[model](first_box, self._motion.of_models[model])
 
     def spread(
         self, motion: MotionModel, image_size: tuple[int, int], draw: np.random.Generator

@@ -76,36 +76,32 @@ class Follower:
 
     def __init__(self, parameters: TrackerParameters) -> None:
         self.parameters = parameters
-        powers = {name: of_cue.power for name, of_cue in parameters.of_powers.items()}
+        chosen = {name: parameters.of_cues[name] for name in parameters.cues}
         self._fusion = CueFusion(
-            {
-                name: (CUES[name](of_cue), powers.get(name, 1.0))
-                for name, of_cue in parameters.of_cues.items()
-            }
+            {name: (CUES[name](own), own.power) for name, own in chosen.items()}
         )
         check_proposal(parameters, self._fusion)
         self._confidence = Confidence(self._fusion, parameters.track.confidence_rate)
         self._predictor = Predictor()
         self._measurer = Measurer(self._fusion, parameters.working_size)
         self._redetector: Redetector | None = None
-        method, own = parameters.proposal.method, parameters.proposal.of_method[""]
-        if method == "kalman":
-            self._predictor = KalmanPredictor(own)
-        elif method == "search":
-            adaptation = parameters.of_search["fusion"].adaptation
+        proposal = parameters.proposal
+        if proposal.method == "kalman":
+            self._predictor = KalmanPredictor(proposal)
+        elif proposal.method == "search":
             measurer = SearchingMeasurer(
                 self._fusion,
                 parameters.working_size,
-                own,
-                adaptation,
+                proposal,
+                parameters.fusion.adaptation,
             )
             self._measurer = measurer
             self._redetector = Redetector(
                 measurer,
                 self._fusion,
                 self._confidence,
-                parameters.of_search["redetection"],
-                side=own.window,
+                parameters.redetection,
+                side=proposal.window,
                 doubtful_below=parameters.track.occluded_below,
             )
         self._while_hidden = WHILE_HIDDEN[parameters.track.while_hidden]()
@@ -130,7 +126,7 @@ class Follower:
     @property
     def background(self) -> BackgroundParameters | None:
         """Of the background model that the foreground comes from; None where it is not needed."""
-        return self.parameters.of_background["background"] if self.needs_foreground else None
+        return self.parameters.background if self.needs_foreground else None
 
     def begin(
         self,
@@ -305,7 +301,7 @@ class Follower:
         Returns:
             The box and the confidence in it; None where targets are not looked for elsewhere.
         """
-        if self._redetector is None or self.parameters.of_search["redetection"].windows == 0:
+        if self._redetector is None or self.parameters.redetection.windows == 0:
             return None
         return self._redetector.look(target, frame, target.estimate.powers, place)
 
@@ -319,7 +315,7 @@ class Follower:
         if foresight and target.foresight:
             foresight = replace(foresight, belief=target.foresight.belief)
         # A cue that is chosen again later may have other parameters, which a template depends on.
-        known = self.parameters.of_cues
+        known = self.parameters.cues
         return replace(
             target,
             motion=motion,

@@ -23,7 +23,7 @@ from pf_tracker_ros.cues.fusion import (
     Templates,
     smooth_distraction,
 )
-from pf_tracker_ros.filter import ParticleSet, SearchableMotion, SearchProposalParameters
+from pf_tracker_ros.filter import ParticleSet, ProposalParameters, SearchableMotion
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.prediction import Prediction
@@ -283,7 +283,7 @@ class SearchingMeasurer(Measurer):
         self,
         fusion: CueFusion,
         working_size: int,
-        parameters: SearchProposalParameters,
+        parameters: ProposalParameters,
         adaptation: float,
     ) -> None:
         super().__init__(fusion, working_size)

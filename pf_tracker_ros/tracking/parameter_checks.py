@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pf_tracker_ros.cues import CUES, CueFusion
-from pf_tracker_ros.filter.motion import models_with
+from pf_tracker_ros.filter.motion import MOTION_MODELS, models_with
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
@@ -12,12 +12,14 @@ _NEEDED = {"kalman": "foresight", "search": "center_prior"}
 
 
 def check_proposal(parameters: TrackerParameters, fusion: CueFusion) -> None:
-    """Refuse proposals that the motion model or the cues can't make.
+    """Refuse a motion model that cannot be used, and proposals that it or the cues can't make.
 
     Raises:
         ParameterError: Says which parameter to change.
     """
     method, model = parameters.proposal.method, parameters.motion.model
+    # It is made for each target anew, which is too late to tell.
+    MOTION_MODELS.check(model)
     suiting = [one for one, needed in _NEEDED.items() if model in models_with(needed)]
     with_model = " or ".join(f"'{one}'" for one in ("transition", *suiting) if one != method)
     if method in _NEEDED and method not in suiting:

@@ -7,36 +7,19 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
+from pf_tracker_ros.appearances import AppearanceParameters
 from pf_tracker_ros.background import BackgroundParameters
-from pf_tracker_ros.cues import CUES, Cue, FusionParameters, TemplateParameters, power_group
+from pf_tracker_ros.cues import CUES, FusionParameters, TemplateParameters
 from pf_tracker_ros.filter import MotionParameters, ProposalParameters, ResamplingParameters
-from pf_tracker_ros.parameters import Groups, chosen, declared, group
+from pf_tracker_ros.parameters import declared, group, parts
 from pf_tracker_ros.tracking.former_names import FORMER_NAMES
 from pf_tracker_ros.tracking.redetection import RedetectionParameters
 from pf_tracker_ros.tracking.track_parameters import DetectorParameters, TrackParameters
 
 
-def _of_powers(names: tuple[str, ...]) -> Groups:
-    """The power of a single cue is 1."""
-    if len(names) < 2:
-        return {}
-    usual = {name: getattr(CUES[name], "usual_power", Cue.usual_power) for name in names}
-    return {name: power_group(power) for name, power in usual.items()}
-
-
-def _of_cues(names: tuple[str, ...]) -> Groups:
-    return {name: CUES.parameters_of(name) for name in names}
-
-
-def _of_background(cues: tuple[str, ...]) -> Groups:
-    needed = any(getattr(CUES[name], "needs_foreground", False) for name in cues)
-    return {"background": BackgroundParameters} if needed else {}
-
-
-def _of_search(method: str) -> Groups:
-    if method != "search":
-        return {}
-    return {"fusion": FusionParameters, "redetection": RedetectionParameters}
+def _with_foreground() -> tuple[str, ...]:
+    names = (name for name, cue in CUES.items() if getattr(cue, "needs_foreground", False))
+    return "cues", *names
 
 
 @dataclass(frozen=True)
@@ -79,14 +62,17 @@ class TrackerParameters:
     resampling: ResamplingParameters = group(ResamplingParameters)
     cues: tuple[str, ...] = declared(
         ("color_histogram", "gradient_orientation"),
-        "What a box is compared by; each brings parameters of its own. One that is added while a "
+        "What a box is compared by; each has parameters of its own. One that is added while a "
         "target is tracked learns it from the next trusted frame.",
         choices=CUES,
     )
-    of_powers: dict[str, Any] = chosen("cues", _of_powers)
-    of_cues: dict[str, Any] = chosen("cues", _of_cues)
-    of_background: dict[str, Any] = chosen("cues", _of_background)
-    of_search: dict[str, Any] = chosen("proposal.method", _of_search)
+    of_cues: dict[str, Any] = parts("cues", CUES)
+    background: BackgroundParameters = group(BackgroundParameters, only_with=_with_foreground)
+    fusion: FusionParameters = group(FusionParameters, only_with=("proposal.method", "search"))
+    redetection: RedetectionParameters = group(
+        RedetectionParameters, only_with=("proposal.method", "search")
+    )
     template: TemplateParameters = group(TemplateParameters)
     track: TrackParameters = group(TrackParameters)
     detector: DetectorParameters = group(DetectorParameters)
+    appearance: AppearanceParameters = group(AppearanceParameters)

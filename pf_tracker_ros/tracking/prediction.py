@@ -12,8 +12,8 @@ from pf_tracker_ros.filter import (
     DegenerateError,
     ForeseenMotion,
     KalmanForesight,
-    KalmanProposalParameters,
     ParticleSet,
+    ProposalParameters,
 )
 from pf_tracker_ros.tracking.target import Target
 
@@ -65,7 +65,7 @@ class KalmanPredictor(Predictor):
         parameters: The share.
     """
 
-    def __init__(self, parameters: KalmanProposalParameters) -> None:
+    def __init__(self, parameters: ProposalParameters) -> None:
         self._share = parameters.share
 
     def predict(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from pf_tracker_ros.parameters import ParameterError, build, declarations, flatten
+from pf_tracker_ros.parameters import ParameterError, build, flatten
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
@@ -124,9 +124,7 @@ class PresetInForce:
 
     Attributes:
         name: A key of `PRESETS`.
-        changes: Full parameter name to (value in force, value of the preset), where they differ. A
-            parameter that there is not with the preset differs from its declared default; one that
-            there is with the preset alone has no value that could differ.
+        changes: Full parameter name to (value in force, value of the preset), where they differ.
     """
 
     name: str
@@ -141,14 +139,10 @@ class PresetInForce:
         """
         name = values["preset"]
         preset = preset_parameters(name, values["max_targets"])
-        usual = {
-            parameter: preset.get(parameter, declaration.default)
-            for parameter, declaration in declarations(TrackerParameters, values).items()
-        }
         changes = {
             parameter: (values[parameter], value)
-            for parameter, value in usual.items()
-            if values[parameter] != value
+            for parameter, value in preset.items()
+            if parameter in values and values[parameter] != value
         }
         return cls(name, changes)
 

@@ -20,8 +20,8 @@ from pf_tracker_ros.filter import (
     GridDensity,
     MotionModel,
     ParticleSet,
+    ProposalParameters,
     SearchGrid,
-    SearchProposalParameters,
     propose_from_search,
 )
 
@@ -52,7 +52,7 @@ class Search:
     def __init__(
         self,
         place: NDArray[np.float64],
-        parameters: SearchProposalParameters,
+        parameters: ProposalParameters,
         image_size: tuple[int, int],
     ) -> None:
         size = place[2:]

@@ -29,8 +29,9 @@ def test_each_cue_in_use_is_off_in_turn_unless_none_would_be_left(ablation, pres
     assert [variant.parameters for variant in variants] == [{f"{cue}.power": 0.0} for cue in cues]
 
 
-def test_a_cue_is_whatever_has_a_power(ablation, monkeypatch):
-    values = {"smell.power": 0.5, "noise.power": 0.0, "powerful": 1.0, "sound.power": 0.5}
+def test_a_cue_in_use_is_chosen_and_has_a_power_above_0(ablation, monkeypatch):
+    values = {"smell.power": 0.5, "noise.power": 0.0, "taste.power": 1.0, "sound.power": 0.5}
+    values["cues"] = ("smell", "noise", "sound")
     monkeypatch.setattr(ablation, "preset_parameters", lambda preset: values)
     variants = ablation.cue_variants("any")
     assert [variant.parameters for variant in variants] == [

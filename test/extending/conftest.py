@@ -32,7 +32,7 @@ sys.meta_path.insert(0, WithFolder)
 
 import pf_tracker_ros
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.parameters import ParameterError, all_declarations, declarations
+from pf_tracker_ros.parameters import ParameterError, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 

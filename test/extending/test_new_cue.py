@@ -42,15 +42,13 @@ print(json.dumps({{
     assert told["parameters"]["brightness.sharpness"] == 0.1
 
 
-def test_its_parameters_exist_with_it_and_only_then(extended):
+def test_its_parameters_count_with_it(extended):
     code = f"""
-with_it = declarations(TrackerParameters, {{"cues": {CUES_CHOSEN}}})
+every = declarations(TrackerParameters)
+own = [one for name, one in every.items() if name.startswith("brightness.")]
 print(json.dumps({{
-    "with": [name for name in with_it if name.startswith("brightness.")],
-    "without": [name for name in declarations(TrackerParameters) if "brightness" in name],
-    "allowed": with_it["brightness.sharpness"].allowed,
-    "only_with": all_declarations(TrackerParameters)["brightness.power"].only_with,
-    "unknown": refusal(Tracker.from_preset, "li2007", parameters={{"brightness.power": 0.5}}),
+    "own": [(one.name, one.condition) for one in own],
+    "allowed": every["brightness.sharpness"].allowed,
     "wrong": refusal(
         Tracker.from_preset,
         "li2007",
@@ -60,12 +58,8 @@ print(json.dumps({{
 """
     told = extended(code, **ADDED)
     names = [f"brightness.{name}" for name in ("power", "sharpness", "keep")]
-    assert (told["with"], told["without"]) == (names, [])
+    assert told["own"] == [[name, ["cues", ["brightness"]]] for name in names]
     assert told["allowed"] == "0 to 10"
-    assert told["only_with"] == "cues 'brightness' and another"
-    assert told["unknown"].endswith(
-        "'brightness.power' here; it needs cues 'brightness' and another"
-    )
     assert told["wrong"].startswith("parameter 'brightness.sharpness' is 11.0; allowed: float")
 
 
@@ -106,7 +100,8 @@ print(json.dumps({name: preset_parameters(name) for name in PRESETS}))
         as_printed = {
             key: list(value) if isinstance(value, tuple) else value for key, value in values.items()
         }
-        assert presets[name] == as_printed
+        brought = {key for key in presets[name] if key.startswith("brightness.")}
+        assert presets[name] == as_printed | {key: presets[name][key] for key in brought}
 
 
 def test_it_measures_what_it_says(extended):

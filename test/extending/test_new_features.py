@@ -15,7 +15,7 @@ NAME = "correlation_response.features"
 
 def test_without_the_file_there_is_nothing_to_choose_from():
     assert list(FEATURES) == ["gradients_and_colors"]
-    assert NAME not in declarations(TrackerParameters, {"cues": ("correlation_response",)})
+    assert NAME not in declarations(TrackerParameters)
     assert NAME not in preset_parameters("default")
     for value in FEATURES:
         with pytest.raises(ParameterError, match=f"no parameter '{NAME}'"):
@@ -24,14 +24,13 @@ def test_without_the_file_there_is_nothing_to_choose_from():
 
 def test_with_the_file_they_are_chosen_by_a_parameter(extended):
     code = f"""
-declaration = declarations(TrackerParameters, {{"cues": ("correlation_response",)}})["{NAME}"]
+declaration = declarations(TrackerParameters)["{NAME}"]
 print(json.dumps({{
     "choices": declaration.choices,
     "default": declaration.default,
     "read_only": declaration.read_only,
-    "only_with": all_declarations(TrackerParameters)["{NAME}"].only_with,
+    "condition": declaration.condition,
     "preset": preset_parameters("default")["{NAME}"],
-    "without_the_cue": "{NAME}" in preset_parameters("li2007"),
     "wrong": refusal(Tracker.from_preset, "default", parameters={{"{NAME}": "cell_medians"}}),
 }}))
 """
@@ -39,8 +38,7 @@ print(json.dumps({{
     assert sorted(told["choices"]) == ["cell_means", "gradients_and_colors"]
     assert told["default"] == told["preset"] == "gradients_and_colors"
     assert told["read_only"]
-    assert told["only_with"] == "cues 'correlation_response'"
-    assert not told["without_the_cue"]
+    assert told["condition"] == ["cues", ["correlation_response"]]
     assert told["wrong"].startswith(f"parameter '{NAME}' is 'cell_medians'; allowed: string, ")
 
 
@@ -95,7 +93,7 @@ from pf_tracker_ros.cues.features import FEATURES
 
 window = np.random.default_rng(0).integers(0, 256, (24, 24, 3), dtype=np.uint8)
 ramp = np.tile((2 * np.arange(24)).astype(np.uint8), (24, 1))
-features = FEATURES["cell_means"]()
+features = FEATURES.make("cell_means", FEATURES.parameters_of("cell_means")())
 print(json.dumps([
     window.tolist(), features.extract(window[None])[0].tolist(),
     features.extract(ramp[None])[0].tolist(),

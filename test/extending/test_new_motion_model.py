@@ -32,30 +32,28 @@ print(json.dumps([boxes, tracker.estimate.particles.shape, tracker.parameters]))
     assert parameters["motion.vertical_share"] == 1.0
 
 
-def test_its_parameters_exist_with_it_and_those_of_others_do_not(extended):
+def test_its_parameters_count_with_it_and_those_of_others_do_not(extended):
     code = """
-def of_motion(model):
-    names = declarations(TrackerParameters, {"motion.model": model})
-    return [name for name in names if name.startswith("motion.")]
+every = declarations(TrackerParameters)
 
-every = all_declarations(TrackerParameters)
+def of_motion(model):
+    counting = (name for name, one in every.items() if one.counts(values | {"motion.model": model}))
+    return [name for name in counting if name.startswith("motion.")]
+
+values = preset_parameters("li2007")
 print(json.dumps({
     "own": of_motion("random_walk"),
     "other": of_motion("constant_velocity"),
-    "only_with": every["motion.vertical_share"].only_with,
+    "condition": every["motion.vertical_share"].condition,
     "choices": every["motion.model"].choices,
-    "unknown": refusal(
-        Tracker.from_preset, "li2007", parameters={"motion.vertical_share": 0.5}
-    ),
 }))
 """
     told = extended(code, **ADDED)
     own = ["motion.model", "motion.position_noise", "motion.vertical_share"]
     assert told["own"] == own
     assert told["other"] == ["motion.model", "motion.position_noise", "motion.velocity_noise"]
-    assert told["only_with"] == "motion.model 'random_walk'"
+    assert told["condition"] == ["motion.model", ["random_walk"]]
     assert set(told["choices"]) == {*MOTION_MODELS, "random_walk"}
-    assert told["unknown"].endswith("it needs motion.model 'random_walk'")
 
 
 def test_its_own_parameter_does_what_it_says(extended):

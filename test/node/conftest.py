@@ -27,7 +27,7 @@ from sensor_msgs.msg import Image, PointCloud2
 
 from pf_tracker_ros.node.running import spin_until_shutdown
 from pf_tracker_ros.node.tracker.tracker_node import TrackerNode
-from pf_tracker_ros.parameters import all_declarations
+from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -41,7 +41,7 @@ PATIENCE = 4.0
 _HISTORY = 1000
 FRAME_INTERVAL = 40_000_000
 FIRST_STAMP = 1_700_000_000_000_000_000
-EVERY_TUNABLE = all_declarations(TrackerParameters)
+EVERY_TUNABLE = declarations(TrackerParameters)
 # What rclpy declares by itself.
 OF_EVERY_NODE = {"use_sim_time", "start_type_description_service"}
 

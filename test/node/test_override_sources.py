@@ -161,7 +161,7 @@ def test_what_a_preset_supersedes_says_nothing_of_parts_and_names_that_it_has_no
     log, _ = process.communicate(timeout=30)
     assert "hog.sharpness" not in log
     assert f"{others} gives /pf_tracker nothing: it is for /left/pf_tracker" in log
-    needs = "use 'hog.power', which needs cues 'hog' and another; it has no effect"
+    needs = "use 'hog.power'; it has no effect"
     assert f"'oriented_gradients.power'; {needs}" in log
 
 

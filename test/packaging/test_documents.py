@@ -11,7 +11,7 @@ import cv2
 import pytest
 
 from pf_tracker_ros.node_parameters import NodeParameters
-from pf_tracker_ros.parameters import all_declarations, declarations
+from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -65,7 +65,7 @@ def test_the_classes_and_methods_named_in_the_papers_are_there(names):
 
 
 def test_the_parameters_named_in_the_papers_are_there():
-    known = {*all_declarations(TrackerParameters), *declarations(NodeParameters)}
+    known = {*declarations(TrackerParameters), *declarations(NodeParameters)}
     groups = {name.partition(".")[0] for name in known if "." in name}
     named = {
         name

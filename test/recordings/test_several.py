@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections
-from pf_tracker_ros.recordings.detections import built_in
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS, WRONG_TARGET
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 
@@ -264,7 +263,7 @@ def test_what_a_built_in_detector_finds_does_not_hang_on_the_machine(
             return library.said(number)
 
     eyes = Eyes()
-    monkeypatch.setattr(built_in, "DETECTORS", {**DETECTORS, "motion": lambda: eyes})
+    monkeypatch.setitem(DETECTORS._makers, "motion", lambda: eyes)
     code, errors, found = tracked(source, "--detector", "motion", "--detector-rate", "7")
     assert code == 0
     # Every fourth frame of 25 a second is due, and its answer is heard before the next.

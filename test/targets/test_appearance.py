@@ -5,9 +5,18 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.appearance import alike, look_at, unlikeness
+from pf_tracker_ros.appearances.color_stripes import ColorStripes
 
 BOX = np.array([100.0, 60.0, 24.0, 40.0])
+STRIPES = ColorStripes()
+
+
+def look_at(frame, box):
+    return STRIPES.extract(frame, box[None])[0]
+
+
+def unlikeness(one, other):
+    return STRIPES.distance(one, other[None])[0]
 
 
 def person(shirt, trousers, light=0):
@@ -75,7 +84,7 @@ def test_an_image_is_searched_for_a_look(iou, scale, wanted):
     frame, boxes = crowd(scale, CLOTHES)
     size = boxes[0, 2:]
     look = look_at(frame, boxes[wanted])
-    first, *others = alike(frame, look, size, np.empty((0, 4)), 4)
+    first, *others = STRIPES.find(frame, look, size, np.empty((0, 4)), 4)
     assert iou(first, boxes[wanted]) > 0.5
     assert len(others) == 3
     for one, other in itertools.combinations([first, *others], 2):
@@ -85,8 +94,26 @@ def test_an_image_is_searched_for_a_look(iou, scale, wanted):
 def test_what_is_something_else_is_passed_over(iou):
     frame, boxes = crowd(2, CLOTHES[:1] * 3)
     look = look_at(frame, boxes[0])
-    found = alike(frame, look, boxes[0, 2:], boxes[[0, 2]], 1)
+    found = STRIPES.find(frame, look, boxes[0, 2:], boxes[[0, 2]], 1)
     assert iou(found[0], boxes[1]) > 0.5
+
+
+@pytest.mark.parametrize("shape", [(200, 320, 3), (200, 320)])
+def test_boxes_are_described_together_as_each_by_itself(shape):
+    frame = Frame(np.random.default_rng(1).integers(0, 255, shape).astype(np.uint8))
+    boxes = np.array([BOX, (0, 0, 1, 1), (-3, -3, 8, 8), BOX + 7, (10, 20, 300, 170)])
+    together = STRIPES.extract(frame, boxes)
+    np.testing.assert_array_equal(together, [look_at(frame, box) for box in boxes])
+    assert STRIPES.extract(frame, np.empty((0, 4))).shape == (0, together.shape[1])
+
+
+def test_distances_to_several_are_those_to_each():
+    frame, boxes = crowd(1, CLOTHES)
+    looks = STRIPES.extract(frame, boxes)
+    distances = STRIPES.distance(looks[0], looks)
+    np.testing.assert_allclose(distances, [unlikeness(looks[0], look) for look in looks], atol=1e-6)
+    assert distances[0] == pytest.approx(0.0, abs=1e-6)
+    assert distances[1:].min() > 0.3
 
 
 @pytest.mark.parametrize("shape", [(200, 320, 3), (200, 320), (5, 7, 3), (401, 602)])
@@ -95,7 +122,7 @@ def test_centers_of_what_is_alike_are_in_the_image(shape, size):
     image = np.random.default_rng(1).integers(0, 255, shape).astype(np.uint8)
     frame = Frame(image)
     look = look_at(frame, np.array([1.0, 1.0, 3.0, 3.0]))
-    for box in alike(frame, look, np.array(size), np.empty((0, 4)), 500):
+    for box in STRIPES.find(frame, look, np.array(size), np.empty((0, 4)), 500):
         center = box[:2] + box[2:] / 2
         assert (center >= 0).all()
         assert (center < frame.size).all()

@@ -3,6 +3,7 @@ import pytest
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.appearances.color_stripes import ColorStripes
 from pf_tracker_ros.targets.detections import sightings
 
 SIZE = (320, 200)
@@ -10,7 +11,7 @@ SIZE = (320, 200)
 
 def found(detections, score_above=0.0):
     image = np.full((SIZE[1], SIZE[0], 3), 90, np.uint8)
-    return sightings(detections, Frame(image), score_above)
+    return sightings(detections, Frame(image), score_above, ColorStripes())
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections
+from pf_tracker_ros.appearances.color_stripes import ColorStripes
 from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.recognizer import Recognizer
 
@@ -98,7 +99,8 @@ def test_a_box_around_somebody_else_is_nobody_who_was_gone(walkers, make_tracker
     by_hand.start(walkers.images[0], box + (4 + aside, 6, -8, -12))
     (begun,), (other,) = by_detector._crowd.lives, by_hand._crowd.lives
     ended = replace(begun, key=begun.key._replace(frame=0), gone_for=INTERVAL)
-    known, _ = Recognizer().recognize(Crowd(lives=(begun, other), gone=(ended,))).lives
+    crowd = Crowd(lives=(begun, other), gone=(ended,))
+    known, _ = Recognizer(ColorStripes()).recognize(crowd).lives
     assert (known.key == ended.key) == (aside == 60)
 
 
@@ -115,5 +117,5 @@ def test_one_that_has_ended_is_where_the_camera_has_taken_it(walkers, make_track
     ended = replace(ended, key=ended.key._replace(frame=0), gone_for=INTERVAL)
     motion = np.array([[1.0, 0, turned], [0, 1, 0], [0, 0, 1]])
     crowd = replace(Crowd(gone=(ended,)).carried(motion), lives=(begun,))
-    (known,) = Recognizer().recognize(crowd).lives
+    (known,) = Recognizer(ColorStripes()).recognize(crowd).lives
     assert (known.key == ended.key) == (turned == 150)

@@ -5,8 +5,7 @@ Both sessions keep the same rules, so each case is asked of both.
 
 import pytest
 
-from pf_tracker_ros.parameters import change
-from pf_tracker_ros.targets.parameters import MultiTrackerParameters, multi_preset_parameters
+from pf_tracker_ros.targets.parameters import multi_preset_parameters
 from pf_tracker_ros.targets.session import MultiSession
 from pf_tracker_ros.tracking.frame_clock import TimePolicy
 from pf_tracker_ros.tracking.presets import preset_parameters
@@ -30,7 +29,7 @@ class Followed:
             self.session = Session({**preset_parameters("li2007"), "particles": 20}, seed=1)
             self.session.history.limit(frames=30, megabytes=10.0)
         else:
-            values = change(MultiTrackerParameters, multi_preset_parameters("default"), {})
+            values = multi_preset_parameters("default")
             self.session = MultiSession(values, 1)
         self.walkers = walkers
 

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections
-from pf_tracker_ros.parameters import change
-from pf_tracker_ros.targets.parameters import MultiTrackerParameters, multi_preset_parameters
+from pf_tracker_ros.targets.parameters import multi_preset_parameters
 from pf_tracker_ros.targets.session import MultiSession
 from pf_tracker_ros.targets.waiting_answers import MOST_ANSWERS
 from pf_tracker_ros.tracking.frame_clock import TimePolicy
@@ -24,7 +23,7 @@ def at(number):
 def make_session():
     def make(seed=0, **parameters):
         named = {name.replace("__", "."): value for name, value in parameters.items()}
-        values = change(MultiTrackerParameters, multi_preset_parameters("default"), named)
+        values = multi_preset_parameters("default") | named
         return MultiSession(values, seed)
 
     return make
@@ -455,7 +454,7 @@ def test_a_drawn_target_that_no_frame_shows_in_another_size_is_told_of(
 
 def test_fewer_targets_allowed_than_there_are_says_how_many_there_are(session, walkers):
     show(session, walkers, range(6), every=2)
-    values = change(MultiTrackerParameters, multi_preset_parameters("default"), {"targets.most": 2})
+    values = multi_preset_parameters("default") | {"targets.most": 2}
     session.configure(values, 0)
     with pytest.raises(ValueError, match="there are 3 targets, and there may be 2; stop 2 first"):
         session.request((4.0, 4.0, 12.0, 12.0))
@@ -467,11 +466,7 @@ def test_fewer_targets_allowed_than_there_are_says_how_many_there_are(session, w
 
 def test_parameters_change_at_run_time_and_the_ids_stay(session, walkers):
     show(session, walkers, range(8), every=4)
-    values = change(
-        MultiTrackerParameters,
-        multi_preset_parameters("li2007"),
-        {"detector.score_above": 0.2},
-    )
+    values = multi_preset_parameters("li2007") | {"detector.score_above": 0.2}
     session.check(values, 3)
     session.configure(values, 3)
     assert ids(show(session, walkers, [8])) == [1, 2, 3]

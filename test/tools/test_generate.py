@@ -1,4 +1,3 @@
-import itertools
 import re
 import subprocess
 import sys
@@ -9,7 +8,7 @@ import yaml
 from generate import generated_files, main
 
 from pf_tracker_ros.node_parameters import NodeParameters
-from pf_tracker_ros.parameters import all_declarations, choosers, declarations
+from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
@@ -40,12 +39,16 @@ def test_a_preset_file_sets_the_preset_and_nothing_else(preset):
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_a_preset_file_names_every_parameter_with_the_value_and_type_of_the_preset(preset):
+def test_a_preset_file_names_every_parameter_that_counts_with_its_value_and_type(preset):
     text = generated_files()[f"config/{preset}.yaml"]
     # One line is one parameter: taking its mark away is all there is to do.
     values = parameters_of(re.sub(r"^( +)#(?! )", r"\1", text, flags=re.MULTILINE))
-    expected = preset_parameters(preset) | {"preset": preset, "seed": 0, "target_box": ()}
-    known = declarations(NodeParameters) | declarations(TrackerParameters, expected)
+    of_preset = preset_parameters(preset)
+    of_tracker = declarations(TrackerParameters)
+    known = declarations(NodeParameters)
+    known |= {name: one for name, one in of_tracker.items() if one.counts(of_preset)}
+    expected = {name: value for name, value in of_preset.items() if name in known}
+    expected |= {"preset": preset, "seed": 0, "target_box": ()}
     assert list(values) == list(known)
     # YAML has lists where a declaration has tuples.
     read = {name: tuple(one) if isinstance(one, list) else one for name, one in values.items()}
@@ -57,12 +60,9 @@ def test_a_preset_file_names_every_parameter_with_the_value_and_type_of_the_pres
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_preset_file_says_what_can_be_chosen(preset):
     text = " ".join(generated_files()[f"config/{preset}.yaml"].replace("#", "").split())
-    for declaration in choosers(TrackerParameters).values():
-        assert f"{declaration.allowed}" in text
-        (_, after) = text.split(declaration.allowed)
-        assert after.partition(f"{declaration.name}:")[0].endswith(
-            ". Decides which other parameters there are. "
-        )
+    known = declarations(TrackerParameters)
+    for name in ("motion.model", "proposal.method", "cues"):
+        assert f"Allowed: {known[name].type_name}, {known[name].allowed}" in text
 
 
 def rows_of_the_tracker():
@@ -74,41 +74,23 @@ def rows_of_the_tracker():
 
 
 def test_the_table_has_a_row_for_every_parameter():
-    known = all_declarations(TrackerParameters)
+    known = declarations(TrackerParameters)
     rows = rows_of_the_tracker()
     assert rows.keys() == known.keys()
     for name, declaration in known.items():
         assert rows[name]["description"] == declaration.description
         assert rows[name]["allowed"] == declaration.allowed
-        assert rows[name]["only with"] == declaration.only_with
         assert rows[name]["at run time"] == ("learns again" if declaration.read_only else "yes")
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_the_table_has_the_values_of_a_preset_and_a_dash_for_what_is_not_there(preset):
+def test_the_table_has_the_values_of_a_preset(preset):
     cells = {name: row[f"`{preset}`"] for name, row in rows_of_the_tracker().items()}
-    known = all_declarations(TrackerParameters)
+    known = declarations(TrackerParameters)
     found = {
-        name: known[name].validate(yaml.safe_load(cell.strip("`")))
-        for name, cell in cells.items()
-        if cell != "-"
+        name: known[name].validate(yaml.safe_load(cell.strip("`"))) for name, cell in cells.items()
     }
     assert found == preset_parameters(preset)
-
-
-def test_the_table_tells_the_value_of_what_no_preset_has_chosen():
-    known = all_declarations(TrackerParameters)
-    for name, row in rows_of_the_tracker().items():
-        if known[name].only_with:
-            default = yaml.safe_load(row["otherwise"].strip("`"))
-            assert known[name].validate(default) == known[name].default
-
-
-def test_what_belongs_together_stands_together_after_what_is_always_there():
-    conditions = [row["only with"] for row in rows_of_the_tracker().values()]
-    blocks = [block for block, _ in itertools.groupby(conditions)]
-    assert blocks[0] == ""
-    assert len(blocks) == len(set(blocks))
 
 
 def test_the_files_are_written_into_a_repository_and_nowhere_else(tmp_path, capsys):

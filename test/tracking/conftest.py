@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros.parameters import build, change
+from pf_tracker_ros.parameters import build
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
@@ -63,7 +63,7 @@ def make_follower():
     """A follower of a preset, with other values of some parameters."""
 
     def make(preset, parameters=None):
-        values = change(TrackerParameters, preset_parameters(preset), parameters or {})
+        values = preset_parameters(preset) | (parameters or {})
         return Follower(build(TrackerParameters, values))
 
     return make

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.cues import CUES, CueFusion
-from pf_tracker_ros.filter import ParticleSet, SearchProposalParameters
+from pf_tracker_ros.filter import ParticleSet, ProposalParameters
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Foreground, Frame
 from pf_tracker_ros.tracking.judgment import Judgment
@@ -23,13 +23,13 @@ SHARE, WINDOW = 0.6, 3.6
 
 def fusion(*names):
     own = {name: CUES.parameters_of(name)() for name in names}
-    return CueFusion({name: (CUES[name](one), CUES[name].usual_power) for name, one in own.items()})
+    return CueFusion({name: (CUES[name](one), one.power) for name, one in own.items()})
 
 
 def measurers(*names):
     """One of each kind, with the same cues."""
     cues = fusion(*names)
-    parameters = SearchProposalParameters(share=SHARE, window=WINDOW)
+    parameters = ProposalParameters(share=SHARE, window=WINDOW)
     return (
         Measurer(cues, WORKING_SIZE),
         SearchingMeasurer(cues, WORKING_SIZE, parameters, adaptation=1.5),
@@ -143,7 +143,7 @@ def test_the_search_is_around_the_predicted_mean_and_its_particles_carry_p_over_
 
     # The same by the parts, of which the search's own proposal is tested with the proposals.
     place = before.weights @ boxes
-    search = Search(place, SearchProposalParameters(share=SHARE, window=WINDOW), frame.size)
+    search = Search(place, ProposalParameters(share=SHARE, window=WINDOW), frame.size)
     _, region = searching.look(frame, place)
     found = cues.strengths(region, search.boxes, target.templates)
     powers = cues.adapt(target.distraction, 1.5)

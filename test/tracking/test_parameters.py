@@ -1,4 +1,4 @@
-"""The tracker's parameters: which there are with what, what became of others, and changes."""
+"""The tracker's parameters: which there are, what became of others, and changes."""
 
 import re
 
@@ -9,14 +9,7 @@ from pf_tracker_ros import Tracker
 from pf_tracker_ros.background import BackgroundModel
 from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.filter import MOTION_MODELS, RESAMPLERS
-from pf_tracker_ros.parameters import (
-    ParameterError,
-    all_declarations,
-    build,
-    change,
-    declarations,
-    flatten,
-)
+from pf_tracker_ros.parameters import ParameterError, build, declarations, flatten
 from pf_tracker_ros.tracking.former_names import FORMER_NAMES
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
 from pf_tracker_ros.tracking.parameters import TrackerParameters
@@ -24,8 +17,7 @@ from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 from pf_tracker_ros.tracking.scene import Scene
 
 INTERVAL = 0.04
-EVERY = all_declarations(TrackerParameters)
-CHOSEN = {name: one.only_with for name, one in EVERY.items() if one.only_with}
+EVERY = declarations(TrackerParameters)
 every_preset = pytest.mark.parametrize("preset", sorted(PRESETS))
 
 
@@ -42,7 +34,7 @@ def test_every_preset_builds_and_has_its_values(preset):
     assert PRESETS[preset].items() <= values.items()
     others = values.keys() - PRESETS[preset].keys()
     assert all(values[name] == EVERY[name].default for name in others)
-    assert values.keys() == declarations(TrackerParameters, values).keys() <= EVERY.keys()
+    assert list(values) == list(EVERY)
     assert flatten(build(TrackerParameters, values)) == values
     assert Tracker.from_preset(preset).parameters == values
 
@@ -54,51 +46,70 @@ def test_what_is_registered_can_be_chosen():
     assert EVERY["track.while_hidden"].choices == tuple(WHILE_HIDDEN)
 
 
-@pytest.mark.parametrize("name", CHOSEN)
-def test_a_parameter_exists_with_each_choice_that_it_names_and_with_no_other(name):
-    chooser, choices = CHOSEN[name].split(" ", 1)
-    company = ("color_histogram", "hog") if choices.endswith(" and another") else ()
-    choices = re.findall(r"'(\w+)'", choices)
-    assert 0 < len(choices) < len(EVERY[chooser].choices)
-    for choice in EVERY[chooser].choices:
-        value = (
-            (*{choice, *(company if choice in choices else ())},) if chooser == "cues" else choice
-        )
-        values = {chooser: value, name: EVERY[name].default}
-        if choice in choices:
-            assert flatten(build(TrackerParameters, values))[name] == EVERY[name].default
-            continue
-        needed = re.escape(CHOSEN[name])
-        with pytest.raises(ParameterError, match=f"no parameter '{name}' here; it needs {needed}$"):
-            build(TrackerParameters, values)
+OF_SEARCH = ("proposal.method", ("search",))
+WITH_VELOCITY = ("affine", "constant_velocity", "constant_velocity_and_size")
+CONDITIONS = {
+    "particles": None,
+    "motion.position_noise": None,
+    "motion.velocity_noise": ("motion.model", WITH_VELOCITY),
+    "motion.drift": ("motion.model", ("affine",)),
+    "motion.second_coefficient": ("motion.model", ("second_order_autoregressive",)),
+    "proposal.share": ("proposal.method", ("kalman", "search")),
+    "proposal.window": OF_SEARCH,
+    "fusion.adaptation": OF_SEARCH,
+    "redetection.windows": OF_SEARCH,
+    "hog.power": ("cues", ("hog",)),
+    "foreground_color_histogram.keep": ("cues", ("foreground_color_histogram",)),
+}
+
+
+@pytest.mark.parametrize("name", CONDITIONS)
+def test_a_parameter_of_a_part_counts_while_the_part_is_chosen(name):
+    assert EVERY[name].condition == CONDITIONS[name]
+    if CONDITIONS[name]:
+        assert EVERY[name].description.endswith("'.")
+        assert f" Counts while '{CONDITIONS[name][0]}' " in EVERY[name].description
 
 
 @every_preset
-def test_a_parameter_of_a_part_that_is_not_chosen_is_refused(preset):
+def test_a_value_of_a_part_that_is_not_chosen_changes_nothing(preset, couple, other_values):
+    values = preset_parameters(preset)
+    idle = {name: one for name, one in EVERY.items() if not one.counts(values)}
+    assert idle
+    changes = {name: other_values(one, values[name])[0] for name, one in idle.items()}
     tracker = Tracker.from_preset(preset)
-    absent = EVERY.keys() - tracker.parameters.keys()
-    assert absent
-    for name in absent:
-        with pytest.raises(ParameterError, match=f"no parameter '{name}' here; it needs "):
-            Tracker.from_preset(preset, parameters={name: EVERY[name].default})
-        with pytest.raises(ParameterError, match=f"no parameter '{name}' here; it needs "):
-            tracker.set_parameters({name: EVERY[name].default})
-    assert tracker.parameters == preset_parameters(preset)
+    others = [Tracker.from_preset(preset, parameters=changes), Tracker.from_preset(preset)]
+    for one in (tracker, *others):
+        one.start(couple.images[0], box(couple.first, 0))
+    # Also what is fixed while a target is tracked.
+    others[1].set_parameters(changes)
+    assert others[0].parameters == others[1].parameters == values | changes
+    for image in couple.images[1:6]:
+        estimate = tracker.update(image)
+        for other in others:
+            found = other.update(image)
+            assert found.box == estimate.box
+            np.testing.assert_array_equal(found.weights, estimate.weights)
 
 
-def test_values_of_parts_that_a_change_leaves_out_go_with_them():
-    values = preset_parameters("zhang2015")
-    after = change(
-        TrackerParameters,
-        values,
-        {"cues": ("color_histogram",), "motion.model": "constant_velocity"},
-    )
-    assert values.keys() - after.keys() == {
-        *("hog.sharpness", "hog.keep", "motion.size_noise", "motion.aspect_noise"),
-        *("motion.first_coefficient", "motion.second_coefficient"),
-    }
-    built = flatten(build(TrackerParameters, after))
-    assert built["color_histogram.keep"] == EVERY["color_histogram.keep"].default
+def test_a_part_that_is_chosen_has_the_values_that_were_set_before(couple):
+    values = {"motion.size_noise": 0.7, "motion.aspect_noise": 0.2, "hog.sharpness": 90.0}
+    choice = {"motion.model": "second_order_autoregressive", "cues": ("hog",)}
+    tracker = Tracker.from_preset("li2007", seed=3, parameters=values)
+    tracker.set_parameters(choice)
+    other = Tracker.from_preset("li2007", seed=3, parameters=values | choice)
+    for one in (tracker, other):
+        one.start(couple.images[0], box(couple.first, 0))
+    for image in couple.images[1:4]:
+        assert tracker.update(image).box == other.update(image).box
+
+
+def test_a_single_cue_has_all_of_the_power(couple):
+    for power in (0.01, 0.5, 1.0):
+        tracker = Tracker.from_preset("zhang2015", parameters={"hog.power": power})
+        assert dict(tracker.start(couple.images[0], box(couple.first, 0)).powers) == {"hog": 1.0}
+    with pytest.raises(ParameterError, match=r"all cues are off; .* 'hog\.power' must be above 0"):
+        Tracker.from_preset("zhang2015", parameters={"hog.power": 0.0})
 
 
 # What became of others
@@ -109,9 +120,7 @@ def test_a_former_name_is_refused_with_what_to_use_or_why_there_is_nothing(name)
     assert name not in EVERY
     instead = FORMER_NAMES[name]
     if instead in EVERY:
-        is_there = instead in preset_parameters("default")
-        needs = "" if is_there else f", which needs {EVERY[instead].only_with}"
-        message = f"no parameter '{name}'; use '{instead}'{needs}"
+        message = f"no parameter '{name}'; use '{instead}'"
     else:
         message = f"no parameter '{name}'; {instead}"
         assert " " in instead
@@ -246,12 +255,10 @@ def test_a_tracker_takes_a_cue_leaves_one_out_and_changes_powers(couple):
         estimate = tracker.update(couple.images[index])
         assert estimate.box == pytest.approx(couple.second[index], abs=8)
         now = tracker.parameters
-        # A single cue has no power to choose.
-        used = [name for name in now["cues"] if now.get(f"{name}.power", 1.0)]
+        used = [name for name in now["cues"] if now[f"{name}.power"]]
         assert estimate.powers.keys() == {*used}
         if powers:
             assert dict(estimate.powers) == powers
-    assert not any(name.startswith("hog.") for name in tracker.parameters)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.filter import LONGEST_PREDICTION, Gaussian, propose_from_prediction
-from pf_tracker_ros.filter.proposals import KalmanProposalParameters
+from pf_tracker_ros.filter.proposals import ProposalParameters
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.prediction import KalmanPredictor, Predictor
@@ -52,7 +52,7 @@ def test_the_transition_prior_draws_by_the_motion_model_and_keeps_the_weights(pr
 @pytest.mark.parametrize("preset", ["li2007", "zhang_bo"])
 def test_a_prediction_reaches_no_further_than_its_longest(preset, make_target):
     target = make_target(preset)
-    predictor = KalmanPredictor(KalmanProposalParameters()) if target.foresight else Predictor()
+    predictor = KalmanPredictor(ProposalParameters()) if target.foresight else Predictor()
     far, longest = (
         predictor.predict(target, seconds, SIZE, generator())
         for seconds in (10 * LONGEST_PREDICTION, LONGEST_PREDICTION)
@@ -65,7 +65,7 @@ def test_a_prediction_reaches_no_further_than_its_longest(preset, make_target):
 def test_around_a_kalman_filter_the_weights_carry_p_over_q(model, make_target):
     target = make_target("zhang_bo", {"motion.model": model})
     share = 0.4
-    predictor = KalmanPredictor(KalmanProposalParameters(share))
+    predictor = KalmanPredictor(ProposalParameters(share=share))
     prediction = predictor.predict(target, INTERVAL, SIZE, generator())
 
     foresight = target.foresight.predict(INTERVAL)
@@ -108,7 +108,7 @@ def test_a_share_is_drawn_where_the_kalman_filter_believes(make_target):
     away = belief.mean + [100.0, 40.0, 0.0, 0.0, 0.0, 0.0]
     foresight = replace(target.foresight, belief=Gaussian(away, belief.covariance))
     target = replace(target, foresight=foresight)
-    predictor = KalmanPredictor(KalmanProposalParameters(0.3))
+    predictor = KalmanPredictor(ProposalParameters(share=0.3))
     particles = predictor.predict(target, 0.04, SIZE, generator()).particles
     is_away = particles.states[:, 0] > target.particles.states[:, 0].max() + 40.0
     assert 0.15 < is_away.mean() < 0.45
@@ -117,7 +117,7 @@ def test_a_share_is_drawn_where_the_kalman_filter_believes(make_target):
 @pytest.mark.parametrize("state", ["occluded", "lost"])
 def test_out_of_sight_all_particles_come_from_the_transition_prior(state, make_target):
     target = replace(make_target("zhang_bo"), track=Track(state, 0.5))
-    predictor = KalmanPredictor(KalmanProposalParameters(0.9))
+    predictor = KalmanPredictor(ProposalParameters(share=0.9))
     prediction = predictor.predict(target, INTERVAL, SIZE, generator())
     np.testing.assert_array_equal(prediction.particles.log_weights, target.particles.log_weights)
     # The filter itself goes on, and moves them by its velocity.

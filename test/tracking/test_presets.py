@@ -2,13 +2,13 @@
 
 import pytest
 
-from pf_tracker_ros.parameters import ParameterError, build, change, flatten
+from pf_tracker_ros.parameters import ParameterError, build, flatten
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, PresetInForce, preset_parameters
 
 
 def in_force(preset, changes):
-    values = change(TrackerParameters, preset_parameters(preset), changes)
+    values = preset_parameters(preset) | changes
     values = flatten(build(TrackerParameters, values))
     return PresetInForce.of({"preset": preset, "image_topic": "image", **values})
 
@@ -28,8 +28,7 @@ def test_what_differs_is_told_with_the_value_of_the_preset():
     )
 
 
-def test_with_other_parts_there_are_other_parameters():
-    """Of what the preset has not, the default is usual."""
+def test_of_parts_that_the_preset_does_not_choose_the_default_is_usual():
     cues = ("hog", "color_contrast")
     values = {"cues": cues, "hog.power": 0.3, "hog.sharpness": 300.0}
     preset = in_force("default", values)

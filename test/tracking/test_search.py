@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.filter import ParticleSet, SearchProposalParameters
+from pf_tracker_ros.filter import ParticleSet, ProposalParameters
 from pf_tracker_ros.tracking import redetection
 from pf_tracker_ros.tracking.redetection import Redetector
 from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
@@ -198,7 +198,7 @@ def test_powers_move_to_the_cue_that_is_not_confused():
 
 
 def test_the_boxes_that_are_searched_are_centered_on_the_place_and_inside_the_image():
-    parameters = SearchProposalParameters(window=3.0)
+    parameters = ProposalParameters(window=3.0)
     search = Search(PLACE, parameters, (320, 240))
     centers = search.boxes[:, :2] + search.boxes[:, 2:] / 2
     np.testing.assert_allclose(centers.mean(axis=0), [120.0, 100.0])
@@ -212,7 +212,7 @@ def test_the_boxes_that_are_searched_are_centered_on_the_place_and_inside_the_im
 
 
 def test_what_is_covered_holds_every_box_that_can_be_looked_at():
-    search = Search(PLACE, SearchProposalParameters(), (320, 240))
+    search = Search(PLACE, ProposalParameters(), (320, 240))
     boxes = np.array([[10.0, 20.0, 10.0, 90.0], [150.0, 90.0, 60.0, 20.0]])
     covered = search.cover(boxes)
     first = covered[:, :2].min(axis=0)
@@ -235,7 +235,7 @@ def hills(search, *places_and_heights):
 
 
 def test_the_rival_is_the_peak_beside_the_target_that_all_cues_find():
-    search = Search(PLACE, SearchProposalParameters(window=3.0), (320, 240))
+    search = Search(PLACE, ProposalParameters(window=3.0), (320, 240))
     own = {"first": np.array([0.8]), "second": np.array([0.5])}
     strengths = {
         "first": hills(search, (120, 100, 0.8), (160, 105, 0.6), (90, 70, 0.7)),
@@ -249,19 +249,19 @@ def test_the_rival_is_the_peak_beside_the_target_that_all_cues_find():
 
 @pytest.mark.parametrize("place", [(120, 100), (130, 108), (180, 100)])
 def test_what_rises_towards_the_target_or_the_end_of_the_search_is_no_rival(place):
-    search = Search(PLACE, SearchProposalParameters(window=3.0), (320, 240))
+    search = Search(PLACE, ProposalParameters(window=3.0), (320, 240))
     strengths = {"one": hills(search, (120, 100, 1.0), (*place, 1.0))}
     assert search.rival(PLACE, {"one": np.array([1.0])}, strengths, 0.3) is None
 
 
 def test_a_target_that_nothing_speaks_for_has_no_rival():
-    search = Search(PLACE, SearchProposalParameters(window=3.0), (320, 240))
+    search = Search(PLACE, ProposalParameters(window=3.0), (320, 240))
     nothing = {"one": np.full(len(search.boxes), -0.2)}
     assert search.rival(PLACE, {"one": np.array([-0.2])}, nothing, 0.3) is None
 
 
 def test_covariance_by_hand():
-    search = Search(PLACE, SearchProposalParameters(window=3.0), (320, 240))
+    search = Search(PLACE, ProposalParameters(window=3.0), (320, 240))
     anywhere = 120.0**2 / 12.0
     within = np.array([[4.0, 1.0], [1.0, 2.0]])
     seen = search.covariance(within, 0.75, None)

@@ -5,10 +5,8 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.parameters import change
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.frame_clock import LATE_WITHIN, TimePolicy
-from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 from pf_tracker_ros.tracking.session import Session
 
@@ -415,7 +413,7 @@ def test_what_the_library_fixes_is_learned_again(preset, name, value, images, bo
     session.request(box)
     session.process(images[0], START)
     outcome = session.process(images[1], START + 40_000_000)
-    after = change(TrackerParameters, before, {name: value})
+    after = before | {name: value}
     session.configure(after, seed=3)
     told = session.process(images[2], START + 80_000_000).estimate
     tracker = Tracker.from_preset(preset, seed=3, parameters={name: value})
@@ -432,7 +430,7 @@ def test_a_cue_is_added_without_learning_the_target_again(cue, images, box):
     session.request(box)
     session.process(images[0], START)
     session.process(images[1], START + 40_000_000)
-    session.configure(change(TrackerParameters, before, changes), seed=3)
+    session.configure(before | changes, seed=3)
     told = session.process(images[2], START + 80_000_000).estimate
     tracker = Tracker.from_preset("li2007", seed=3)
     tracker.start(images[0], box)
@@ -452,7 +450,7 @@ def test_cues_that_do_not_know_a_hidden_target_learn_it_from_before_it_was_hidde
     hidden = started.process(np.zeros_like(images[0]), START + 80_000_000)
     assert (seen.estimate.state, hidden.estimate.state) == ("tracking", "occluded")
     changes = {"cues": ("hog",)}
-    started.configure(change(TrackerParameters, PARAMETERS, changes), seed=3)
+    started.configure(PARAMETERS | changes, seed=3)
     after = started.process(np.zeros_like(images[0]), START + 120_000_000)
     assert after.estimate.state == "occluded"
     tracker = Tracker.from_preset("li2007", seed=3, parameters={"particles": 20} | changes)
@@ -486,7 +484,7 @@ def test_a_target_that_outgrew_the_image_can_be_learned_again(started, images, e
 
 
 def test_a_change_that_contradicts_itself_changes_nothing(started, images, box):
-    wrong = change(TrackerParameters, preset_parameters("default"), {"proposal.method": "kalman"})
+    wrong = preset_parameters("default") | {"proposal.method": "kalman"}
     for attempt in (started.check, started.configure):
         with pytest.raises(ValueError, match=r"'kalman' with the .*'constant_velocity_and_size'"):
             attempt(wrong, 3)
@@ -543,7 +541,7 @@ def made(monkeypatch):
 )
 def test_what_has_been_checked_is_made_once(started, moving_square, made, changes, expected):
     images, box = moving_square.images, moving_square.boxes[0]
-    after = change(TrackerParameters, PARAMETERS, changes)
+    after = PARAMETERS | changes
     started.check(after, 3)
     started.configure(after, 3)
     assert (made["built"], made["learned"]) == expected
@@ -558,7 +556,7 @@ def test_what_has_been_checked_is_made_once(started, moving_square, made, change
 
 
 def test_what_was_checked_before_a_frame_or_a_stop_is_not_taken_after_it(started, images, box):
-    after = change(TrackerParameters, PARAMETERS, {"working_size": 60})
+    after = PARAMETERS | {"working_size": 60}
     started.check(after, 3)
     seen = started.process(images[1], START + 40_000_000).estimate
     started.configure(after, 3)

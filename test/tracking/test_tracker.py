@@ -165,7 +165,8 @@ def test_the_first_target_draws_from_the_seed_itself(preset, seed):
     image, box = frame(100, 100)
     estimate = Tracker.from_preset(preset, seed=seed).start(image, box)
     parameters = build(TrackerParameters, PRESETS[preset])
-    motion = MOTION_MODELS[parameters.motion.model](box, parameters.motion.of_model[""])
+    model = parameters.motion.model
+    motion = MOTION_MODELS[model](box, parameters.motion.of_models[model])
     states = motion.prior(parameters.particles, np.random.default_rng(seed))
     np.testing.assert_array_equal(estimate.particles, motion.constrain(states, (WIDTH, HEIGHT)))
 
@@ -449,7 +450,7 @@ def test_refused_parameters_change_nothing():
         {"cues": ("hog", "hog")},
         {"cues": ("color_contrast", "smell")},
         {"cues": ("hog",)},
-        {"particles": 500, "hog.power": 0.5},
+        {"particles": 500, "hog.power": 1.5},
     ):
         with pytest.raises(ParameterError):
             tracker.set_parameters(values)

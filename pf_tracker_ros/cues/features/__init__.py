@@ -1,8 +1,8 @@
 """What a window of the image looks like, cell by cell, for the correlation filter."""
 
-from pf_tracker_ros.cues.features.features import FEATURES, Features
+from pf_tracker_ros.cues.features.features import FEATURES, Calibration, Features
 from pf_tracker_ros.registry import import_all
 
-__all__ = ["FEATURES", "Features"]
+__all__ = ["FEATURES", "Calibration", "Features"]
 
 import_all(__name__, __path__)

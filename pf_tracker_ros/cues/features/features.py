@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Protocol
+import math
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +12,85 @@ from numpy.typing import NDArray
 from pf_tracker_ros.registry import Registry
 
 
+@dataclass(frozen=True)
+class Calibration:
+    """What the responses of a filter of some features say of the target.
+
+    It is fitted to footage with ground truth, see `benchmarks/uncertainty.py`. A response stands
+    out by so many standard deviations of the response map.
+
+    Attributes:
+        even_clutter: Standard deviation of the response map, as a share of its peak, at which the
+            target is as likely there as not.
+        even_level: The same for the peak, as a share of the response to what was learned from last.
+        exponent: How fast the similarity changes with both.
+        odds_growth: How fast the log odds that it is the target grow with the logarithm of how far
+            the box stands out for the filter as it is.
+        even_standing_out: How far it stands out where these are 0.
+        first_odds_growth: As `odds_growth`, for the filter of the first frame.
+        even_first_standing_out: As `even_standing_out`, for the filter of the first frame.
+        level_odds: How fast the log odds fall with the logarithm of the response at the box, below
+            the least level: what has the target's colors is not it where the filter hardly answers.
+        least_level: Share of the response to what was learned from last that the target hardly
+            ever falls below.
+    """
+
+    even_clutter: float
+    even_level: float
+    exponent: float
+    odds_growth: float
+    even_standing_out: float
+    first_odds_growth: float
+    even_first_standing_out: float
+    level_odds: float
+    least_level: float
+
+    def similarity(self, peak: float, deviation: float, reference: float) -> float:
+        """How much a response map looks like one of the target, 0 to 1.
+
+        Args:
+            peak: The largest response, above 0.
+            deviation: Standard deviation of the map, above 0.
+            reference: Response to what was learned from last, above 0.
+        """
+        stands_out = self._share(self.even_clutter * peak / deviation)
+        return stands_out * self._share(peak / reference / self.even_level)
+
+    def log_odds(
+        self, stands_out: float, stands_out_first: float, level: float
+    ) -> dict[str, float]:
+        """What the responses at a box say, see `Cue.log_odds`.
+
+        Args:
+            stands_out: How far the box stands out for the filter as it is, above 0.
+            stands_out_first: The same for the filter of the first frame.
+            level: Response at the box, as a share of that to what was learned from last, above 0.
+        """
+        first_growth, even_first = self.first_odds_growth, self.even_first_standing_out
+        return {
+            "response": self.odds_growth * math.log(stands_out / self.even_standing_out),
+            "first response": first_growth * math.log(stands_out_first / even_first),
+            "level": self.level_odds * min(math.log(level / self.least_level), 0.0),
+        }
+
+    def _share(self, ratio: float) -> float:
+        """From 0 to 1, a half at a ratio of 1."""
+        return ratio**self.exponent / (1.0 + ratio**self.exponent)
+
+
 class Features(Protocol):
     """Turns windows of the image into channels, one value for each cell of them.
 
     Attributes:
         stride: Pixels along each side of a cell.
+        calibration: What the responses of a filter of these channels say.
     """
 
-    stride: ClassVar[int]
+    @property
+    def stride(self) -> int: ...  # noqa: D102
+
+    @property
+    def calibration(self) -> Calibration: ...  # noqa: D102
 
     def extract(self, windows: NDArray[np.uint8]) -> NDArray[np.float32]:
         """The channels of windows, each as if there were no other.
@@ -31,4 +104,4 @@ class Features(Protocol):
         """
 
 
-FEATURES = Registry[Features]("kind of features")
+FEATURES = Registry[Features]("kind of features", group="pf_tracker_ros.features")

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.features.features import FEATURES
+from pf_tracker_ros.cues.features.features import FEATURES, Calibration
 from pf_tracker_ros.cues.matrix_product import product
 from pf_tracker_ros.frames.differences import all_gradients, paired_differences
 
@@ -68,6 +68,17 @@ class GradientsAndColors:
     """9 directions of gradients and 4 textures in 11 channels, 11 colors or 6 gray levels in 5."""
 
     stride = _CELL_PIXELS
+    calibration = Calibration(
+        even_clutter=0.135,
+        even_level=0.4,
+        exponent=6.5,
+        odds_growth=1.0,
+        even_standing_out=8.0,
+        first_odds_growth=2.0,
+        even_first_standing_out=4.3,
+        level_odds=50.0,
+        least_level=0.25,
+    )
 
     def __init__(self) -> None:
         # They take several frames' time, which the first frame of a target does not have.

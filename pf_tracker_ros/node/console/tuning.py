@@ -1,7 +1,7 @@
 """The tracker's parameters as the page shows them, and what it makes of them.
 
-Which there are, and what each is and allows, is the node's own word; which group it belongs to and
-what the preset says of it follows from the declarations.
+Which there are, and what each is and allows, is the node's own word; which group it belongs to,
+whether it counts and what the preset says of it follows from the declarations.
 """
 
 from __future__ import annotations
@@ -17,13 +17,14 @@ from rclpy.parameter import parameter_value_to_python
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameter_files import OF_EVERY_NODE
-from pf_tracker_ros.parameters import Declaration, ParameterError, all_declarations, declarations
+from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 _NODE = declarations(NodeParameters)
-_TRACKER = all_declarations(TrackerParameters)
-_ORDER = {name: place for place, name in enumerate([*_NODE, *_TRACKER])}
+_TRACKER = declarations(TrackerParameters)
+_DEFAULTS = {name: one.default for name, one in (_NODE | _TRACKER).items()}
+_ORDER = {name: place for place, name in enumerate(_DEFAULTS)}
 _KINDS = {
     ParameterType.PARAMETER_BOOL: "bool",
     ParameterType.PARAMETER_INTEGER: "int",
@@ -33,6 +34,7 @@ _KINDS = {
     ParameterType.PARAMETER_STRING_ARRAY: "texts",
 }
 _LARGEST_INTEGER = 2**63
+_IDLE = "Without effect at present"
 
 
 def shown_names(names: Sequence[str]) -> list[str]:
@@ -57,10 +59,10 @@ def shaped(
         or descriptor.type == ParameterType.PARAMETER_DOUBLE_ARRAY
     }
     usual = _usual(plain)
-    return [
+    shown = [
         {
             "name": descriptor.name,
-            "group": _group(descriptor.name),
+            "group": _group(descriptor.name, _DEFAULTS | usual | plain),
             "kind": _KINDS.get(descriptor.type, "text"),
             "description": descriptor.description,
             "constraints": descriptor.additional_constraints,
@@ -73,6 +75,7 @@ def shaped(
         for descriptor in descriptors
         if descriptor.name in plain
     ]
+    return sorted(shown, key=lambda one: one["group"] == _IDLE)
 
 
 def parameter_of(known: Json, value: Any) -> Parameter:
@@ -147,11 +150,10 @@ def parameter_file(node: str, known: Sequence[Json]) -> str:
 
 def _usual(values: Mapping[str, Any]) -> dict[str, Any]:
     """What each parameter has with the preset in force and nothing else."""
-    usual = {name: one.default for name, one in _NODE.items()}
+    usual = dict(_DEFAULTS)
     if int(values.get("max_targets", 1)) > 1:
-        usual |= _of_several(str(values.get("preset")))
+        usual = {name: _DEFAULTS[name] for name in _NODE} | _of_several(str(values.get("preset")))
     else:
-        usual |= {name: one.default for name, one in _TRACKER.items()}
         with contextlib.suppress(ParameterError):
             usual |= preset_parameters(str(values.get("preset")))
     if "preset" in values:
@@ -171,12 +173,14 @@ def _of_several(preset: str) -> dict[str, Any]:
         return {}
 
 
-def _group(name: str) -> str:
+def _group(name: str, values: Mapping[str, Any]) -> str:
     if name in _NODE:
         return "The node"
     if name not in _TRACKER:
         return "Others"
-    if not _TRACKER[name].only_with:
+    if not _TRACKER[name].counts(values):
+        return _IDLE
+    if not _TRACKER[name].condition:
         return "The tracker"
     return name.partition(".")[0].replace("_", " ").capitalize()
 

@@ -154,7 +154,7 @@ class OneTarget:
 
 
 def _of_tracker(values: Values) -> dict[str, Any]:
-    return {name: values[name] for name in declarations(TrackerParameters, values)}
+    return {name: values[name] for name in declarations(TrackerParameters)}
 
 
 def _check_alone(values: Values) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 from rclpy.node import Node
@@ -21,7 +21,8 @@ from pf_tracker_ros.node.tracker.several_input import DETECTIONS_TOPIC, NOT_INST
 from pf_tracker_ros.node.tracker.several_outputs import SeveralOutputs
 from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED
 from pf_tracker_ros.node.tracker.state_log import TargetsLog
-from pf_tracker_ros.parameters import all_declarations, declarations
+from pf_tracker_ros.node_parameters import NodeParameters
+from pf_tracker_ros.parameters import build, declarations
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS, Detector
@@ -40,6 +41,45 @@ from pf_tracker_ros.tracking.presets import PresetInForce
 from pf_tracker_ros.tracking.state_descriptions import DESCRIPTIONS
 
 
+class _ChosenDetector(NamedTuple):
+    """The built-in detector that is asked for.
+
+    Attributes:
+        name: A key of `DETECTORS`, or "none".
+        parameters: Its group of tunables.
+        rate: Most frames that it looks at in a second.
+    """
+
+    name: str = "none"
+    parameters: Any = None
+    rate: float = 0.0
+
+    @classmethod
+    def of(cls, values: Values) -> _ChosenDetector:
+        """The one that values of all parameters ask for."""
+        of_node = {name: values[name] for name in declarations(NodeParameters)}
+        node = build(NodeParameters, of_node)
+        name = node.built_in_detector
+        return cls(name, node.of_detectors.get(name), node.built_in_detector_rate)
+
+    def make(self) -> Detector | None:
+        """The detector, None for "none".
+
+        Raises:
+            ValueError: It cannot be made here.
+        """
+        if self.name == "none":
+            return None
+        try:
+            return DETECTORS.make(self.name, self.parameters)
+        except Exception as error:
+            # Whatever is missing for it on this machine, the node is to stay up.
+            raise ValueError(
+                f"the built-in detector {self.name!r} cannot be made here: {error}; set "
+                "'built_in_detector' to another one, or to 'none'"
+            ) from error
+
+
 class SeveralTargets:
     """Follows several targets; see `Following`.
 
@@ -50,7 +90,7 @@ class SeveralTargets:
     tunables = SeveralTargetsParameters
     # They tell of the detector that there is, and not of how it is made use of.
     kept: Collection[str] = tuple(
-        name for name in all_declarations(SeveralTargetsParameters) if name.startswith("detector.")
+        name for name in declarations(SeveralTargetsParameters) if name.startswith("detector.")
     )
 
     def __init__(self, logger: Any) -> None:
@@ -62,13 +102,13 @@ class SeveralTargets:
         self._outputs: SeveralOutputs | None = None
         self._heard = 0
         self._detecting: DetectingThread | None = None
-        self._detector = ("none", 0.0)
+        self._detector = _ChosenDetector()
 
     def usual(self, preset: str) -> Values:  # noqa: D102
         return multi_preset_parameters(preset)
 
     def preset(self, values: Values) -> PresetInForce:  # noqa: D102
-        return PresetInForce.of(values, SeveralTargetsParameters, self.usual)
+        return PresetInForce.of(values, self.usual)
 
     @property
     def is_ready(self) -> bool:  # noqa: D102
@@ -79,14 +119,15 @@ class SeveralTargets:
             self._session.check(_of_tracker(values), values["seed"])
         else:
             MultiSession(_of_tracker(values), values["seed"])
-        if values["built_in_detector"] != self._detector[0]:
-            _made_detector(values["built_in_detector"])
+        detector = _ChosenDetector.of(values)
+        if detector[:2] != self._detector[:2]:
+            detector.make()
 
     def configure(self, values: Values) -> None:  # noqa: D102
-        name, rate = values["built_in_detector"], values["built_in_detector_rate"]
+        chosen = _ChosenDetector.of(values)
         # First, since it may be impossible: what is refused changes nothing.
-        is_another = (name, rate) != self._detector
-        detector = _made_detector(name) if is_another else None
+        is_another = chosen != self._detector
+        detector = chosen.make() if is_another else None
         if self._session:
             self._session.configure(_of_tracker(values), values["seed"])
         else:
@@ -94,13 +135,13 @@ class SeveralTargets:
         set_up(self._session, values)
         if is_another:
             self._end_detecting()
-            self._detecting = DetectingThread(detector, rate) if detector else None
-            self._detector = (name, rate)
+            self._detecting = DetectingThread(detector, chosen.rate) if detector else None
+            self._detector = chosen
 
     def _end_detecting(self) -> None:
         if self._detecting:
             self._detecting.close()
-        self._detecting, self._detector = None, ("none", 0.0)
+        self._detecting, self._detector = None, _ChosenDetector()
 
     def forget(self) -> None:  # noqa: D102
         self._end_detecting()
@@ -113,7 +154,7 @@ class SeveralTargets:
     def subscribe(self, node: Node, report: Report) -> None:  # noqa: D102
         if DETECTIONS_TYPE:
             self._logger.info(f"detections on {node.resolve_topic_name(DETECTIONS_TOPIC)}")
-        elif self._detector[0] == "none":
+        elif self._detector.name == "none":
             self._logger.warning(NOT_INSTALLED)
         self._input = SeveralInput(node, self._detect, self._stop_target, report)
 
@@ -191,7 +232,7 @@ class SeveralTargets:
                 self._detect(*found)
         except Exception as error:
             # Whatever the detector raised, in its thread: the frame at hand has no part in it.
-            return (f"the detector '{self._detector[0]}' failed: {error}",)
+            return (f"the detector '{self._detector.name}' failed: {error}",)
         return ()
 
     def _detect(self, detections: Detections, stamp: int) -> None:
@@ -217,26 +258,8 @@ class SeveralTargets:
         )
 
 
-def _made_detector(name: str) -> Detector | None:
-    """A built-in detector, None for "none".
-
-    Raises:
-        ValueError: It cannot be made here.
-    """
-    if name == "none":
-        return None
-    try:
-        return DETECTORS[name]()
-    except Exception as error:
-        # Whatever is missing for it on this machine, the node is to stay up.
-        raise ValueError(
-            f"the built-in detector {name!r} cannot be made here: {error}; set "
-            "'built_in_detector' to another one, or to 'none'"
-        ) from error
-
-
 def _of_tracker(values: Values) -> dict[str, Any]:
-    tunables = declarations(SeveralTargetsParameters, values)
+    tunables = declarations(SeveralTargetsParameters)
     return {name: values[name] for name in tunables} | {"targets.most": values["max_targets"]}
 
 

@@ -40,7 +40,9 @@ class BuiltInDetector:
         self._name = name
         self._shown = self._last_shown = self._found = 0
         try:
-            self._thread = DetectingThread(DETECTORS[name](), rate)
+            self._thread = DetectingThread(
+                DETECTORS.make(name, DETECTORS.parameters_of(name)()), rate
+            )
         except ValueError as error:
             raise RecordingError(str(error)) from error
 
@@ -49,9 +51,10 @@ class BuiltInDetector:
         """That it found nothing at all, or empty."""
         if self._found:
             return ""
+        finds = f"; it finds {_FINDS[self._name]}" if self._name in _FINDS else ""
         return (
             f"the detector '{self._name}' found nothing in {counted(self._shown, 'frame')} that it "
-            f"was shown; it finds {_FINDS[self._name]}; --detector-rate shows it more frames"
+            f"was shown{finds}; --detector-rate shows it more frames"
         )
 
     def before(self, frame: RecordedFrame) -> Iterator[Answer]:  # noqa: D102

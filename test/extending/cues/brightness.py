@@ -1,7 +1,7 @@
 """Brightness cue: how bright a box is on average.
 
 A cue of one's own, complete. As a file in `pf_tracker_ros/cues` it is there: nothing else has to
-know of it. `brightness` in the parameter `cues` chooses it, and brings its parameters along.
+know of it. `brightness` in the parameter `cues` chooses it, and its parameters then count.
 """
 
 from __future__ import annotations
@@ -12,17 +12,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import CUES, Cue, Match, declared_keep
+from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, Match, declared_keep, declared_power
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
 
-# What can be tuned, each with its range. The full names are `brightness.sharpness` and
-# `brightness.keep`; beside other cues, every cue has a power as well, here `brightness.power`.
+# What can be tuned, each with its range. The full names are `brightness.power`, which every cue
+# has, `brightness.sharpness` and `brightness.keep`.
 @dataclass(frozen=True)
-class BrightnessParameters:
+class BrightnessParameters(CueParameters):
     """The brightness cue."""
 
+    power: float = declared_power(0.2)
     sharpness: float = declared(
         0.1,
         "How fast the likelihood falls with the difference of the brightness.",
@@ -42,8 +43,6 @@ class Brightness(Cue):
     Args:
         parameters: Sharpness, and how slowly the template changes.
     """
-
-    usual_power = 0.2
 
     def __init__(self, parameters: BrightnessParameters) -> None:
         self._sharpness = parameters.sharpness

@@ -1,8 +1,8 @@
 """Random walk: the target goes on from where it is, in any direction.
 
 A motion model of one's own, complete. As a file in `pf_tracker_ros/filter` it is there: nothing
-else has to know of it. `random_walk` in the parameter `motion.model` chooses it, and brings its
-parameters along.
+else has to know of it. `random_walk` in the parameter `motion.model` chooses it, and its parameters
+then count.
 
 What more a model can do it tells by its methods: one with those of `SearchableMotion` works with
 `proposal.method` "search", one with that of `ForeseenMotion` with "kalman". This one has neither,

@@ -45,6 +45,7 @@ def test_each_has_its_group_its_range_and_what_the_preset_says():
         described("particles", 80),
         described("motion.position_noise", 0.7, floating_point_range=[bounds], description="Walk."),
         described("color_histogram.keep", 0.9),
+        described("hog.keep", 0.9),
         described("hostile.<b>", "<script>"),
     )
     assert [one["group"] for one in found.values()] == [
@@ -53,7 +54,10 @@ def test_each_has_its_group_its_range_and_what_the_preset_says():
         "The tracker",
         "Color histogram",
         "Others",
+        "Without effect at present",
     ]
+    chosen = shape(described("hog.keep", 0.9), described("cues", ["hog"]))
+    assert chosen["hog.keep"]["group"] == "Hog"
     assert found["motion.position_noise"]["range"] == [0.0, 50.0]
     assert (found["particles"]["value"], found["particles"]["usual"]) == (80, 60)
     assert found["preset"]["choices"] == ["default", "li2007", "zhang2015", "zhang_bo"]

@@ -10,6 +10,7 @@ import pytest
 from pf_tracker_ros import Detections
 from pf_tracker_ros.node.tracker import several_targets
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
+from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 
 SEVERAL = {"max_targets": 4, "image_reliability": "reliable", "built_in_detector_rate": 20.0}
@@ -73,6 +74,14 @@ def test_one_target_takes_no_detector(graph, client, images):
     assert "'max_targets' above 1" in refused.reason
 
 
+def registered(**makers):
+    """A registry of other detectors."""
+    detectors = Registry("detector")
+    for name, maker in makers.items():
+        detectors.register(name)(maker)
+    return detectors
+
+
 @pytest.fixture
 def blind(monkeypatch):
     """A machine on which the detector of people cannot be made."""
@@ -80,7 +89,7 @@ def blind(monkeypatch):
     def fail():
         raise cv2.error("no model")
 
-    monkeypatch.setattr(several_targets, "DETECTORS", DETECTORS | {"people": fail})
+    monkeypatch.setattr(several_targets, "DETECTORS", registered(**{**DETECTORS, "people": fail}))
 
 
 @pytest.mark.usefixtures("blind")
@@ -113,7 +122,7 @@ def test_a_detector_that_fails_costs_no_frame(graph, client, monkeypatch):
         def detect(self, image, interval):
             raise RuntimeError("no eyes")
 
-    monkeypatch.setattr(several_targets, "DETECTORS", {"motion": Broken})
+    monkeypatch.setattr(several_targets, "DETECTORS", registered(motion=Broken))
     graph.tracker(client, built_in_detector="motion", **SEVERAL)
     status, _ = show_until(client, lambda status: status.level == "WARN")
     assert status.message == "the detector 'motion' failed: no eyes"
@@ -129,7 +138,7 @@ def test_what_a_detector_looks_at_while_time_goes_back_is_no_answer(graph, clien
             assert gates[len(looks) - 1].wait(60.0)
             return Detections([[100.0, 10.0, 30.0, 30.0]])
 
-    monkeypatch.setattr(several_targets, "DETECTORS", {"motion": Slow})
+    monkeypatch.setattr(several_targets, "DETECTORS", registered(motion=Slow))
     graph.tracker(client, built_in_detector="motion", **SEVERAL)
     try:
         client.show(scene(0)[0], client.at(50))

@@ -18,7 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.decoding.image_decoding import ENCODINGS
 from pf_tracker_ros.node_parameters import NodeParameters
-from pf_tracker_ros.parameters import all_declarations, declarations
+from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 
@@ -30,7 +30,7 @@ QUICK = {
     "track__occluded_below": 0.0,
     "image_reliability": "reliable",
 }
-DECLARATIONS = declarations(NodeParameters) | all_declarations(TrackerParameters)
+DECLARATIONS = declarations(NodeParameters) | declarations(TrackerParameters)
 
 
 def cases(bounded):

@@ -1,4 +1,4 @@
-"""Parameters that are on a node only while what they belong to is chosen."""
+"""Parameters of several groups on a node, of which a parameter of one renews the other."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -9,30 +9,30 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
-from pf_tracker_ros.parameters import chosen, declared, group
-from pf_tracker_ros.registry import NoParameters
+from pf_tracker_ros.parameters import declared, group, parts
+from pf_tracker_ros.registry import Registry
 
 
 @dataclass(frozen=True)
 class Steam:
     pressure: float = declared(5.0, "Pressure.", unit="bar", minimum=0.0, maximum=20.0)
     coal: tuple[str, ...] = declared(("black",), "Coal.", choices=("black", "brown"))
-    load: float = declared(1.0, "Load.", minimum=0.0, maximum=3.0)
 
 
 @dataclass(frozen=True)
 class Electric:
     cells: int = declared(6, "Cells.", minimum=1, maximum=12)
-    load: float = declared(2.0, "Load of the cells.", minimum=0.0, maximum=3.0)
 
 
-ENGINES = {"steam": Steam, "electric": Electric, "none": NoParameters}
+ENGINES = Registry("engine", prefix="")
+for name, own in {"steam": (Steam,), "electric": (Electric,), "none": ()}.items():
+    ENGINES.register(name, *own)(dict)
 
 
 @dataclass(frozen=True)
 class Engine:
     kind: str = declared("steam", "Kind.", choices=ENGINES, read_only=True)
-    of_kind: dict[str, Any] = chosen("kind", lambda kind: {"": ENGINES[kind]})
+    of_kinds: dict[str, Any] = parts("kind", ENGINES)
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,7 @@ class Train:
     cars: int = declared(3, "Cars.", minimum=0, maximum=9)
     engine: Engine = group(Engine)
     signals: tuple[str, ...] = declared((), "Signals.", choices=("bell", "lamp"))
-    of_signals: dict[str, Any] = chosen(
-        "signals", lambda names: {name: Bell for name in names if name == "bell"}
-    )
+    bell: Bell = group(Bell, only_with=("signals", "bell"))
 
 
 @dataclass(frozen=True)
@@ -64,14 +62,16 @@ TIMETABLES = {
     "festive": {"cars": 9, "signals": ("bell",), "bell.tone": 880},
     "modern": {"engine.kind": "electric", "engine.cells": 12},
 }
-STEAM = {
+USUAL = {
+    "timetable": "usual",
+    "cars": 3,
     "engine.kind": "steam",
     "engine.pressure": 5.0,
     "engine.coal": ("black",),
-    "engine.load": 1.0,
+    "engine.cells": 6,
+    "signals": (),
+    "bell.tone": 440,
 }
-ELECTRIC = {"engine.kind": "electric", "engine.cells": 6, "engine.load": 2.0}
-USUAL = {"timetable": "usual", "cars": 3, **STEAM, "signals": ()}
 FESTIVE = {**USUAL, "timetable": "festive", **TIMETABLES["festive"]}
 
 
@@ -130,56 +130,33 @@ def bind(graph):
     return make
 
 
-def without(values, *prefixes):
-    return {name: value for name, value in values.items() if not name.startswith(prefixes)}
-
-
-def test_only_what_is_chosen_is_on_the_node(bind):
-    assert bind().is_as(USUAL)
+def test_those_of_every_part_are_on_the_node(bind):
+    bound = bind()
+    assert bound.is_as(USUAL)
     assert bind({"timetable": "festive"}).is_as(FESTIVE)
+    descriptor = bound.node.describe_parameter("engine.cells")
+    assert descriptor.description == "Cells. Counts while 'engine.kind' is 'electric'."
+    assert descriptor.integer_range[0].to_value == 12
 
 
-def test_what_is_chosen_at_start_up_is_known_before_what_it_brings(bind):
-    bound = bind(
-        {"bell.tone": 3, "engine.cells": 2, "engine.kind": "electric", "signals": ["bell"]}
-    )
-    assert bound.is_as(
-        {**without(USUAL, "engine"), **ELECTRIC, "engine.cells": 2}
-        | {"signals": ("bell",), "bell.tone": 3}
-    )
-    assert not bound.reports
-
-
-def test_a_choice_at_run_time_brings_its_parameters_and_takes_the_others_away(bind):
-    bound = bind({"engine.load": 2.5})
+def test_a_choice_takes_what_is_there(bind):
+    bound = bind({"engine.cells": 2, "signals": ["bell"], "bell.tone": 3})
+    given = USUAL | {"engine.cells": 2, "signals": ("bell",), "bell.tone": 3}
+    assert bound.is_as(given)
     assert bound.set({"engine.kind": "electric"}).successful
-    # What both have keeps its value.
-    electric = {**without(USUAL, "engine"), **ELECTRIC, "engine.load": 2.5}
-    assert bound.is_as(electric)
-    assert bound.applied == [{"engine.kind": "electric", "engine.cells": 6}]
-    descriptor = bound.node.describe_parameter("engine.load")
-    assert descriptor.description == "Load of the cells."
-    assert bound.node.describe_parameter("engine.cells").integer_range[0].to_value == 12
-    assert bound.set({"engine.kind": "none"}).successful is False
-    assert bound.is_as(electric)
-    assert bound.set({"engine.kind": "steam"}).successful
-    assert bound.is_as({**USUAL, "engine.load": 2.5})
+    assert bound.is_as(given | {"engine.kind": "electric"})
+    assert bound.applied == [{"engine.kind": "electric"}]
+    assert not bound.set({"engine.kind": "none"}).successful
     assert bound.set({"engine.pressure": 6.0}).successful
+    assert bound.is_as(given | {"engine.kind": "electric", "engine.pressure": 6.0})
+    assert bound.reports == ["no cars without an engine"]
 
 
-def test_what_comes_to_be_has_the_value_that_is_usual_then(bind):
-    bound = bind({"timetable": "modern", "engine.cells": 3})
-    assert bound.set({"engine.kind": "steam"}).successful
-    assert bound.set({"engine.kind": "electric"}).successful
-    assert bound.on_node["engine.cells"] == 12
-
-
-def test_a_whole_request_gives_values_of_what_is_only_coming_to_be(bind):
+def test_one_request_chooses_and_sets_what_that_makes_count(bind):
     bound = bind()
     request = {"bell.tone": 7, "engine.cells": 4, "signals": ["bell"], "engine.kind": "electric"}
     assert bound.set(request).successful
-    expected = {**without(USUAL, "engine"), **ELECTRIC, "engine.cells": 4, "engine.load": 1.0}
-    assert bound.is_as(expected | {"signals": ("bell",), "bell.tone": 7})
+    assert bound.is_as(USUAL | request | {"signals": ("bell",)})
     assert bound.applied == [request | {"signals": ("bell",)}]
 
 
@@ -193,7 +170,7 @@ def test_what_renews_a_group_makes_all_of_it_begin_anew_but_what_is_requested(bi
 
 
 REFUSED = {
-    "a wrong value of what comes to be": (
+    "a wrong value of what comes to count": (
         {"signals": ["bell"], "bell.tone": 0},
         "parameter 'bell.tone' is 0",
     ),
@@ -203,7 +180,7 @@ REFUSED = {
     "a choice twice": ({"signals": ["bell", "bell"]}, "each at most once"),
     "one choice for several": ({"signals": "bell"}, "list of strings"),
     "a contradiction": ({"engine.kind": "none"}, "no cars without an engine"),
-    "a contradiction with what comes to be": (
+    "a contradiction with what comes to count": (
         {"engine.kind": "none", "signals": ["bell"], "bell.tone": 5},
         "no cars without an engine",
     ),
@@ -217,28 +194,22 @@ REFUSED = {
 @pytest.mark.parametrize("kind", REFUSED)
 def test_a_refused_request_leaves_all_as_it_was(bind, kind):
     request, reason = REFUSED[kind]
-    bound = bind({"engine.load": 0.5})
+    bound = bind({"engine.cells": 2})
+    before = USUAL | {"engine.cells": 2}
     result = bound.set(request)
     assert not result.successful
     assert reason in result.reason
-    assert bound.is_as(USUAL | {"engine.load": 0.5})
+    assert bound.is_as(before)
     assert not bound.applied
     assert bound.set({"cars": 4, "signals": ["bell", "lamp"]}).successful
-    assert bound.is_as(
-        USUAL | {"engine.load": 0.5, "cars": 4, "signals": ("bell", "lamp"), "bell.tone": 440}
-    )
+    assert bound.is_as(before | {"cars": 4, "signals": ("bell", "lamp")})
 
 
 UNKNOWN = {
     "renamed": ({"engine.steam_pressure": 1.0}, "'engine.steam_pressure'; use 'engine.pressure'"),
     "removed": ({"engine.wheels": 4}, "'engine.wheels'; there are always four"),
-    "not chosen": ({"engine.cells": 4}, "'engine.cells' here; it needs engine.kind 'electric'"),
-    "no longer chosen": (
-        {"engine.kind": "electric", "engine.pressure": 4.0},
-        "'engine.pressure' here; it needs engine.kind 'steam'",
-    ),
     "misspelt": ({"engine.pressurre": 1.0}, "'engine.pressurre' (did you mean 'engine.pressure'?)"),
-    "of no part": ({"wings": 2}, "there is no parameter 'wings' (there are: cars, "),
+    "of no part": ({"wings": 2}, "there is no parameter 'wings' (there are: bell.tone, cars, "),
 }
 
 
@@ -255,9 +226,8 @@ def test_what_is_not_there_is_refused_with_what_to_do(bind, kind):
 
 
 def test_what_is_not_there_at_start_up_has_no_effect(bind):
-    bound = bind({"engine.cells": 4, "horn": 1, "cars": 1})
+    bound = bind({"horn": 1, "cars": 1})
     assert bound.reports == [
-        "no parameter 'engine.cells' here; it needs engine.kind 'electric'; it has no effect",
         f"there is no parameter 'horn' (there are: {', '.join(sorted(USUAL))}); it has no effect",
     ]
     assert not bound.binding.refused
@@ -303,10 +273,12 @@ def test_what_is_superseded_is_neither_taken_nor_reported(bind):
     ]
 
 
-def test_what_was_refused_of_a_part_is_settled_when_the_part_goes(bind):
-    bound = bind({"engine.pressure": -1.0})
-    assert set(bound.binding.refused) == {"engine.pressure"}
+def test_what_was_refused_is_settled_by_what_replaces_all_values(bind):
+    bound = bind({"engine.cells": 0})
+    assert set(bound.binding.refused) == {"engine.cells"}
     assert bound.set({"engine.kind": "electric"}).successful
+    assert set(bound.binding.refused) == {"engine.cells"}
+    assert bound.set({"timetable": "modern"}).successful
     assert not bound.binding.refused
 
 

@@ -1,0 +1,32 @@
+"""Which of some belong to which of others, at the least cost over all of them."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+import numpy as np
+from numpy.typing import NDArray
+
+if find_spec("scipy") is None:
+    raise ModuleNotFoundError(
+        "several targets need SciPy: pip install scipy (with ROS from apt: apt install "
+        "python3-scipy)",
+        name="scipy",
+    )
+
+from scipy.optimize import linear_sum_assignment
+
+
+def assign(costs: NDArray[np.float64], most: float) -> dict[int, int]:
+    """Row to column, each at most once.
+
+    Args:
+        costs: (N, M) of each pair; infinite for those that cannot be.
+        most: What costs this or more is no pair.
+    """
+    rows, columns = linear_sum_assignment(np.minimum(costs, most))
+    return {
+        int(row): int(column)
+        for row, column in zip(rows, columns, strict=True)
+        if costs[row, column] < most
+    }

@@ -1,0 +1,66 @@
+"""What responses say of the target, as features are calibrated."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.cues.correlation_response import (
+    CorrelationResponse,
+    CorrelationResponseParameters,
+    View,
+)
+from pf_tracker_ros.cues.features import Calibration
+from pf_tracker_ros.cues.features.gradients_and_colors import GradientsAndColors
+from pf_tracker_ros.frames import Frame, Region
+
+CALIBRATION = Calibration(
+    even_clutter=0.1,
+    even_level=0.5,
+    exponent=2.0,
+    odds_growth=1.5,
+    even_standing_out=6.0,
+    first_odds_growth=3.0,
+    even_first_standing_out=4.0,
+    level_odds=20.0,
+    least_level=0.2,
+)
+
+
+def test_a_peak_that_is_as_likely_the_target_as_not_is_similar_by_half_in_both():
+    assert CALIBRATION.similarity(0.5, 0.05, 1.0) == pytest.approx(0.25)
+    # Twice as far from the clutter: 4 / (1 + 4); on the level by the half.
+    assert CALIBRATION.similarity(0.5, 0.025, 1.0) == pytest.approx(0.8 * 0.5)
+    assert CALIBRATION.similarity(1.0, 0.1, 1.0) == pytest.approx(0.5 * 0.8)
+
+
+def test_log_odds_are_0_where_they_are_even_and_grow_with_logarithms():
+    assert CALIBRATION.log_odds(6.0, 4.0, 0.2) == {
+        "response": 0.0,
+        "first response": 0.0,
+        "level": 0.0,
+    }
+    odds = CALIBRATION.log_odds(6.0 * math.e, 4.0 / math.e, 0.2 / math.e)
+    expected = {"response": 1.5, "first response": -3.0, "level": -20.0}
+    assert odds == pytest.approx(expected)
+    # A strong response says no more than one at the least level.
+    assert CALIBRATION.log_odds(6.0, 4.0, 0.9)["level"] == 0.0
+
+
+def test_the_cue_asks_its_features(monkeypatch):
+    image = np.random.default_rng(0).integers(0, 256, (120, 160, 3)).astype(np.uint8)
+    box = np.array([60.0, 40.0, 30.0, 30.0])
+
+    def answers(**changes):
+        calibration = replace(GradientsAndColors.calibration, **changes)
+        monkeypatch.setattr(GradientsAndColors, "calibration", calibration)
+        cue = CorrelationResponse(CorrelationResponseParameters())
+        region = Region(Frame(image), box[None])
+        template, view = cue.learn(region, box), View(region, box)
+        return cue.match(view, template).similarity, cue.log_odds(view, template, template)
+
+    (similarity, odds), (another, doubled) = answers(), answers(odds_growth=2.0, even_level=2.0)
+    assert doubled["response"] == pytest.approx(2.0 * odds["response"])
+    assert doubled["first response"] == odds["first response"]
+    assert 0.0 < another < similarity <= 1.0

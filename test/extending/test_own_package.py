@@ -1,0 +1,299 @@
+"""Parts of packages of their own: installed by pip, found by their entry points."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pf_tracker_ros.cues import CUES
+
+TIMEOUT = 120.0
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+PAGE = (ROOT / "docs" / "extending.md").read_text()
+
+PRELUDE = """
+import json, sys
+import numpy as np
+
+def refusal(function, *arguments, **keywords):
+    try:
+        function(*arguments, **keywords)
+    except ValueError as error:
+        return str(error)
+"""
+# A bright square that moves over a dark image.
+SCENE = """
+from pf_tracker_ros import MultiTracker, Tracker
+
+boxes = [(20.0 + 2 * n, 30.0 + n, 24.0, 24.0) for n in range(20)]
+images = []
+for x, y, width, height in np.array(boxes, int):
+    image = np.random.default_rng(0).integers(30, 90, (120, 160, 3)).astype(np.uint8)
+    image[y:y + height, x:x + width] = (90, 230, 230)
+    image[y + 8:y + 16, x + 8:x + 16] = (200, 230, 210)
+    images.append(image)
+
+def follow(**parameters):
+    tracker = Tracker.from_preset(parameters.pop("preset", "default"), parameters={
+        name.replace("__", "."): value for name, value in parameters.items()
+    })
+    tracker.start(images[0], boxes[0])
+    return [tracker.update(image).box for image in images[1:]]
+
+def overlap(box, other):
+    corner = np.maximum(box[:2], other[:2])
+    end = np.minimum(np.add(box[:2], box[2:]), np.add(other[:2], other[2:]))
+    common = np.prod(np.maximum(end - corner, 0.0))
+    return common / (np.prod(box[2:]) + np.prod(other[2:]) - common)
+
+def least_overlap(found):
+    return min(map(overlap, found, boxes[-len(found):]))
+"""
+
+
+def installed(package, place):
+    """Install a package's folder into a folder."""
+    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
+    command += ["--no-build-isolation", "--disable-pip-version-check", "--target", place, package]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT, check=False)
+    assert done.returncode == 0, done.stderr
+    return place
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory):
+    """Where a package with a part of every kind is installed."""
+    package = tmp_path_factory.mktemp("package") / "parts"
+    shutil.copytree(HERE / "own_package", package)
+    for example in ("cues/brightness.py", "filter/random_walk.py", "features/cell_means.py"):
+        shutil.copy(HERE / example, package / "parts_of_mine")
+    return installed(package, tmp_path_factory.mktemp("parts"))
+
+
+@pytest.fixture(scope="module")
+def example(tmp_path_factory):
+    """Where the page's example is installed, as it is written there."""
+    package = tmp_path_factory.mktemp("example")
+    (project,) = re.findall(r"^```toml\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+    (module,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+    (package / "pyproject.toml").write_text(project)
+    (package / "bright_things.py").write_text(module)
+    return installed(package, tmp_path_factory.mktemp("installed"))
+
+
+def run(code, *places):
+    """What code prints as JSON, where packages are installed in some folders, and what it logs."""
+    path = os.pathsep.join(map(str, (*places, ROOT)))
+    done = subprocess.run(
+        [sys.executable, "-c", PRELUDE + code],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout), done.stderr
+
+
+def test_names_are_known_without_importing_a_part(parts):
+    code = """
+import pf_tracker_ros
+from pf_tracker_ros import Tracker
+early = [name for name in ("importlib.metadata", "parts_of_mine") if name in sys.modules]
+from pf_tracker_ros.cues import CUES
+from pf_tracker_ros.cues.features import FEATURES
+from pf_tracker_ros.filter import MOTION_MODELS, RESAMPLERS
+names = [list(one) for one in (CUES, FEATURES, MOTION_MODELS, RESAMPLERS)]
+print(json.dumps([early, [one for one in sys.modules if "parts_of_mine" in one], names]))
+"""
+    (early, imported, names), _ = run(code, parts)
+    assert early == []
+    assert imported == []
+    assert names[0] == [*CUES, "beyond_reach", "brightness"]
+    assert [own[-1] for own in names[1:]] == ["cell_means", "unlike_others", "mostly_stratified"]
+
+
+def test_a_tracker_is_made_of_them_and_their_parameters_count(parts):
+    code = (
+        SCENE
+        + """
+both = ("correlation_response", "brightness")
+ways = [
+    {"preset": "li2007", "cues": ("color_histogram", "brightness"), "brightness__power": 0.9},
+    {"preset": "li2007", "cues": ("color_histogram", "brightness"), "brightness__power": 0.1},
+    {"preset": "li2007", "motion__model": "random_walk", "motion__position_noise": 4.0},
+    {"cues": both, "correlation_response__features": "cell_means"},
+    {"cues": both, "correlation_response__features": "cell_means",
+     "correlation_response__cell_means__edge_weight": 20.0},
+    {"preset": "li2007", "resampling__scheme": "mostly_stratified"},
+    {"preset": "li2007", "resampling__scheme": "mostly_stratified",
+     "resampling__mostly_stratified__share": 0.0},
+]
+found = [follow(**way) for way in ways]
+print(json.dumps([found, [least_overlap(one) for one in found]]))
+"""
+    )
+    (found, overlaps), _ = run(code, parts)
+    assert min(overlaps) > 0.4
+    assert found[0] != found[1]
+    assert found[3] != found[4]
+    assert found[5] != found[6]
+
+
+def test_several_targets_are_told_apart_by_an_appearance_of_it(parts):
+    """Two that cross, under a detector that sees every other frame: who is who is asked of it."""
+    pytest.importorskip("scipy")
+    code = (
+        SCENE
+        + """
+from pf_tracker_ros import Detections
+
+def ids(**parameters):
+    tracker = MultiTracker.from_preset("default", parameters=parameters)
+    told = []
+    for number, image in enumerate(images):
+        seen = Detections([boxes[number]]) if number % 2 == 0 else None
+        told.append([target.id for target in tracker.update(image, 0.1, seen)])
+    life, = tracker._crowd.lives
+    return told[-1], life.descriptor.tolist(), tracker
+last, color, tracker = ids(**{"appearance.kind": "mean_color", "appearance.mean_color.scale": 5.0})
+tracker.set_parameters({"appearance.kind": "color_stripes"})
+life, = tracker._crowd.lives
+again = [target.id for target in tracker.update(images[-1], 0.1, Detections([boxes[-1]]))]
+print(json.dumps([last, color, len(life.descriptor), again]))
+"""
+    )
+    (last, color, length, again), _ = run(code, parts)
+    assert last == again == [1]
+    # Cyan of (90, 230, 230) with a lighter middle.
+    assert color == pytest.approx([0.5, 0.9, 0.88], abs=0.06)
+    assert length == 3200
+
+
+def test_what_cannot_be_used_is_told_once_and_only_refused_where_it_is_chosen(parts):
+    code = """
+from pf_tracker_ros import Tracker
+Tracker.from_preset("default")
+print(json.dumps([
+    refusal(Tracker.from_preset, "default", parameters=chosen)
+    for chosen in ({"cues": ("beyond_reach",)}, {"motion.model": "unlike_others",
+                   "proposal.method": "transition", "cues": ("hog",)})
+]))
+"""
+    reasons, log = run(code, parts)
+    broken, unlike = reasons
+    assert broken == (
+        "the cue 'beyond_reach' of parts-of-mine (parts_of_mine.beyond_reach:BeyondReach) cannot "
+        "be used: ModuleNotFoundError: No module named 'a_network_that_nobody_has'"
+    )
+    assert unlike == (
+        "the motion model 'unlike_others' of parts-of-mine "
+        "(parts_of_mine.unlike_others:UnlikeOthers) cannot be used: TypeError: its parameter "
+        "'position_noise' is declared otherwise than that of 'affine'; declare it alike, or give "
+        "it a name of its own"
+    )
+    taken = "the cue 'hog' of parts-of-mine (parts_of_mine.brightness:Brightness) cannot be used: "
+    taken += "there is a cue of that name already"
+    assert sorted(log.splitlines()) == sorted([broken, unlike, taken])
+
+
+def test_a_name_that_two_packages_bring_is_neithers(parts, tmp_path):
+    info = tmp_path / "another-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: another\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "[pf_tracker_ros.cues]\nbrightness = json:loads\nnameless = json:loads\n"
+    )
+    code = """
+from pf_tracker_ros import Tracker
+print(json.dumps([
+    refusal(Tracker.from_preset, "default", parameters={"cues": (name,)})
+    for name in ("brightness", "nameless")
+]))
+"""
+    (twice, nameless), _ = run(code, parts, tmp_path)
+    assert twice == (
+        "the cue 'brightness' of another (json:loads) and parts-of-mine "
+        "(parts_of_mine.brightness:Brightness) cannot be used: ImportError: only one package may "
+        "bring it; uninstall the others"
+    )
+    assert nameless == (
+        "the cue 'nameless' of another (json:loads) cannot be used: ImportError: it is not "
+        "registered by that name; decorate it by .register('nameless')"
+    )
+
+
+def test_the_example_of_the_page_detects_what_is_tracked(example):
+    pytest.importorskip("scipy")
+    code = (
+        SCENE
+        + """
+from pf_tracker_ros.node_parameters import NodeParameters
+from pf_tracker_ros.parameters import build, declarations
+from pf_tracker_ros.targets.built_in_detectors import DETECTORS
+name = "built_in_detectors.bright.above"
+node = build(NodeParameters, {"built_in_detector": "bright", name: 100})
+detector = DETECTORS.make("bright", node.of_detectors["bright"])
+blind = DETECTORS.make("bright", DETECTORS.parameters_of("bright")(above=255))
+tracker = MultiTracker.from_preset("default")
+found = [tracker.update(image, 0.1, detector.detect(image)) for image in images]
+print(json.dumps([
+    [(one.id, one.label) for one in found[-1]],
+    least_overlap([one[0].estimate.box for one in found[5:]]),
+    len(blind.detect(images[0])),
+    declarations(NodeParameters)[name].unit,
+]))
+"""
+    )
+    (told, least, blindly, unit), _ = run(code, example)
+    assert told == [[1, "bright"]]
+    assert least > 0.6
+    assert blindly == 0
+    assert unit == "gray levels"
+
+
+def test_their_parameters_are_in_the_generated_documents(parts, example):
+    pytest.importorskip("rclpy")
+    code = """
+sys.path.insert(0, "tools")
+import generate
+print(json.dumps(generate.generated_files()["docs/parameters.md"]))
+"""
+    text, _ = run(code.replace('"tools"', repr(str(ROOT / "tools"))), parts, example)
+    for name in (
+        *("brightness.sharpness", "motion.vertical_share", "resampling.mostly_stratified.share"),
+        *("correlation_response.cell_means.edge_weight", "appearance.mean_color.scale"),
+        "built_in_detectors.bright.above",
+    ):
+        assert f"| `{name}` |" in text
+
+
+def test_the_node_has_them_as_it_has_its_own(parts, example):
+    pytest.importorskip("rclpy")
+    code = """
+import rclpy
+from rclpy.parameter import Parameter
+from pf_tracker_ros.node.tracker.tracker_node import TrackerNode
+rclpy.init()
+given = {"max_targets": 4, "built_in_detector": "bright", "built_in_detectors.bright.above": 90,
+         "motion.vertical_share": 0.5, "cues": ["color_contrast", "brightness"]}
+overrides = [Parameter(name, value=value) for name, value in given.items()]
+node = TrackerNode([], parameter_overrides=overrides)
+values = {name: node.get_parameter(name).value for name in given}
+refused = node.set_parameters([Parameter("cues", value=["beyond_reach"])])[0].reason
+allowed = node.set_parameters([Parameter("brightness.sharpness", value=1.0)])[0].successful
+print(json.dumps([values == given, refused, allowed]))
+node.destroy_node()
+rclpy.shutdown()
+"""
+    (are_taken, refused, allowed), _ = run(code, parts, example)
+    assert are_taken
+    assert "'beyond_reach' of parts-of-mine" in refused
+    assert allowed
