@@ -13,10 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import BoxesByAxis
+from pf_tracker_ros.boxes import BoxesByAxis, overlaps
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.tiles import Part
-from pf_tracker_ros.targets.geometry import overlaps
 
 # From top to bottom: clothes differ along a body, whatever its pose.
 _STRIPES = 4

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.background import BackgroundParameters
+from pf_tracker_ros.boxes import overlaps
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.detections import Detections
-from pf_tracker_ros.targets.geometry import overlaps
 from pf_tracker_ros.tracking.camera import Camera
 from pf_tracker_ros.tracking.input_checks import check_image
 from pf_tracker_ros.tracking.tracker import NOMINAL_INTERVAL, usual_arithmetic

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from pf_tracker_ros.boxes import overlaps
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.detections import DOUBLED_ABOVE, Detections, Sighting
-from pf_tracker_ros.targets.geometry import overlaps
 from pf_tracker_ros.targets.history import History, Moment
 from pf_tracker_ros.targets.keeper import CrowdKeeper
 from pf_tracker_ros.targets.life import Life

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from pf_tracker_ros.boxes import covered
 from pf_tracker_ros.targets.appearance import unlikeness
 from pf_tracker_ros.targets.crowd import Crowd
-from pf_tracker_ros.targets.geometry import covered
 from pf_tracker_ros.targets.life import Life
 
 # A target is recognized by a look that differs by less than so much of what it usually varies by.
