@@ -345,19 +345,9 @@ def change(
 
 
 def why_unknown(group_type: type, name: str, values: Mapping[str, Any]) -> str:
-    """Why there is no tunable of a name with these values, and what to do, as a sentence.
-
-    A group type may tell in `former_names` what became of names that it has no more: full name to
-    another that is to be used, or to a reason.
-    """
-    former = getattr(group_type, "former_names", {})
+    """Why there is no tunable of a name with these values, and what to do, as a sentence."""
     every = all_declarations(group_type)
     here = declarations(group_type, values)
-    if name in former:
-        new = former[name]
-        needs = every[new].only_with if new in every and new not in here else ""
-        instead = f"use '{new}'" if new in every else new
-        return f"no parameter '{name}'; {instead}{needs and f', which needs {needs}'}"
     if name in every:
         return f"no parameter '{name}' here; it needs {every[name].only_with}"
     close = difflib.get_close_matches(str(name), every, n=1)

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -174,7 +174,6 @@ class Antenna:
 
 @dataclass(frozen=True)
 class Boat:
-    former_names: ClassVar = {"drive.canvas": "drive.area", "keel": "every boat has one"}
     name: str = declared("Anna", "Name.")
     hull: str = declared("wood", "Hull.", choices=("wood",))
     drive: Drive = group(Drive)
@@ -305,8 +304,6 @@ def test_the_choosers_are_always_there():
 
 
 WHY_UNKNOWN = {
-    "drive.canvas": "no parameter 'drive.canvas'; use 'drive.area', which needs drive.kind 'sail'",
-    "keel": "no parameter 'keel'; every boat has one",
     "drive.area": "no parameter 'drive.area' here; it needs drive.kind 'sail'",
     "antenna.height": "no parameter 'antenna.height' here; it needs devices 'radio' or 'spare'",
     "rudder": "no parameter 'rudder'; there are: name, drive.kind, devices, ropes",
@@ -355,16 +352,6 @@ def test_a_parameter_of_the_tracker_is_the_same_whatever_it_belongs_to():
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_preset_names_only_what_there_is_with_it(preset):
     assert PRESETS[preset].keys() <= preset_parameters(preset).keys()
-
-
-def test_no_former_name_is_a_name():
-    every = all_declarations(TrackerParameters)
-    former = TrackerParameters.former_names
-    assert not former.keys() & every.keys()
-    for name in former:
-        reason = why_unknown(TrackerParameters, name, {})
-        assert reason.startswith(f"no parameter '{name}'; ")
-        assert len(reason) > len(f"no parameter '{name}'; ")
 
 
 @pytest.mark.parametrize(

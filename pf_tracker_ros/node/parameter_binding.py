@@ -124,13 +124,9 @@ class ParameterBinding:
         group = ParameterGroup(group_type, keeps_read_only, usual, renewed_by, kept)
         given = {name: one for name, one in self._overrides.items() if name not in superseded}
         reading = group.read(given, {}, self.values)
-        refused = dict(reading.wrong)
-        for name in group.former_names.keys() & given.keys():
-            reason = group.why_unknown(name, reading.values)
-            refused[name] = reason if group.new_name(name) else f"{reason}; start without it"
-        for reason in refused.values():
+        for reason in reading.wrong.values():
             self._report(reason)
-        self.refused |= refused
+        self.refused |= reading.wrong
         self._superseded |= group.every.keys() & superseded
         self._groups.append(group)
         self.values |= reading.values
@@ -266,7 +262,7 @@ class ParameterBinding:
         self._put((one for one in after.values() if before.get(one.name) != one), request.values)
         self._declarations, self.values = after, request.values
         for name in list(self.refused):
-            if self._is_settled(name, request):
+            if name in request.changes or name not in request.there:
                 del self.refused[name]
         self._apply(request.changes)
         self._lock()
@@ -275,14 +271,6 @@ class ParameterBinding:
         """What rclpy asks for, None if it is none of this binding's business."""
         is_bound = any(parameter.name in self._declarations for parameter in parameters)
         return self._request if is_bound and not self._declaring else None
-
-    def _is_settled(self, name: str, request: _Request) -> bool:
-        """Whether a request has put right what was refused at start-up, or replaced it."""
-        for group in self._groups:
-            if name in group.former_names:
-                new = group.new_name(name)
-                return bool(new) and (new in request.changes or group.renewed_by in request.changes)
-        return name in request.changes or name not in request.there
 
     def _put(self, declarations: Iterable[Declaration], values: Values) -> None:
         """Declare parameters on the node with their values."""
@@ -323,7 +311,7 @@ class ParameterBinding:
 
     def _why_unknown(self, name: str, values: Values) -> str:
         for group in self._groups:
-            if group.knows(name):
+            if name in group.every:
                 return group.why_unknown(name, values)
         every: Mapping[str, Declaration] = {}
         for group in self._groups:

@@ -70,20 +70,6 @@ class ParameterGroup:
         """Full name to declaration of the parameters that decide which others there are."""
         return choosers(self.group_type)
 
-    @property
-    def former_names(self) -> Mapping[str, str]:
-        """Full name that there is no more, to another or to a reason."""
-        return getattr(self.group_type, "former_names", {})
-
-    def new_name(self, name: str) -> str:
-        """What a parameter is called that had this name; empty if there is none."""
-        new = self.former_names.get(name, "")
-        return new if new in self.every else ""
-
-    def knows(self, name: str) -> bool:
-        """Whether `why_unknown` has more to say of a name than what else there is."""
-        return name in self.every or name in self.former_names
-
     def why_unknown(self, name: str, values: Values) -> str:
         """See `pf_tracker_ros.parameters.why_unknown`."""
         return why_unknown(self.group_type, name, values)

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.background import BackgroundParameters
 from pf_tracker_ros.boxes import overlaps
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.detections import Detections
@@ -75,7 +74,7 @@ class PeopleDetector:
         self._hog = cv2.HOGDescriptor()
         people = cv2.HOGDescriptor_getDefaultPeopleDetector()  # type: ignore[attr-defined]
         self._hog.setSVMDetector(people)
-        self._eye = _Eye(0, None)
+        self._eye = _Eye(0, needs_foreground=False)
 
     def detect(self, image: NDArray[np.generic], interval: float = NOMINAL_INTERVAL) -> Detections:
         """See `Detector.detect`; the label is "person"."""
@@ -107,7 +106,7 @@ class MotionDetector:
     """
 
     def __init__(self, seed: int = 0) -> None:
-        self._eye = _Eye(seed, BackgroundParameters())
+        self._eye = _Eye(seed, needs_foreground=True)
         self._last: NDArray[np.uint8] | None = None
         self._found = np.zeros((0, 4))
 
@@ -164,11 +163,11 @@ class _Eye:
 
     Args:
         seed: Seeds the background model.
-        background: Of the model; None for none.
+        needs_foreground: Whether there is one.
     """
 
-    def __init__(self, seed: int, background: BackgroundParameters | None) -> None:
-        self._seed, self._background = seed, background
+    def __init__(self, seed: int, needs_foreground: bool) -> None:
+        self._seed, self._needs_foreground = seed, needs_foreground
         self._camera = Camera(seed, lays_ghosts=True)
         self._kind: tuple[Any, ...] = ()
         self.is_new = False
@@ -180,7 +179,9 @@ class _Eye:
             self._camera = Camera(self._seed, lays_ghosts=True)
             self._kind = (image.shape, image.dtype)
         with usual_arithmetic():
-            frame = self._camera.open(image, interval, (), self._background, follow_light=False)
+            frame = self._camera.open(
+                image, interval, (), self._needs_foreground, follow_light=False
+            )
         self._camera.keep(frame)
         return frame
 

@@ -141,7 +141,7 @@ class MultiTracker:
         with usual_arithmetic():
             crowd, moments = self._adapted(other)
         self._history.put(moments)
-        if other._follower.background != self._follower.background:
+        if other._follower.needs_foreground != self._follower.needs_foreground:
             self._camera.forget_background()
         self._crowd, self._seed = crowd, other._seed
         self._parameters, self._follower = other._parameters, other._follower
@@ -457,8 +457,10 @@ class MultiTracker:
         return Camera(self._seed, lays_ghosts=True, tells_motion=True)
 
     def _open(self, image: NDArray[np.generic], interval: float, boxes: Sequence[Box]) -> Frame:
-        follows_light = self._follower.parameters.follow_light
-        return self._camera.open(image, interval, boxes, self._follower.background, follows_light)
+        follower = self._follower
+        return self._camera.open(
+            image, interval, boxes, follower.needs_foreground, follower.parameters.follow_light
+        )
 
     def _keep(self, frame: Frame) -> None:
         self._camera.keep(frame)

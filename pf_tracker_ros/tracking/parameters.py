@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any
 
-from pf_tracker_ros.background import BackgroundParameters
 from pf_tracker_ros.cues import CUES, Cue, FusionParameters, TemplateParameters, power_group
 from pf_tracker_ros.filter import MotionParameters, ProposalParameters, ResamplingParameters
 from pf_tracker_ros.parameters import Groups, chosen, declared, group
-from pf_tracker_ros.tracking.former_names import FORMER_NAMES
 from pf_tracker_ros.tracking.redetection import RedetectionParameters
 from pf_tracker_ros.tracking.track_parameters import TrackParameters
 
@@ -28,11 +24,6 @@ def _of_cues(names: tuple[str, ...]) -> Groups:
     return {name: CUES.parameters_of(name) for name in names}
 
 
-def _of_background(cues: tuple[str, ...]) -> Groups:
-    needed = any(getattr(CUES[name], "needs_foreground", False) for name in cues)
-    return {"background": BackgroundParameters} if needed else {}
-
-
 def _of_search(method: str) -> Groups:
     if method != "search":
         return {}
@@ -42,8 +33,6 @@ def _of_search(method: str) -> Groups:
 @dataclass(frozen=True)
 class TrackerParameters:
     """The tracker's tunables; a preset names its values over these defaults."""
-
-    former_names: ClassVar[Mapping[str, str]] = MappingProxyType(FORMER_NAMES)
 
     particles: int = declared(
         300,
@@ -77,7 +66,6 @@ class TrackerParameters:
     )
     of_powers: dict[str, Any] = chosen("cues", _of_powers)
     of_cues: dict[str, Any] = chosen("cues", _of_cues)
-    of_background: dict[str, Any] = chosen("cues", _of_background)
     of_search: dict[str, Any] = chosen("proposal.method", _of_search)
     template: TemplateParameters = group(TemplateParameters)
     track: TrackParameters = group(TrackParameters)

@@ -60,14 +60,14 @@ class Scene:
         Returns:
             Its id, from 1 on, never used again.
         """
-        frame, background = self._camera.frame, self._follower.background
+        frame, needs_foreground = self._camera.frame, self._follower.needs_foreground
         boxes = [*self._boxes, box]
         if frame is None or frame.image is not image:
             if not self._targets:
                 self._camera.forget_light()
-            frame = self._camera.open(image, 0.0, boxes, background, self._follows_light)
-        elif background and not self._camera.has_background:
-            self._camera.observe_background(frame, boxes, background)
+            frame = self._camera.open(image, 0.0, boxes, needs_foreground, self._follows_light)
+        elif needs_foreground and not self._camera.has_background:
+            self._camera.observe_background(frame, boxes)
         number = self._next_id
         target = self._follower.begin(frame, box, self._randomness(number), state)
         self._targets[number] = target
@@ -91,7 +91,7 @@ class Scene:
             interval: Seconds since that one.
         """
         frame = self._camera.open(
-            image, interval, self._boxes, self._follower.background, self._follows_light
+            image, interval, self._boxes, self._follower.needs_foreground, self._follows_light
         )
         self._targets = {
             number: self._follower.follow(target, frame, interval)
@@ -113,7 +113,7 @@ class Scene:
         self._targets = {
             number: follower.reconfigure(target) for number, target in self._targets.items()
         }
-        if not follower.background:
+        if not follower.needs_foreground:
             self._camera.forget_background()
         self._follower = follower
 

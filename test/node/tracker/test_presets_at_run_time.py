@@ -224,7 +224,7 @@ def test_the_cues_change_while_the_target_is_tracked(graph, client, images, boxe
         for name, value in preset_parameters("default").items()
         if not name.startswith("correlation_response")
     }
-    brought = ("hog.", "foreground.", "background.")
+    brought = ("hog.", "foreground.")
     expected |= {
         name: declaration.default
         for name, declaration in all_declarations(TrackerParameters).items()
@@ -262,14 +262,6 @@ REFUSED = {
     "what is not chosen": (
         {"particles": 9, "hog__sharpness": 1.0},
         "no parameter 'hog.sharpness' here; it needs cues 'hog'",
-    ),
-    "a former name": (
-        {"particles": 9, "oriented_gradients__power": 1.0},
-        "no parameter 'oriented_gradients.power'; use 'hog.power'",
-    ),
-    "a name that is gone": (
-        {"particles": 9, "adaptive_number__error": 0.1},
-        "no parameter 'adaptive_number.error'; the number of particles is 'particles'",
     ),
     "a misspelt name": ({"particels": 9}, "no parameter 'particels' (did you mean 'particles'?)"),
     "a name of nothing": (
