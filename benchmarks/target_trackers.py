@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros import Detections, MultiTracker, Tracker
-from pf_tracker_ros.targets.geometry import overlaps
+from pf_tracker_ros.boxes import overlaps
 
 Answer = tuple[NDArray[np.intp], NDArray[np.float64]]
 

@@ -42,8 +42,8 @@ from numpy.typing import NDArray
 from tables import Table, bold
 from target_trackers import TRACKERS, TargetTracker
 
+from pf_tracker_ros.boxes import overlaps
 from pf_tracker_ros.footage import FootageError, open_footage
-from pf_tracker_ros.targets.geometry import overlaps
 
 OURS = "pf_tracker_ros"
 PHASES = {1: (0,), 5: (0, 1, 3), 12: (0, 4, 8)}

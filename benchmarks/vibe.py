@@ -30,7 +30,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from pf_tracker_ros.background import BackgroundModel, BackgroundParameters
+from pf_tracker_ros.background import BackgroundModel
 from pf_tracker_ros.footage import Footage, FootageError, read_sequence
 
 HEADINGS = (
@@ -132,7 +132,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("sequences", nargs="+", type=Path, metavar="SEQUENCE")
     parser.add_argument("--reduction", type=int, default=2, choices=range(1, 17), metavar="1..16")
     parser.add_argument("--gray", action="store_true", help="model brightness, not colors")
-    parser.add_argument("--moving-camera", action="store_true", help="follow the camera")
     parser.add_argument("--skip", type=int, default=50, help="first frames not judged [50]")
     parser.add_argument("--output", type=Path, help="Markdown file for the table")
     options = parser.parse_args(arguments)
@@ -141,7 +140,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     def begin(image: NDArray[Any]) -> BackgroundModel:
         return BackgroundModel(
             image,
-            BackgroundParameters(moving_camera=options.moving_camera),
             np.random.default_rng(0),
             reduction=options.reduction,
             color=not options.gray,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,6 +17,8 @@ Box = tuple[float, float, float, float]
 
 # Sides.
 _SAME_PLACE = 0.5
+# A box that ends within so many pixels of the image's border is cut by it.
+_CUT_WITHIN = 2.0
 
 
 class BoxesByAxis(NamedTuple):
@@ -59,6 +62,61 @@ def as_box(values: Iterable[float]) -> Box:
     """Four numbers as a box."""
     x, y, width, height = map(float, values)
     return x, y, width, height
+
+
+def box_corners(box: Iterable[float]) -> list[tuple[float, float]]:
+    """The four corners of a box, clockwise from the top left."""
+    x, y, width, height = as_box(box)
+    return [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
+
+
+def bounding_box(points: ArrayLike) -> Box:
+    """The smallest box around (N, 2) points, at least one."""
+    points = np.asarray(points, dtype=np.float64)
+    (left, top), (right, bottom) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    return left, top, right - left, bottom - top
+
+
+def box_around_turned(center: tuple[float, float], size: tuple[float, float], angle: float) -> Box:
+    """The smallest box around a rectangle that is turned.
+
+    Args:
+        center: (x, y) in pixels.
+        size: (width, height) in pixels.
+        angle: Radians; one that is not finite counts as 0.
+    """
+    (x, y), (width, height) = center, size
+    if angle and math.isfinite(angle):
+        across, down = abs(math.cos(angle)), abs(math.sin(angle))
+        width, height = width * across + height * down, width * down + height * across
+    return x - width / 2, y - height / 2, width, height
+
+
+def shared_areas(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(...,) px^2 that (..., 4) boxes share with (..., 4) others."""
+    ends, other_ends = one[..., :2] + one[..., 2:], other[..., :2] + other[..., 2:]
+    sides = np.minimum(ends, other_ends) - np.maximum(one[..., :2], other[..., :2])
+    np.maximum(sides, 0.0, out=sides)
+    areas: NDArray[np.float64] = sides[..., 0] * sides[..., 1]
+    return areas
+
+
+def overlaps(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, M) intersection over union, 0 to 1, of (N, 4) and (M, 4) boxes."""
+    shared = shared_areas(one[:, None], other)
+    areas, other_areas = one[:, 2] * one[:, 3], other[:, 2] * other[:, 3]
+    return shared / np.maximum(areas[:, None] + other_areas - shared, 1e-9)
+
+
+def covered(boxes: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, M) share, 0 to 1, of each of (N, 4) boxes that each of (M, 4) covers."""
+    return shared_areas(boxes[:, None], by) / np.maximum(boxes[:, 2] * boxes[:, 3], 1e-9)[:, None]
+
+
+def is_cut(box: NDArray[np.float64], image_size: tuple[int, int]) -> bool:
+    """Whether a (4,) box goes to the border of an image of (width, height)."""
+    ends = box[:2] + box[2:]
+    return bool((box[:2] < _CUT_WITHIN).any() or (ends > np.array(image_size) - _CUT_WITHIN).any())
 
 
 def sides_apart(boxes: ArrayLike, place: ArrayLike) -> NDArray[Any]:

@@ -57,8 +57,7 @@ def draw_overlay(image: NDArray[Any], estimate: Estimate | None, text: str = "")
     if estimate is not None:
         color = COLORS[estimate.state]
         _draw_boxes(canvas, _particle_boxes(estimate, scale), COLORS["tracking"], 1)
-        _draw_boxes(canvas, np.array([estimate.box]), _OUTLINE, thickness + 2)
-        _draw_boxes(canvas, np.array([estimate.box]), color, thickness)
+        draw_box(canvas, np.array(estimate.box), color, thickness)
     if text:
         _write(canvas, text, (round(8 * scale), round(24 * scale)), color, scale)
     return canvas
@@ -82,14 +81,19 @@ def draw_targets(image: NDArray[Any], targets: Sequence[TrackedTarget]) -> NDArr
         particles = _particle_boxes(target.estimate, 0.5 * scale)
         _draw_boxes(canvas, particles, target_color(target.id), 1)
     for target in targets:
-        color, box = target_color(target.id), np.array([target.estimate.box])
+        color, box = target_color(target.id), np.array(target.estimate.box)
         width = thickness if target.estimate.state == "tracking" else 1
-        _draw_boxes(canvas, box, _OUTLINE, width + 2)
-        _draw_boxes(canvas, box, color, width)
-        x, y = np.clip(box[0, :2], 0.0, canvas.shape[1::-1])
+        draw_box(canvas, box, color, width)
+        x, y = np.clip(box[:2], 0.0, canvas.shape[1::-1])
         above = round(y - 4 * scale) if y > 20 * scale else round(y + 20 * scale)
         _write(canvas, target_text(target), (round(x), above), color, 0.8 * scale)
     return canvas
+
+
+def draw_box(canvas: NDArray[Any], box: NDArray[np.float64], color: Color, thickness: int) -> None:
+    """Draw a (4,) box into a BGR image, with a dark outline a pixel wide on either side."""
+    _draw_boxes(canvas, box[None], _OUTLINE, thickness + 2)
+    _draw_boxes(canvas, box[None], color, thickness)
 
 
 def target_color(id: int) -> Color:

@@ -291,17 +291,8 @@ def build(group_type: type[Group], values: Mapping[str, Any]) -> Group:
 
 
 def why_unknown(group_type: type, name: str) -> str:
-    """Why there is no tunable of a name, and what to do, as a sentence.
-
-    A group type may tell in `former_names` what became of names that it has no more: full name to
-    another that is to be used, or to a reason.
-    """
-    former = getattr(group_type, "former_names", {})
+    """Why there is no tunable of a name, and what to do, as a sentence."""
     known = declarations(group_type)
-    if name in former:
-        new = former[name]
-        instead = f"use '{new}'" if new in known else new
-        return f"no parameter '{name}'; {instead}"
     close = difflib.get_close_matches(str(name), known, n=1)
     guess = f"did you mean '{close[0]}'?" if close else f"there are: {', '.join(known)}"
     return f"no parameter '{name}'; {guess}"

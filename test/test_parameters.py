@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -183,7 +183,6 @@ class Antenna:
 
 @dataclass(frozen=True)
 class Boat:
-    former_names: ClassVar = {"drive.canvas": "drive.area", "keel": "every boat has one"}
     name: str = declared("Anna", "Name.")
     hull: str = declared("wood", "Hull.", choices=("wood",))
     drive: Drive = group(Drive)
@@ -312,8 +311,6 @@ def test_one_name_for_two_things_is_refused(other, name):
 
 
 WHY_UNKNOWN = {
-    "drive.canvas": "no parameter 'drive.canvas'; use 'drive.area'",
-    "keel": "no parameter 'keel'; every boat has one",
     "drive.arae": "no parameter 'drive.arae'; did you mean 'drive.area'?",
     "zzz": f"no parameter 'zzz'; there are: {', '.join(CONDITIONS)}",
 }
@@ -353,16 +350,6 @@ def test_a_preset_names_only_what_counts_with_it(preset):
     known = declarations(TrackerParameters)
     values = flatten(build(TrackerParameters, PRESETS[preset]))
     assert all(known[name].counts(values) for name in PRESETS[preset])
-
-
-def test_no_former_name_is_a_name():
-    every = declarations(TrackerParameters)
-    former = TrackerParameters.former_names
-    assert not former.keys() & every.keys()
-    for name in former:
-        reason = why_unknown(TrackerParameters, name)
-        assert reason.startswith(f"no parameter '{name}'; ")
-        assert len(reason) > len(f"no parameter '{name}'; ")
 
 
 @pytest.mark.parametrize(

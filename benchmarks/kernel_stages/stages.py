@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from kernel_stages.setting import Setting
 from kernel_stages.timing import Timed
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.background import BackgroundModel, BackgroundParameters
+from pf_tracker_ros.background import BackgroundModel
 from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.cues.correlation_filter import response, spectra_of, train
 from pf_tracker_ros.cues.features import FEATURES
@@ -127,7 +127,7 @@ def _range(setting: Setting) -> Timed:
 
 def _background(setting: Setting) -> Timed:
     image = setting.frame().pixels
-    model = BackgroundModel(image, BackgroundParameters(), np.random.default_rng(0))
+    model = BackgroundModel(image, np.random.default_rng(0))
     return Timed(lambda _: model.update(image))
 
 

@@ -13,7 +13,7 @@ from pf_tracker_ros.appearances.appearance import APPEARANCES, Appearance, Descr
 from pf_tracker_ros.boxes import BoxesByAxis
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.tiles import Part
-from pf_tracker_ros.targets.geometry import overlaps
+from pf_tracker_ros.boxes import overlaps
 
 # From top to bottom: clothes differ along a body, whatever its pose.
 _STRIPES = 4

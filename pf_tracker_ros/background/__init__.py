@@ -1,17 +1,5 @@
-"""What of the image is background: a ViBe model, and the camera's motion to carry it along."""
+"""What of the image is background: a ViBe model."""
 
-from pf_tracker_ros.background.camera_motion import CameraMotion
-from pf_tracker_ros.background.vibe import (
-    UPDATE_EVERY,
-    BackgroundModel,
-    BackgroundParameters,
-    BackgroundState,
-)
+from pf_tracker_ros.background.vibe import UPDATE_EVERY, BackgroundModel, BackgroundState
 
-__all__ = [
-    "UPDATE_EVERY",
-    "BackgroundModel",
-    "BackgroundParameters",
-    "BackgroundState",
-    "CameraMotion",
-]
+__all__ = ["UPDATE_EVERY", "BackgroundModel", "BackgroundState"]

@@ -19,12 +19,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.background.camera_motion import CameraMotion
 from pf_tracker_ros.background.ghosts import find_ghosts
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.parameters import declared
-
-BackgroundStatus = Literal["still", "warped", "restarted"]
 
 # No scene has more foreground than this share: then the camera has moved, or the light changed.
 _LARGEST_FOREGROUND = 0.5
@@ -34,27 +30,11 @@ _MOST_PIXELS = 960 * 540
 _GHOSTS_EVERY, _SAMPLES_OF_MEAN = 4, 4
 UPDATE_EVERY = 16
 """Frames that a model learns for, before its foreground counts."""
-_UNKNOWN_MOTION = "the camera's motion could not be estimated"
 _ALL_CHANGED = "most of the image has changed, as when the camera moves"
-
-# The model is turned and zoomed, not only shifted, once that would move a corner by so much (px).
-_CORNER_TOLERANCE = 1.5
 # Steps to the eight neighbors.
 _RIGHT, _DOWN = np.array(
     [(x, y) for y in (-1, 0, 1) for x in (-1, 0, 1) if (x, y) != (0, 0)], dtype=np.intp
 ).T.copy()
-
-
-@dataclass(frozen=True)
-class BackgroundParameters:
-    """The background model."""
-
-    moving_camera: bool = declared(
-        False,
-        "Whether the camera may move: its motion is then estimated in every frame, and the model "
-        "moved along.",
-        read_only=True,
-    )
 
 
 @dataclass(frozen=True)
@@ -84,7 +64,6 @@ class BackgroundModel:
 
     Args:
         image: (H, W, 3) uint8 BGR or (H, W) uint8 first frame, which initializes the model.
-        parameters: As declared.
         generator: Source of all randomness.
         holes: Boxes of what is known not to be background, such as targets; the model there begins
             with a continuation of what is around them, so that they leave no ghosts behind.
@@ -101,16 +80,12 @@ class BackgroundModel:
 
     Attributes:
         reduction: Image pixels that one pixel of the mask stands for along each axis.
-        status: What the last update did about the camera. "still": nothing, the camera stood still
-            or is declared to. "warped": moved the model along. "restarted": the camera's motion
-            could not be told, so that the model begins anew with this frame, and the foreground
-            is empty.
+        state: What the foreground of the last image is worth.
     """
 
     def __init__(
         self,
         image: NDArray[np.uint8],
-        parameters: BackgroundParameters,
         generator: np.random.Generator,
         holes: Sequence[Box] = (),
         *,
@@ -130,11 +105,7 @@ class BackgroundModel:
         self._color = color
         self._lays_ghosts = lays_ghosts
         self._generator = generator
-        planes = self._planes(image)
-        self._camera = CameraMotion(_gray(planes)) if parameters.moving_camera else None
-        self._alignment = np.eye(3)
-        self._begin(planes, holes)
-        self.status: BackgroundStatus = "still"
+        self._begin(self._planes(image), holes)
         self.state = BackgroundState("learning")
 
     @property
@@ -154,11 +125,6 @@ class BackgroundModel:
             divided by `reduction`, rounded up.
         """
         planes = self._planes(image)
-        self.status = self._follow_camera(planes)
-        if self.status == "restarted":
-            self._begin(planes, holes)
-            self.state = BackgroundState("off", _UNKNOWN_MOTION)
-            return np.zeros(planes.shape[1:], np.uint8)
         foreground = self._foreground(planes)
         self._age += 1
         if self._lays_ghosts and self._age % _GHOSTS_EVERY == 0:
@@ -297,48 +263,9 @@ class BackgroundModel:
             samples[:] = padded.reshape(len(planes), -1)[:, places]
         return drawn
 
-    def _follow_camera(self, planes: NDArray[np.uint8]) -> BackgroundStatus:
-        """Move the model along with the camera.
-
-        The model is shifted by whole pixels and what is left of the motion kept for the next frame:
-        rounding in every frame would let the model drift.
-        """
-        if self._camera is None:
-            return "still"
-        motion = self._camera.update(_gray(planes))
-        if motion is None:
-            self._alignment = np.eye(3)
-            return "restarted"
-        self._alignment = motion @ self._alignment
-        height, width = planes.shape[1:]
-        corners = np.array([[0, width, 0, width], [0, 0, height, height], [1, 1, 1, 1]], float)
-        shifts = (self._alignment @ corners - corners)[:2]
-        shift = np.eye(3)
-        shift[:2, 2] = np.rint(shifts.mean(axis=1))
-        if np.abs(shifts - shift[:2, 2:]).max() > _CORNER_TOLERANCE:
-            shift = self._alignment
-        elif not shift[:2, 2].any():
-            return "still"
-        # From the pixels that the model has now to those of the image.
-        self._alignment = self._alignment @ np.linalg.inv(shift)
-        self._warp(shift, planes)
-        return "warped"
-
-    def _warp(self, motion: NDArray[np.float64], planes: NDArray[np.uint8]) -> None:
-        """Move every sample; pixels that come into view begin with this frame's neighborhoods."""
-        size = planes.shape[2], planes.shape[1]
-        matrix = motion[:2]
-        seen = cv2.warpAffine(np.ones(size[::-1], np.uint8), matrix, size, flags=cv2.INTER_NEAREST)
-        entered = np.flatnonzero(seen == 0)
-        for samples in self._model:
-            for plane in samples:
-                plane[:] = cv2.warpAffine(plane, matrix, size, flags=cv2.INTER_NEAREST)
-        model = self._model.reshape(*self._model.shape[:2], -1)
-        model[:, :, entered] = self._neighborhood_samples(planes, entered)
-
 
 def _gray(planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The brightest part of the eye's answer, green, is brightness enough to follow points."""
+    """The brightest part of the eye's answer, green, is brightness enough to compare."""
     return planes[len(planes) // 2]
 
 

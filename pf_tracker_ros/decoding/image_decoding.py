@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from pf_tracker_ros.plurals import counted
 
 Pixels = NDArray[Any]
-# Takes a width and a height in pixels; raises ImageError for one that is refused.
-SizeCheck = Callable[[int, int], None]
 
 # OpenCV's remap and warps take no larger images.
 LARGEST_SIDE = 32766

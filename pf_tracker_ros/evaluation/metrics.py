@@ -16,6 +16,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pf_tracker_ros.boxes import shared_areas
+
 Measure = Callable[[ArrayLike, ArrayLike], NDArray[np.float64]]
 """How well boxes fit true boxes: a number for each pair."""
 
@@ -39,16 +41,11 @@ def overlap(boxes: ArrayLike, true_boxes: ArrayLike) -> NDArray[np.float64]:
         ValueError: The last axis does not have 4 columns, or a number in `boxes` is not finite.
     """
     first, second, known = _comparable(boxes, true_boxes)
-    first_near, first_far = first[..., :2], first[..., :2] + np.maximum(first[..., 2:], 0)
-    second_near, second_far = second[..., :2], second[..., :2] + np.maximum(second[..., 2:], 0)
-    # All areas come from corners: an area from width and height is rounded otherwise, and equal
-    # boxes could come out a little above or below 1.
-    first_area = np.prod(first_far - first_near, axis=-1)
-    second_area = np.prod(second_far - second_near, axis=-1)
-    sides = np.minimum(first_far, second_far) - np.maximum(first_near, second_near)
-    intersection = np.prod(np.maximum(sides, 0), axis=-1)
-    union = first_area + second_area - intersection
-    ratio = np.divide(intersection, union, out=np.zeros_like(intersection), where=union > 0)
+    shared = shared_areas(first, second)
+    # An area from width and height is rounded otherwise than one from corners, and equal boxes
+    # could come out a little above or below 1.
+    union = shared_areas(first, first) + shared_areas(second, second) - shared
+    ratio = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
     return np.where(known, ratio, np.nan)
 
 

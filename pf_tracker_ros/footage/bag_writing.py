@@ -13,15 +13,11 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import box_corners
 from pf_tracker_ros.footage.bags import GROUND_TRUTH_TYPE, IMAGE_TYPE
 from pf_tracker_ros.footage.base import Footage, FootageError
 from pf_tracker_ros.footage.markers import Outline, outline_markers
-from pf_tracker_ros.footage.messages import (
-    PARTICLE_FIELDS,
-    box_corners,
-    image_encoding,
-    particle_columns,
-)
+from pf_tracker_ros.footage.messages import PARTICLE_FIELDS, image_encoding, particle_columns
 from pf_tracker_ros.stamps import parts
 
 if TYPE_CHECKING:

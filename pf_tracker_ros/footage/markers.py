@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.footage.messages import box_corners
+from pf_tracker_ros.boxes import Box, box_corners
 
 LINE_WIDTH, TEXT_HEIGHT = 2.0, 16.0
 """Pixels."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.boxes import Box, bounding_box, box_corners
 
 PARTICLE_FIELDS = ("x", "y", "z", "width", "height", "weight")
 
@@ -24,19 +24,11 @@ def image_encoding(image: NDArray[Any]) -> str:
     return "mono16" if image.dtype.itemsize == 2 else "mono8"
 
 
-def box_corners(box: Sequence[float]) -> list[tuple[float, float]]:
-    """The four corners of a box (x, y, width, height), clockwise from the top left."""
-    x, y, width, height = (float(value) for value in box)
-    return [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
-
-
 def box_as_sent(box: Sequence[float]) -> Box:
     """A box (x, y, width, height) as the corners of a message, in single precision, tell it."""
     # What is too large for single precision is infinite there, and refused where it is used.
     with np.errstate(over="ignore"):
-        corners = np.array(box_corners(box), dtype=np.float32).astype(np.float64)
-    (left, top), (right, bottom) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
-    return left, top, right - left, bottom - top
+        return bounding_box(np.array(box_corners(box), dtype=np.float32))
 
 
 def particle_columns(

@@ -8,12 +8,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.background.camera_motion import agreed_motion, follow_points
 from pf_tracker_ros.frames.frame import Frame
 
 # Pixels of the reduced images that are compared, and the least side that they may have.
 _MOST_PIXELS = 384 * 288
 _LEAST_SIDE = 16
+# Points are followed on a grid, this many pixels apart, so that they cover the image evenly.
+_GRID = 24
+# Flat surfaces cannot be followed; with fewer points or less agreement there is no one motion.
+_LEAST_POINTS = 12
+_LEAST_AGREEMENT = 0.5
 # A point that moves by less has stayed, and a camera that moves every corner by less has: pixels of
 # the reduced image. With so many points that have stayed, it is the scene that moves.
 _STAYS_BELOW, _MOVES_ABOVE, _STAYING = 0.2, 0.3, 0.3
@@ -54,8 +58,8 @@ class EgoMotion:
         if self._known is None:
             self._known = gray
             return None
-        before, now = follow_points(self._known, gray)
-        motion = agreed_motion(before, now)
+        before, now = _follow_points(self._known, gray)
+        motion = _agreed_motion(before, now)
         has_moved = motion is not None and _is_of_camera(motion, before, now, gray.shape)
         self._age += 1
         if has_moved or motion is None or self._age >= _RENEWED_AFTER:
@@ -96,3 +100,48 @@ def _is_of_camera(
         return False
     has_stayed = np.hypot(*(now - before).T) < _STAYS_BELOW
     return bool(has_stayed.mean() < _STAYING)
+
+
+def _follow_points(
+    before: NDArray[np.uint8], now: NDArray[np.uint8]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Where points on a grid have gone, by pyramidal Lucas-Kanade.
+
+    Args:
+        before: (h, w) image, both sides at least 16.
+        now: Another one of the same size.
+
+    Returns:
+        (P, 2) places of those that could be followed, before and now; flat surfaces cannot.
+    """
+    height, width = before.shape
+    x, y = np.meshgrid(np.arange(_GRID // 2, width, _GRID), np.arange(_GRID // 2, height, _GRID))
+    points = np.stack([x, y], axis=-1).reshape(-1, 1, 2).astype(np.float32)
+    if len(points) < _LEAST_POINTS:
+        return np.empty((0, 2), np.float32), np.empty((0, 2), np.float32)
+    moved, found, _ = cv2.calcOpticalFlowPyrLK(
+        before, now, points, None, winSize=(15, 15), maxLevel=3, minEigThreshold=1e-3
+    )
+    known = found.ravel() == 1
+    return points[known, 0], moved[known, 0]
+
+
+def _agreed_motion(
+    before: NDArray[np.float32], now: NDArray[np.float32]
+) -> NDArray[np.float64] | None:
+    """The similarity that most points agree on; the others belong to what moves in the scene.
+
+    Args:
+        before: (P, 2) places.
+        now: (P, 2) places of the same points later.
+
+    Returns:
+        (3, 3) matrix that takes (x, y, 1) of before to now; None where the points are too few or do
+        not agree.
+    """
+    if len(before) < _LEAST_POINTS:
+        return None
+    matrix, inliers = cv2.estimateAffinePartial2D(before, now, ransacReprojThreshold=1.0)
+    if matrix is None or inliers.mean() < _LEAST_AGREEMENT:
+        return None
+    return np.vstack([matrix, [0.0, 0.0, 1.0]])

@@ -15,13 +15,8 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_msgs.msg import Header
 
-from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.footage.messages import (
-    PARTICLE_FIELDS,
-    box_corners,
-    image_encoding,
-    particle_columns,
-)
+from pf_tracker_ros.boxes import Box, bounding_box, box_corners
+from pf_tracker_ros.footage.messages import PARTICLE_FIELDS, image_encoding, particle_columns
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
@@ -51,14 +46,13 @@ def box_of_polygon(message: PolygonStamped) -> Box:
         )
     if not all(math.isfinite(value) for point in points for value in point):
         raise TargetError("target refused: a point of its polygon is not finite")
-    left, top = (min(values) for values in zip(*points, strict=True))
-    right, bottom = (max(values) for values in zip(*points, strict=True))
-    if right == left or bottom == top:
+    box = bounding_box(points)
+    if not all(box[2:]):
         raise TargetError(
-            f"target refused: its {count} points span {right - left:g} x {bottom - top:g} px; "
+            f"target refused: its {count} points span {box[2]:g} x {box[3]:g} px; "
             "allowed: points that differ in both x and y"
         )
-    return left, top, right - left, bottom - top
+    return box
 
 
 def box_message(box: Box, header: Header) -> PolygonStamped:

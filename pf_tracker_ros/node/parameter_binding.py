@@ -118,13 +118,9 @@ class ParameterBinding:
         group = ParameterGroup(group_type, keeps_read_only, usual, renewed_by, kept)
         given = {name: one for name, one in self._overrides.items() if name not in superseded}
         reading = group.read(given, {}, self.values)
-        refused = dict(reading.wrong)
-        for name in group.former_names.keys() & given.keys():
-            reason = group.why_unknown(name)
-            refused[name] = reason if group.new_name(name) else f"{reason}; start without it"
-        for reason in refused.values():
+        for reason in reading.wrong.values():
             self._report(reason)
-        self.refused |= refused
+        self.refused |= reading.wrong
         self._superseded |= group.declarations.keys() & superseded
         self._groups.append(group)
         self.values |= reading.values
@@ -250,7 +246,7 @@ class ParameterBinding:
             return
         self._request, self.values = None, request.values
         for name in list(self.refused):
-            if self._is_settled(name, request):
+            if name in request.changes:
                 del self.refused[name]
         self._apply(request.changes)
         self._lock()
@@ -260,13 +256,6 @@ class ParameterBinding:
         is_bound = any(parameter.name in self._declarations for parameter in parameters)
         return self._request if is_bound else None
 
-    def _is_settled(self, name: str, request: _Request) -> bool:
-        """Whether a request has put right what was refused at start-up, or replaced it."""
-        for group in self._groups:
-            if name in group.former_names:
-                new = group.new_name(name)
-                return bool(new) and (new in request.changes or group.renewed_by in request.changes)
-        return name in request.changes
 
     def _lock(self) -> None:
         """Make read-only what is declared so, once nothing awaits correction."""
@@ -278,9 +267,6 @@ class ParameterBinding:
                 self._node.set_descriptor(name, descriptor_of(declaration, read_only=True))
 
     def _why_unknown(self, name: str) -> str:
-        for group in self._groups:
-            if name in group.former_names:
-                return group.why_unknown(name)
         close = difflib.get_close_matches(name, self._declarations, n=1)
         guess = f"did you mean '{close[0]}'?" if close else _known(self._declarations)
         return f"there is no parameter '{name}' ({guess})"

@@ -59,16 +59,6 @@ class ParameterGroup:
             return known
         return {name: dataclasses.replace(one, read_only=False) for name, one in known.items()}
 
-    @property
-    def former_names(self) -> Mapping[str, str]:
-        """Full name that there is no more, to another or to a reason."""
-        return getattr(self.group_type, "former_names", {})
-
-    def new_name(self, name: str) -> str:
-        """What a parameter is called that had this name; empty if there is none."""
-        new = self.former_names.get(name, "")
-        return new if new in self.declarations else ""
-
     def why_unknown(self, name: str) -> str:
         """See `pf_tracker_ros.parameters.why_unknown`."""
         return why_unknown(self.group_type, name)

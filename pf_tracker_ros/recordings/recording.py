@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box, as_box
+from pf_tracker_ros.boxes import Box, as_box, bounding_box
 from pf_tracker_ros.decoding.decoder import ImageDecoder
 from pf_tracker_ros.footage import (
     Footage,
@@ -187,7 +187,5 @@ def _box_of(points: list[tuple[float, float]]) -> Box | None:
     corners = np.array(points, dtype=np.float64).reshape(-1, 2)
     if len(corners) < 2 or not np.isfinite(corners).all():
         return None
-    (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
-    if left == right or top == bottom:
-        return None
-    return float(left), float(top), float(right - left), float(bottom - top)
+    box = bounding_box(corners)
+    return box if all(box[2:]) else None

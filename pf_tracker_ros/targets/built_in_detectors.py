@@ -8,11 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.background import BackgroundParameters
+from pf_tracker_ros.boxes import overlaps
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.targets.detections import Detections
-from pf_tracker_ros.targets.geometry import overlaps
 from pf_tracker_ros.tracking.camera import Camera
 from pf_tracker_ros.tracking.input_checks import check_image
 from pf_tracker_ros.tracking.tracker import NOMINAL_INTERVAL, usual_arithmetic
@@ -80,7 +79,7 @@ class PeopleDetector:
         self._hog = cv2.HOGDescriptor()
         people = cv2.HOGDescriptor_getDefaultPeopleDetector()  # type: ignore[attr-defined]
         self._hog.setSVMDetector(people)
-        self._eye = _Eye(0, None)
+        self._eye = _Eye(0, needs_foreground=False)
 
     def detect(self, image: NDArray[np.generic], interval: float = NOMINAL_INTERVAL) -> Detections:
         """See `Detector.detect`; the label is "person"."""
@@ -113,7 +112,7 @@ class MotionDetector:
     """
 
     def __init__(self, seed: int = 0) -> None:
-        self._eye = _Eye(seed, BackgroundParameters())
+        self._eye = _Eye(seed, needs_foreground=True)
         self._last: NDArray[np.uint8] | None = None
         self._found = np.zeros((0, 4))
 
@@ -170,11 +169,11 @@ class _Eye:
 
     Args:
         seed: Seeds the background model.
-        background: Of the model; None for none.
+        needs_foreground: Whether there is one.
     """
 
-    def __init__(self, seed: int, background: BackgroundParameters | None) -> None:
-        self._seed, self._background = seed, background
+    def __init__(self, seed: int, needs_foreground: bool) -> None:
+        self._seed, self._needs_foreground = seed, needs_foreground
         self._camera = Camera(seed, lays_ghosts=True)
         self._kind: tuple[Any, ...] = ()
         self.is_new = False
@@ -186,6 +185,8 @@ class _Eye:
             self._camera = Camera(self._seed, lays_ghosts=True)
             self._kind = (image.shape, image.dtype)
         with usual_arithmetic():
-            frame = self._camera.open(image, interval, (), self._background, follow_light=False)
+            frame = self._camera.open(
+                image, interval, (), self._needs_foreground, follow_light=False
+            )
         self._camera.keep(frame)
         return frame

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.targets.geometry import overlaps
+from pf_tracker_ros.boxes import Box, overlaps
 from pf_tracker_ros.targets.life import Key, Life
 
 SAME_ABOVE = 0.5

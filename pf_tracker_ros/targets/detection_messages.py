@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
+from pf_tracker_ros.boxes import Box, box_around_turned
 from pf_tracker_ros.targets.detections import Detections
 
 # Bytes of a message: a thousand detections, each of which becomes objects of Python.
@@ -32,7 +32,7 @@ def detections_of(message: Any) -> Detections:
     """
     boxes, scores, labels = [], [], []
     for detection in message.detections:
-        boxes.append(_upright(detection.bbox))
+        boxes.append(outline_of(detection.bbox))
         best = max(
             (one.hypothesis for one in detection.results), key=lambda one: one.score, default=None
         )
@@ -41,11 +41,9 @@ def detections_of(message: Any) -> Detections:
     return Detections(boxes, scores, labels)
 
 
-def _upright(box: Any) -> tuple[float, float, float, float]:
-    """(x, y, width, height) of the outline of a BoundingBox2D, pixels."""
-    width, height, angle = box.size_x, box.size_y, box.center.theta
-    if angle and math.isfinite(angle):
-        across, down = abs(math.cos(angle)), abs(math.sin(angle))
-        width, height = width * across + height * down, width * down + height * across
-    center = box.center.position
-    return center.x - width / 2, center.y - height / 2, width, height
+def outline_of(box: Any) -> Box:
+    """The box around a vision_msgs BoundingBox2D, which may be turned."""
+    center = box.center
+    return box_around_turned(
+        (center.position.x, center.position.y), (box.size_x, box.size_y), center.theta
+    )

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.appearances import Appearance, Descriptor
+from pf_tracker_ros.boxes import overlaps
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.plurals import counted
-from pf_tracker_ros.targets.geometry import overlaps
 
 # Characters of a label.
 _LONGEST_LABEL = 100

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance, Descriptor
-from pf_tracker_ros.boxes import Box, as_box
+from pf_tracker_ros.boxes import Box, as_box, is_cut, overlaps
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.detections import Sighting
-from pf_tracker_ros.targets.geometry import is_cut, overlaps
 from pf_tracker_ros.targets.life import Key, Life
 from pf_tracker_ros.tracking.follower import Follower
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from pf_tracker_ros.boxes import overlaps
 from pf_tracker_ros.targets.crowd import SAME_ABOVE, Crowd
-from pf_tracker_ros.targets.geometry import overlaps
 from pf_tracker_ros.targets.life import Key, Life
 
 # Names of targets that are remembered beyond those that there are.

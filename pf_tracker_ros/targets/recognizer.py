@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance
+from pf_tracker_ros.boxes import covered
 from pf_tracker_ros.targets.assignment import assign
 from pf_tracker_ros.targets.crowd import Crowd
-from pf_tracker_ros.targets.geometry import covered
 from pf_tracker_ros.targets.life import Life
 
 # A target is recognized where its appearance differs by less than so much of what it usually

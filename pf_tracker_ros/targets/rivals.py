@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import as_box
+from pf_tracker_ros.boxes import as_box, is_cut, overlaps
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.targets.crowd import Crowd
-from pf_tracker_ros.targets.geometry import is_cut, overlaps
 from pf_tracker_ros.targets.initiator import Initiator
 from pf_tracker_ros.targets.life import Glimpse, Key, Life
 from pf_tracker_ros.tracking.steering import Steering

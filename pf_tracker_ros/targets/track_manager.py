@@ -184,7 +184,7 @@ class TrackManager:
         with usual_arithmetic():
             crowd, moments = self._adapted(other)
         self.frames.put(moments)
-        if other._follower.background != self._follower.background:
+        if other._follower.needs_foreground != self._follower.needs_foreground:
             self._camera.forget_background()
         before = self._parameters
         self._crowd, self._seed = crowd, other._seed
@@ -291,8 +291,8 @@ class TrackManager:
     def _open(
         self, camera: Camera, frame: Frame, interval: float, boxes: Sequence[Box]
     ) -> None:
-        background, follow_light = self._follower.background, self._parameters.follow_light
-        camera.open(frame, interval, boxes, background, follow_light)
+        follower, follow_light = self._follower, self._parameters.follow_light
+        camera.open(frame, interval, boxes, follower.needs_foreground, follow_light)
 
     def _sightings(
         self, detections: Detections, frame: Frame

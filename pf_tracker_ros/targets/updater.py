@@ -12,11 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance
-from pf_tracker_ros.boxes import Box, BoxesByAxis, are_at, as_box, sides_apart
+from pf_tracker_ros.boxes import (
+    Box,
+    BoxesByAxis,
+    are_at,
+    as_box,
+    covered,
+    is_cut,
+    overlaps,
+    sides_apart,
+)
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
 from pf_tracker_ros.targets.detections import Sighting
-from pf_tracker_ros.targets.geometry import covered, is_cut, overlaps
 from pf_tracker_ros.targets.ground import Ground, grounds_of
 from pf_tracker_ros.targets.life import Life
 from pf_tracker_ros.tracking.follower import Follower

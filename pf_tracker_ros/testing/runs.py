@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.evaluation import metrics
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE, is_bag, open_bag
-from pf_tracker_ros.overlay import COLORS, draw_overlay
+from pf_tracker_ros.overlay import COLORS, draw_box, draw_overlay
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.report import recording_page
@@ -234,8 +234,7 @@ class TrackedRun:
         color = COLORS.get(self._states[index], COLORS["tracking"])
         for box, drawn in ((self.reference[index], _REFERENCE_COLOR), (found.box, color)):
             if box is not None and np.isfinite(box).all():
-                x, y, width, height = (round(float(value)) for value in box)
-                cv2.rectangle(canvas, (x, y), (x + width - 1, y + height - 1), drawn, 2)
+                draw_box(canvas, np.asarray(box, np.float64), drawn, 2)
         return canvas
 
 

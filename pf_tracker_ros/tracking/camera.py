@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.background import BackgroundModel, BackgroundParameters
+from pf_tracker_ros.background import BackgroundModel
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Foreground, Frame
 from pf_tracker_ros.frames.ego_motion import EgoMotion
@@ -71,7 +71,7 @@ class Camera:
         frame: Frame,
         interval: float,
         boxes: Sequence[Box],
-        background: BackgroundParameters | None,
+        needs_foreground: bool,
         follow_light: bool,
     ) -> None:
         """Prepare the next frame; it is the last one as soon as `keep` says so.
@@ -82,7 +82,7 @@ class Camera:
             frame: Of the size and kind of the last one; checked.
             interval: Seconds since that one.
             boxes: Where targets are.
-            background: Of the model; None where nobody asks for the foreground.
+            needs_foreground: Whether anybody asks for the foreground.
             follow_light: Whether an image that has become brighter or darker as a whole is seen in
                 the light of those before.
         """
@@ -91,8 +91,8 @@ class Camera:
         frame.expose(self._next_gain.span, self._next_light)
         if self._ego_motion:
             frame.camera_motion = self._ego_motion.follow(frame)
-        if background:
-            self.observe_background(frame, boxes, background)
+        if needs_foreground:
+            self.observe_background(frame, boxes)
 
     def keep(self, frame: Frame) -> None:
         """Take a frame that was opened for the last one."""
@@ -104,15 +104,13 @@ class Camera:
         """Let the background model begin anew when it is asked for again."""
         self._background = None
 
-    def observe_background(
-        self, frame: Frame, boxes: Sequence[Box], background: BackgroundParameters
-    ) -> None:
+    def observe_background(self, frame: Frame, boxes: Sequence[Box]) -> None:
         """Tell the frame its foreground, and learn its background; arguments as for `open`."""
         if self._background is None:
             seeds = np.random.SeedSequence(self._seed, spawn_key=(_BACKGROUND_KEY,))
             draw = np.random.default_rng(seeds)
             self._background = BackgroundModel(
-                frame.pixels, background, draw, boxes, lays_ghosts=self._lays_ghosts
+                frame.pixels, draw, boxes, lays_ghosts=self._lays_ghosts
             )
         mask = self._background.update(frame.pixels, boxes)
         frame.background = self._background.state

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.background import BackgroundParameters
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.cues.fusion import Templates
@@ -122,11 +121,6 @@ class Follower:
     def needs_foreground(self) -> bool:
         """Whether `Frame.foreground` is asked for."""
         return self._fusion.needs_foreground
-
-    @property
-    def background(self) -> BackgroundParameters | None:
-        """Of the background model that the foreground comes from; None where it is not needed."""
-        return self.parameters.background if self.needs_foreground else None
 
     def begin(
         self,

@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any
 
 from pf_tracker_ros.appearances import AppearanceParameters
-from pf_tracker_ros.background import BackgroundParameters
 from pf_tracker_ros.cues import CUES, FusionParameters, TemplateParameters
 from pf_tracker_ros.filter import MotionParameters, ProposalParameters, ResamplingParameters
 from pf_tracker_ros.parameters import declared, group, parts
-from pf_tracker_ros.tracking.former_names import FORMER_NAMES
 from pf_tracker_ros.tracking.redetection import RedetectionParameters
 from pf_tracker_ros.tracking.track_parameters import DetectorParameters, TrackParameters
 
 
-def _with_foreground() -> tuple[str, ...]:
-    names = (name for name, cue in CUES.items() if getattr(cue, "needs_foreground", False))
-    return "cues", *names
 
 
 @dataclass(frozen=True)
 class TrackerParameters:
     """The tracker's tunables; a preset names its values over these defaults."""
-
-    former_names: ClassVar[Mapping[str, str]] = MappingProxyType(FORMER_NAMES)
 
     max_targets: int = declared(
         1,
@@ -67,7 +58,6 @@ class TrackerParameters:
         choices=CUES,
     )
     of_cues: dict[str, Any] = parts("cues", CUES)
-    background: BackgroundParameters = group(BackgroundParameters, only_with=_with_foreground)
     fusion: FusionParameters = group(FusionParameters, only_with=("proposal.method", "search"))
     redetection: RedetectionParameters = group(
         RedetectionParameters, only_with=("proposal.method", "search")

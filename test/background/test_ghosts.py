@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pf_tracker_ros.background import BackgroundModel, BackgroundParameters
+from pf_tracker_ros.background import BackgroundModel
 
 HEIGHT, WIDTH = 60, 80
 HERE, THERE = np.s_[20:40, 10:25], np.s_[20:40, 45:60]
@@ -26,8 +26,8 @@ def with_object(place, color):
 
 
 def model_of(image, lays_ghosts):
-    parameters, draw = BackgroundParameters(), np.random.default_rng(0)
-    return BackgroundModel(image, parameters, draw, reduction=1, lays_ghosts=lays_ghosts)
+    draw = np.random.default_rng(0)
+    return BackgroundModel(image, draw, reduction=1, lays_ghosts=lays_ghosts)
 
 
 def share(mask, place):

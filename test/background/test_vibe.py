@@ -4,13 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros.background import BackgroundModel, BackgroundParameters
+from pf_tracker_ros.background import BackgroundModel
 
 
-def model_of(image, seed=0, moving_camera=False, holes=(), **options):
-    parameters = BackgroundParameters(moving_camera=moving_camera)
+def model_of(image, seed=0, holes=(), **options):
     options = {"reduction": 1} | options
-    return BackgroundModel(image, parameters, np.random.default_rng(seed), holes, **options)
+    return BackgroundModel(image, np.random.default_rng(seed), holes, **options)
 
 
 def noise(shape, seed, low=0, high=256):
@@ -141,81 +140,6 @@ def test_the_mask_is_as_much_smaller_as_the_model(size):
     assert mask[5:7, 5:9].all()
 
 
-def textured(seed=5):
-    coarse = np.random.default_rng(seed).integers(0, 256, (30, 40)).astype(np.uint8)
-    return cv2.resize(coarse, (400, 300), interpolation=cv2.INTER_CUBIC)
-
-
-def view(scene, right, down):
-    """A 240 x 180 picture of a larger scene, the camera moved by whole or broken pixels."""
-    matrix = np.array([[1.0, 0.0, -40.0 - right], [0.0, 1.0, -40.0 - down]])
-    return cv2.warpAffine(scene, matrix, (240, 180), flags=cv2.INTER_LINEAR)
-
-
-def test_a_panning_camera_leaves_the_background_background_and_a_mover_foreground():
-    scene = textured()
-    still = model_of(view(scene, 0, 0))
-    following = model_of(view(scene, 0, 0), moving_camera=True)
-    for step in range(1, 25):
-        image = view(scene, 1.6 * step, 0.7 * step)
-        column = 20 + 5 * step
-        image[80:110, column : column + 20] = 255 - image[80:110, column : column + 20] // 4
-        lost, mask = still.update(image), following.update(image)
-        assert following.status in ("warped", "still")
-    assert following.status == "warped"
-    mover = np.zeros(mask.shape, bool)
-    mover[80:110, column : column + 20] = True
-    assert (mask[mover] > 0).mean() > 0.8
-    assert (mask[~mover] > 0).mean() < 0.05
-    assert (lost[~mover] > 0).mean() > 0.3
-
-
-def test_what_is_left_of_the_camera_s_motion_is_of_the_model_as_it_was_moved(monkeypatch):
-    """A pan with zoom: all shifts of the model and what is left of them are the whole motion."""
-    model = model_of(textured(), moving_camera=True)
-    motion = np.array([[1.002, 0.0, 12.0], [0.0, 1.002, 0.0], [0.0, 0.0, 1.0]])
-    shifts = [np.eye(3)]
-    warp = model._warp
-
-    def noted(shift, planes):
-        shifts.append(shift.copy())
-        warp(shift, planes)
-
-    monkeypatch.setattr(model._camera, "update", lambda gray: motion.copy())
-    monkeypatch.setattr(model, "_warp", noted)
-    whole = np.eye(3)
-    for _ in range(20):
-        model.update(textured())
-        whole = motion @ whole
-        moved = np.linalg.multi_dot([*shifts[::-1], np.eye(3)])
-        np.testing.assert_allclose(model._alignment @ moved, whole, atol=1e-9)
-
-
-def test_a_still_camera_is_left_alone():
-    image = view(textured(), 0, 0)
-    model = model_of(image, moving_camera=True)
-    for _ in range(3):
-        # On the steepest edges few of a pixel's neighbors are within the radius of its value.
-        assert (model.update(image) > 0).mean() < 0.01
-        assert model.status == "still"
-
-
-def test_a_cut_restarts_the_model_and_says_so():
-    model = model_of(view(textured(5), 0, 0), moving_camera=True)
-    assert not model.update(view(textured(6), 0, 0)).any()
-    assert model.status == "restarted"
-    assert str(model.state) == "off: the camera's motion could not be estimated"
-    assert (model.update(view(textured(6), 0, 0)) > 0).mean() < 0.01
-    assert model.status == "still"
-
-
-@pytest.mark.parametrize("size", [(1, 1), (1, 30), (9, 9)])
-def test_images_too_small_to_follow_do_not_crash(size):
-    model = model_of(np.full(size, 9, np.uint8), moving_camera=True)
-    assert model.update(np.full(size, 9, np.uint8)).shape == size
-    assert model.status == "restarted"
-
-
 def test_what_the_first_frame_s_target_hid_leaves_no_ghost():
     empty = np.full((60, 60), 90, np.uint8)
     first = empty.copy()
@@ -262,9 +186,7 @@ def test_a_model_without_colors_is_one_of_the_gray_image():
 def test_what_is_chosen_unless_asked_otherwise():
     """20 samples in colors of a half-size image, which match within 20 gray levels."""
     image = np.full((40, 40, 3), 100, np.uint8)
-    parameters = BackgroundParameters()
-    model = BackgroundModel(image, parameters, np.random.default_rng(0))
-    assert not parameters.moving_camera
+    model = BackgroundModel(image, np.random.default_rng(0))
     assert model.reduction == 2
     assert model.samples.shape == (20, 3, 20, 20)
     assert not model.update(image + np.uint8(20)).any()

@@ -17,18 +17,8 @@ def test_only_what_is_in_the_box_is_counted(vibe):
     assert vibe.count_inside(mask, np.array([-10.0, -10.0, 30.0, 25.0])) == (5 * 10, 20 * 15)
 
 
-@pytest.mark.parametrize(
-    ("options", "detected"),
-    [
-        ([], "100.0"),
-        (["--gray", "--reduction", "4"], "100.0"),
-        # The ground is too smooth to be followed: what moves is taken for the camera's motion.
-        (["--moving-camera"], "0.0"),
-    ],
-)
-def test_a_square_that_has_moved_is_found(
-    vibe, options, detected, moving_square_sequence, tmp_path
-):
+@pytest.mark.parametrize("options", [[], ["--gray", "--reduction", "4"]])
+def test_a_square_that_has_moved_is_found(vibe, options, moving_square_sequence, tmp_path):
     output = tmp_path / "new" / "vibe.md"
     arguments = [str(moving_square_sequence), "--skip", "8", "--output", str(output), *options]
     assert vibe.main(arguments) == 0
@@ -39,8 +29,8 @@ def test_a_square_that_has_moved_is_found(
     assert heading == list(vibe.HEADINGS)
     figures = dict(zip(heading, row, strict=True))
     assert (figures["sequence"], figures["image"]) == ("moving_square", "160x120")
-    assert figures["detected %"] == detected
-    assert (float(figures["recall %"]) > 40.0) == (detected == "100.0")
+    assert figures["detected %"] == "100.0"
+    assert float(figures["recall %"]) > 40.0
 
 
 @pytest.mark.parametrize(

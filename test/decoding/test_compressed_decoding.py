@@ -124,7 +124,7 @@ def test_other_formats_are_refused_and_named(noise):
 @pytest.mark.parametrize("extension", [".jpg", ".png"])
 def test_a_cut_off_image_is_refused_wherever_it_ends(noise, extension):
     data = encoded(noise(height=24, width=24), extension)
-    for length in range(0, len(data) - 12, 7):
+    for length in range(len(data) - 12):
         with pytest.raises(ImageError):
             decoded(data[:length])
 

@@ -82,23 +82,6 @@ def test_what_cannot_be_learned_again_refuses_the_change(walkers, make_tracker):
     tracker.set_parameters({"particles": 50})
 
 
-def test_a_background_model_with_other_parameters_begins_anew(walkers, make_tracker):
-    """A camera that pans: a model that takes it for still finds foreground everywhere."""
-    trackers = [make_tracker(), make_tracker(background__moving_camera=True)]
-    shares = []
-    for tracker in trackers:
-        tracker.start(walkers.images[0], walkers.boxes[0][0])
-        tracker.update(walkers.images[0], INTERVAL)
-    trackers[0].set_parameters({"background.moving_camera": True})
-    for tracker in trackers:
-        for step in range(1, 30):
-            tracker.update(np.roll(walkers.images[0], 2 * step, axis=1), INTERVAL)
-        mask = tracker.history.last.frame.foreground.mask
-        shares.append(float((mask > 0).mean()))
-    assert shares[0] == pytest.approx(shares[1], abs=0.1)
-    assert shares[0] < 0.5
-
-
 def test_a_lost_target_stays_lost_for_sure_when_it_is_learned_again(walkers, make_tracker):
     tracker = make_tracker(track__lost_after=0.5)
     tracker.start(walkers.images[0], walkers.boxes[0][0])

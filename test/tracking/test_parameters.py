@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.background import BackgroundModel
 from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.filter import MOTION_MODELS, RESAMPLERS
 from pf_tracker_ros.parameters import ParameterError, build, declarations, flatten
-from pf_tracker_ros.tracking.former_names import FORMER_NAMES
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
@@ -110,51 +108,6 @@ def test_a_single_cue_has_all_of_the_power(couple):
         assert dict(tracker.start(couple.images[0], box(couple.first, 0)).powers) == {"hog": 1.0}
     with pytest.raises(ParameterError, match=r"all cues are off; .* 'hog\.power' must be above 0"):
         Tracker.from_preset("zhang2015", parameters={"hog.power": 0.0})
-
-
-# What became of others
-
-
-@pytest.mark.parametrize("name", FORMER_NAMES)
-def test_a_former_name_is_refused_with_what_to_use_or_why_there_is_nothing(name):
-    assert name not in EVERY
-    instead = FORMER_NAMES[name]
-    if instead in EVERY:
-        message = f"no parameter '{name}'; use '{instead}'"
-    else:
-        message = f"no parameter '{name}'; {instead}"
-        assert " " in instead
-        # What a reason names exists, be it a parameter or what one can be set to.
-        choices = {choice for declaration in EVERY.values() for choice in declaration.choices}
-        assert set(re.findall(r"'([^']*)'", instead)) <= EVERY.keys() | choices
-    with pytest.raises(ParameterError, match=f"^{re.escape(message)}$"):
-        Tracker.from_preset("default", parameters={name: 1})
-
-
-def test_what_a_former_number_is_fixed_at_is_what_is_used():
-    """As far as it is the default of an argument by the same name."""
-    fixed = {
-        name: float(reason.removeprefix("it is fixed at "))
-        for name, reason in FORMER_NAMES.items()
-        if re.fullmatch(r"it is fixed at [\d.]+", reason)
-    }
-    defaults = {
-        f"{former}.{argument}": value
-        for former, cue in {
-            "color_histogram": "color_histogram",
-            "gradient_orientation": "gradient_orientation",
-            "foreground_probability": "color_contrast",
-            "moving_foreground": "foreground",
-            "correlation_response": "correlation_response",
-        }.items()
-        for argument, value in CUES[cue].__init__.__kwdefaults__.items()
-    }
-    model = BackgroundModel.__init__.__kwdefaults__
-    defaults |= {f"background.{argument}": value for argument, value in model.items()}
-    # 11 of cues and 5 of the background model.
-    assert len(fixed.keys() & defaults.keys()) == 11 + 5
-    for name in fixed.keys() & defaults.keys():
-        assert defaults[name] == fixed[name]
 
 
 # Changes under way

@@ -404,7 +404,6 @@ def test_another_model_learns_the_target_where_it_was_last_seen(started, images,
         ("li2007", "motion.model", "constant_velocity_and_size"),
         ("default", "proposal.method", "transition"),
         ("default", "correlation_response.window", 3.0),
-        ("zhang_bo", "background.moving_camera", True),
     ],
 )
 def test_what_the_library_fixes_is_learned_again(preset, name, value, images, box):

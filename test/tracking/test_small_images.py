@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.background import BackgroundModel, BackgroundParameters
+from pf_tracker_ros.background import BackgroundModel
 from pf_tracker_ros.tracking.presets import PRESETS
 
 SIZES = [(1, 1), (1, 2), (2, 1), (2, 2), (2, 3), (3, 2), (1, 50), (50, 1), (5, 5)]
@@ -38,24 +38,20 @@ def test_an_image_of_few_pixels_is_tracked_in_like_any_other(preset, size, kind,
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
-@pytest.mark.parametrize("moving_camera", [False, True])
-def test_a_camera_of_one_pixel_may_move(moving_camera, kind):
+def test_a_background_of_one_pixel_may_change(kind):
     generator = np.random.default_rng(4)
-    parameters = {"background.moving_camera": moving_camera}
-    tracker = Tracker.from_preset("zhang_bo", parameters=parameters)
+    tracker = Tracker.from_preset("zhang_bo")
     tracker.start(KINDS[kind](generator, (1, 1)), (0, 0, 1, 1))
     for _ in range(20):
         assert is_finite(tracker.update(KINDS[kind](generator, (1, 1))))
 
 
 @pytest.mark.parametrize("color", [False, True])
-@pytest.mark.parametrize("moving_camera", [False, True])
 @pytest.mark.parametrize("reduction", [1, 16])
-def test_every_background_model_takes_one_pixel(color, moving_camera, reduction):
+def test_every_background_model_takes_one_pixel(color, reduction):
     generator = np.random.default_rng(4)
     model = BackgroundModel(
         KINDS["color"](generator, (1, 1)),
-        BackgroundParameters(moving_camera=moving_camera),
         np.random.default_rng(0),
         [(0.0, 0.0, 1.0, 1.0)],
         color=color,

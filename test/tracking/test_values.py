@@ -123,7 +123,6 @@ def test_a_copied_tracker_with_gray_images_and_every_motion_goes_on_as_well(copi
     images = [image.astype(np.uint16) * 30 for image in images]
     parameters = {
         "motion.model": "second_order_autoregressive",
-        "background.moving_camera": True,
         "cues": ("foreground_color_histogram", "gradient_orientation", "foreground", "hog"),
     }
     tracker = Tracker.from_preset("zhang_bo", seed=3, parameters=parameters)

@@ -45,7 +45,6 @@ def test_the_same_seed_gives_the_same_bits():
         {"cues": ("color_histogram", "gradient_orientation", "foreground")},
         {"foreground.power": 0.0},
         {"cues": ("foreground_color_histogram", "gradient_orientation")},
-        {"background.moving_camera": True},
     ],
 )
 def test_each_part_can_be_left_out_or_extended(parameters):

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.evaluation.reports.content import SequenceContent
-from pf_tracker_ros.overlay import COLORS, draw_overlay
+from pf_tracker_ros.overlay import COLORS, draw_box, draw_overlay
 
 _WIDTH = 320
 _QUALITY = 72
 _TRUTH = (80, 220, 80)
-_OUTLINE = (0, 0, 0)
 # Of an image so many times the target's longer side is shown, and no less than so many pixels.
 _SURROUNDINGS = 3.0
 _SMALLEST = 60.0
@@ -84,7 +83,7 @@ def _picture(content: SequenceContent, index: int, image: NDArray[Any]) -> Pictu
     canvas = cv2.resize(canvas, size, interpolation=interpolation)
     for box, color in known:
         shifted = box - np.array([left, top, 0.0, 0.0])
-        _draw(canvas, shifted * scale, color)
+        draw_box(canvas, shifted * scale, color, 2)
     encoded = cv2.imencode(".jpg", canvas, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
     address = "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode()
     return Picture(content.first + index, _caption(content, index), *size, address)
@@ -104,15 +103,6 @@ def _window(width: int, height: int, boxes: list[NDArray[np.float64]]) -> tuple[
     left = int(np.clip(round(center[0] - across / 2), 0, width - across))
     top = int(np.clip(round(center[1] - down / 2), 0, height - down))
     return left, top, left + across, top + down
-
-
-def _draw(canvas: NDArray[Any], box: NDArray[np.float64], color: tuple[int, int, int]) -> None:
-    height, width = canvas.shape[:2]
-    x, y, right, bottom = box[0], box[1], box[0] + box[2] - 1, box[1] + box[3] - 1
-    corners = np.rint(np.clip([x, y, right, bottom], -width, 2 * max(width, height)))
-    first, second = (tuple(map(int, corner)) for corner in (corners[:2], corners[2:]))
-    cv2.rectangle(canvas, first, second, _OUTLINE, 4)
-    cv2.rectangle(canvas, first, second, color, 2)
 
 
 def _caption(content: SequenceContent, index: int) -> str:

@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PolygonStamped
 from sensor_msgs.msg import Image, PointCloud2
 
+from pf_tracker_ros.boxes import bounding_box
 from pf_tracker_ros.footage.messages import PARTICLE_FIELDS
 
 Json = dict[str, Any]
@@ -51,9 +52,7 @@ def box_around(points: Sequence[Any]) -> list[float] | None:
     corners = np.array([(point.x, point.y) for point in points], np.float64)
     if not corners.size or not np.isfinite(corners).all():
         return None
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    with np.errstate(over="ignore"):
-        box = [round(float(value), 3) for value in (*low, *(high - low))]
+    box = [round(value, 3) for value in bounding_box(corners)]
     return box if np.isfinite(box).all() else None
 
 

@@ -11,6 +11,7 @@ from std_msgs.msg import UInt32
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pf_tracker_ros.node.console.answers import Json, box_around, status_of
+from pf_tracker_ros.targets.detection_messages import outline_of
 
 _BOXES = "boxes"
 _MOST = 1000
@@ -54,11 +55,7 @@ def detections_of(message: Any) -> list[Json]:
     """The boxes of a vision_msgs Detection2DArray, [x, y, width, height] in pixels, with labels."""
     detections = []
     for detection in message.detections[:_MOST]:
-        center, width, height = detection.bbox.center, detection.bbox.size_x, detection.bbox.size_y
-        if math.isfinite(center.theta):
-            across, down = abs(math.cos(center.theta)), abs(math.sin(center.theta))
-            width, height = width * across + height * down, width * down + height * across
-        box = [center.position.x - width / 2, center.position.y - height / 2, width, height]
+        box = outline_of(detection.bbox)
         if not all(math.isfinite(value) for value in box):
             continue
         scored = [one.hypothesis for one in detection.results]

@@ -13,7 +13,7 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pf_tracker_ros.footage.messages import box_corners
+from pf_tracker_ros.boxes import box_corners
 from pf_tracker_ros.node.message_building import image_message, several_particles_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, advertise
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE, several_detections_message

@@ -248,14 +248,6 @@ REFUSED = {
         {"particles": 9, "hog__sharpness": -1.0},
         "parameter 'hog.sharpness' is -1.0; allowed: float, 0 to 1000",
     ),
-    "a former name": (
-        {"particles": 9, "oriented_gradients__power": 1.0},
-        "no parameter 'oriented_gradients.power'; use 'hog.power'",
-    ),
-    "a name that is gone": (
-        {"particles": 9, "adaptive_number__error": 0.1},
-        "no parameter 'adaptive_number.error'; the number of particles is 'particles'",
-    ),
     "a misspelt name": ({"particels": 9}, "no parameter 'particels' (did you mean 'particles'?)"),
     "a name of nothing": (
         {"zzz": 9},

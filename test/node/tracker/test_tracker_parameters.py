@@ -143,54 +143,6 @@ def test_a_parameter_that_does_not_exist_is_reported_and_does_not_stop_the_track
     assert "no parameter 'particels' (did you mean 'particles'?)" in status.message
 
 
-FORMER = {
-    "renamed": (
-        {"oriented_gradients__sharpness": 90.0},
-        "no parameter 'oriented_gradients.sharpness'; use 'hog.sharpness'",
-        {"hog__sharpness": 90.0},
-    ),
-    "two in one": (
-        {"motion__affine_drift_x": 1.0, "motion__affine_drift_y": 0.5},
-        "no parameter 'motion.affine_drift_y'; use 'motion.drift'",
-        {"preset": "zhang_bo", "motion__drift": [1.0, 0.5]},
-    ),
-    "replaced by a preset": (
-        {"oriented_gradients__power": 1.0},
-        "no parameter 'oriented_gradients.power'; use 'hog.power'",
-        {"preset": "li2007"},
-    ),
-}
-
-
-@pytest.mark.parametrize("kind", FORMER)
-def test_a_former_name_keeps_the_node_from_tracking_until_the_new_one_is_set(
-    graph, client, images, kind, capfd
-):
-    given, reason, right = FORMER[kind]
-    box = [20.0, 30.0, 24.0, 24.0]
-    graph.tracker(client, preset="zhang2015", target_box=box, **QUICK, **given)
-    status = client.show(images[0], client.at(0))
-    assert (status.level, status.values["state"]) == ("ERROR", "idle")
-    assert status.message.startswith("not tracking: ")
-    assert reason in status.message
-    assert reason in capfd.readouterr().err
-    assert client.set_parameters(particles=21).successful
-    assert client.show(images[0], client.at(1)).level == "ERROR"
-    assert client.set_parameters(**right).successful
-    status = client.show(images[0], client.at(2))
-    assert (status.level, status.values["frame"]) == ("OK", "started")
-
-
-def test_a_name_that_is_gone_keeps_the_node_from_tracking_for_good(graph, client, images, box):
-    graph.tracker(client, target_box=box, template__keep=0.9, **QUICK)
-    for index, changes in enumerate(({}, {"particles": 21}, {"preset": "li2007"})):
-        assert not changes or client.set_parameters(**changes).successful
-        status = client.show(images[0], client.at(index))
-        assert (status.level, status.values["state"]) == ("ERROR", "idle")
-        assert "no parameter 'template.keep'; each cue has its own" in status.message
-        assert "start without it" in status.message
-
-
 def test_a_value_of_a_part_that_is_not_chosen_waits_for_it(graph, client, images, box):
     graph.tracker(client, target_box=box, hog__sharpness=90.0, **QUICK)
     status = client.show(images[0], client.at(0))

@@ -1,4 +1,4 @@
-"""A progress bar with frames a second and what is left."""
+"""A progress bar with the rate and what is left, for people who wait."""
 
 from __future__ import annotations
 
@@ -8,20 +8,23 @@ from contextlib import contextmanager
 
 _REDRAWN_EVERY = 0.1
 
+OnProgress = Callable[[str, int], None]
+"""Told what is worked on, and how much of it is done since it was told last."""
+
 
 @contextmanager
-def progress_bar(
-    name: str, total: int | None, unit: str = "frames"
-) -> Iterator[Callable[[], None]]:
+def progress_bar(total: int | None, unit: str = "frames", name: str = "") -> Iterator[OnProgress]:
     """Show on standard error, if it is a terminal, how far the work is. Needs Rich.
 
+    The bar is gone when the block ends, before a table or an error is printed.
+
     Args:
-        name: Of the recording, or of what else is worked through.
-        total: Its frames, None where that is unknown.
+        total: How many there are to do, None where that is unknown.
         unit: What is counted.
+        name: Of what is worked on first.
 
     Yields:
-        What to call after each of them.
+        What to call as it goes on.
     """
     from rich.console import Console
     from rich.progress import (
@@ -43,7 +46,7 @@ def progress_bar(
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    # Rich would redraw from a thread of its own, beside those that track and encode.
+    # Rich would redraw from a thread of its own, whose CPU time would count as the tracker's.
     with Progress(
         *columns,
         console=console,
@@ -55,13 +58,14 @@ def progress_bar(
         began = drawn = time.monotonic()
         count = 0
 
-        def advance() -> None:
+        def on_progress(name: str, done: int) -> None:
             nonlocal count, drawn
-            count += 1
+            count += done
             now = time.monotonic()
+            rate = count / max(now - began, 1e-9)
+            progress.update(task, completed=count, description=name, rate=rate)
             if now - drawn > _REDRAWN_EVERY:
-                progress.update(task, completed=count, rate=count / (now - began))
                 progress.refresh()
                 drawn = now
 
-        yield advance
+        yield on_progress
