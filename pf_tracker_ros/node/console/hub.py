@@ -158,7 +158,7 @@ class Hub:
             now,
             stands_still=stands_still,
             others=self._link.trackers_that_are_there,
-            mismatches=self._link.mismatches,
+            graph_faults=self._link.graph_faults,
         )
 
     # Browsers

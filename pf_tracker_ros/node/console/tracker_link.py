@@ -23,8 +23,8 @@ from pf_tracker_ros.node.console.answered_images import AnsweredImages
 from pf_tracker_ros.node.console.answers import box_of, heat_of, particles_of, status_of
 from pf_tracker_ros.node.console.several import boxes_of, detections_of, stop_message, targets_of
 from pf_tracker_ros.node.console.tracker_services import TrackerError, TrackerServices
+from pf_tracker_ros.node.graph_watch import GraphWatch
 from pf_tracker_ros.node.message_building import box_message
-from pf_tracker_ros.node.mismatches import MismatchWatch
 from pf_tracker_ros.node.qos import DEFAULT_QOS, advertise, subscribe
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 from pf_tracker_ros.stamps import set_stamp, stamp_of
@@ -75,7 +75,7 @@ class TrackerLink:
         self._stops = self._advertise("stop_target", UInt32)
         self.services = TrackerServices(node, self.name, self._do)
         node.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
-        self._mismatches = MismatchWatch(node, self._report)
+        self._graph = GraphWatch(node, self._report)
 
     # What is said to the tracker; called from any thread
 
@@ -241,18 +241,14 @@ class TrackerLink:
     def _expect_subscriber(self, publisher: Any) -> None:
         if not publisher.get_subscription_count():
             topic = publisher.topic_name
-            for mismatch in self.mismatches:
-                if mismatch.startswith(f"{topic} "):
-                    raise TrackerError(mismatch)
-            raise TrackerError(
-                f"nobody takes targets on {publisher.topic_name}: is the tracker running and "
-                "active?"
-            )
+            nobody = f"nobody takes targets on {topic}: is the tracker running and active?"
+            faults = (one for one in self.graph_faults if one.startswith(f"{topic} "))
+            raise TrackerError(next(faults, nobody))
 
     @property
-    def mismatches(self) -> tuple[str, ...]:
-        """Why the console cannot hear or reach others, a sentence each, as long as that lasts."""
-        return self._mismatches.lasting
+    def graph_faults(self) -> tuple[str, ...]:
+        """Lasting faults of the ROS graph around the console, a sentence each."""
+        return self._graph.lasting
 
     def _report(self, fault: str) -> None:
         self._node.get_logger().warning(fault)
