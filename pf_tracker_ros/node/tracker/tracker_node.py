@@ -88,8 +88,7 @@ class TrackerNode(ManagedNode):
         take_whole_requests(self, self._binding)
         self._real_time: RealTimePriority | None = None
         if has_process:
-            usual = NodeParameters.realtime_priority
-            self._real_time = RealTimePriority(self._reporter.report, usual)
+            self._real_time = RealTimePriority(self._reporter.report)
             self._real_time.ask(self._values["realtime_priority"])
         self._preset = self._following.preset(self._values)
         self._decoder = ImageDecoder(self._values["largest_image"])
