@@ -27,6 +27,7 @@ from pf_tracker_ros.node.replay.replay_node import ReplayNode
 from pf_tracker_ros.node.replay.replay_source import make_header
 from pf_tracker_ros.node.running import spin_until_shutdown
 from pf_tracker_ros.node.tracker.tracker_node import TrackerNode
+from pf_tracker_ros.ros_domains import unused_domain
 from pf_tracker_ros.stamps import stamp_of
 
 _EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
@@ -70,8 +71,8 @@ def replay_in_lockstep(
 ) -> Answers:
     """Replay a recording into a tracker node, each in a context of its own, and listen.
 
-    They meet in a namespace that nobody else has, and on this machine alone unless
-    ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise.
+    They meet in a ROS domain in which nobody else on this machine is, in a namespace that nobody
+    else has, and on this machine alone unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise.
 
     Args:
         source: What `replay` plays.
@@ -83,6 +84,7 @@ def replay_in_lockstep(
 
     Raises:
         LockstepError: The nodes do not meet, or do not come to the end.
+        RuntimeError: There is somebody in every ROS domain.
     """
     namespace = f"/replay_{uuid.uuid4().hex}"
     reliably = {"image_reliability": "reliable", **tracker}
@@ -90,12 +92,13 @@ def replay_in_lockstep(
     deadline = time.monotonic() + timeout
     with (
         _on_this_machine(),
-        _spinning(TrackerNode, namespace, reliably) as node,
-        _spinning(_Listener, namespace, {}) as listener,
+        unused_domain() as domain,
+        _spinning(TrackerNode, domain, namespace, reliably) as node,
+        _spinning(_Listener, domain, namespace, {}) as listener,
     ):
         _wait(lambda: listener.knows(node), _MEETING_TIMEOUT, "the tracker was not found")
         listener.send(box, stamp)
-        with _spinning(ReplayNode, namespace, {**lockstep, **replay}) as player:
+        with _spinning(ReplayNode, domain, namespace, {**lockstep, **replay}) as player:
             if not player.has_begun:
                 raise LockstepError(f"{source} cannot be replayed; the log says why")
             _wait(
@@ -162,11 +165,11 @@ class _Listener(Node):
 
 @contextmanager
 def _spinning(
-    create: Callable[..., Any], namespace: str, parameters: Mapping[str, Any]
+    create: Callable[..., Any], domain: int, namespace: str, parameters: Mapping[str, Any]
 ) -> Iterator[Any]:
     """A node that spins in a thread and a context of its own."""
     context = Context()
-    rclpy.init(context=context)
+    rclpy.init(context=context, domain_id=domain)
     overrides = [
         Parameter(name, value=list(value) if isinstance(value, tuple) else value)
         for name, value in parameters.items()
