@@ -10,7 +10,7 @@ from typing import Any
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.node.console import player
-from pf_tracker_ros.node.console.answers import Json
+from pf_tracker_ros.node.console.answers import Json, note
 from pf_tracker_ros.node.console.browsers import Browser, Browsers
 from pf_tracker_ros.node.console.health import TrackerHealth
 from pf_tracker_ros.node.console.pairing import Pairing
@@ -149,14 +149,17 @@ class Hub:
             self._health.answered_at,
             now,
             may_repeat=self._player is None,
-            stands_still=self._player is not None and self._player.stands_still,
+            stands_still=self._stands_still,
         )
 
+    @property
+    def _stands_still(self) -> bool:
+        return self._player is not None and self._player.stands_still
+
     def _told_by_health(self, now: float) -> Json:
-        stands_still = self._player is not None and self._player.stands_still
         return self._health.told(
             now,
-            stands_still=stands_still,
+            stands_still=self._stands_still,
             others=self._link.trackers_that_are_there,
             graph_faults=self._link.graph_faults,
         )
@@ -183,18 +186,16 @@ class Hub:
     async def handle(self, browser: Browser, message: Any) -> None:
         """Do what a browser asks; what goes wrong is told to it alone."""
         kind = message.get("type") if isinstance(message, dict) else None
+        name = kind if isinstance(kind, str) else ""
         try:
-            if isinstance(kind, str) and kind in self._own_requests:
-                await self._own_requests[kind](browser, message)
-                return
-            if not isinstance(kind, str) or kind not in self._requests:
+            if own := self._own_requests.get(name):
+                await own(browser, message)
+            elif request := self._requests.get(name):
+                await request(message)
+            else:
                 raise RequestError(f"there is no request {kind!r}")
-            await self._requests[kind](message)
         except (RequestError, TrackerError) as error:
-            about = kind if isinstance(kind, str) else None
-            await browser.send_json(
-                {"type": "note", "about": about, "ok": False, "text": str(error)}
-            )
+            await browser.send_json(note(name or None, str(error), ok=False))
 
     def _watch(self) -> None:
         """Let the tracker publish what somebody looks at, and no more."""
@@ -205,12 +206,11 @@ class Hub:
             self._watched_at = now
         is_watched |= now - self._watched_at < _LINGER
         wanted = {"particles": is_watched, "likelihood": bool(self._heated)}
-        if wanted == self._wanted:
-            return
-        self._wanted = wanted
-        self._link.watch(is_watched)
-        self._link.watch_likelihood(bool(self._heated))
-        self._pairing.wanted = {part for part, is_wanted in wanted.items() if is_wanted}
+        if wanted != self._wanted:
+            self._wanted = wanted
+            self._link.watch(is_watched)
+            self._link.watch_likelihood(bool(self._heated))
+            self._pairing.wanted = {part for part, is_wanted in wanted.items() if is_wanted}
 
     async def _on_welcomed(self, browser: Browser, message: Json) -> None:
         self._browsers.hear(browser)
@@ -228,10 +228,10 @@ class Hub:
             text = ""
             if self._told_health.get("state") == "idle":
                 text = "the heat comes with a target"
-            elif self._player and self._player.stands_still:
+            elif self._stands_still:
                 text = "the heat comes with the next frame: press N for it, or play"
             if text:
-                await browser.send_json({"type": "note", "about": "heat", "ok": True, "text": text})
+                await browser.send_json(note("heat", text))
         else:
             self._heated.discard(browser)
         self._watch()
@@ -280,7 +280,7 @@ class Hub:
     async def _on_stop(self, message: Json) -> None:
         due = self._player.forget() if self._player else ""
         answer = await self._link.services.stop()
-        await self._note("stop", due or answer)
+        await self._browsers.tell(note("stop", due or answer))
 
     async def _on_stop_target(self, message: Json) -> None:
         id = str(message.get("id"))
@@ -288,11 +288,12 @@ class Hub:
             self._link.stop_target(id)
         except ValueError as error:
             raise RequestError(str(error)) from error
-        await self._note("stop_target", f"target {id} is to stop")
+        await self._browsers.tell(note("stop_target", f"target {id} is to stop"))
 
     async def _on_enable(self, message: Json) -> None:
         enabled = flag_of(message, "enabled")
-        await self._note("enable", await self._link.services.enable(enabled))
+        answer = await self._link.services.enable(enabled)
+        await self._browsers.tell(note("enable", answer))
 
     def _tell_verdict(self, verdict: Verdict) -> None:
         if self._player and verdict.outcome == "refused":
@@ -323,7 +324,8 @@ class Hub:
         if refusal := await self._link.services.set_parameter(parameter_of(known, known["value"])):
             raise RequestError(refusal)
         text = f"the tracker's values are those of the preset {known['value']}"
-        await self._note("reset", f"{text}; the node's own stay as they are")
+        text += "; the node's own stay as they are"
+        await self._browsers.tell(note("reset", text))
 
     @property
     def _has_several(self) -> bool:
@@ -346,9 +348,6 @@ class Hub:
             await self._browsers.tell({"type": "parameters", "parameters": self._parameters})
         finally:
             self._reading = None
-
-    async def _note(self, about: str, text: str) -> None:
-        await self._browsers.tell({"type": "note", "about": about, "ok": True, "text": text})
 
     def _soon(self, action: Coroutine[Any, Any, None]) -> None:
         # The loop itself keeps no task from being collected.

@@ -31,8 +31,8 @@ from pf_tracker_ros.stamps import set_stamp, stamp_of
 
 Receive = Callable[[str, int, Any], None]
 
-# One of them tells what became of a target: none is to be lost while the executor is busy.
-_EVERY_STATUS = QoSProfile(
+# A status tells what became of a target: none is to be lost while the executor is busy.
+_ALL = QoSProfile(
     depth=100,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
@@ -68,7 +68,9 @@ class TrackerLink:
         self._watching = False
         self._answers: list[Subscription] = []
         self._likelihood: Subscription | None = None
-        self._images = AnsweredImages(node, self._on_image, self._report)
+        self._images = AnsweredImages(
+            node, self._handing_on("image", lambda message: message), self._report
+        )
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, DEFAULT_QOS)
         self._targets = self._advertise("target", PolygonStamped)
         self._clicks = self._advertise("click", PointStamped)
@@ -184,25 +186,23 @@ class TrackerLink:
             self._node.destroy_subscription(subscription)
         self._answers = []
         if watched:
+            box = self._handing_on("box", box_of)
+            particles = self._handing_on("particles", particles_of)
             self._answers = [
-                self._subscribe("box", PolygonStamped, DEFAULT_QOS, self._on_box),
-                self._subscribe("status", DiagnosticArray, _EVERY_STATUS, self._on_status),
-                self._subscribe("particles", PointCloud2, DEFAULT_QOS, self._on_particles),
-                self._subscribe("boxes", MarkerArray, DEFAULT_QOS, self._on_boxes),
+                self._subscribe(f"{self.name}/box", PolygonStamped, box),
+                self._subscribe(f"{self.name}/status", DiagnosticArray, self._on_status, _ALL),
+                self._subscribe(f"{self.name}/particles", PointCloud2, particles),
+                self._subscribe(f"{self.name}/boxes", MarkerArray, self._on_boxes),
             ]
             if DETECTIONS_TYPE:
                 topic = f"{self.name.rpartition('/')[0]}/detections"
-                self._answers.append(
-                    self._node.create_subscription(
-                        DETECTIONS_TYPE, topic, self._on_detections, DEFAULT_QOS
-                    )
-                )
+                detections = self._handing_on("detections", detections_of)
+                self._answers.append(self._subscribe(topic, DETECTIONS_TYPE, detections))
 
     def _watch_likelihood(self, watched: bool) -> None:
         if watched and self._likelihood is None:
-            self._likelihood = self._subscribe(
-                "likelihood", Image, DEFAULT_QOS, self._on_likelihood
-            )
+            likelihood = self._handing_on("likelihood", heat_of)
+            self._likelihood = self._subscribe(f"{self.name}/likelihood", Image, likelihood)
         elif self._likelihood and not watched:
             self._node.destroy_subscription(self._likelihood)
             self._likelihood = None
@@ -218,25 +218,23 @@ class TrackerLink:
             self._images.close()
 
     def _subscribe(
-        self, name: str, message_type: Any, profile: Any, callback: Callable[[Any], None]
+        self,
+        topic: str,
+        message_type: Any,
+        callback: Callable[[Any], None],
+        profile: QoSProfile = DEFAULT_QOS,
     ) -> Subscription:
         return subscribe(
-            self._node,
-            message_type,
-            f"{self.name}/{name}",
-            callback,
-            profile=profile,
-            report=self._report,
+            self._node, message_type, topic, callback, profile=profile, report=self._report
         )
 
+    def _handing_on(self, kind: str, read: Callable[[Any], Any]) -> Callable[[Any], None]:
+        """A callback that hands on what `read` makes of a message."""
+        return lambda message: self._receive(kind, stamp_of(message.header), read(message))
+
     def _advertise(self, name: str, message_type: Any) -> Any:
-        return advertise(
-            self._node,
-            message_type,
-            f"{self.name}/{name}",
-            profile=_TARGET_QOS,
-            report=self._report,
-        )
+        topic = f"{self.name}/{name}"
+        return advertise(self._node, message_type, topic, profile=_TARGET_QOS, report=self._report)
 
     def _expect_subscriber(self, publisher: Any) -> None:
         if not publisher.get_subscription_count():
@@ -254,24 +252,9 @@ class TrackerLink:
         self._node.get_logger().warning(fault)
         self._receive("fault", 0, fault)
 
-    def _on_image(self, message: Any) -> None:
-        self._receive("image", stamp_of(message.header), message)
-
-    def _on_box(self, message: PolygonStamped) -> None:
-        self._receive("box", stamp_of(message.header), box_of(message))
-
-    def _on_particles(self, message: PointCloud2) -> None:
-        self._receive("particles", stamp_of(message.header), particles_of(message))
-
     def _on_boxes(self, message: MarkerArray) -> None:
         if message.markers:
             self._receive("boxes", stamp_of(message.markers[0].header), boxes_of(message))
-
-    def _on_detections(self, message: Any) -> None:
-        self._receive("detections", stamp_of(message.header), detections_of(message))
-
-    def _on_likelihood(self, message: Image) -> None:
-        self._receive("likelihood", stamp_of(message.header), heat_of(message))
 
     def _on_status(self, message: DiagnosticArray) -> None:
         if message.status:

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterType, ParameterValue
+from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_value_to_python
 
 from pf_tracker_ros.node.console.answers import Json
@@ -85,41 +86,24 @@ def parameter_of(known: Json, value: Any) -> Parameter:
     Raises:
         ValueError: ROS cannot even be asked for it.
     """
-    given = ParameterValue()
-    numbers = isinstance(value, list) and all(_is_number(one) for one in value)
-    texts = [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, str)]
-    if not all(_is_sendable(one) for one in texts):
-        raise ValueError(f"parameter '{known['name']}': ROS takes no such text")
-    if known["kind"] == "texts" and isinstance(value, list):
-        given.type = ParameterType.PARAMETER_STRING_ARRAY
-        given.string_array_value = [str(one) for one in value]
-    elif numbers:
-        given.type = ParameterType.PARAMETER_DOUBLE_ARRAY
-        given.double_array_value = [_float(known, one) for one in value]
-    elif isinstance(value, bool):
-        given.type, given.bool_value = ParameterType.PARAMETER_BOOL, value
-    elif isinstance(value, int) and known["kind"] != "float":
-        if abs(value) >= _LARGEST_INTEGER:
-            raise _too_large(known)
-        given.type, given.integer_value = ParameterType.PARAMETER_INTEGER, value
-    elif _is_number(value):
-        given.type, given.double_value = ParameterType.PARAMETER_DOUBLE, _float(known, value)
-    elif isinstance(value, str):
-        given.type, given.string_value = ParameterType.PARAMETER_STRING, value
-    else:
-        raise ValueError(f"parameter '{known['name']}' cannot be set to {value!r}")
-    return Parameter(name=known["name"], value=given)
-
-
-def _float(known: Json, value: float) -> float:
+    problem = f"parameter '{known['name']}'"
+    values, kind = value if isinstance(value, list) else [value], None
+    if not all(_is_sendable(one) for one in values if isinstance(one, str)):
+        raise ValueError(f"{problem}: ROS takes no such text")
     try:
-        return float(value)
-    except OverflowError as error:
-        raise _too_large(known) from error
-
-
-def _too_large(known: Json) -> ValueError:
-    return ValueError(f"parameter '{known['name']}': such a number is too large for ROS")
+        if known["kind"] == "texts" and isinstance(value, list):
+            kind, value = RosParameter.Type.STRING_ARRAY, [str(one) for one in value]
+        elif isinstance(value, list) and all(_is_number(one) for one in value):
+            kind, value = RosParameter.Type.DOUBLE_ARRAY, [float(one) for one in value]
+        elif known["kind"] == "float" and _is_number(value):
+            value = float(value)
+        elif isinstance(value, int) and abs(value) >= _LARGEST_INTEGER:
+            raise OverflowError
+    except OverflowError:
+        raise ValueError(f"{problem}: such a number is too large for ROS") from None
+    if kind is None and not isinstance(value, bool | int | float | str):
+        raise ValueError(f"{problem} cannot be set to {value!r}")
+    return RosParameter(known["name"], kind, value).to_parameter_msg()
 
 
 def _is_sendable(text: str) -> bool:

@@ -11,16 +11,12 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CompressedImage
 
+from pf_tracker_ros.boxes import as_box
 from pf_tracker_ros.node.image_topics import where_images_are_taken
 from pf_tracker_ros.node.message_building import box_message
 from pf_tracker_ros.node.replay.playback import Playback
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
-from pf_tracker_ros.node.replay.replay_source import (
-    ReplayItem,
-    ReplaySource,
-    as_box,
-    make_header,
-)
+from pf_tracker_ros.node.replay.replay_source import ReplayItem, ReplaySource, make_header
 
 # Deep enough that a subscriber may be busy for a third of a second, shallow enough for memory.
 DEPTH = 10
