@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import threading
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-import rclpy
-from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -16,7 +14,7 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage.access import is_there
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
-from pf_tracker_ros.node.running import spin_until_shutdown
+from pf_tracker_ros.node.running import spinning
 from pf_tracker_ros.recordings import open_recording
 from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.target import Target, read_target_file, save_targets
@@ -64,8 +62,6 @@ class PlayedRecording:
         self._target_file = target_file(self._path)
         self._has_target = False
         self._look_for_target()
-        self._context = Context()
-        rclpy.init(context=self._context, args=[], domain_id=node.context.get_domain_id())
         image = node.resolve_topic_name("image")
         remapped = ["-r", f"image:={image}", "-r", f"image/compressed:={image}/compressed"]
         values = {
@@ -78,25 +74,23 @@ class PlayedRecording:
             "start_paused": True,
             "stay_at_end": True,
         }
-        self.replay = ReplayNode(
+        create = partial(
+            ReplayNode,
             spectator=node,
-            context=self._context,
             namespace=node.get_namespace(),
             cli_args=["--ros-args", *remapped],
             use_global_arguments=False,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
         )
-        self.is_playable = self.replay.has_begun
-        self._thread = threading.Thread(
-            target=spin_until_shutdown, args=(self.replay,), name="replay", daemon=True
+        self._running = contextlib.ExitStack()
+        self.replay: ReplayNode = self._running.enter_context(
+            spinning(lambda context: create(context=context), node.context.get_domain_id())
         )
-        self._thread.start()
+        self.is_playable = self.replay.has_begun
 
     def close(self) -> None:
         """End it."""
-        self._context.try_shutdown()
-        self._thread.join()
-        self.replay.destroy_node()
+        self._running.close()
 
     @property
     def state(self) -> Json:

@@ -48,6 +48,7 @@ class TrackerLink:
     Attributes:
         name: Fully qualified name of the tracker's node.
         services: Of it.
+        image_topic: That it takes its images from, empty while that is not known.
 
     Args:
         node: The console's node.
@@ -64,7 +65,7 @@ class TrackerLink:
         self._actions: deque[Callable[[], None]] = deque()
         # Works before the node has an executor too.
         self._guard = node.create_guard_condition(self._act)
-        self._image_topic = ""
+        self.image_topic = ""
         self._watching = False
         self._answers: list[Subscription] = []
         self._likelihood: Subscription | None = None
@@ -89,11 +90,6 @@ class TrackerLink:
         """Subscribe to the likelihood around the target, which costs the tracker time."""
         self._do(partial(self._watch_likelihood, watched))
 
-    @property
-    def image_topic(self) -> str:
-        """The topic that the tracker takes its images from, empty while that is not known."""
-        return self._image_topic
-
     def trackers_that_are_there(self) -> list[str]:
         """Names of the nodes that seem to be trackers, by their topics."""
         topics = {name for name, _ in self._node.get_topic_names_and_types()}
@@ -110,9 +106,9 @@ class TrackerLink:
         Args:
             topic: As its diagnostics tell; empty while it has none, which changes nothing.
         """
-        if topic and topic != self._image_topic:
-            self._image_topic = topic
-            self._do(self._change_topic)
+        if topic and topic != self.image_topic:
+            self.image_topic = topic
+            self._do(self._reopen)
 
     def send_target(self, box: Box, stamp: int) -> None:
         """Send a box to track.
@@ -124,10 +120,9 @@ class TrackerLink:
         Raises:
             TrackerError: Nobody takes targets.
         """
-        self.expect_takers()
         message = box_message(box, PolygonStamped().header)
         set_stamp(message.header, stamp)
-        self._targets.publish(message)
+        self._send(self._targets, message)
 
     @property
     def takes_targets(self) -> bool:
@@ -150,11 +145,10 @@ class TrackerLink:
 
     def send_click(self, x: float, y: float, stamp: int) -> None:
         """Send a point to track, pixels; otherwise as `send_target`."""
-        self._expect_subscriber(self._clicks)
         message = PointStamped()
         message.point.x, message.point.y = x, y
         set_stamp(message.header, stamp)
-        self._clicks.publish(message)
+        self._send(self._clicks, message)
 
     def stop_target(self, id: str) -> None:
         """Let a tracker of several targets forget one of them.
@@ -163,9 +157,7 @@ class TrackerLink:
             ValueError: That is no id of a target.
             TrackerError: Nobody takes it.
         """
-        message = stop_message(id)
-        self._expect_subscriber(self._stops)
-        self._stops.publish(message)
+        self._send(self._stops, stop_message(id))
 
     # In the executor
 
@@ -207,15 +199,12 @@ class TrackerLink:
             self._node.destroy_subscription(self._likelihood)
             self._likelihood = None
 
-    def _change_topic(self) -> None:
-        if self._images.topic != self._image_topic:
-            self._reopen()
-
     def _reopen(self) -> None:
-        if self._watching:
-            self._images.open(self._image_topic)
-        else:
+        """Take the images, of the topic that they are on, as long as anybody looks."""
+        if not self._watching:
             self._images.close()
+        elif self._images.topic != self.image_topic or not self.image_topic:
+            self._images.open(self.image_topic)
 
     def _subscribe(
         self,
@@ -235,6 +224,10 @@ class TrackerLink:
     def _advertise(self, name: str, message_type: Any) -> Any:
         topic = f"{self.name}/{name}"
         return advertise(self._node, message_type, topic, profile=_TARGET_QOS, report=self._report)
+
+    def _send(self, publisher: Any, message: Any) -> None:
+        self._expect_subscriber(publisher)
+        publisher.publish(message)
 
     def _expect_subscriber(self, publisher: Any) -> None:
         if not publisher.get_subscription_count():

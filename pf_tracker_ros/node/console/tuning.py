@@ -18,13 +18,14 @@ from rclpy.parameter import parameter_value_to_python
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameter_files import OF_EVERY_NODE
-from pf_tracker_ros.parameters import Declaration, ParameterError, all_declarations, declarations
+from pf_tracker_ros.parameters import ParameterError, all_declarations, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 _NODE = declarations(NodeParameters)
 _TRACKER = all_declarations(TrackerParameters)
-_ORDER = {name: place for place, name in enumerate([*_NODE, *_TRACKER])}
+_DECLARED = _NODE | _TRACKER
+_ORDER = {name: place for place, name in enumerate(_DECLARED)}
 _KINDS = {
     ParameterType.PARAMETER_BOOL: "bool",
     ParameterType.PARAMETER_INTEGER: "int",
@@ -66,7 +67,7 @@ def shaped(
             "description": descriptor.description,
             "constraints": descriptor.additional_constraints,
             "range": _range(descriptor),
-            "choices": list(_declared(descriptor.name).choices) if _is_known(descriptor) else [],
+            "choices": list(one.choices) if (one := _DECLARED.get(descriptor.name)) else [],
             "fixed": descriptor.read_only,
             "value": plain[descriptor.name],
             "usual": usual.get(descriptor.name),
@@ -163,14 +164,6 @@ def _group(name: str) -> str:
     if not _TRACKER[name].only_with:
         return "The tracker"
     return name.partition(".")[0].replace("_", " ").capitalize()
-
-
-def _declared(name: str) -> Declaration:
-    return _NODE.get(name) or _TRACKER[name]
-
-
-def _is_known(descriptor: ParameterDescriptor) -> bool:
-    return descriptor.name in _NODE or descriptor.name in _TRACKER
 
 
 def _range(descriptor: ParameterDescriptor) -> list[float] | None:

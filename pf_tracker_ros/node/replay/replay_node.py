@@ -212,7 +212,7 @@ class ReplayNode(Node):
                 plays = self._play_on(first)
                 first = 0
             except Sought as sought:
-                first = sought.index
+                (first,) = sought.args
             self.playback.begin_pass()
         self._outputs.wait_for_delivery()
         self._log.info(f"published {counted(self._published, 'frame')} of {self._source.name}")
