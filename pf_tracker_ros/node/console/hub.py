@@ -306,9 +306,7 @@ class Hub:
     async def _on_set(self, browser: Browser, message: Json) -> None:
         """Set a parameter; a refusal is for the field that it was given in."""
         name = message.get("name")
-        known = next((one for one in self._parameters if one["name"] == name), None)
-        if known is None:
-            raise RequestError(f"there is no parameter {name!r}")
+        known = self._known(name, f"there is no parameter {name!r}")
         try:
             wanted = parameter_of(known, message.get("value"))
             refusal = await self._link.services.set_parameter(wanted)
@@ -331,12 +329,12 @@ class Hub:
     def _has_several(self) -> bool:
         return any(one["name"] == "max_targets" and one["value"] > 1 for one in self._parameters)
 
-    def _known(self, name: str) -> Json:
-        """A parameter that every tracker has."""
+    def _known(self, name: Any, unless: str = "the tracker's parameters are not known yet") -> Json:
+        """A parameter by its name, by default one that every tracker has."""
         for one in self._parameters:
             if one["name"] == name:
                 return one
-        raise RequestError("the tracker's parameters are not known yet")
+        raise RequestError(unless)
 
     async def _read_parameters(self) -> None:
         try:
