@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from collections.abc import Coroutine
 from functools import partial
 from typing import Any
 
@@ -34,6 +34,10 @@ _TICK = 0.1
 # For so long, in seconds, frames are still taken once the last browser has gone: it may come back,
 # as by a reload, and where subscriptions come and go quickly a take in Fast DDS may never end.
 _LINGER = 5.0
+# What browsers may ask; each is done by the method of its name. Those of the second kind are about
+# the browser that asks.
+_REQUESTS = ("target", "click", "stop", "stop_target", "enable", "reset")
+_OWN_REQUESTS = ("welcomed", "shown", "view", "set", "heat")
 
 
 class Hub:
@@ -63,23 +67,6 @@ class Hub:
         self._reading: asyncio.Task[None] | None = None
         self._parameters_are_old = True
         self._tasks: set[asyncio.Task[None]] = set()
-        self._requests: Mapping[str, Callable[[Json], Awaitable[None]]] = {
-            "target": self._on_target,
-            "click": self._on_click,
-            "stop": self._on_stop,
-            "stop_target": self._on_stop_target,
-            "enable": self._on_enable,
-            "reset": self._on_reset,
-            **dict.fromkeys(player.REQUESTS, _refuse_without_recording),
-            **(self._player.requests if self._player else {}),
-        }
-        self._own_requests: Mapping[str, Callable[[Browser, Json], Awaitable[None]]] = {
-            "welcomed": self._on_welcomed,
-            "shown": self._on_shown,
-            "view": self._on_view,
-            "set": self._on_set,
-            "heat": self._on_heat,
-        }
         if self._player:
             self._watch()
 
@@ -188,12 +175,16 @@ class Hub:
         kind = message.get("type") if isinstance(message, dict) else None
         name = kind if isinstance(kind, str) else ""
         try:
-            if own := self._own_requests.get(name):
-                await own(browser, message)
-            elif request := self._requests.get(name):
-                await request(message)
-            else:
+            if name in _OWN_REQUESTS:
+                await getattr(self, f"_on_{name}")(browser, message)
+            elif name in _REQUESTS:
+                await getattr(self, f"_on_{name}")(message)
+            elif name not in player.REQUESTS:
                 raise RequestError(f"there is no request {kind!r}")
+            elif self._player:
+                await self._player.handle(name, message)
+            else:
+                raise RequestError("there is no recording; start the console with one")
         except (RequestError, TrackerError) as error:
             await browser.send_json(note(name or None, str(error), ok=False))
 
@@ -352,7 +343,3 @@ class Hub:
         task = asyncio.ensure_future(action)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-
-
-async def _refuse_without_recording(message: Json) -> None:
-    raise RequestError("there is no recording; start the console with one")

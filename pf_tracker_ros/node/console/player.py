@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from functools import partial
 
@@ -66,14 +66,14 @@ class Player:
         self._due: PickedTarget | None = None
         self._playback = recording.replay.playback
         recording.replay.before_frame = self._send_due
-        self.requests: Mapping[str, Callable[[Json], Awaitable[None]]] = {
-            "play": self._on_play,
-            "step": self._on_step,
-            "seek": self._on_seek,
-            "rate": self._on_rate,
-            "save": self._on_save,
-            "load": self._on_load,
-        }
+
+    async def handle(self, name: str, message: Json) -> None:
+        """Do one of `REQUESTS`, by the method of its name.
+
+        Raises:
+            RequestError: It cannot be done.
+        """
+        await getattr(self, f"_on_{name}")(message)
 
     @property
     def state(self) -> Json:
