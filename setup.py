@@ -71,7 +71,6 @@ EXTRAS = {
     ],
     "development": [
         "pytest-xdist>=3.5",
-        "ros-jazzy-domain-coordinator==0.12.0",
         "colcon-common-extensions==0.3.0",
         "setuptools>=70.1,<80",
         "uv",

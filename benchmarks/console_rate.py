@@ -38,13 +38,13 @@ from arguments import at_least
 from console_runs.scene import camera_like
 from console_runs.watchers import page_of, relay, taker
 from diagnostic_msgs.msg import DiagnosticArray
-from domain_coordinator import domain_id
 from frame_loss import SIZES, START_TIMEOUT, Camera, moving_over, play
 from node_runs.processes import bare_command, cpu_ms, process
 from numpy.typing import NDArray
 from playwright.sync_api import sync_playwright
 
 from pf_tracker_ros.node_parameters import NodeParameters
+from pf_tracker_ros.ros_domains import unused_domain
 
 PORT = 8647
 RELAY_PORT = 8648
@@ -285,7 +285,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     chromium = shutil.which("chromium") or parser.error("needs Chromium: apt install chromium")
     frames = moving_over(camera_like(*SIZES[given.size]))
     turns: dict[str, list[Turn]] = defaultdict(list)
-    with domain_id() as domain, contextlib.ExitStack() as stack:
+    with unused_domain() as domain, contextlib.ExitStack() as stack:
         os.environ |= {
             "ROS_DOMAIN_ID": str(domain),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",

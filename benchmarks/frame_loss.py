@@ -27,7 +27,6 @@ import numpy as np
 import rclpy
 from arguments import at_least
 from diagnostic_msgs.msg import DiagnosticArray
-from domain_coordinator import domain_id
 from numpy.typing import NDArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -38,6 +37,7 @@ from tables import Table
 
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.node_parameters import NodeParameters
+from pf_tracker_ros.ros_domains import unused_domain
 
 SIZES = {"640x480": (640, 480), "768x576": (768, 576), "1920x1080": (1920, 1080)}
 RELIABILITIES = ("reliable", "best_effort")
@@ -222,7 +222,7 @@ def main() -> int:
         return 0
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     lines = []
-    with domain_id() as domain:
+    with unused_domain() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         for size, reliability in itertools.product(arguments.size or SIZES, RELIABILITIES):
             table = measure(

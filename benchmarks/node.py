@@ -37,7 +37,6 @@ import arguments as options_of
 import numpy as np
 from arguments import at_least
 from bars import Bar, bars_table, save_tables
-from domain_coordinator import domain_id
 from node_runs.camera import (
     SIZES,
     Footage,
@@ -59,6 +58,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from tables import Table
 
+from pf_tracker_ros.ros_domains import unused_domain
 from pf_tracker_ros.tracking.presets import PRESETS
 
 QUALITIES = {
@@ -340,7 +340,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     tables, bars = [], []
-    with domain_id() as domain:
+    with unused_domain() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         for part in given.only or PARTS:
             found = PARTS[part](given)

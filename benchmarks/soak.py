@@ -25,7 +25,6 @@ from pathlib import Path
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from domain_coordinator import domain_id
 from geometry_msgs.msg import Point32, PointStamped, PolygonStamped
 from numpy.typing import NDArray
 from rcl_interfaces.srv import SetParametersAtomically
@@ -37,6 +36,8 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 from sensor_msgs.msg import Image
+
+from pf_tracker_ros.ros_domains import unused_domain
 
 SIZE, SIDE = (160, 120), 24
 INTERVAL = 40_000_000
@@ -287,7 +288,7 @@ def main() -> int:
     parser.add_argument("--output", type=Path, help="text file for the table")
     arguments = parser.parse_args()
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    with domain_id() as domain, tempfile.TemporaryDirectory() as folder:
+    with unused_domain() as domain, tempfile.TemporaryDirectory() as folder:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         table, held = live(arguments.frames, arguments.seed, Path(folder) / "tracker.log")
     Console().print(table)

@@ -18,7 +18,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from clips import CLIPS, Clip, fetch_wheel, open_clip
-from domain_coordinator import domain_id
 from failure import DemoError
 from processes import NodeProcess
 from recording import RECORDED_STATUS, Recorder
@@ -36,6 +35,7 @@ from report import (
 from rich.console import Console
 
 from pf_tracker_ros.footage import Footage, FootageError, write_footage
+from pf_tracker_ros.ros_domains import unused_domain
 
 FOLDER = Path(__file__).resolve().parent
 DDS_PROFILE = FOLDER.parent / "config" / "fastdds_large_images.xml"
@@ -136,7 +136,7 @@ def run_clip(console: Console, clip: Clip, wheel: Path, folder: Path) -> list[Fr
 @contextmanager
 def ros_domain(folder: Path) -> Iterator[None]:
     """A ROS domain that nobody else on this machine uses, kept on the loopback."""
-    with domain_id() as domain:
+    with unused_domain() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(DDS_PROFILE)

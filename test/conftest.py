@@ -18,6 +18,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+from pf_tracker_ros.ros_domains import unused_domain
+
 pytest_plugins = ["pf_tracker_ros.testing"]
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -224,25 +226,25 @@ def write_bag(typestore):
 
 
 @pytest.fixture(scope="session")
-def _domain_numbers():
-    """Candidates for domains: each test tries the number after the last one taken.
+def domain_numbers():
+    """Candidates for domains, without end: each test tries the number after the last one taken.
 
     Participants of a test that has just ended may still be heard for a moment; the next test must
     not listen where they were. Processes side by side begin far apart.
     """
     worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
     first = 50 * worker % 100
-    return itertools.cycle((*range(first + 1, 101), *range(1, first + 1))).__next__
+    return itertools.cycle((*range(first + 1, 101), *range(1, first + 1)))
 
 
 @pytest.fixture
-def ros_domain(_domain_numbers, monkeypatch, tmp_path):
-    """A ROS domain that nobody else on this machine uses, kept on the loopback; its number.
+def ros_domain(domain_numbers, monkeypatch, tmp_path):
+    """A ROS domain in which nobody else on this machine is, kept on the loopback; its number.
 
     Valid for nodes in this process and in processes that the test starts.
     """
-    coordinator = pytest.importorskip("domain_coordinator", reason="needs ROS 2")
-    with coordinator.domain_id(_domain_numbers) as domain:
+    pytest.importorskip("rclpy", reason="needs ROS 2")
+    with unused_domain(itertools.islice(domain_numbers, 100)) as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "ros_log"))

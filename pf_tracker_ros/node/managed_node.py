@@ -64,11 +64,7 @@ class ManagedNode(LifecycleNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: D102
         return self._run(self.clean_up)
 
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: D102
-        return self._run(self.clean_up)
-
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:  # noqa: D102
-        return self._run(self.clean_up)
+    on_shutdown = on_error = on_cleanup
 
     def _change_state(
         self,

@@ -11,7 +11,6 @@ import contextlib
 import itertools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 from pf_tracker_ros.parameter_files import applies, names_for, patterns_of
 from pf_tracker_ros.ros_arguments import split_ros_arguments
@@ -33,11 +32,25 @@ def files_superseded_by(name: str, node_name: str, command_line: Sequence[str]) 
         Full names of parameters that the command line does not give by `-p`; none if `name` was not
         given. Of a file that is no regular one, which rcl alone could read, nothing is known.
     """
-    sources = list(_sources(node_name, command_line))
-    last = max((index for index, source in enumerate(sources) if name in source.names), default=0)
-    kept = {one for source in sources[last:] for one in source.names}
-    kept |= {one for source in sources if not source.is_file for one in source.names}
-    return {one for source in sources[:last] for one in source.names} - kept
+    # (names, whether a file gives them) of each argument, in order.
+    sources: list[tuple[set[str], bool]] = []
+    for option, value in _options(command_line):
+        if option in _FILE_OPTIONS:
+            # rcl has read the file before, so whatever cannot be read here does not concern
+            # parameters; a pipe is empty by then.
+            with contextlib.suppress(YamlError):
+                document = read_yaml(Path(value), "parameter file")
+                sources.append((set(names_for(document, node_name)), True))
+        elif option in _VALUE_OPTIONS:
+            # Of one node alone: node:name:=value.
+            node, _, given = value.partition(":=")[0].rpartition(":")
+            if not node or applies(node, node_name):
+                sources.append(({given}, False))
+    last = max((index for index, (names, _) in enumerate(sources) if name in names), default=0)
+    before = {one for names, _ in sources[:last] for one in names}
+    return before.difference(
+        *(names for index, (names, is_file) in enumerate(sources) if index >= last or not is_file)
+    )
 
 
 def files_for_others(node_name: str, command_line: Sequence[str]) -> Iterator[str]:
@@ -47,9 +60,11 @@ def files_for_others(node_name: str, command_line: Sequence[str]) -> Iterator[st
         node_name: Fully qualified name of the node.
         command_line: As for `files_superseded_by`.
     """
-    for path in dict.fromkeys(_files(command_line)):
+    for option, path in dict.fromkeys(_options(command_line)):
+        if option not in _FILE_OPTIONS:
+            continue
         with contextlib.suppress(YamlError):
-            patterns = patterns_of(read_yaml(path, "parameter file"))
+            patterns = patterns_of(read_yaml(Path(path), "parameter file"))
             if patterns and not any(applies(pattern, node_name) for pattern in patterns):
                 yield (
                     f"the parameter file {path} gives {node_name} nothing: it is for "
@@ -58,33 +73,6 @@ def files_for_others(node_name: str, command_line: Sequence[str]) -> Iterator[st
                 )
 
 
-def _files(command_line: Sequence[str]) -> Iterator[Path]:
-    _, arguments = split_ros_arguments(command_line)
-    for option, value in itertools.pairwise(arguments):
-        if option in _FILE_OPTIONS:
-            yield Path(value)
-
-
-class _Source(NamedTuple):
-    names: set[str]
-    is_file: bool
-
-
-def _sources(node_name: str, command_line: Sequence[str]) -> Iterator[_Source]:
-    """The names of a node's parameters that each argument of the command line gives, in order."""
-    _, arguments = split_ros_arguments(command_line)
-    for option, value in itertools.pairwise(arguments):
-        if option in _FILE_OPTIONS:
-            yield _Source(set(_names_in_file(Path(value), node_name)), is_file=True)
-        elif option in _VALUE_OPTIONS:
-            # Of one node alone: node:name:=value.
-            node, _, name = value.partition(":=")[0].rpartition(":")
-            if not node or applies(node, node_name):
-                yield _Source({name}, is_file=False)
-
-
-def _names_in_file(path: Path, node_name: str) -> Iterator[str]:
-    # rcl has read the file before, so whatever cannot be read here does not concern parameters; a
-    # pipe is empty by then.
-    with contextlib.suppress(YamlError):
-        yield from names_for(read_yaml(path, "parameter file"), node_name)
+def _options(command_line: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Each argument for ROS with the one behind it."""
+    return itertools.pairwise(split_ros_arguments(command_line)[1])

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from rclpy.parameter import Parameter
 
 from pf_tracker_ros.node.ros_parameters import checked_value
-from pf_tracker_ros.parameters import Declaration, ParameterError, declarations, why_unknown
+from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
 
 Values = Mapping[str, Any]
 
@@ -59,9 +59,6 @@ class ParameterGroup:
             return known
         return {name: dataclasses.replace(one, read_only=False) for name, one in known.items()}
 
-    def why_unknown(self, name: str) -> str:
-        """See `pf_tracker_ros.parameters.why_unknown`."""
-        return why_unknown(self.group_type, name)
 
     def read(self, given: Mapping[str, Parameter], before: Values, others: Values) -> Reading:
         """The parameters when some are given.

@@ -1,13 +1,14 @@
 """Quality of service: what the node asks for and offers, and what users override of it.
 
-rclpy tells of endpoints that cannot match by two events of each publisher and subscription, and
-asks for all of them before and after every message. `mismatches.py` looks instead.
+Endpoints have none of rclpy's events by default, which the executor asks for before and after every
+message: `graph_watch.py` looks for those that cannot match.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
+from functools import partial
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -39,7 +40,7 @@ def subscribe(
     *,
     profile: QoSProfile,
     report: Report,
-    on_unreliable: Callable[[], None] | None = None,
+    on_mismatch: Callable[[Any], None] | None = None,
     raw: bool = False,
     group: CallbackGroup | None = None,
 ) -> Subscription:
@@ -52,33 +53,21 @@ def subscribe(
         callback: Called with each message.
         profile: What is asked of publishers.
         report: Called with a sentence if the overrides are wrong.
-        on_unreliable: Called as soon as a publisher offers less reliability than that.
+        on_mismatch: Called with rclpy's event as soon as a publisher offers less than that.
         raw: Whether the callback gets the messages as the bytes that they came as.
         group: That tells when the executor may take a message, None for always.
     """
-    name = node.resolve_topic_name(topic)
-
-    def on_mismatch(event: Any) -> None:
-        if on_unreliable and event.last_policy_kind == QoSPolicyKind.RELIABILITY:
-            on_unreliable()
-
-    events = SubscriptionEventCallbacks(
-        incompatible_qos=on_mismatch if on_unreliable else None, use_default_callbacks=False
+    events = SubscriptionEventCallbacks(incompatible_qos=on_mismatch, use_default_callbacks=False)
+    create = partial(
+        node.create_subscription,
+        message_type,
+        topic,
+        callback,
+        event_callbacks=events,
+        raw=raw,
+        callback_group=group,
     )
-
-    def create(options: QoSOverridingOptions | None) -> Subscription:
-        return node.create_subscription(
-            message_type,
-            topic,
-            callback,
-            copy(profile),
-            event_callbacks=events,
-            qos_overriding_options=options,
-            raw=raw,
-            callback_group=group,
-        )
-
-    return _with_overrides(node, create, name, "subscription", report)
+    return _create(node, create, topic, entity="subscription", profile=profile, report=report)
 
 
 def take_waiting(subscription: Subscription, most: int | None = None) -> int:
@@ -109,18 +98,9 @@ def advertise(
     node: Node, message_type: Any, topic: str, *, profile: QoSProfile, report: Report
 ) -> Publisher:
     """Publish with the user's QoS overrides; wrong ones are reported."""
-    name = node.resolve_topic_name(topic)
-
-    def create(options: QoSOverridingOptions | None) -> Publisher:
-        return node.create_publisher(
-            message_type,
-            topic,
-            copy(profile),
-            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
-            qos_overriding_options=options,
-        )
-
-    return _with_overrides(node, create, name, "publisher", report)
+    events = PublisherEventCallbacks(use_default_callbacks=False)
+    create = partial(node.create_publisher, message_type, topic, event_callbacks=events)
+    return _create(node, create, topic, entity="publisher", profile=profile, report=report)
 
 
 def given_overrides(node: Node) -> set[str]:
@@ -141,24 +121,32 @@ def is_overridden(node: Node, topic: str, entity: str, policy: str) -> bool:
     return f"{PREFIX}{topic}.{entity}.{policy}" in given_overrides(node)
 
 
-def _with_overrides(
-    node: Node, create: Callable[[Any], Any], topic: str, entity: str, report: Report
+def _create(
+    node: Node,
+    create: Callable[..., Any],
+    topic: str,
+    *,
+    entity: str,
+    profile: QoSProfile,
+    report: Report,
 ) -> Any:
     """Create an endpoint; overrides that cannot be are reported and left out.
 
     Only policies that the user overrides become parameters: a declared one would hold the profile
     of the first endpoint for all later ones.
     """
+    name = node.resolve_topic_name(topic)
     policies = [
-        policy
-        for policy in QoSPolicyKind
-        if is_overridden(node, topic, entity, policy.name.lower())
+        policy for policy in QoSPolicyKind if is_overridden(node, name, entity, policy.name.lower())
     ]
-    if not policies:
-        return create(None)
+    # rclpy writes the overrides into the profile that it is given.
     try:
-        return create(QoSOverridingOptions(policies))
+        return create(
+            qos_profile=copy(profile), qos_overriding_options=QoSOverridingOptions(policies)
+        )
     except Exception as error:
+        if not policies:
+            raise
         # Each wrong kind of value ends in another exception of rclpy, Exception itself included.
-        report(f"the QoS overrides of the {entity} on {topic} are wrong and not used: {error}")
-        return create(None)
+        report(f"the QoS overrides of the {entity} on {name} are wrong and not used: {error}")
+        return create(qos_profile=copy(profile))

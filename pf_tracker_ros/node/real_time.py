@@ -1,4 +1,4 @@
-"""Real-time priority for Fast DDS, where the system permits it, so that no image waits."""
+"""Real-time priority for Fast DDS, where it is asked for, so that no image waits."""
 
 from __future__ import annotations
 
@@ -26,14 +26,11 @@ class RealTimePriority:
 
     Args:
         report: Called with a sentence where a priority that is asked for is not permitted.
-        usual: The one that is asked for where nobody has chosen another; where it is not permitted,
-            which is usual as well, nothing is told.
     """
 
-    def __init__(self, report: Callable[[str], None], usual: int = 0) -> None:
+    def __init__(self, report: Callable[[str], None]) -> None:
         self.in_force = 0
         self._report = report
-        self._usual = usual
         of_dds = [int(path.name) for path in _THREADS.glob("*") if _name(path).startswith("dds.")]
         self._threads = [thread for thread in of_dds if _has_usual_policy(thread)]
 
@@ -49,10 +46,7 @@ class RealTimePriority:
             for thread in self._threads:
                 _set(thread, priority)
         except OSError:
-            if priority != self._usual:
-                self._report(
-                    f"real-time priority {priority} is not permitted to this process: {_CURE}"
-                )
+            self._report(f"real-time priority {priority} is not permitted to this process: {_CURE}")
         else:
             self.in_force = priority
 

@@ -10,10 +10,12 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import rclpy
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -64,6 +66,32 @@ def run(create: Callable[[], Node], arguments: list[str] | None = None) -> None:
     ignore_signals()
 
 
+@contextmanager
+def spinning(create: Callable[[Context], Node], domain: int) -> Iterator[Any]:
+    """A node that spins in a thread and a ROS context of its own until the block ends.
+
+    Args:
+        create: Makes the node in the context.
+        domain: ROS domain of the context.
+    """
+    context = Context()
+    rclpy.init(context=context, args=[], domain_id=domain)
+    try:
+        node = create(context)
+        thread = threading.Thread(
+            target=spin_until_shutdown, args=(node,), name=node.get_name(), daemon=True
+        )
+        thread.start()
+        try:
+            yield node
+        finally:
+            context.try_shutdown()
+            thread.join()
+            node.destroy_node()
+    finally:
+        context.try_shutdown()
+
+
 def spin_until_shutdown(node: Node) -> None:
     """Spin a node until its context is shut down, also by another thread."""
     executor = SingleThreadedExecutor(context=node.context)
@@ -108,7 +136,13 @@ def _live(create: Callable[[], Node], command_line: list[str], reader: int) -> N
     executor = SingleThreadedExecutor()
     with _ended_by_signal(reader):
         try:
-            node = _started(create)
+            try:
+                node = create()
+            except rclpy_implementation.RCLError as error:
+                # Such as for want of what SROS 2 asks for.
+                if not ok():
+                    raise
+                sys.exit(f"the node cannot start: {error}")
             for problem in files_for_others(node.get_fully_qualified_name(), command_line):
                 node.get_logger().warning(problem)
             _spin(executor, node)
@@ -118,20 +152,6 @@ def _live(create: Callable[[], Node], command_line: list[str], reader: int) -> N
                 raise
         finally:
             try_shutdown()
-
-
-def _started(create: Callable[[], Node]) -> Node:
-    """The node.
-
-    Raises:
-        SystemExit: ROS does not let it start, such as for want of what SROS 2 asks for.
-    """
-    try:
-        return create()
-    except rclpy_implementation.RCLError as error:
-        if not ok():
-            raise
-        sys.exit(f"the node cannot start: {error}")
 
 
 def _spin(executor: SingleThreadedExecutor, node: Node) -> None:

@@ -101,16 +101,6 @@ def test_a_thread_that_has_a_policy_already_keeps_it(kernel):
     assert kernel.scheduled == {11: given, 12: (USUAL, 0)}
 
 
-def test_of_the_usual_one_nothing_is_told_where_it_is_not_permitted(kernel):
-    kernel.refusal = PermissionError()
-    told = []
-    priority = RealTimePriority(told.append, usual=1)
-    priority.ask(1)
-    assert (priority.in_force, told) == (0, [])
-    priority.ask(2)
-    assert len(told) == 1
-
-
 def is_permitted():
     """Whether a process here may have such a priority."""
     code = "import os; os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(5))"
@@ -166,6 +156,13 @@ def test_the_console_has_it_for_dds_where_a_camera_waits_and_it_is_permitted(
     asked = not profile
     assert policies(process) == (usual, raised if asked and is_permitted() else usual)
     assert ("priority 4 is not permitted" in said) == (asked and not is_permitted())
+
+
+def test_a_tracker_has_none_unasked(graph, client):
+    process = graph.process()
+    told = client.wait_for(lambda: client.health, "diagnostics")[-1].values
+    usual = {(os.SCHED_OTHER, 0)}
+    assert (told["realtime_priority"], policies(process)) == ("0", (usual, usual))
 
 
 def test_a_node_in_the_process_of_another_leaves_it_as_it_is(graph, client):

@@ -96,6 +96,11 @@ def heat_of(message: Image) -> Json | None:
     return {"columns": message.width, "heat": base64.b64encode(heat.tobytes()).decode()}
 
 
+def note(about: str | None, text: str, *, ok: bool = True) -> Json:
+    """What came of a request, for the page to tell."""
+    return {"type": "note", "about": about, "ok": ok, "text": text}
+
+
 def packed(header: Mapping[str, Any], picture: bytes) -> bytes:
     """One message of the socket: the length of the header, the header, the picture."""
     text = json.dumps(header, allow_nan=False).encode()

@@ -59,8 +59,7 @@ class ConsoleNode(Node):
         parameters = build(ConsoleParameters, binding.values)
         if is_waited_for:
             log = self.get_logger()  # type: ignore[no-untyped-call]
-            usual = ConsoleParameters.realtime_priority
-            RealTimePriority(log.warning, usual).ask(parameters.realtime_priority)
+            RealTimePriority(log.warning).ask(parameters.realtime_priority)
         self._serve(parameters)
 
     def destroy_node(self) -> None:

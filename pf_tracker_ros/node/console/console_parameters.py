@@ -41,11 +41,11 @@ class ConsoleParameters:
         read_only=True,
     )
     realtime_priority: int = declared(
-        1,
+        0,
         "Real-time priority (SCHED_RR) of Fast DDS' threads in the process console, where the "
-        "system permits it, so that a camera that publishes reliably waits less for this reader; "
-        "with a Fast DDS profile no camera waits, and there is none. 1 is the lowest there is, 0 "
-        "asks for none.",
+        "system permits it, so that a camera that publishes reliably waits less for this reader; 0 "
+        "asks for none, 1 is the lowest there is. With a Fast DDS profile no camera waits, and "
+        "there is none.",
         minimum=0,
         maximum=99,
         read_only=True,

@@ -52,7 +52,7 @@ class TrackerHealth:
         *,
         stands_still: bool,
         others: Callable[[], Sequence[str]] = tuple,
-        mismatches: Sequence[str] = (),
+        graph_faults: Sequence[str] = (),
     ) -> Json:
         """What the page shows.
 
@@ -60,7 +60,7 @@ class TrackerHealth:
             now: The time.
             stands_still: Whether a recording does, so that images are not missed.
             others: Tells the names of the trackers that there are, for one who asks for another.
-            mismatches: Why the console cannot hear or reach others, a sentence each.
+            graph_faults: Of the ROS graph around the console, a sentence each.
         """
         said = self._diagnostics or self._status
         if self._heard_at is None or said is None:
@@ -88,7 +88,7 @@ class TrackerHealth:
         if stands_still and text.startswith("no image for"):
             # No fault of anybody.
             text, level = text.partition("; ")[2], "ok"
-        faults = dict.fromkeys(mismatches)
+        faults = dict.fromkeys(graph_faults)
         if now - self._fault_at < _FAULT_SHOWN:
             faults[self._fault] = None
         if faults:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from collections.abc import Coroutine
 from functools import partial
 from typing import Any
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.node.console import player
-from pf_tracker_ros.node.console.answers import Json
+from pf_tracker_ros.node.console.answers import Json, note
 from pf_tracker_ros.node.console.browsers import Browser, Browsers
 from pf_tracker_ros.node.console.health import TrackerHealth
 from pf_tracker_ros.node.console.pairing import Pairing
@@ -34,6 +34,10 @@ _TICK = 0.1
 # For so long, in seconds, frames are still taken once the last browser has gone: it may come back,
 # as by a reload, and where subscriptions come and go quickly a take in Fast DDS may never end.
 _LINGER = 5.0
+# What browsers may ask; each is done by the method of its name. Those of the second kind are about
+# the browser that asks.
+_REQUESTS = ("target", "click", "stop", "stop_target", "enable", "reset")
+_OWN_REQUESTS = ("welcomed", "shown", "view", "set", "heat")
 
 
 class Hub:
@@ -63,23 +67,6 @@ class Hub:
         self._reading: asyncio.Task[None] | None = None
         self._parameters_are_old = True
         self._tasks: set[asyncio.Task[None]] = set()
-        self._requests: Mapping[str, Callable[[Json], Awaitable[None]]] = {
-            "target": self._on_target,
-            "click": self._on_click,
-            "stop": self._on_stop,
-            "stop_target": self._on_stop_target,
-            "enable": self._on_enable,
-            "reset": self._on_reset,
-            **dict.fromkeys(player.REQUESTS, _refuse_without_recording),
-            **(self._player.requests if self._player else {}),
-        }
-        self._own_requests: Mapping[str, Callable[[Browser, Json], Awaitable[None]]] = {
-            "welcomed": self._on_welcomed,
-            "shown": self._on_shown,
-            "view": self._on_view,
-            "set": self._on_set,
-            "heat": self._on_heat,
-        }
         if self._player:
             self._watch()
 
@@ -149,16 +136,19 @@ class Hub:
             self._health.answered_at,
             now,
             may_repeat=self._player is None,
-            stands_still=self._player is not None and self._player.stands_still,
+            stands_still=self._stands_still,
         )
 
+    @property
+    def _stands_still(self) -> bool:
+        return self._player is not None and self._player.stands_still
+
     def _told_by_health(self, now: float) -> Json:
-        stands_still = self._player is not None and self._player.stands_still
         return self._health.told(
             now,
-            stands_still=stands_still,
+            stands_still=self._stands_still,
             others=self._link.trackers_that_are_there,
-            mismatches=self._link.mismatches,
+            graph_faults=self._link.graph_faults,
         )
 
     # Browsers
@@ -183,18 +173,20 @@ class Hub:
     async def handle(self, browser: Browser, message: Any) -> None:
         """Do what a browser asks; what goes wrong is told to it alone."""
         kind = message.get("type") if isinstance(message, dict) else None
+        name = kind if isinstance(kind, str) else ""
         try:
-            if isinstance(kind, str) and kind in self._own_requests:
-                await self._own_requests[kind](browser, message)
-                return
-            if not isinstance(kind, str) or kind not in self._requests:
+            if name in _OWN_REQUESTS:
+                await getattr(self, f"_on_{name}")(browser, message)
+            elif name in _REQUESTS:
+                await getattr(self, f"_on_{name}")(message)
+            elif name not in player.REQUESTS:
                 raise RequestError(f"there is no request {kind!r}")
-            await self._requests[kind](message)
+            elif self._player:
+                await self._player.handle(name, message)
+            else:
+                raise RequestError("there is no recording; start the console with one")
         except (RequestError, TrackerError) as error:
-            about = kind if isinstance(kind, str) else None
-            await browser.send_json(
-                {"type": "note", "about": about, "ok": False, "text": str(error)}
-            )
+            await browser.send_json(note(name or None, str(error), ok=False))
 
     def _watch(self) -> None:
         """Let the tracker publish what somebody looks at, and no more."""
@@ -205,12 +197,11 @@ class Hub:
             self._watched_at = now
         is_watched |= now - self._watched_at < _LINGER
         wanted = {"particles": is_watched, "likelihood": bool(self._heated)}
-        if wanted == self._wanted:
-            return
-        self._wanted = wanted
-        self._link.watch(is_watched)
-        self._link.watch_likelihood(bool(self._heated))
-        self._pairing.wanted = {part for part, is_wanted in wanted.items() if is_wanted}
+        if wanted != self._wanted:
+            self._wanted = wanted
+            self._link.watch(is_watched)
+            self._link.watch_likelihood(bool(self._heated))
+            self._pairing.wanted = {part for part, is_wanted in wanted.items() if is_wanted}
 
     async def _on_welcomed(self, browser: Browser, message: Json) -> None:
         self._browsers.hear(browser)
@@ -228,10 +219,10 @@ class Hub:
             text = ""
             if self._told_health.get("state") == "idle":
                 text = "the heat comes with a target"
-            elif self._player and self._player.stands_still:
+            elif self._stands_still:
                 text = "the heat comes with the next frame: press N for it, or play"
             if text:
-                await browser.send_json({"type": "note", "about": "heat", "ok": True, "text": text})
+                await browser.send_json(note("heat", text))
         else:
             self._heated.discard(browser)
         self._watch()
@@ -280,7 +271,7 @@ class Hub:
     async def _on_stop(self, message: Json) -> None:
         due = self._player.forget() if self._player else ""
         answer = await self._link.services.stop()
-        await self._note("stop", due or answer)
+        await self._browsers.tell(note("stop", due or answer))
 
     async def _on_stop_target(self, message: Json) -> None:
         id = str(message.get("id"))
@@ -288,11 +279,12 @@ class Hub:
             self._link.stop_target(id)
         except ValueError as error:
             raise RequestError(str(error)) from error
-        await self._note("stop_target", f"target {id} is to stop")
+        await self._browsers.tell(note("stop_target", f"target {id} is to stop"))
 
     async def _on_enable(self, message: Json) -> None:
         enabled = flag_of(message, "enabled")
-        await self._note("enable", await self._link.services.enable(enabled))
+        answer = await self._link.services.enable(enabled)
+        await self._browsers.tell(note("enable", answer))
 
     def _tell_verdict(self, verdict: Verdict) -> None:
         if self._player and verdict.outcome == "refused":
@@ -305,9 +297,7 @@ class Hub:
     async def _on_set(self, browser: Browser, message: Json) -> None:
         """Set a parameter; a refusal is for the field that it was given in."""
         name = message.get("name")
-        known = next((one for one in self._parameters if one["name"] == name), None)
-        if known is None:
-            raise RequestError(f"there is no parameter {name!r}")
+        known = self._known(name, f"there is no parameter {name!r}")
         try:
             wanted = parameter_of(known, message.get("value"))
             refusal = await self._link.services.set_parameter(wanted)
@@ -323,18 +313,19 @@ class Hub:
         if refusal := await self._link.services.set_parameter(parameter_of(known, known["value"])):
             raise RequestError(refusal)
         text = f"the tracker's values are those of the preset {known['value']}"
-        await self._note("reset", f"{text}; the node's own stay as they are")
+        text += "; the node's own stay as they are"
+        await self._browsers.tell(note("reset", text))
 
     @property
     def _has_several(self) -> bool:
         return any(one["name"] == "max_targets" and one["value"] > 1 for one in self._parameters)
 
-    def _known(self, name: str) -> Json:
-        """A parameter that every tracker has."""
+    def _known(self, name: Any, unless: str = "the tracker's parameters are not known yet") -> Json:
+        """A parameter by its name, by default one that every tracker has."""
         for one in self._parameters:
             if one["name"] == name:
                 return one
-        raise RequestError("the tracker's parameters are not known yet")
+        raise RequestError(unless)
 
     async def _read_parameters(self) -> None:
         try:
@@ -347,15 +338,8 @@ class Hub:
         finally:
             self._reading = None
 
-    async def _note(self, about: str, text: str) -> None:
-        await self._browsers.tell({"type": "note", "about": about, "ok": True, "text": text})
-
     def _soon(self, action: Coroutine[Any, Any, None]) -> None:
         # The loop itself keeps no task from being collected.
         task = asyncio.ensure_future(action)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-
-
-async def _refuse_without_recording(message: Json) -> None:
-    raise RequestError("there is no recording; start the console with one")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Collection
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from pf_tracker_ros.node.console.answers import Json
@@ -65,13 +65,6 @@ class Shown:
 
 
 @dataclass
-class _Waiting:
-    order: int
-    image: Any
-    arrival: float
-
-
-@dataclass
 class _Answer:
     """The parts, and when each of them came."""
 
@@ -112,14 +105,13 @@ class Pairing:
     def __init__(self) -> None:
         self.latest: Shown | None = None
         self.wanted: set[str] = set()
-        self._images: OrderedDict[int, _Waiting] = OrderedDict()
+        # Those that may still be shown, as they came, each with its time.
+        self._images: OrderedDict[int, tuple[Any, float]] = OrderedDict()
         self._answers: OrderedDict[int, _Answer] = OrderedDict()
-        # The latest, as it waited, and the answer to it.
-        self._shown: _Waiting | None = None
+        # The answer to the latest.
         self._known = _Answer()
         # How long an answer takes, seconds.
         self._usual = 0.0
-        self._order = 0
         self._answered_at = float("-inf")
 
     def add_image(self, stamp: int, image: Any, now: float) -> None:
@@ -130,14 +122,13 @@ class Pairing:
             image: The message.
             now: When it came, seconds by any clock that is always the same.
         """
-        self._order += 1
         self._images.pop(stamp, None)
-        self._images[stamp] = _Waiting(self._order, image, now)
+        self._images[stamp] = image, now
         while self._are_too_many():
             self._images.popitem(last=False)
 
     def _are_too_many(self) -> bool:
-        octets = sum(len(getattr(waiting.image, "data", b"")) for waiting in self._images.values())
+        octets = sum(len(getattr(image, "data", b"")) for image, _ in self._images.values())
         most = _FEWEST if octets > _MOST_OCTETS else _MOST_IMAGES
         return len(self._images) > most
 
@@ -150,10 +141,10 @@ class Pairing:
             content: As in `Shown.answer`.
             now: As for `add_image`.
         """
-        if self._shown and self._is_latest(stamp) and stamp not in self._images:
+        if self.latest and self._is_latest(stamp) and stamp not in self._images:
             # A part that is late, or another answer, as where a frame is played again. What has
             # come since then is newer.
-            self._images[stamp] = replace(self._shown, arrival=now)
+            self._images[stamp] = self.latest.image, now
             self._images.move_to_end(stamp, last=False)
             self._answers[stamp] = self._known.copy()
         answer = self._answers.setdefault(stamp, _Answer())
@@ -166,21 +157,21 @@ class Pairing:
     def choose(self, now: float) -> bool:
         """Bring `latest` up to date, and tell whether it is another frame than before."""
         silent = now - self._answered_at > _SILENCE
-        for stamp, waiting in reversed(self._images.items()):
+        for stamp, (image, arrival) in reversed(self._images.items()):
             answer = self._answers.get(stamp) or self._known_of(stamp)
             complete = answer.is_complete(self.wanted)
             if complete:
-                self._usual = max(now - waiting.arrival, _FORGETTING * self._usual)
+                self._usual = max(now - arrival, _FORGETTING * self._usual)
             patience = max(_PATIENCE, _TIMES_USUAL * self._usual)
-            if complete or silent or now - waiting.arrival > patience:
+            if complete or silent or now - arrival > patience:
                 number = self.latest.number + 1 if self.latest else 1
                 self._known = answer.copy()
-                self.latest = Shown(number, stamp, waiting.image, self._known.parts)
-                self._shown = waiting
-                for other in [s for s, w in self._images.items() if w.order <= waiting.order]:
-                    del self._images[other]
+                self.latest = Shown(number, stamp, image, self._known.parts)
+                older = None
+                while older != stamp:
+                    older, _ = self._images.popitem(last=False)
                     # Where stamps repeat, as in a loop, this is no answer to the next one.
-                    self._answers.pop(other, None)
+                    self._answers.pop(older, None)
                 return True
         return False
 

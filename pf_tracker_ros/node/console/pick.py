@@ -39,59 +39,38 @@ class Verdict:
     text: str
 
 
-class Pick:
-    """A target that has been sent and not been answered.
+def verdict_of_frame(status: Json) -> Verdict | None:
+    """The verdict in the status of a frame, None if it has none."""
+    message = str(status["message"])
+    if _REFUSED in message:
+        return Verdict("refused", message[message.index(_REFUSED) :])
+    if status["values"].get("frame") == "started":
+        return Verdict("accepted", "accepted; the tracker follows it")
+    return None
 
-    Attributes:
-        sent_at: Seconds by any clock that is always the same.
+
+def verdict_of_health(health: Json, sent_for: float) -> Verdict | None:
+    """The verdict in the node's diagnostics, which come without images too.
 
     Args:
-        sent_at: As the attribute.
-        send: Sends it.
+        health: As `answers.status_of` gives it.
+        sent_for: Seconds since the target was sent.
     """
+    values: dict[str, Any] = health["values"]
+    error, age = str(values.get("last_error", "")), values.get("seconds_since_error")
+    is_new = isinstance(age, float) and age < sent_for
+    return Verdict("refused", error) if is_new and error.startswith(_REFUSED) else None
 
-    def __init__(self, sent_at: float, send: Callable[[], None]) -> None:
-        self.sent_at = sent_at
-        self._send = send
-        self._attempts = 1
-        self._tried_at = sent_at
 
-    def send_again(self, answered_at: float, now: float) -> None:
-        """Send it again if frames have been answered since, and none of them told of it.
+@dataclass
+class _Pick:
+    """A target that has been sent and not been answered; times by `time.monotonic`."""
 
-        What is sent while two sides get to know each other may be lost.
-
-        Args:
-            answered_at: When the last frame was, by the clock of `sent_at`.
-            now: By the same clock.
-        """
-        if answered_at - self._tried_at > _ANSWERED_AFTER and self._attempts < _MOST_ATTEMPTS:
-            self._attempts += 1
-            self._tried_at = now
-            self._send()
-
-    def judge_status(self, status: Json) -> Verdict | None:
-        """The verdict in the status of a frame, None if it has none."""
-        message = str(status["message"])
-        if _REFUSED in message:
-            return Verdict("refused", message[message.index(_REFUSED) :])
-        if status["values"].get("frame") == "started":
-            return Verdict("accepted", "accepted; the tracker follows it")
-        return None
-
-    def judge_health(self, health: Json, now: float) -> Verdict | None:
-        """The verdict in the node's diagnostics, which come without images too.
-
-        Args:
-            health: As `answers.status_of` gives it.
-            now: As `sent_at`.
-        """
-        values: dict[str, Any] = health["values"]
-        error, age = str(values.get("last_error", "")), values.get("seconds_since_error")
-        is_new = isinstance(age, float) and age < now - self.sent_at
-        if is_new and error.startswith(_REFUSED):
-            return Verdict("refused", error)
-        return None
+    send: Callable[[], None]
+    sent_at: float
+    tried_at: float
+    attempts: int = 1
+    is_waiting: bool = False
 
 
 class Picker:
@@ -105,8 +84,7 @@ class Picker:
     def __init__(self, link: TrackerLink, tell: Callable[[Verdict], None]) -> None:
         self._link = link
         self._tell = tell
-        self._pick: Pick | None = None
-        self._is_waiting = False
+        self._pick: _Pick | None = None
 
     async def send(self, send: Callable[[], None], *, is_sent_later: bool = False) -> None:
         """Send a target, and expect a verdict on it.
@@ -127,42 +105,47 @@ class Picker:
             self._link.expect_takers()
         else:
             send()
-        self._pick = Pick(time.monotonic(), send)
-        self._is_waiting = False
+        now = time.monotonic()
+        self._pick = _Pick(send, now, now)
 
     def judge_status(self, status: Json) -> None:
         """Look for the verdict in the status of a frame."""
-        if self._pick:
-            self._conclude(self._pick.judge_status(status))
+        self._conclude(verdict_of_frame(status))
 
     def judge_health(self, health: Json, now: float) -> None:
-        """Look for the verdict in the node's diagnostics; see `Pick.judge_health`."""
+        """Look for the verdict in the node's diagnostics, at a time by `time.monotonic`."""
         if self._pick:
-            self._conclude(self._pick.judge_health(health, now))
+            self._conclude(verdict_of_health(health, now - self._pick.sent_at))
 
     def look(
         self, answered_at: float, now: float, *, may_repeat: bool, stands_still: bool = False
     ) -> None:
         """Send again what was lost, and tell what waits for an image.
 
+        What is sent while two sides get to know each other may be lost: frames have been answered
+        since then, and none of them told of it.
+
         Args:
-            answered_at: As for `Pick.send_again`.
-            now: The same.
+            answered_at: When the last frame was answered, by `time.monotonic`.
+            now: By the same clock.
             may_repeat: Whether the target may be sent again.
             stands_still: Whether no image comes until somebody lets the recording go on.
         """
-        if self._pick is None:
+        pick = self._pick
+        if pick is None:
             return
-        if may_repeat:
+        is_lost = answered_at - pick.tried_at > _ANSWERED_AFTER
+        if may_repeat and is_lost and pick.attempts < _MOST_ATTEMPTS:
+            pick.attempts, pick.tried_at = pick.attempts + 1, now
             with contextlib.suppress(TrackerError):
-                self._pick.send_again(answered_at, now)
+                pick.send()
         patience = _PATIENCE_STILL if stands_still else _PATIENCE
-        if not self._is_waiting and now - self._pick.sent_at > patience:
-            self._is_waiting = True
+        if not pick.is_waiting and now - pick.sent_at > patience:
+            pick.is_waiting = True
             cure = ": press N for it, or play" if stands_still else ""
             self._tell(Verdict("waiting", f"sent; the tracker answers with the next image{cure}"))
 
     def _conclude(self, verdict: Verdict | None) -> None:
-        if verdict:
+        if verdict and self._pick:
             self._pick = None
             self._tell(verdict)

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import threading
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-import rclpy
-from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -17,7 +14,7 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage.access import is_there
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
-from pf_tracker_ros.node.running import spin_until_shutdown
+from pf_tracker_ros.node.running import spinning
 from pf_tracker_ros.recordings import open_recording
 from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.target import Target, read_target_file, save_targets
@@ -50,6 +47,7 @@ class PlayedRecording:
 
     Attributes:
         is_playable: Whether the source can be read; its node has told why it cannot.
+        replay: That node.
 
     Args:
         node: The console's node; images go where it would look for them.
@@ -64,8 +62,6 @@ class PlayedRecording:
         self._target_file = target_file(self._path)
         self._has_target = False
         self._look_for_target()
-        self._context = Context()
-        rclpy.init(context=self._context, args=[], domain_id=node.context.get_domain_id())
         image = node.resolve_topic_name("image")
         remapped = ["-r", f"image:={image}", "-r", f"image/compressed:={image}/compressed"]
         values = {
@@ -78,40 +74,34 @@ class PlayedRecording:
             "start_paused": True,
             "stay_at_end": True,
         }
-        self._replay = ReplayNode(
+        create = partial(
+            ReplayNode,
             spectator=node,
-            context=self._context,
             namespace=node.get_namespace(),
             cli_args=["--ros-args", *remapped],
             use_global_arguments=False,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
         )
-        self.is_playable = self._replay.has_begun
-        self._thread = threading.Thread(
-            target=spin_until_shutdown, args=(self._replay,), name="replay", daemon=True
+        self._running = contextlib.ExitStack()
+        self.replay: ReplayNode = self._running.enter_context(
+            spinning(lambda context: create(context=context), node.context.get_domain_id())
         )
-        self._thread.start()
+        self.is_playable = self.replay.has_begun
 
     def close(self) -> None:
         """End it."""
-        self._context.try_shutdown()
-        self._thread.join()
-        self._replay.destroy_node()
+        self._running.close()
 
     @property
     def state(self) -> Json:
         """What the page shows of it."""
         return {
             "name": self._path.name,
-            "frame": self._replay.position,
-            "frames": self._replay.frame_count,
-            "rate": self._replay.get_parameter("lockstep_rate").value,
+            "frame": self.replay.position,
+            "frames": self.replay.frame_count,
+            "rate": self.replay.get_parameter("lockstep_rate").value,
             "target": self._target_file.name if self._has_target else "",
         }
-
-    def before_frame(self, call: Callable[[int], None]) -> None:
-        """Have something done before each frame goes out, in another thread; see `ReplayNode`."""
-        self._replay.before_frame = call
 
     def hindrance(self, image_topic: str) -> str:
         """Why it does not go on, and what to do where it and the tracker use other topics.
@@ -122,11 +112,11 @@ class PlayedRecording:
         Returns:
             A sentence, empty if nothing is in the way.
         """
-        if self._replay.failure:
-            return f"the recording cannot go on, start the console anew: {self._replay.failure}"
-        said = self._replay.hindrance
+        if self.replay.failure:
+            return f"the recording cannot go on, start the console anew: {self.replay.failure}"
+        said = self.replay.hindrance
         own, other = (
-            topic.removesuffix("/compressed") for topic in (self._replay.image_topic, image_topic)
+            topic.removesuffix("/compressed") for topic in (self.replay.image_topic, image_topic)
         )
         if not said or not other or own == other:
             return said
@@ -136,57 +126,22 @@ class PlayedRecording:
         )
 
     @property
-    def paused(self) -> bool:
-        """Whether it stands still; may be set."""
-        return self._replay.playback.paused
-
-    @paused.setter
-    def paused(self, paused: bool) -> None:
-        self._replay.playback.paused = paused
-
-    @property
-    def is_at_end(self) -> bool:
-        """Whether there is nothing to play but what has been played."""
-        return self._replay.playback.is_at_end
-
-    @property
     def frame(self) -> int:
         """Index of the frame that was played last, 0 before the first."""
-        return max(0, self._replay.position)
-
-    @property
-    def stamp(self) -> int:
-        """Of the frame that was played last, nanoseconds; 0 before the first."""
-        return self._replay.stamp
+        return max(0, self.replay.position)
 
     @property
     def last_frame(self) -> int | None:
         """Index of the last frame, None where the source does not tell how many there are."""
-        count = self._replay.frame_count
+        count = self.replay.frame_count
         return None if count is None else max(0, count - 1)
-
-    def index_of(self, stamp: int) -> int | None:
-        """Index of a frame that has been played, by its stamp in nanoseconds."""
-        return self._replay.index_of(stamp)
-
-    def step(self, count: int = 1) -> None:
-        """Play so many frames, as fast as the tracker, and stand still."""
-        self._replay.playback.step(count)
-
-    def drop_steps(self) -> None:
-        """Play no more of the frames that it was asked to step to."""
-        self._replay.playback.drop_steps()
-
-    def seek(self, frame: int) -> None:
-        """Play a frame, and go on from it unless it stands still."""
-        self._replay.playback.seek(frame)
 
     def settle(self) -> bool:
         """Wait until it stands still with every frame answered; whether it does.
 
         It has to be paused. At most half a minute.
         """
-        return self._replay.playback.wait_until_held(_SETTLING)
+        return self.replay.playback.wait_until_held(_SETTLING)
 
     def set_rate(self, rate: float) -> str:
         """Set the speed relative to the recording's own, 0 for that of the tracker.
@@ -194,7 +149,7 @@ class PlayedRecording:
         Returns:
             Why it is refused, or empty.
         """
-        (result,) = self._replay.set_parameters([Parameter("lockstep_rate", value=rate)])
+        (result,) = self.replay.set_parameters([Parameter("lockstep_rate", value=rate)])
         return "" if result.successful else str(result.reason)
 
     def save(self, target: PickedTarget) -> Path:

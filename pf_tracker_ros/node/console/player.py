@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from functools import partial
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.node.console.answers import Json
+from pf_tracker_ros.node.console.answers import Json, note
 from pf_tracker_ros.node.console.pick import Picker
 from pf_tracker_ros.node.console.played_recording import PickedTarget, PlayedRecording
 from pf_tracker_ros.node.console.requests import RequestError, flag_of, number_of, whole_of
@@ -64,15 +64,16 @@ class Player:
         self._steps_after = 0
         # The target to be sent with its frame.
         self._due: PickedTarget | None = None
-        recording.before_frame(self._send_due)
-        self.requests: Mapping[str, Callable[[Json], Awaitable[None]]] = {
-            "play": self._on_play,
-            "step": self._on_step,
-            "seek": self._on_seek,
-            "rate": self._on_rate,
-            "save": self._on_save,
-            "load": self._on_load,
-        }
+        self._playback = recording.replay.playback
+        recording.replay.before_frame = self._send_due
+
+    async def handle(self, name: str, message: Json) -> None:
+        """Do one of `REQUESTS`, by the method of its name.
+
+        Raises:
+            RequestError: It cannot be done.
+        """
+        await getattr(self, f"_on_{name}")(message)
 
     @property
     def state(self) -> Json:
@@ -89,12 +90,12 @@ class Player:
     @property
     def _plays(self) -> bool:
         """Whether it plays, or will as soon as the frame is found that is sought."""
-        return self._plays_after if self._seeking.locked() else not self._recording.paused
+        return self._plays_after if self._seeking.locked() else not self._playback.paused
 
     @property
     def stands_still(self) -> bool:
         """Whether no images are to be expected."""
-        return self._recording.paused and not self._recording.hindrance("")
+        return self._playback.paused and not self._recording.hindrance("")
 
     def forget(self) -> str:
         """Try the target no more.
@@ -119,10 +120,10 @@ class Player:
             self._told = state
             await self._tell(state)
         # The first may go by before the console is known to be a subscriber.
-        is_idle = self._recording.paused and not self._seeking.locked()
+        is_idle = self._playback.paused and not self._seeking.locked()
         if not has_picture and is_idle and now > self._show_first_at:
             self._show_first_at = now + _FIRST_FRAME_INTERVAL
-            self._recording.seek(self._recording.frame)
+            self._playback.seek(self._recording.frame)
 
     async def try_target(self, box: Box, stamp: int, image_size: tuple[int, int] | None) -> bool:
         """Play on from the frame that a target was drawn on.
@@ -138,7 +139,7 @@ class Player:
         Returns:
             Whether it does.
         """
-        frame = self._recording.index_of(stamp)
+        frame = self._recording.replay.index_of(stamp)
         if frame is None:
             return False
         if self._has_several():
@@ -149,15 +150,14 @@ class Player:
 
     async def _begin_on_the_same_frame(self, box: Box, stamp: int, frame: int) -> bool:
         """Show a frame once more, where it stands still there, with a target for it."""
-        is_shown = frame == self._recording.frame and self._recording.paused
+        is_shown = frame == self._recording.frame and self._playback.paused
         if not is_shown or self._seeking.locked():
             return False
         async with self._held(plays=False):
             await self._picker.send(partial(self._link.send_target, box, stamp))
-            loop = asyncio.get_running_loop()
-            await loop.run_in_executor(None, self._link.await_target)
-            self._recording.seek(frame)
-            await loop.run_in_executor(None, self._recording.settle)
+            await asyncio.to_thread(self._link.await_target)
+            self._playback.seek(frame)
+            await asyncio.to_thread(self._recording.settle)
         return True
 
     @asynccontextmanager
@@ -168,34 +168,34 @@ class Player:
             plays: Whether it plays then, unless something else is asked; None if it does so now.
         """
         async with self._seeking:
-            self._plays_after = not self._recording.paused if plays is None else plays
+            self._plays_after = not self._playback.paused if plays is None else plays
             self._steps_after = 0
-            self._recording.paused = True
+            self._playback.paused = True
             try:
                 yield
             finally:
-                self._recording.paused = not self._plays_after
+                self._playback.paused = not self._plays_after
                 if self._steps_after:
-                    self._recording.step(self._steps_after)
+                    self._playback.step(self._steps_after)
 
     async def _on_play(self, message: Json) -> None:
         playing = flag_of(message, "playing")
         if self._seeking.locked():
             self._plays_after, self._steps_after = playing, 0
-        elif playing and self._recording.is_at_end:
+        elif playing and self._playback.is_at_end:
             await self._go_to(0, plays=True)
         else:
-            self._recording.paused = not playing
+            self._playback.paused = not playing
             if not playing:
-                self._recording.drop_steps()
+                self._playback.drop_steps()
 
     async def _on_step(self, message: Json) -> None:
         if self._seeking.locked():
             self._plays_after = False
             self._steps_after += 1
         else:
-            self._recording.paused = True
-            self._recording.step()
+            self._playback.paused = True
+            self._playback.step()
 
     async def _on_seek(self, message: Json) -> None:
         frame, last = whole_of(message, "frame"), self._recording.last_frame
@@ -216,14 +216,12 @@ class Player:
             path = self._recording.save(self.picked)
         except OSError as error:
             raise RequestError(f"the target cannot be saved: {error}") from error
-        text = f"saved as {path.name}, beside the recording"
-        await self._tell({"type": "note", "about": "save", "ok": True, "text": text})
+        await self._tell(note("save", f"saved as {path.name}, beside the recording"))
 
     async def _on_load(self, message: Json) -> None:
         """Take the target of the file beside the recording, and go to its frame."""
-        loop = asyncio.get_running_loop()
         try:
-            target = await loop.run_in_executor(None, self._recording.load)
+            target = await asyncio.to_thread(self._recording.load)
         except (RecordingError, FootageError) as error:
             raise RequestError(str(error)) from error
         self.picked = target
@@ -231,10 +229,9 @@ class Player:
 
     async def _approach(self, target: PickedTarget) -> None:
         """Bring the tracker's time near the frame of a target, if it is far before that."""
-        if target.frame and target.stamp - self._recording.stamp > _NEAR:
-            self._recording.seek(target.frame - 1)
-            loop = asyncio.get_running_loop()
-            await loop.run_in_executor(None, self._recording.settle)
+        if target.frame and target.stamp - self._recording.replay.stamp > _NEAR:
+            self._playback.seek(target.frame - 1)
+            await asyncio.to_thread(self._recording.settle)
 
     def _send_due(self, index: int) -> None:
         """Send the target with the frame that it was drawn on, before that goes out.
@@ -264,26 +261,25 @@ class Player:
             frame: Its index, counted from 0.
             plays: Whether it plays on from there; None if it does so now.
         """
-        recording, loop = self._recording, asyncio.get_running_loop()
         async with self._held(plays=plays):
-            if not await loop.run_in_executor(None, recording.settle):
+            if not await asyncio.to_thread(self._recording.settle):
                 raise RequestError("the tracker does not answer the recording's last frame")
             await self._link.services.stop()
             if self._has_several() and not self.picked:
                 text = "at another frame several targets begin anew; draw them there"
-                await self._tell({"type": "note", "about": "seek", "ok": True, "text": text})
+                await self._tell(note("seek", text))
             target, first = self.picked, frame
             self._due = target
             if target:
                 first = min(frame, target.frame)
                 if frame < target.frame:
                     text = f"the target begins at frame {target.frame}, where it was drawn"
-                    await self._tell({"type": "note", "about": "seek", "ok": True, "text": text})
+                    await self._tell(note("seek", text))
                 if first == target.frame:
                     await self._approach(target)
                     send = partial(self._link.send_target, target.box, target.stamp)
                     await self._picker.send(send, is_sent_later=True)
-            recording.seek(first)
+            self._playback.seek(first)
             if frame > first:
-                recording.step(frame - first)
-            await loop.run_in_executor(None, recording.settle)
+                self._playback.step(frame - first)
+            await asyncio.to_thread(self._recording.settle)

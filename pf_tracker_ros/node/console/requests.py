@@ -21,9 +21,11 @@ def numbers_of(message: Json, name: str, count: int) -> list[float]:
         RequestError: It has not so many, or others than can be pixels.
     """
     values = message.get(name)
-    if not isinstance(values, list) or len(values) != count:
-        raise RequestError(f"'{name}' has to be a list of {count} numbers")
-    if any(isinstance(one, bool) or not isinstance(one, int | float) for one in values):
+    if (
+        not isinstance(values, list)
+        or len(values) != count
+        or any(isinstance(one, bool) or not isinstance(one, int | float) for one in values)
+    ):
         raise RequestError(f"'{name}' has to be a list of {count} numbers")
     if not all(abs(one) <= _LARGEST_COORDINATE for one in values):
         raise RequestError(f"'{name}' has numbers beyond {_LARGEST_COORDINATE:g}")

@@ -23,16 +23,16 @@ from pf_tracker_ros.node.console.answered_images import AnsweredImages
 from pf_tracker_ros.node.console.answers import box_of, heat_of, particles_of, status_of
 from pf_tracker_ros.node.console.several import boxes_of, detections_of, stop_message, targets_of
 from pf_tracker_ros.node.console.tracker_services import TrackerError, TrackerServices
+from pf_tracker_ros.node.graph_watch import GraphWatch
 from pf_tracker_ros.node.message_building import box_message
-from pf_tracker_ros.node.mismatches import MismatchWatch
 from pf_tracker_ros.node.qos import DEFAULT_QOS, advertise, subscribe
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 from pf_tracker_ros.stamps import set_stamp, stamp_of
 
 Receive = Callable[[str, int, Any], None]
 
-# One of them tells what became of a target: none is to be lost while the executor is busy.
-_EVERY_STATUS = QoSProfile(
+# A status tells what became of a target: none is to be lost while the executor is busy.
+_ALL = QoSProfile(
     depth=100,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
@@ -48,6 +48,7 @@ class TrackerLink:
     Attributes:
         name: Fully qualified name of the tracker's node.
         services: Of it.
+        image_topic: That it takes its images from, empty while that is not known.
 
     Args:
         node: The console's node.
@@ -64,18 +65,20 @@ class TrackerLink:
         self._actions: deque[Callable[[], None]] = deque()
         # Works before the node has an executor too.
         self._guard = node.create_guard_condition(self._act)
-        self._image_topic = ""
+        self.image_topic = ""
         self._watching = False
         self._answers: list[Subscription] = []
         self._likelihood: Subscription | None = None
-        self._images = AnsweredImages(node, self._on_image, self._report)
+        self._images = AnsweredImages(
+            node, self._handing_on("image", lambda message: message), self._report
+        )
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, DEFAULT_QOS)
         self._targets = self._advertise("target", PolygonStamped)
         self._clicks = self._advertise("click", PointStamped)
         self._stops = self._advertise("stop_target", UInt32)
         self.services = TrackerServices(node, self.name, self._do)
         node.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
-        self._mismatches = MismatchWatch(node, self._report)
+        self._graph = GraphWatch(node, self._report)
 
     # What is said to the tracker; called from any thread
 
@@ -86,11 +89,6 @@ class TrackerLink:
     def watch_likelihood(self, watched: bool) -> None:
         """Subscribe to the likelihood around the target, which costs the tracker time."""
         self._do(partial(self._watch_likelihood, watched))
-
-    @property
-    def image_topic(self) -> str:
-        """The topic that the tracker takes its images from, empty while that is not known."""
-        return self._image_topic
 
     def trackers_that_are_there(self) -> list[str]:
         """Names of the nodes that seem to be trackers, by their topics."""
@@ -108,9 +106,9 @@ class TrackerLink:
         Args:
             topic: As its diagnostics tell; empty while it has none, which changes nothing.
         """
-        if topic and topic != self._image_topic:
-            self._image_topic = topic
-            self._do(self._change_topic)
+        if topic and topic != self.image_topic:
+            self.image_topic = topic
+            self._do(self._reopen)
 
     def send_target(self, box: Box, stamp: int) -> None:
         """Send a box to track.
@@ -122,10 +120,9 @@ class TrackerLink:
         Raises:
             TrackerError: Nobody takes targets.
         """
-        self.expect_takers()
         message = box_message(box, PolygonStamped().header)
         set_stamp(message.header, stamp)
-        self._targets.publish(message)
+        self._send(self._targets, message)
 
     @property
     def takes_targets(self) -> bool:
@@ -148,11 +145,10 @@ class TrackerLink:
 
     def send_click(self, x: float, y: float, stamp: int) -> None:
         """Send a point to track, pixels; otherwise as `send_target`."""
-        self._expect_subscriber(self._clicks)
         message = PointStamped()
         message.point.x, message.point.y = x, y
         set_stamp(message.header, stamp)
-        self._clicks.publish(message)
+        self._send(self._clicks, message)
 
     def stop_target(self, id: str) -> None:
         """Let a tracker of several targets forget one of them.
@@ -161,9 +157,7 @@ class TrackerLink:
             ValueError: That is no id of a target.
             TrackerError: Nobody takes it.
         """
-        message = stop_message(id)
-        self._expect_subscriber(self._stops)
-        self._stops.publish(message)
+        self._send(self._stops, stop_message(id))
 
     # In the executor
 
@@ -184,98 +178,76 @@ class TrackerLink:
             self._node.destroy_subscription(subscription)
         self._answers = []
         if watched:
+            box = self._handing_on("box", box_of)
+            particles = self._handing_on("particles", particles_of)
             self._answers = [
-                self._subscribe("box", PolygonStamped, DEFAULT_QOS, self._on_box),
-                self._subscribe("status", DiagnosticArray, _EVERY_STATUS, self._on_status),
-                self._subscribe("particles", PointCloud2, DEFAULT_QOS, self._on_particles),
-                self._subscribe("boxes", MarkerArray, DEFAULT_QOS, self._on_boxes),
+                self._subscribe(f"{self.name}/box", PolygonStamped, box),
+                self._subscribe(f"{self.name}/status", DiagnosticArray, self._on_status, _ALL),
+                self._subscribe(f"{self.name}/particles", PointCloud2, particles),
+                self._subscribe(f"{self.name}/boxes", MarkerArray, self._on_boxes),
             ]
             if DETECTIONS_TYPE:
                 topic = f"{self.name.rpartition('/')[0]}/detections"
-                self._answers.append(
-                    self._node.create_subscription(
-                        DETECTIONS_TYPE, topic, self._on_detections, DEFAULT_QOS
-                    )
-                )
+                detections = self._handing_on("detections", detections_of)
+                self._answers.append(self._subscribe(topic, DETECTIONS_TYPE, detections))
 
     def _watch_likelihood(self, watched: bool) -> None:
         if watched and self._likelihood is None:
-            self._likelihood = self._subscribe(
-                "likelihood", Image, DEFAULT_QOS, self._on_likelihood
-            )
+            likelihood = self._handing_on("likelihood", heat_of)
+            self._likelihood = self._subscribe(f"{self.name}/likelihood", Image, likelihood)
         elif self._likelihood and not watched:
             self._node.destroy_subscription(self._likelihood)
             self._likelihood = None
 
-    def _change_topic(self) -> None:
-        if self._images.topic != self._image_topic:
-            self._reopen()
-
     def _reopen(self) -> None:
-        if self._watching:
-            self._images.open(self._image_topic)
-        else:
+        """Take the images, of the topic that they are on, as long as anybody looks."""
+        if not self._watching:
             self._images.close()
+        elif self._images.topic != self.image_topic or not self.image_topic:
+            self._images.open(self.image_topic)
 
     def _subscribe(
-        self, name: str, message_type: Any, profile: Any, callback: Callable[[Any], None]
+        self,
+        topic: str,
+        message_type: Any,
+        callback: Callable[[Any], None],
+        profile: QoSProfile = DEFAULT_QOS,
     ) -> Subscription:
         return subscribe(
-            self._node,
-            message_type,
-            f"{self.name}/{name}",
-            callback,
-            profile=profile,
-            report=self._report,
+            self._node, message_type, topic, callback, profile=profile, report=self._report
         )
 
+    def _handing_on(self, kind: str, read: Callable[[Any], Any]) -> Callable[[Any], None]:
+        """A callback that hands on what `read` makes of a message."""
+        return lambda message: self._receive(kind, stamp_of(message.header), read(message))
+
     def _advertise(self, name: str, message_type: Any) -> Any:
-        return advertise(
-            self._node,
-            message_type,
-            f"{self.name}/{name}",
-            profile=_TARGET_QOS,
-            report=self._report,
-        )
+        topic = f"{self.name}/{name}"
+        return advertise(self._node, message_type, topic, profile=_TARGET_QOS, report=self._report)
+
+    def _send(self, publisher: Any, message: Any) -> None:
+        self._expect_subscriber(publisher)
+        publisher.publish(message)
 
     def _expect_subscriber(self, publisher: Any) -> None:
         if not publisher.get_subscription_count():
             topic = publisher.topic_name
-            for mismatch in self.mismatches:
-                if mismatch.startswith(f"{topic} "):
-                    raise TrackerError(mismatch)
-            raise TrackerError(
-                f"nobody takes targets on {publisher.topic_name}: is the tracker running and "
-                "active?"
-            )
+            nobody = f"nobody takes targets on {topic}: is the tracker running and active?"
+            faults = (one for one in self.graph_faults if one.startswith(f"{topic} "))
+            raise TrackerError(next(faults, nobody))
 
     @property
-    def mismatches(self) -> tuple[str, ...]:
-        """Why the console cannot hear or reach others, a sentence each, as long as that lasts."""
-        return self._mismatches.lasting
+    def graph_faults(self) -> tuple[str, ...]:
+        """Lasting faults of the ROS graph around the console, a sentence each."""
+        return self._graph.lasting
 
     def _report(self, fault: str) -> None:
         self._node.get_logger().warning(fault)
         self._receive("fault", 0, fault)
 
-    def _on_image(self, message: Any) -> None:
-        self._receive("image", stamp_of(message.header), message)
-
-    def _on_box(self, message: PolygonStamped) -> None:
-        self._receive("box", stamp_of(message.header), box_of(message))
-
-    def _on_particles(self, message: PointCloud2) -> None:
-        self._receive("particles", stamp_of(message.header), particles_of(message))
-
     def _on_boxes(self, message: MarkerArray) -> None:
         if message.markers:
             self._receive("boxes", stamp_of(message.markers[0].header), boxes_of(message))
-
-    def _on_detections(self, message: Any) -> None:
-        self._receive("detections", stamp_of(message.header), detections_of(message))
-
-    def _on_likelihood(self, message: Image) -> None:
-        self._receive("likelihood", stamp_of(message.header), heat_of(message))
 
     def _on_status(self, message: DiagnosticArray) -> None:
         if message.status:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -11,7 +11,6 @@ from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.client import Client
 from rclpy.node import Node
-from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from pf_tracker_ros.node.console.answers import Json
@@ -91,8 +90,7 @@ class TrackerServices:
             TrackerError: It does not answer.
         """
         request = SetParameters.Request(parameters=[parameter])
-        answer = await self._ask_parameters(SetParameters, request)
-        (result,) = answer.results
+        (result,) = (await self._ask_parameters(SetParameters, request)).results
         return "" if result.successful else str(result.reason or "the node gives no reason")
 
     async def _ask_parameters(self, kind: Any, request: Any) -> Any:
@@ -113,44 +111,40 @@ class TrackerServices:
             raise TrackerError(
                 f"{client.srv_name} is not there: is the tracker running and active?"
             )
-        loop = asyncio.get_running_loop()
         for _ in range(_ATTEMPTS):
-            answer: asyncio.Future[Any] = loop.create_future()
-            asked: list[Future] = []
-            self._do(partial(_call, client, request, loop, answer, asked))
+            answer = _Answer(client)
+            self._do(partial(answer.ask, request))
             try:
-                return await asyncio.wait_for(answer, _PATIENCE)
+                return await asyncio.wait_for(answer.awaited, _PATIENCE)
             except asyncio.TimeoutError:
                 # The client would wait for it as long as it lives.
-                self._do(partial(_give_up, client, asked))
+                self._do(answer.give_up)
         raise TrackerError(f"{client.srv_name} does not answer")
 
 
-def _call(
-    client: Client,
-    request: Any,
-    loop: asyncio.AbstractEventLoop,
-    answer: asyncio.Future[Any],
-    asked: list[Future],
-) -> None:
-    """Ask a service, in the executor; what was asked is noted down."""
+class _Answer:
+    """The answer of a service, awaited in the event loop and asked for in the executor."""
 
-    def settle(done: Any) -> None:
-        loop.call_soon_threadsafe(_settle, answer, done)
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self._loop = asyncio.get_running_loop()
+        self.awaited: asyncio.Future[Any] = self._loop.create_future()
+        self._asked: Any = None
 
-    asked.append(client.call_async(request))
-    asked[0].add_done_callback(settle)
+    def ask(self, request: Any) -> None:
+        self._asked = self._client.call_async(request)
+        self._asked.add_done_callback(
+            lambda done: self._loop.call_soon_threadsafe(self._settle, done)
+        )
 
+    def give_up(self) -> None:
+        if self._asked:
+            self._client.remove_pending_request(self._asked)
 
-def _give_up(client: Client, asked: Sequence[Future]) -> None:
-    for future in asked:
-        client.remove_pending_request(future)
-
-
-def _settle(answer: asyncio.Future[Any], done: Any) -> None:
-    if answer.done():
-        return
-    if error := done.exception():
-        answer.set_exception(TrackerError(str(error)))
-    else:
-        answer.set_result(done.result())
+    def _settle(self, done: Any) -> None:
+        if self.awaited.done():
+            return
+        if error := done.exception():
+            self.awaited.set_exception(TrackerError(str(error)))
+        else:
+            self.awaited.set_result(done.result())

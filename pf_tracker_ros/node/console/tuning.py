@@ -12,19 +12,21 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterType, ParameterValue
+from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_value_to_python
 
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameter_files import OF_EVERY_NODE
-from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
+from pf_tracker_ros.parameters import ParameterError, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 _NODE = declarations(NodeParameters)
 _TRACKER = declarations(TrackerParameters)
-_DEFAULTS = {name: one.default for name, one in (_NODE | _TRACKER).items()}
-_ORDER = {name: place for place, name in enumerate(_DEFAULTS)}
+_DECLARED = _NODE | _TRACKER
+_DEFAULTS = {name: one.default for name, one in _DECLARED.items()}
+_ORDER = {name: place for place, name in enumerate(_DECLARED)}
 _KINDS = {
     ParameterType.PARAMETER_BOOL: "bool",
     ParameterType.PARAMETER_INTEGER: "int",
@@ -67,7 +69,7 @@ def shaped(
             "description": descriptor.description,
             "constraints": descriptor.additional_constraints,
             "range": _range(descriptor),
-            "choices": list(_declared(descriptor.name).choices) if _is_known(descriptor) else [],
+            "choices": list(one.choices) if (one := _DECLARED.get(descriptor.name)) else [],
             "fixed": descriptor.read_only,
             "value": plain[descriptor.name],
             "usual": usual.get(descriptor.name),
@@ -88,41 +90,24 @@ def parameter_of(known: Json, value: Any) -> Parameter:
     Raises:
         ValueError: ROS cannot even be asked for it.
     """
-    given = ParameterValue()
-    numbers = isinstance(value, list) and all(_is_number(one) for one in value)
-    texts = [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, str)]
-    if not all(_is_sendable(one) for one in texts):
-        raise ValueError(f"parameter '{known['name']}': ROS takes no such text")
-    if known["kind"] == "texts" and isinstance(value, list):
-        given.type = ParameterType.PARAMETER_STRING_ARRAY
-        given.string_array_value = [str(one) for one in value]
-    elif numbers:
-        given.type = ParameterType.PARAMETER_DOUBLE_ARRAY
-        given.double_array_value = [_float(known, one) for one in value]
-    elif isinstance(value, bool):
-        given.type, given.bool_value = ParameterType.PARAMETER_BOOL, value
-    elif isinstance(value, int) and known["kind"] != "float":
-        if abs(value) >= _LARGEST_INTEGER:
-            raise _too_large(known)
-        given.type, given.integer_value = ParameterType.PARAMETER_INTEGER, value
-    elif _is_number(value):
-        given.type, given.double_value = ParameterType.PARAMETER_DOUBLE, _float(known, value)
-    elif isinstance(value, str):
-        given.type, given.string_value = ParameterType.PARAMETER_STRING, value
-    else:
-        raise ValueError(f"parameter '{known['name']}' cannot be set to {value!r}")
-    return Parameter(name=known["name"], value=given)
-
-
-def _float(known: Json, value: float) -> float:
+    problem = f"parameter '{known['name']}'"
+    values, kind = value if isinstance(value, list) else [value], None
+    if not all(_is_sendable(one) for one in values if isinstance(one, str)):
+        raise ValueError(f"{problem}: ROS takes no such text")
     try:
-        return float(value)
-    except OverflowError as error:
-        raise _too_large(known) from error
-
-
-def _too_large(known: Json) -> ValueError:
-    return ValueError(f"parameter '{known['name']}': such a number is too large for ROS")
+        if known["kind"] == "texts" and isinstance(value, list):
+            kind, value = RosParameter.Type.STRING_ARRAY, [str(one) for one in value]
+        elif isinstance(value, list) and all(_is_number(one) for one in value):
+            kind, value = RosParameter.Type.DOUBLE_ARRAY, [float(one) for one in value]
+        elif known["kind"] == "float" and _is_number(value):
+            value = float(value)
+        elif isinstance(value, int) and abs(value) >= _LARGEST_INTEGER:
+            raise OverflowError
+    except OverflowError:
+        raise ValueError(f"{problem}: such a number is too large for ROS") from None
+    if kind is None and not isinstance(value, bool | int | float | str):
+        raise ValueError(f"{problem} cannot be set to {value!r}")
+    return RosParameter(known["name"], kind, value).to_parameter_msg()
 
 
 def _is_sendable(text: str) -> bool:
@@ -183,14 +168,6 @@ def _group(name: str, values: Mapping[str, Any]) -> str:
     if not _TRACKER[name].condition:
         return "The tracker"
     return name.partition(".")[0].replace("_", " ").capitalize()
-
-
-def _declared(name: str) -> Declaration:
-    return _NODE.get(name) or _TRACKER[name]
-
-
-def _is_known(descriptor: ParameterDescriptor) -> bool:
-    return descriptor.name in _NODE or descriptor.name in _TRACKER
 
 
 def _range(descriptor: ParameterDescriptor) -> list[float] | None:

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import os
-import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PolygonStamped
-from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -25,8 +22,9 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.node.message_building import box_message, box_of_polygon
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
 from pf_tracker_ros.node.replay.replay_source import make_header
-from pf_tracker_ros.node.running import spin_until_shutdown
+from pf_tracker_ros.node.running import spinning
 from pf_tracker_ros.node.tracker.tracker_node import TrackerNode
+from pf_tracker_ros.ros_domains import unused_domain
 from pf_tracker_ros.stamps import stamp_of
 
 _EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
@@ -70,8 +68,8 @@ def replay_in_lockstep(
 ) -> Answers:
     """Replay a recording into a tracker node, each in a context of its own, and listen.
 
-    They meet in a namespace that nobody else has, and on this machine alone unless
-    ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise.
+    They meet in a ROS domain in which nobody else on this machine is, in a namespace that nobody
+    else has, and on this machine alone unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise.
 
     Args:
         source: What `replay` plays.
@@ -83,6 +81,7 @@ def replay_in_lockstep(
 
     Raises:
         LockstepError: The nodes do not meet, or do not come to the end.
+        RuntimeError: There is somebody in every ROS domain.
     """
     namespace = f"/replay_{uuid.uuid4().hex}"
     reliably = {"image_reliability": "reliable", **tracker}
@@ -90,12 +89,13 @@ def replay_in_lockstep(
     deadline = time.monotonic() + timeout
     with (
         _on_this_machine(),
-        _spinning(TrackerNode, namespace, reliably) as node,
-        _spinning(_Listener, namespace, {}) as listener,
+        unused_domain() as domain,
+        _spinning(TrackerNode, domain, namespace, reliably) as node,
+        _spinning(_Listener, domain, namespace, {}) as listener,
     ):
         _wait(lambda: listener.knows(node), _MEETING_TIMEOUT, "the tracker was not found")
         listener.send(box, stamp)
-        with _spinning(ReplayNode, namespace, {**lockstep, **replay}) as player:
+        with _spinning(ReplayNode, domain, namespace, {**lockstep, **replay}) as player:
             if not player.has_begun:
                 raise LockstepError(f"{source} cannot be replayed; the log says why")
             _wait(
@@ -160,44 +160,27 @@ class _Listener(Node):
         self.answers.boxes.setdefault(stamp_of(message.header), box_of_polygon(message))
 
 
-@contextmanager
 def _spinning(
-    create: Callable[..., Any], namespace: str, parameters: Mapping[str, Any]
-) -> Iterator[Any]:
-    """A node that spins in a thread and a context of its own."""
-    context = Context()
-    rclpy.init(context=context)
+    kind: Callable[..., Node], domain: int, namespace: str, parameters: Mapping[str, Any]
+) -> AbstractContextManager[Any]:
+    """A node with these parameters that spins until the block ends."""
     overrides = [
         Parameter(name, value=list(value) if isinstance(value, tuple) else value)
         for name, value in parameters.items()
     ]
-    try:
-        node = create(context=context, namespace=namespace, parameter_overrides=overrides)
-    except BaseException:
-        context.try_shutdown()
-        raise
-    thread = threading.Thread(
-        target=spin_until_shutdown, args=(node,), name=node.get_name(), daemon=True
-    )
-    thread.start()
-    try:
-        yield node
-    finally:
-        context.try_shutdown()
-        thread.join()
-        node.destroy_node()
+    options = {"namespace": namespace, "parameter_overrides": overrides}
+    return spinning(lambda context: kind(context=context, **options), domain)
 
 
 @contextmanager
 def _on_this_machine() -> Iterator[None]:
-    if _RANGE in os.environ:
-        yield
-        return
-    os.environ[_RANGE] = "LOCALHOST"
+    is_given = _RANGE in os.environ
+    os.environ.setdefault(_RANGE, "LOCALHOST")
     try:
         yield
     finally:
-        del os.environ[_RANGE]
+        if not is_given:
+            del os.environ[_RANGE]
 
 
 def _wait(condition: Callable[[], bool], timeout: float, failure: str) -> None:

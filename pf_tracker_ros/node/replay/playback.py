@@ -18,18 +18,7 @@ class Stopped(Exception):  # noqa: N818
 
 
 class Sought(Exception):  # noqa: N818
-    """The playback is to go on from another item.
-
-    Args:
-        index: Of that item, counted from 0.
-
-    Attributes:
-        index: As given.
-    """
-
-    def __init__(self, index: int) -> None:
-        super().__init__(index)
-        self.index = index
+    """The playback is to go on from another item, whose index is the argument, counted from 0."""
 
 
 class Playback:

@@ -54,6 +54,10 @@ class ReplayNode(Node):
         has_begun: Whether it plays, or has played, its source.
         before_frame: Called in the playback's thread with the index of each frame before it goes
             out.
+        playback: To pause, step and seek, once it has begun.
+        position: Index of the frame that was published last, counted from 0; -1 before the first.
+        stamp: Of that frame, nanoseconds; 0 before the first.
+        failure: Why it has ended before its time, as the log has it; empty if it has not.
 
     Args:
         spectator: As for `ReplayOutputs`.
@@ -67,9 +71,9 @@ class ReplayNode(Node):
         self._log = self.get_logger()  # type: ignore[no-untyped-call]
         self.exit_code = 0
         self._published = 0
-        self._position = -1
-        self._stamp = 0
-        self._failure = ""
+        self.position = -1
+        self.stamp = 0
+        self.failure = ""
         self._hindrance = ""
         self._indices: dict[int, int] = {}
         self._played_stamps = PlayedStamps(lambda: self.get_clock().now().nanoseconds)
@@ -101,8 +105,8 @@ class ReplayNode(Node):
     def _set_up(self, source: ReplaySource, parameters: ReplayParameters) -> None:
         self._fixed = parameters
         self._source = source
-        self._playback = Playback(paused=parameters.start_paused)
-        self._outputs = ReplayOutputs(self, source, parameters, self._playback, self._spectator)
+        self.playback = Playback(paused=parameters.start_paused)
+        self._outputs = ReplayOutputs(self, source, parameters, self.playback, self._spectator)
         if parameters.lockstep:
             self._status_subscription = self.create_subscription(
                 DiagnosticArray, parameters.lockstep_status, self._on_status, DEPTH
@@ -123,21 +127,6 @@ class ReplayNode(Node):
         return self._thread is not None
 
     @property
-    def playback(self) -> Playback:
-        """To pause, step and seek, once it has begun."""
-        return self._playback
-
-    @property
-    def position(self) -> int:
-        """Index of the frame that was published last, counted from 0; -1 before the first."""
-        return self._position
-
-    @property
-    def stamp(self) -> int:
-        """Of the frame that was published last, nanoseconds; 0 before the first."""
-        return self._stamp
-
-    @property
     def frame_count(self) -> int | None:
         """Of the source, as far as it tells, once it has begun."""
         return self._source.count
@@ -153,7 +142,7 @@ class ReplayNode(Node):
 
         Where it stands still, why it would not go on.
         """
-        if self._hindrance or not self._playback.paused:
+        if self._hindrance or not self.playback.paused:
             return self._hindrance
         try:
             return _waiting_for(self._missing())
@@ -161,34 +150,22 @@ class ReplayNode(Node):
             # It has been destroyed or shut down, perhaps by another thread.
             return ""
 
-    @property
-    def failure(self) -> str:
-        """Why it has ended before its time, as the log has it; empty if it has not."""
-        return self._failure
-
     def index_of(self, stamp: int) -> int | None:
-        """Index of a frame that has been published, one of the last ten thousand.
-
-        Args:
-            stamp: With which it was, nanoseconds.
-
-        Returns:
-            Counted from 0; None if it was none of them.
-        """
+        """Index of one of the last 10,000 frames by its stamp in nanoseconds, None if of none."""
         return self._indices.get(stamp)
 
     def destroy_node(self) -> None:
         """End the playback, then the node."""
         if self._thread is not None:
-            self._playback.stop()
+            self.playback.stop()
             self._thread.join()
         super().destroy_node()  # type: ignore[no-untyped-call]
 
     def _on_status(self, status: DiagnosticArray) -> None:
-        self._playback.answer(stamp_of(status.header))
+        self.playback.answer(stamp_of(status.header))
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._playback.paused = request.data
+        self.playback.paused = request.data
         self._played_stamps.follow_clock()
         response.success = True
         published = counted(self._published, "frame")
@@ -196,9 +173,9 @@ class ReplayNode(Node):
         return response
 
     def _on_step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self._playback.paused
+        response.success = self.playback.paused
         if response.success:
-            self._playback.step()
+            self.playback.step()
         response.message = (
             f"one more after {counted(self._published, 'frame')}"
             if response.success
@@ -221,7 +198,7 @@ class ReplayNode(Node):
 
     def _fail(self, reason: str) -> None:
         self._log.fatal(reason)
-        self._failure = reason
+        self.failure = reason
         self.exit_code = 1
 
     def _play_source(self) -> None:
@@ -229,33 +206,36 @@ class ReplayNode(Node):
         frames = "an unknown number of frames" if count is None else counted(count, "frame")
         self._log.info(f"replaying {self._source.name}: {frames} on {self.image_topic}")
         self._wait_for_tracker()
-        first: int | None = 0
-        while first is not None:
+        first, plays = 0, True
+        while plays:
             try:
-                first = self._play_on(first)
+                plays = self._play_on(first)
+                first = 0
             except Sought as sought:
-                first = sought.index
-            self._playback.begin_pass()
+                (first,) = sought.args
+            self.playback.begin_pass()
         self._outputs.wait_for_delivery()
         self._log.info(f"published {counted(self._published, 'frame')} of {self._source.name}")
 
-    def _play_on(self, first: int) -> int | None:
-        """Play to the end, and tell where to go on from then, None if that is all.
-
-        Args:
-            first: Index of the first frame to play.
+    def _play_on(self, first: int) -> bool:
+        """Play from a frame, counted from 0, to the end; whether the source begins again then.
 
         Raises:
             Sought: To go on from another one.
         """
         published_before = self._published
         self._play_pass(first)
-        self._check_count(first + self._published - published_before)
+        published, announced = first + self._published - published_before, self._source.count
+        if announced is not None and published < announced:
+            self._log.warning(
+                f"{self._source.name} announces {counted(announced, 'frame')}, but only "
+                f"{published} could be read"
+            )
         if self._binding.values["loop"]:
-            return 0
+            return True
         if self._fixed.stay_at_end:
-            self._playback.wait_at_end()
-        return None
+            self.playback.wait_at_end()
+        return False
 
     def _play_pass(self, first: int) -> None:
         target_is_due = self._outputs.sends_target and first == 0
@@ -266,20 +246,16 @@ class ReplayNode(Node):
                 if target_is_due:
                     target_is_due = not self._send_target(item)
                 self.before_frame(index)
-                self._playback.forget_answer()
-                self._remember(item.stamp, index)
+                self.playback.forget_answer()
+                self._indices.pop(item.stamp, None)
+                self._indices[item.stamp] = index
+                if len(self._indices) > _MOST_REMEMBERED:
+                    del self._indices[next(iter(self._indices))]
                 self._outputs.publish(item)
-                self._position, self._stamp = index, item.stamp
+                self.position, self.stamp = index, item.stamp
                 self._published += 1
                 if self._fixed.lockstep:
                     self._wait_for_status(item)
-
-    def _remember(self, stamp: int, index: int) -> None:
-        """Know the frame of a stamp, for as long as somebody may still ask for it."""
-        self._indices.pop(stamp, None)
-        self._indices[stamp] = index
-        if len(self._indices) > _MOST_REMEMBERED:
-            del self._indices[next(iter(self._indices))]
 
     def _stamped(self, item: ReplayItem) -> ReplayItem:
         """The item with the stamp that it goes out with."""
@@ -290,12 +266,12 @@ class ReplayNode(Node):
     def _wait_until_due(self, item: ReplayItem) -> None:
         if self._fixed.lockstep:
             # It may become 0 while it is waited for.
-            self._playback.wait_until_due(
+            self.playback.wait_until_due(
                 item.time,
                 (lambda: self._lockstep_rate or _AT_ONCE) if self._lockstep_rate else None,
             )
             return
-        lag = self._playback.wait_until_due(item.time, lambda: self._rate)
+        lag = self.playback.wait_until_due(item.time, lambda: self._rate)
         if lag > 0:
             self._played_stamps.follow_clock()
             self._log.warning(
@@ -308,7 +284,7 @@ class ReplayNode(Node):
         """Send the target if it belongs to this frame, and tell whether it did."""
         if not self._outputs.publish_target(item):
             return False
-        self._playback.resume()
+        self.playback.resume()
         self._played_stamps.follow_clock()
         return True
 
@@ -321,7 +297,7 @@ class ReplayNode(Node):
         interval = _WARNING_INTERVAL
         while missing := self._missing():
             self._hindrance = _waiting_for(missing)
-            if not self._playback.wait_for(lambda: not self._missing(), interval):
+            if not self.playback.wait_for(lambda: not self._missing(), interval):
                 self._log.warning(f"{self._hindrance}{self._outputs.elsewhere()}")
                 interval = min(2.0 * interval, _LONGEST_WARNING_INTERVAL)
         self._hindrance = ""
@@ -337,12 +313,12 @@ class ReplayNode(Node):
     def _wait_for_status(self, item: ReplayItem) -> None:
         while True:
             timeout = self._binding.values["lockstep_timeout"]
-            if self._playback.wait_for_answer(item.stamp, timeout):
+            if self.playback.wait_for_answer(item.stamp, timeout):
                 self._hindrance = ""
                 return
             stamp = item.stamp / NANOSECONDS
             self._hindrance = (
-                f"no status for frame {self._position} (stamp {stamp:.9f}) on "
+                f"no status for frame {self.position} (stamp {stamp:.9f}) on "
                 f"{self._status_subscription.topic_name} within {timeout:g} s; "
                 f"publishing it again{self._lockstep_hint()}"
             )
@@ -361,13 +337,6 @@ class ReplayNode(Node):
                 "let it subscribe reliably (tracker: image_reliability)"
             )
         return ""
-
-    def _check_count(self, published: int) -> None:
-        if self._source.count is not None and published < self._source.count:
-            self._log.warning(
-                f"{self._source.name} announces {counted(self._source.count, 'frame')}, "
-                f"but only {published} could be read"
-            )
 
 
 def _waiting_for(missing: Sequence[str]) -> str:

@@ -11,16 +11,12 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CompressedImage
 
+from pf_tracker_ros.boxes import as_box
 from pf_tracker_ros.node.image_topics import where_images_are_taken
 from pf_tracker_ros.node.message_building import box_message
 from pf_tracker_ros.node.replay.playback import Playback
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
-from pf_tracker_ros.node.replay.replay_source import (
-    ReplayItem,
-    ReplaySource,
-    as_box,
-    make_header,
-)
+from pf_tracker_ros.node.replay.replay_source import ReplayItem, ReplaySource, make_header
 
 # Deep enough that a subscriber may be busy for a third of a second, shallow enough for memory.
 DEPTH = 10
@@ -60,33 +56,24 @@ class ReplayOutputs:
     ) -> None:
         self._node = node
         self._spectator = spectator
-        self._target_box = parameters.target_box
-        self._frame_id = parameters.frame_id
-        self._is_lockstep = parameters.lockstep
+        self._parameters = parameters
         self._playback = playback
         self._is_compressed = source.image_type is CompressedImage
+        reliability = ReliabilityPolicy[parameters.image_reliability.upper()]
         self._images = node.create_publisher(
             source.image_type,
             "image/compressed" if self._is_compressed else "image",
-            QoSProfile(
-                depth=DEPTH,
-                reliability=ReliabilityPolicy[parameters.image_reliability.upper()],
-            ),
+            QoSProfile(depth=DEPTH, reliability=reliability),
         )
-        self._ground_truth = (
-            node.create_publisher(PolygonStamped, "~/ground_truth", DEPTH)
-            if source.has_ground_truth
-            else None
-        )
+        self._ground_truth = self._targets = self._clock = None
+        if source.has_ground_truth:
+            self._ground_truth = node.create_publisher(PolygonStamped, "~/ground_truth", DEPTH)
         self.sends_target = bool(parameters.target_box) or parameters.target_from_ground_truth
-        self._targets = (
-            node.create_publisher(PolygonStamped, parameters.target_topic, _TARGET_DEPTH)
-            if self.sends_target
-            else None
-        )
-        self._clock = (
-            node.create_publisher(Clock, "/clock", DEPTH) if parameters.publish_clock else None
-        )
+        if self.sends_target:
+            topic = parameters.target_topic
+            self._targets = node.create_publisher(PolygonStamped, topic, _TARGET_DEPTH)
+        if parameters.publish_clock:
+            self._clock = node.create_publisher(Clock, "/clock", DEPTH)
 
     @property
     def image_topic(self) -> str:
@@ -107,9 +94,9 @@ class ReplayOutputs:
         The tracker must have it before the image, which comes by another topic: it is waited for.
         """
         target: PolygonStamped | bytes | None = item.ground_truth
-        if self._target_box:
-            header = make_header(item.stamp, self._frame_id)
-            target = box_message(as_box(self._target_box), header)
+        if box := self._parameters.target_box:
+            header = make_header(item.stamp, self._parameters.frame_id)
+            target = box_message(as_box(box), header)
         if target is None or self._targets is None:
             return False
         self._targets.publish(target)
@@ -129,7 +116,7 @@ class ReplayOutputs:
     def missing(self) -> list[str]:
         """Whom it takes to go on: a target, and images in lockstep, need somebody to take them."""
         needed = [self._targets] if self._targets is not None else []
-        if self._is_lockstep or needed:
+        if self._parameters.lockstep or needed:
             needed.append(self._images)
         missing = []
         for publisher in needed:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
-from typing import Protocol
+from functools import partial
 
 import numpy as np
 from geometry_msgs.msg import PolygonStamped
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
-from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.boxes import as_box
 from pf_tracker_ros.footage import (
     Footage,
     FootageError,
@@ -59,7 +59,8 @@ class ReplayItem:
         return replace(self, stamp=self.stamp + delay, time=self.time + delay)
 
 
-class ReplaySource(Protocol):
+@dataclass(frozen=True)
+class ReplaySource:
     """A recording as messages.
 
     Attributes:
@@ -68,26 +69,16 @@ class ReplaySource(Protocol):
         count: Number of images as far as the source tells, else None.
         has_ground_truth: Whether there are true boxes.
         has_time: Whether its stamps are those of the recording, and not counted from its start.
+        items: Reads the images in order, from the first one with each call; raises FootageError
+            where the source cannot be read.
     """
 
-    @property
-    def name(self) -> str: ...  # noqa: D102
-    @property
-    def image_type(self) -> type[Image] | type[CompressedImage]: ...  # noqa: D102
-    @property
-    def count(self) -> int | None: ...  # noqa: D102
-    @property
-    def has_ground_truth(self) -> bool: ...  # noqa: D102
-    @property
-    def has_time(self) -> bool: ...  # noqa: D102
-
-    def items(self) -> Generator[ReplayItem, None, None]:
-        """Read the images in order; each call starts from the first.
-
-        Raises:
-            FootageError: The source cannot be read.
-        """
-        ...
+    name: str
+    image_type: type[Image] | type[CompressedImage]
+    count: int | None
+    has_ground_truth: bool
+    has_time: bool
+    items: Callable[[], Generator[ReplayItem, None, None]]
 
 
 def open_replay_source(parameters: ReplayParameters) -> ReplaySource:
@@ -96,14 +87,27 @@ def open_replay_source(parameters: ReplayParameters) -> ReplaySource:
     Raises:
         FootageError: It cannot be read, or has no ground truth where one is asked for.
     """
-    source: ReplaySource
     path = existing_path(parameters.source)
     if is_bag(path):
         bag = open_bag(path, parameters.bag_topic, parameters.bag_ground_truth_topic)
-        source = BagSource(bag)
+        source = ReplaySource(
+            name=f"{bag.name} ({bag.image_topic})",
+            image_type=CompressedImage if bag.image_type == COMPRESSED_IMAGE_TYPE else Image,
+            count=bag.image_count or None,
+            has_ground_truth=bag.ground_truth_topic is not None,
+            has_time=True,
+            items=partial(_items_of_bag, bag),
+        )
     else:
         footage = open_footage(path, frame_rate=parameters.frame_rate)
-        source = FootageSource(footage, parameters.frame_id)
+        source = ReplaySource(
+            name=footage.name,
+            image_type=Image,
+            count=footage.frame_count,
+            has_ground_truth=footage.ground_truth is not None,
+            has_time=False,
+            items=partial(_items_of_footage, footage, parameters.frame_id),
+        )
     if parameters.target_from_ground_truth and not source.has_ground_truth:
         raise FootageError(
             f"{path} has no ground truth to take the target from; set target_box instead, or give "
@@ -112,69 +116,30 @@ def open_replay_source(parameters: ReplayParameters) -> ReplaySource:
     return source
 
 
-class BagSource:
-    """The images of a bag, as the bytes that were recorded.
-
-    Args:
-        bag: What is replayed.
-    """
-
-    has_time = True
-
-    def __init__(self, bag: ImageBag) -> None:
-        self._bag = bag
-        self.name = f"{bag.name} ({bag.image_topic})"
-        self.image_type = CompressedImage if bag.image_type == COMPRESSED_IMAGE_TYPE else Image
-        self.count = bag.image_count or None
-        self.has_ground_truth = bag.ground_truth_topic is not None
-
-    def items(self) -> Generator[ReplayItem, None, None]:
-        """Read the images in order; see `ReplaySource.items`."""
-        read = read_compressed_image if self.image_type is CompressedImage else read_image
-        for index, image in enumerate(self._bag.images()):
-            # What cannot be read reaches no subscriber, which lockstep would wait for.
-            try:
-                read(image.message)
-            except FootageError as error:
-                raise FootageError(f"bag {self._bag.path}, frame {index}: {error}") from error
-            yield ReplayItem(image.stamp, image.log_time, image.message, image.ground_truth)
+def _items_of_bag(bag: ImageBag) -> Generator[ReplayItem, None, None]:
+    """The images of a bag, as the bytes that were recorded."""
+    is_compressed = bag.image_type == COMPRESSED_IMAGE_TYPE
+    read = read_compressed_image if is_compressed else read_image
+    for index, image in enumerate(bag.images()):
+        # What cannot be read reaches no subscriber, which lockstep would wait for.
+        try:
+            read(image.message)
+        except FootageError as error:
+            raise FootageError(f"bag {bag.path}, frame {index}: {error}") from error
+        yield ReplayItem(image.stamp, image.log_time, image.message, image.ground_truth)
 
 
-class FootageSource:
-    """Frames of a video, a folder of images or a sequence, made into messages.
-
-    Args:
-        footage: What is replayed.
-        frame_id: For the headers.
-    """
-
-    image_type = Image
-    has_time = False
-
-    def __init__(self, footage: Footage, frame_id: str) -> None:
-        self._footage = footage
-        self._frame_id = frame_id
-        self.name = footage.name
-        self.count = footage.frame_count
-        self.has_ground_truth = footage.ground_truth is not None
-
-    def items(self) -> Generator[ReplayItem, None, None]:
-        """Read the images in order; see `ReplaySource.items`."""
-        boxes = self._footage.ground_truth
-        for index, frame in enumerate(self._footage.frames()):
-            header = make_header(frame.stamp, self._frame_id)
-            image = image_message(frame.image, header)
-            ground_truth = None
-            # A target that is absent from a frame has no box there.
-            if boxes is not None and np.isfinite(boxes[index]).all():
-                ground_truth = box_message(as_box(boxes[index]), header)
-            yield ReplayItem(frame.stamp, frame.stamp, image, ground_truth)
-
-
-def as_box(values: Iterable[float]) -> Box:
-    """Four numbers as a box (x, y, width, height)."""
-    x, y, width, height = (float(value) for value in values)
-    return x, y, width, height
+def _items_of_footage(footage: Footage, frame_id: str) -> Generator[ReplayItem, None, None]:
+    """Frames of a video, a folder of images or a sequence, made into messages."""
+    boxes = footage.ground_truth
+    for index, frame in enumerate(footage.frames()):
+        header = make_header(frame.stamp, frame_id)
+        ground_truth = None
+        # A target that is absent from a frame has no box there.
+        if boxes is not None and np.isfinite(boxes[index]).all():
+            ground_truth = box_message(as_box(boxes[index]), header)
+        image = image_message(frame.image, header)
+        yield ReplayItem(frame.stamp, frame.stamp, image, ground_truth)
 
 
 def make_header(stamp: int, frame_id: str) -> Header:

@@ -147,7 +147,7 @@ class ImageInput:
         profile = _NEWEST_RELIABLY if reliable else _PROFILES["best_effort"]
         if self._group:
             profile = _WAITING[self.reliability]
-        self._subscribe(profile, self._receive_newest, self._follow)
+        self._subscribe(profile, self._receive_newest, lambda _: self._follow())
 
     def _receive_newest(self, message: Any) -> None:
         """Hand an image on; where they come too fast, the newest that is there instead."""
@@ -169,7 +169,7 @@ class ImageInput:
         self,
         profile: QoSProfile,
         receive: Callable[[Any], None],
-        on_unreliable: Callable[[], None] | None = None,
+        on_mismatch: Callable[[Any], None] | None = None,
     ) -> None:
         self._subscription = subscribe(
             self._node,
@@ -178,7 +178,7 @@ class ImageInput:
             receive,
             profile=profile,
             report=self._report,
-            on_unreliable=on_unreliable,
+            on_mismatch=on_mismatch,
             group=self._group,
         )
         is_lossy = self._subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT

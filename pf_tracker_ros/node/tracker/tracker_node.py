@@ -14,10 +14,9 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.decoding.decoder import ImageDecoder
+from pf_tracker_ros.node.graph_watch import GraphWatch
 from pf_tracker_ros.node.managed_node import ManagedNode
 from pf_tracker_ros.node.message_building import TargetError
-from pf_tracker_ros.node.mismatches import MismatchWatch
-from pf_tracker_ros.node.namesakes import NamesakeWatch
 from pf_tracker_ros.node.override_sources import files_superseded_by
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.parameter_group import Values
@@ -89,8 +88,7 @@ class TrackerNode(ManagedNode):
         take_whole_requests(self, self._binding)
         self._real_time: RealTimePriority | None = None
         if has_process:
-            usual = NodeParameters.realtime_priority
-            self._real_time = RealTimePriority(self._reporter.report, usual)
+            self._real_time = RealTimePriority(self._reporter.report)
             self._real_time.ask(self._values["realtime_priority"])
         self._preset = self._following.preset(self._values)
         self._decoder = ImageDecoder(self._values["largest_image"])
@@ -99,8 +97,7 @@ class TrackerNode(ManagedNode):
             self, self._health, lambda: self._values["stale_after"], self._reporter.report
         )
         self._errors_in_health = 0
-        self._mismatches = MismatchWatch(self, self._reporter.report, self._cure)
-        self._namesakes = NamesakeWatch(self, self._reporter.report)
+        self._graph = GraphWatch(self, self._reporter.report, self._cure)
         if self._values["autostart"]:
             self.start()
         else:
@@ -366,7 +363,7 @@ class TrackerNode(ManagedNode):
             if self._binding.refused:
                 level = DiagnosticStatus.ERROR
                 message += f": {'; '.join(self._binding.refused.values())}"
-        for fault in filter(None, (*self._mismatches.lasting, self._namesakes.lasting)):
+        for fault in self._graph.lasting:
             level, message = max(level, DiagnosticStatus.WARN), f"{fault}; {message}"
         errors = self._reporter.count - self._errors_in_health
         self._errors_in_health = self._reporter.count

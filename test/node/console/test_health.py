@@ -40,7 +40,7 @@ def test_trackers_of_other_names_are_named():
 def test_what_keeps_the_console_from_hearing_is_told_as_long_as_it_lasts(health):
     health.take_fault("no match", 10.0)
     for now in (10.1, 11.5):
-        told = health.told(now, stands_still=False, mismatches=["no match"])
+        told = health.told(now, stands_still=False, graph_faults=["no match"])
         assert (told["text"], told["level"]) == ("tracking; the console: no match", "error")
 
 

@@ -17,7 +17,7 @@ class Link:
 
     name = "/pf_tracker"
     takes_targets = True
-    mismatches = ()
+    graph_faults = ()
 
     def __init__(self):
         self.sent, self.watched = [], []

@@ -181,7 +181,7 @@ def test_seeking_ends_every_wait_once_and_lets_one_item_pass(wait, paused):
     threading.Timer(0.05, playback.seek, (3,)).start()
     with pytest.raises(Sought) as sought:
         wait(playback)
-    assert sought.value.index == 3
+    assert sought.value.args == (3,)
     playback.begin_pass()
     playback.wait_until_due(0, lambda: 1.0)
 

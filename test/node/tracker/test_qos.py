@@ -7,7 +7,7 @@ from geometry_msgs.msg import PointStamped, PolygonStamped
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image
 
-from pf_tracker_ros.node.mismatches import MismatchWatch
+from pf_tracker_ros.node.graph_watch import GraphWatch
 
 QUICK = {"particles": 20, "image_reliability": "reliable"}
 
@@ -130,7 +130,7 @@ def test_whoever_cannot_match_is_told_of_once_each_time_that_it_comes(graph):
     client = graph.client()
     tracker = graph.tracker(client, **QUICK)
     said = []
-    MismatchWatch(tracker, said.append)
+    watch = GraphWatch(tracker, said.append)
     quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     for count in (1, 2):
         publisher = client.create_publisher(PolygonStamped, "pf_tracker/target", quality)
@@ -139,7 +139,7 @@ def test_whoever_cannot_match_is_told_of_once_each_time_that_it_comes(graph):
         client.wait_for(lambda heard=heard: len(client.health) == heard + 2, "further looks")
         assert len(said) == count
         client.destroy_publisher(publisher)
-        client.wait_for(lambda: tracker.count_publishers("/pf_tracker/target") == 1, "end")
+        client.wait_for(lambda: not watch.lasting, "end")
 
 
 def test_a_mismatch_of_any_policy_is_told_and_stays_in_the_diagnostics(graph):

@@ -3,14 +3,14 @@
 import pytest
 import rclpy
 
-from pf_tracker_ros.node import namesakes
+from pf_tracker_ros.node import graph_watch
 
 SAID = "another node is called /pf_tracker, too"
 
 
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch):
-    monkeypatch.setattr(namesakes, "_PERIOD", 0.02)
+    monkeypatch.setattr(graph_watch, "_PERIOD", 0.02)
 
 
 def test_another_node_of_the_same_name_is_told_of_as_long_as_it_is_there(graph, capfd):
