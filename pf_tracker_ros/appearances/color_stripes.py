@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances.appearance import APPEARANCES, Appearance, Descriptor
-from pf_tracker_ros.boxes import BoxesByAxis
+from pf_tracker_ros.boxes import BoxesByAxis, overlaps
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.tiles import Part
-from pf_tracker_ros.boxes import overlaps
 
 # From top to bottom: clothes differ along a body, whatever its pose.
 _STRIPES = 4

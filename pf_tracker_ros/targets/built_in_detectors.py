@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -12,9 +12,9 @@ from pf_tracker_ros.boxes import overlaps
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.targets.detections import Detections
+from pf_tracker_ros.targets.track_manager import NOMINAL_INTERVAL, usual_arithmetic
 from pf_tracker_ros.tracking.camera import Camera
 from pf_tracker_ros.tracking.input_checks import check_image
-from pf_tracker_ros.tracking.tracker import NOMINAL_INTERVAL, usual_arithmetic
 
 # The window of the people detector has a margin around the person: shares of its width and height
 # at each side. With these, its boxes overlap those of PETS09-S2L1 and TUD-Stadtmitte most.
@@ -175,18 +175,15 @@ class _Eye:
     def __init__(self, seed: int, needs_foreground: bool) -> None:
         self._seed, self._needs_foreground = seed, needs_foreground
         self._camera = Camera(seed, lays_ghosts=True)
-        self._kind: tuple[Any, ...] = ()
         self.is_new = False
 
     def open(self, image: NDArray[np.generic], interval: float) -> Frame:
         check_image(image)
-        self.is_new = self._kind != (image.shape, image.dtype)
+        self.is_new = self._camera.frame is None or not self._camera.fits(image)
         if self.is_new:
             self._camera = Camera(self._seed, lays_ghosts=True)
-            self._kind = (image.shape, image.dtype)
+        frame = Frame(image)
         with usual_arithmetic():
-            frame = self._camera.open(
-                image, interval, (), self._needs_foreground, follow_light=False
-            )
+            self._camera.open(frame, interval, (), self._needs_foreground, follow_light=False)
         self._camera.keep(frame)
         return frame

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.built_in_detectors import Detector
 from pf_tracker_ros.targets.detections import Detections
-from pf_tracker_ros.tracking.tracker import NOMINAL_INTERVAL
+from pf_tracker_ros.targets.track_manager import NOMINAL_INTERVAL
 
 # Other work on the same core comes first.
 _NICENESS = 10

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any
 
 import cv2
@@ -292,10 +293,8 @@ def thinned(moments: Sequence[Moment], most: int) -> list[Moment]:
         if place not in kept and not moment.is_told_of:
             skipped.append(moment)
             continue
-        for dropped in reversed(skipped):
-            moment = moment.joined(dropped)
+        chosen.append(reduce(Moment.joined, reversed(skipped), moment))
         skipped = []
-        chosen.append(moment)
     return chosen
 
 

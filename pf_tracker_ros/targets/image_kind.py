@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.drawn import Drawn
 from pf_tracker_ros.tracking.frame_clock import is_due
@@ -38,14 +39,9 @@ class ImageKind:
         """Whether so many images in a row fit no target that others will not come."""
         return self._misfits >= _MOST_MISFITS
 
-    def accept(self, image: NDArray[np.generic], stamp: int) -> None:
-        """Take the kind of an image for that of the targets.
-
-        Args:
-            image: That the targets are followed into.
-            stamp: Of the image, nanoseconds.
-        """
-        name = _name_of(image)
+    def accept(self, frame: Frame) -> None:
+        """Take the kind of a frame's image for that of the targets, which are followed into it."""
+        name, stamp = _name_of(frame.image), frame.stamp
         if stamp < self._stamp:
             self._others_until = 0
         elif self._name and name != self._name:

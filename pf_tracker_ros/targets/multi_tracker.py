@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.targets.assignment import check_installed
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.out_of_sequence import StampedDetections
 from pf_tracker_ros.targets.track_manager import NOMINAL_INTERVAL, TrackManager
@@ -140,10 +141,13 @@ class MultiTracker:
         if not manager.fits(image):
             raise ValueError(manager.misfit(image))
         if last is None and self._stamp:
-            raise ValueError("there is no frame so far, as in a fresh copy; give one to update first")
+            raise ValueError(
+                "there is no frame so far, as in a fresh copy; give one to update first"
+            )
         if last and not np.array_equal(last.image, image, equal_nan=image.dtype.kind == "f"):
             raise ValueError(
-                "image is not the one that was given last; give it to update first, then start on it"
+                "image is not the one that was given last; give it to update first, then start "
+                "on it"
             )
         if last is None:
             self._stamp = _FIRST_STAMP
@@ -189,6 +193,8 @@ class MultiTracker:
         if not self._manager.fits(image):
             raise ValueError(self._manager.misfit(image))
         answers = _answers(detections)
+        if answers:
+            check_installed()
         interval = NOMINAL_INTERVAL if dt is None else check_interval(dt)
         stamp = _FIRST_STAMP
         if self._stamp:

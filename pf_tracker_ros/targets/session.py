@@ -1,71 +1,100 @@
-"""What happens to each frame where several targets are followed, and to what is said of frames.
+"""What happens to each frame, and to what is said of frames: targets, detections, parameters.
 
-Knows stamps and arrays, not messages; see `pf_tracker_ros.tracking.session` for a single target.
+1. A frame is classified by its stamp: next, late, doubled, or the first after a jump of time.
+2. Where images change their size the targets go on scaled; another camera begins anew.
+3. The targets are followed into the frame, with the detections that are due.
+4. Targets that somebody has drawn on it, or on a frame before it, are started.
+
+Knows stamps and arrays, not messages. Stamps are in nanoseconds; 0 means unknown.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, Literal
 
 from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import build
+from pf_tracker_ros.targets.assignment import check_installed
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.drawn import Drawn
-from pf_tracker_ros.targets.history import History
+from pf_tracker_ros.targets.frame_buffer import FrameBuffer
 from pf_tracker_ros.targets.image_kind import ImageKind, ended_for_others, ended_unseen
-from pf_tracker_ros.targets.multi_tracker import MultiTracker
-from pf_tracker_ros.targets.parameters import MultiTrackerParameters
+from pf_tracker_ros.targets.track_manager import NotKeptError, Started, TrackManager
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.targets.waiting_answers import WaitingAnswers
-from pf_tracker_ros.tracking.frame_clock import FrameClock, TimePolicy, age_of, is_due
+from pf_tracker_ros.tracking.estimate import Estimate
+from pf_tracker_ros.tracking.frame_clock import FrameClock, TimePolicy, is_due
 from pf_tracker_ros.tracking.input_checks import check_image
-from pf_tracker_ros.tracking.scaling import size_of
-from pf_tracker_ros.tracking.session import DRAWN_BEFORE_JUMP, FrameOutcome
+from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+
+FrameOutcome = Literal["started", "tracked", "duplicate", "late", "waiting"]
+Arrival = Literal["next", "jump", "again", "duplicate", "late"]
+DROPPED = ("duplicate", "late")
+"""Arrivals of frames whose images nobody needs."""
+
+_DRAWN_BEFORE_JUMP = (
+    "target refused: it was drawn on a frame from before time went back; draw it again"
+)
 
 
 @dataclass(frozen=True)
-class MultiOutcome:
+class Outcome:
     """What became of one frame.
 
     Attributes:
-        frame: As in `Outcome`; "started" where a target began that somebody asked for, "waiting"
-            while there is none.
+        frame: "started" where a target began that somebody asked for, or "tracked"; "duplicate" or
+            "late" if it was dropped, which a duplicate that a target can start on is not; "waiting"
+            while there is no target.
         targets: The targets after it, in the order of their ids; of the last frame if this one was
             dropped.
+        selected: Id of the target that a robot acts on, see `Session.select`; 0 without.
         started: Ids of those that somebody asked for and that began with it.
         refused: Why others that were asked for did not begin.
         ended: Which targets ended because of the images, and why.
         left_out: Why detections were no use.
         jumped_back: Seconds by which time went back with this frame, 0 if it did not.
+        caught_up: Frames before this one that a target was followed through which began with it.
     """
 
     frame: FrameOutcome
     targets: tuple[TrackedTarget, ...] = ()
+    selected: int = 0
     started: tuple[int, ...] = ()
     refused: tuple[str, ...] = ()
     ended: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     jumped_back: float = 0.0
+    caught_up: int = 0
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """Of the selected target; None where there is none."""
+        return estimate_of(self.targets, self.selected)
 
 
-class MultiSession:
-    """Feeds frames and detections with stamps to a tracker of several targets.
+def estimate_of(targets: Sequence[TrackedTarget], id: int) -> Estimate | None:
+    """What is known of a target; None where there is no such one."""
+    return next((target.estimate for target in targets if target.id == id), None)
 
-    Stamps are in nanoseconds; 0 means unknown. Where the images change their size and keep their
-    aspect ratio, the targets are learned again from where they were last seen, scaled to them.
+
+class Session:
+    """Feeds frames, targets and detections with stamps to a `TrackManager`.
+
+    Where the images change their size and keep their aspect ratio, the targets are learned again
+    from where they were last seen, scaled to them.
 
     Attributes:
         time_policy: What to do when time jumps back; "restart" begins anew with the targets that
             somebody drew, and leaves the others to the detector. May be replaced at any time.
+        heard: Number of the answers of detectors so far.
 
     Args:
         parameters: Full name to value of the tracker's tunables.
-        seed: As for `MultiTracker`.
+        seed: As for `Tracker`.
 
     Raises:
         ParameterError: A parameter is not allowed, or they contradict each other.
@@ -73,32 +102,47 @@ class MultiSession:
 
     def __init__(self, parameters: Mapping[str, Any], seed: int) -> None:
         self.time_policy = TimePolicy()
-        self._seed = seed
-        self._tracker = MultiTracker(build(MultiTrackerParameters, parameters), seed)
-        self._checked: tuple[Mapping[str, Any], int, MultiTracker] | None = None
+        self.heard = 0
+        self._manager = TrackManager(build(TrackerParameters, parameters), seed)
+        self._checked: tuple[Mapping[str, Any], int, TrackManager] | None = None
         self._clock = FrameClock()
         self._answers = WaitingAnswers()
         self._kind = ImageKind()
+        self._selected = 0
         self._requested: list[Drawn] = []
         self._drawn: dict[int, Drawn] = {}
-        # What the next outcome is to tell.
+        # What the next outcome is to tell: the frame at hand may be refused, and tell nothing.
         self._refused: list[str] = []
         self._ended: list[str] = []
 
     @property
     def targets(self) -> tuple[TrackedTarget, ...]:
         """The targets after the last frame that was looked at, in the order of their ids."""
-        return self._tracker.targets
+        return self._manager.targets
 
     @property
-    def history(self) -> History:
+    def selected(self) -> int:
+        """Id of the selected target, 0 without; of a single target that may be, its own."""
+        if self._manager.max_targets == 1:
+            return next((target.id for target in self.targets), 0)
+        return self._selected
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """Of the selected target after the last frame that was looked at; None without it."""
+        return estimate_of(self.targets, self.selected)
+
+    @property
+    def history(self) -> FrameBuffer:
         """The frames that a target can still be started on, and that detections may be of."""
-        return self._tracker.history
+        return self._manager.frames
 
     @property
     def requested_stamp(self) -> int | None:
         """Stamp of the frame that a requested target waits for, None if there is no such target."""
         return min((one.stamp for one in self._requested), default=None)
+
+    # Parameters
 
     def check(self, parameters: Mapping[str, Any], seed: int) -> None:
         """Try what `configure` would do, and change nothing that is told.
@@ -106,34 +150,36 @@ class MultiSession:
         Raises:
             ValueError: As `configure`.
         """
-        other = MultiTracker(build(MultiTrackerParameters, parameters), seed)
-        self._tracker.check_parameters(other)
+        other = TrackManager(build(TrackerParameters, parameters), seed)
+        self._manager.check_parameters(other)
         self._checked = (parameters, seed, other)
 
     def configure(self, parameters: Mapping[str, Any], seed: int) -> None:
-        """Change parameters, all or none, keeping the targets; see `MultiTracker.set_parameters`.
+        """Change parameters, all or none, keeping the targets; the seed counts from the next one.
 
-        The seed counts from the next target.
+        What decides on how a target is described, such as the motion model, learns it again from
+        where it was last seen. A hidden or lost target stays so until a frame shows it.
 
         Raises:
-            ValueError: A parameter is not allowed, they contradict each other, or a target was not
-                seen for so long that it could not be learned with them.
+            ValueError: A parameter is not allowed, or they contradict each other.
         """
         checked, self._checked = self._checked, None
-        if (dict(parameters), seed) == (self._tracker.parameters, self._seed):
+        if (dict(parameters), seed) == (self._manager.parameters, self._manager.seed):
             return
         if checked and checked[:2] == (parameters, seed):
             other = checked[2]
         else:
-            other = MultiTracker(build(MultiTrackerParameters, parameters), seed)
-        self._tracker.share_parameters(other)
-        self._seed = seed
+            other = TrackManager(build(TrackerParameters, parameters), seed)
+        self._manager.take_parameters(other)
+
+    # What is said of frames
 
     def request(self, box: Box, stamp: int = 0, label: str = "") -> None:
-        """Start one more target with the frame of this stamp, or else the first one after it.
+        """Start a target with the frame of this stamp, or else the first one after it.
 
-        Where the last images were refused because they are of another kind, all begins anew with
-        these.
+        Where only one target may be, it takes the place of the one before, and of one that was
+        requested. Where the last images were refused because they are of another kind, all begins
+        anew with these.
 
         Args:
             box: (x, y, width, height), pixels.
@@ -146,9 +192,11 @@ class MultiSession:
         """
         self._clock.check_ahead(stamp)
         is_other_kind = self._kind.is_doubtful
-        others = 0 if is_other_kind else len(self.targets)
-        if is_other_kind or not self._tracker.is_followed(box):
-            self._tracker.check_room(others + len(self._requested))
+        if self._manager.max_targets == 1:
+            self.withdraw()
+        elif is_other_kind or not self._manager.is_followed(box):
+            others = 0 if is_other_kind else len(self.targets)
+            self._manager.check_room(others + len(self._requested))
         self._requested.append(Drawn(box, label, stamp, is_other_kind))
 
     def withdraw(self) -> None:
@@ -164,12 +212,57 @@ class MultiSession:
                 passed over, nothing counts.
 
         Raises:
-            ValueError: The stamp is by another clock than those of the frames.
+            ValueError: The stamp is by another clock than those of the frames, or SciPy, which
+                detections need, is not installed.
         """
+        check_installed()
+        self.heard += 1
         self._clock.check_ahead(stamp)
         self._clock.check_behind(stamp)
         if not self._clock.was_passed_over(stamp):
             self._answers.add(detections, stamp)
+
+    def select(self, id: int) -> None:
+        """Say which of several targets a robot acts on.
+
+        It stays selected while it is lost, and after it has ended: no other takes its place.
+
+        Args:
+            id: Of the target; 0 for none.
+
+        Raises:
+            ValueError: There is no such target; the message lists those there are.
+        """
+        if id:
+            self._manager.check_known(id)
+        self._selected = id
+
+    def stop(self) -> None:
+        """Forget all targets, requested ones, and what detectors have said so far."""
+        self.withdraw()
+        self._forget_targets()
+        self._clock.begin_anew()
+
+    def _forget_targets(self) -> None:
+        self._answers.clear()
+        self._drawn, self._checked, self._selected = {}, None, 0
+        self._manager.clear()
+
+    def stop_target(self, id: int) -> None:
+        """Forget one target; a detector that still sees it will start it again, with another id.
+
+        Raises:
+            ValueError: There is no such target; the message lists those there are.
+        """
+        self._manager.stop(id)
+        self._drawn.pop(id, None)
+        self._selected = 0 if self._selected == id else self._selected
+
+    def map_likelihood(self) -> LikelihoodMap | None:
+        """How likely the selected target is around its box, in the frame looked at last."""
+        return self._manager.map_likelihood(self.selected)
+
+    # Frames
 
     def pass_over(self, stamp: int) -> None:
         """Let the clock go on with a frame that is not looked at, as while there is a pause.
@@ -182,32 +275,34 @@ class MultiSession:
         self._clock.pass_over(stamp)
         self._answers.forget_due(stamp)
 
-    def stop(self) -> None:
-        """Forget all targets, requested ones, and what detectors have said so far."""
-        self.withdraw()
-        self._forget_targets()
-        self._clock.begin_anew()
+    def classify(self, stamp: int) -> Arrival:
+        """What a frame is by its stamp alone; to be asked once, before `process` or `drop`.
 
-    def _forget_targets(self) -> None:
-        self._answers.clear()
-        self._drawn, self._checked = {}, None
-        self._tracker.clear()
+        Args:
+            stamp: Of the frame.
 
-    def stop_target(self, id: int) -> None:
-        """Forget one target; a detector that still sees it will start it again, with another id.
-
-        Raises:
-            ValueError: There is no such target; the message lists those there are.
+        Returns:
+            "next" or, after time has gone back, "jump"; "late" or "duplicate" where its image is
+            not needed; "again" where it is a duplicate that a target starts on.
         """
-        self._tracker.stop(id)
-        self._drawn.pop(id, None)
+        requested = [one.stamp for one in self._requested]
+        place = self._clock.place(stamp, self.time_policy.late_within, requested)
+        if place == "duplicate" and any(is_due(one, stamp) for one in requested):
+            return "again"
+        return place
 
-    def process(self, image: NDArray[np.generic], stamp: int) -> MultiOutcome:
+    def drop(self, arrival: Arrival) -> Outcome:
+        """What became of a frame that is dropped, "late" or "duplicate"."""
+        self._checked = None
+        frame: FrameOutcome = "late" if arrival == "late" else "duplicate"
+        return Outcome(frame, self.targets, self.selected)
+
+    def process(self, frame: Frame, arrival: Arrival | None = None) -> Outcome:
         """Take one frame.
 
         Args:
-            image: As for `MultiTracker.update`.
-            stamp: When it was taken.
+            frame: Its image as for `Tracker.update`; the session's from now on.
+            arrival: As by `classify`; None where that was not asked.
 
         Returns:
             What became of it.
@@ -215,30 +310,22 @@ class MultiSession:
         Raises:
             ValueError: The tracker refuses the image; the targets are kept.
         """
-        return self.process_unread(lambda: image, stamp)
-
-    def process_unread(self, read: Callable[[], NDArray[np.generic]], stamp: int) -> MultiOutcome:
-        """As `process`, with an image that is read only if it is needed; see `Session`."""
-        requested = [one.stamp for one in self._requested]
-        place = self._clock.place(stamp, self.time_policy.late_within, requested)
-        is_asked_for = any(is_due(one, stamp) for one in requested)
-        if place == "late" or (place == "duplicate" and not is_asked_for):
-            self._checked = None
-            return MultiOutcome(place, self.targets)
-        image = read()
+        arrival = arrival or self.classify(frame.stamp)
+        if arrival in DROPPED:
+            return self.drop(arrival)
         # Before anything is given up for it.
-        check_image(image)
+        check_image(frame.image)
         self._checked = None
-        if place == "jump":
-            return self._jump_back(image, stamp)
-        if place == "duplicate":
+        if arrival == "again":
             # It has been looked at, so that a target can start on it as on any that is kept.
-            return self._outcome(place, self._start_requested(image, stamp))
-        return self._track(image, stamp, self._clock.since_last(stamp))
+            return self._outcome("duplicate", self._start_requested(frame))
+        if arrival == "jump":
+            return self._jump_back(frame)
+        return self._track(frame, self._clock.since_last(frame.stamp))
 
-    def _jump_back(self, image: NDArray[np.generic], stamp: int) -> MultiOutcome:
+    def _jump_back(self, frame: Frame) -> Outcome:
         """Go on in a time that began anew, without what waits for frames of the old one."""
-        policy = self.time_policy.on_jump
+        policy, stamp = self.time_policy.on_jump, frame.stamp
         are_of_since = self._clock.begins_anew
         seconds = self._clock.jump_back(stamp)
         waiting = [
@@ -247,84 +334,92 @@ class MultiSession:
             if are_of_since or not self._clock.is_of_before(one.stamp, stamp)
         ]
         if len(waiting) < len(self._requested):
-            self._refused.append(DRAWN_BEFORE_JUMP)
+            self._refused.append(_DRAWN_BEFORE_JUMP)
         if policy == "keep":
             self._answers.clear()
-            self._tracker.forget_past()
+            self._manager.forget_past()
         else:
-            drawn = [*self._drawn.values()] if policy == "restart" else []
+            drawn = self._drawn if policy == "restart" else {}
+            if self._manager.max_targets == 1 and any(is_due(one.stamp, stamp) for one in waiting):
+                drawn = {}
+            redrawn = [
+                one.redraw(frame.image, is_selected=id == self._selected)
+                for id, one in drawn.items()
+            ]
             self._forget_targets()
-            waiting = [*(one.redraw(image) for one in drawn), *waiting]
+            waiting = [*redrawn, *waiting]
         self._requested = waiting
-        return self._track(image, stamp, None, seconds)
+        return self._track(frame, None, seconds)
 
-    def _track(
-        self,
-        image: NDArray[np.generic],
-        stamp: int,
-        interval: float | None,
-        jumped_back: float = 0.0,
-    ) -> MultiOutcome:
+    def _track(self, frame: Frame, interval: float | None, jumped_back: float = 0.0) -> Outcome:
         """Follow the targets into a frame, and start those that were asked for.
 
         Args:
-            image: Of the frame.
-            stamp: Of the frame.
+            frame: The next one.
             interval: Seconds since the last one, None where nobody knows.
             jumped_back: As told in the outcome.
         """
-        if self._fit(image, stamp):
+        if self._fit(frame):
             interval = None
-        self._kind.accept(image, stamp)
+        self._kind.accept(frame)
         of_others = self._answers.forget_all_of(self._kind.is_of_others)
-        self._tracker.update(image, interval, self._answers.due(stamp))
-        self._clock.take(stamp, interval)
-        self._answers.forget_due(stamp)
-        started = self._start_requested(image, stamp)
+        self._manager.update(frame, interval, self._answers.due(frame.stamp))
+        self._clock.take(frame.stamp, interval)
+        self._answers.forget_due(frame.stamp)
+        started = self._start_requested(frame)
         kept = {target.id for target in self.targets}
         self._drawn = {id: drawn for id, drawn in self._drawn.items() if id in kept}
-        left_out = (*self._tracker.left_out, *of_others, *self._answers.tell_dropped())
-        frame: FrameOutcome = "tracked" if self.targets else "waiting"
-        return self._outcome(frame, started, left_out, jumped_back)
+        left_out = (*self._manager.left_out, *of_others, *self._answers.tell_dropped())
+        outcome: FrameOutcome = "tracked" if self.targets else "waiting"
+        return self._outcome(outcome, started, left_out, jumped_back)
 
     def _outcome(
         self,
         frame: FrameOutcome,
-        started: Sequence[int],
+        started: Sequence[Started],
         left_out: tuple[str, ...] = (),
         jumped_back: float = 0.0,
-    ) -> MultiOutcome:
+    ) -> Outcome:
         """What became of a frame, with what has waited to be told."""
         refused, self._refused = self._refused, []
         ended, self._ended = self._ended, []
-        return MultiOutcome(
-            "started" if started else frame,
-            self.targets,
-            tuple(started),
-            tuple(refused),
-            tuple(ended),
-            left_out,
-            jumped_back,
+        return Outcome(
+            frame="started" if started else frame,
+            targets=self.targets,
+            selected=self.selected,
+            started=tuple(one.id for one in started),
+            refused=tuple(refused),
+            ended=tuple(ended),
+            left_out=left_out,
+            jumped_back=jumped_back,
+            caught_up=max((one.caught_up for one in started), default=0),
         )
 
-    def _start_requested(self, image: NDArray[np.generic], stamp: int) -> list[int]:
-        """Start what was asked for on frames up to this one; the ids."""
-        due = [one for one in self._requested if is_due(one.stamp, stamp)]
+    def _start_requested(self, frame: Frame) -> list[Started]:
+        """Start what was asked for on frames up to this one."""
+        due = [one for one in self._requested if is_due(one.stamp, frame.stamp)]
         self._requested = [one for one in self._requested if one not in due]
-        started: list[int] = []
+        started: list[Started] = []
         for drawn in due:
-            age = age_of(drawn.stamp, stamp)
             try:
                 self._kind.check_drawn(drawn)
-                id = self._tracker.start_earlier(drawn.box, age, drawn.label)
+                stamp = drawn.stamp if frame.stamp else 0
+                begun = self._manager.start(drawn.box, stamp, drawn.label)
             except ValueError as error:
-                self._refused.append(f"target refused: {error}")
+                is_long_ago = frame.stamp - drawn.stamp > self.time_policy.late_within
+                if isinstance(error, NotKeptError) and is_long_ago and not drawn.has_waited:
+                    # A recording that begins again may have sent it before its first frame.
+                    self._requested.append(drawn._replace(has_waited=True))
+                else:
+                    self._refused.append(f"target refused: {error}")
             else:
-                started.append(id)
-                self._drawn[id] = drawn._replace(image_size=size_of(image))
+                started.append(begun)
+                self._drawn[begun.id] = drawn._replace(image_size=frame.size)
+                if drawn.is_selected:
+                    self._selected = begun.id
         return started
 
-    def _fit(self, image: NDArray[np.generic], stamp: int) -> bool:
+    def _fit(self, frame: Frame) -> bool:
         """Go on with images of another size, or of another camera.
 
         A target that somebody drew is given up for another camera only where one was drawn on its
@@ -336,23 +431,23 @@ class MultiSession:
         Raises:
             ValueError: The image fits no target, and they are kept.
         """
-        if self._tracker.fits(image):
+        if self._manager.fits(frame.image):
             self._kind.fit()
             return False
-        if self._tracker.resize(image):
+        if self._manager.resize(frame):
             self._kind.fit()
             self._tell_unseen()
             return False
-        self._kind.misfit(stamp)
-        is_drawn_on = any(self._kind.is_of_misfits(one, stamp) for one in self._requested)
+        self._kind.misfit(frame.stamp)
+        is_drawn_on = any(self._kind.is_of_misfits(one, frame.stamp) for one in self._requested)
         has_changed = self._kind.is_another and not self._drawn
         if self.targets and not (is_drawn_on or has_changed):
-            raise ValueError(self._kind.refusal(image))
+            raise ValueError(self._kind.refusal(frame.image))
         if is_drawn_on:
-            self._requested = self._kind.brought_over(self._requested, stamp)
-            if self.targets:
+            self._requested = self._kind.brought_over(self._requested, frame.stamp)
+            if self.targets and self._manager.max_targets > 1:
                 self._ended.append(ended_for_others(target.id for target in self.targets))
-        self._tracker.forget_camera()
+        self._manager.forget_camera()
         self._answers.clear()
         self._kind.fit()
         return True

@@ -186,12 +186,10 @@ class TrackManager:
         self.frames.put(moments)
         if other._follower.needs_foreground != self._follower.needs_foreground:
             self._camera.forget_background()
-        before = self._parameters
         self._crowd, self._seed = crowd, other._seed
         self._parameters, self._follower = other._parameters, other._follower
         self._keeper = other._keeper
-        if (before.max_targets > 1) != (self.max_targets > 1):
-            self._camera.expect(several=self.max_targets > 1)
+        self._camera.tell_motion(self.max_targets > 1)
 
     def _adapted(self, other: TrackManager) -> tuple[Crowd, Sequence[Moment]]:
         """The targets, and the moments to be kept, for the parameters of another manager."""
@@ -288,9 +286,7 @@ class TrackManager:
         """Whether nothing depends on a frame: a single target, which is not there yet, is all."""
         return self.max_targets == 1 and not self._crowd.lives and not self._crowd.is_heard
 
-    def _open(
-        self, camera: Camera, frame: Frame, interval: float, boxes: Sequence[Box]
-    ) -> None:
+    def _open(self, camera: Camera, frame: Frame, interval: float, boxes: Sequence[Box]) -> None:
         follower, follow_light = self._follower, self._parameters.follow_light
         camera.open(frame, interval, boxes, follower.needs_foreground, follow_light)
 
@@ -299,16 +295,15 @@ class TrackManager:
     ) -> tuple[tuple[Sighting, ...] | None, list[str]]:
         detector = self._parameters.detector
         wanted = detections.with_labels(detector.labels)
-        seen, reasons = sightings(
-            wanted, frame, detector.score_above, self._keeper.appearance
-        )
+        seen, reasons = sightings(wanted, frame, detector.score_above, self._keeper.appearance)
         if seen or not len(wanted) or len(usable(wanted, frame.size, -np.inf)[0]):
             return tuple(seen), reasons
         # None of the boxes makes sense: that does not say that nothing is there.
         return None, reasons
 
     def _new_camera(self, frame: Frame | None = None) -> Camera:
-        return Camera(self._seed, frame, has_several=self.max_targets > 1)
+        several = self.max_targets > 1
+        return Camera(self._seed, frame, lays_ghosts=several, tells_motion=several)
 
     def resize(self, frame: Frame) -> bool:
         """Go on with images of another size, keeping the targets with their ids.
@@ -417,7 +412,7 @@ class TrackManager:
             return self._start_beside(frame, first_box, label, moments)
 
     def _moments_from(self, stamp: int) -> list[Moment]:
-        """The moments from the one on that a target was drawn on; none for a frame that is not kept.
+        """The moments from the one on that a target was drawn on; none where no frame is kept.
 
         Where they are too many, those in between are thinned out evenly.
 
@@ -444,7 +439,7 @@ class TrackManager:
     def _start_alone(
         self, frame: Frame, box: Box, label: str, moments: Sequence[Moment]
     ) -> Started:
-        """Take the only target there may be; all begins anew with the frame that it was drawn on."""
+        """Take the only target there may be; all begins anew with its frame."""
         camera, keeper = self._new_camera(), self._keeper
         self._open(camera, frame, 0.0, [box])
         key = self._names.next_by_hand(self._crowd.frame)
@@ -494,6 +489,18 @@ class TrackManager:
         Raises:
             ValueError: There is no such target; the message lists those there are.
         """
+        life = self.check_known(id)
+        self._crowd = self._crowd.without(life)
+        if len(self.frames):
+            last = self.frames.last
+            self.frames.revise([replace(last, stopped=(*last.stopped, life))])
+
+    def check_known(self, id: int) -> Life:
+        """The target of an id, be it that it has ended and is remembered.
+
+        Raises:
+            ValueError: There is no such target; the message lists those there are.
+        """
         lives = {
             self._names.get(life.key): life for life in (*self._crowd.lives, *self._crowd.gone)
         }
@@ -502,23 +509,26 @@ class TrackManager:
         if life is None:
             known = ", ".join(str(target.id) for target in self.targets) or "none"
             raise ValueError(f"no target has the id {id!r}; there are: {known}")
-        self._crowd = self._crowd.without(life)
-        if len(self.frames):
-            last = self.frames.last
-            self.frames.revise([replace(last, stopped=(*last.stopped, life))])
+        return life
 
     def clear(self) -> None:
         """Forget all targets, those that have ended too; what the detector sees, it starts again.
 
-        Their ids are not used again.
+        Their ids are not used again. The frames stay, for a target that was drawn on one of them.
         """
-        self._crowd = replace(self._crowd, lives=(), gone=())
+        self._crowd = nobody = replace(self._crowd, lives=(), gone=())
         self._sights = {}
-        self.frames.clear()
+        self.frames.put(
+            [
+                Moment(one.kept, one.interval, replace(nobody, frame=one.before.frame))
+                for one in self.frames.moments
+            ]
+        )
 
     def forget_camera(self) -> None:
         """Forget all targets, and take images of any size and kind."""
         self.clear()
+        self.frames.clear()
         self._camera = self._new_camera()
 
 
@@ -543,7 +553,7 @@ def _sights_after(frame: Frame, crowd: Crowd, before: Mapping[Key, Sight]) -> di
 
 
 def _is_of_now(stamp: int, now: int, interval: float) -> bool:
-    """Whether a detection's stamp is that of the frame at hand: up to half an interval before it."""
+    """Whether a detection is of the frame at hand: up to half an interval before it."""
     return 0 in (stamp, now) or (now - stamp) / NANOSECONDS <= interval / 2
 
 

@@ -24,6 +24,7 @@ from pf_tracker_ros.boxes import (
 )
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.associator import CENTER_SPREAD
+from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.ground import Ground, grounds_of
 from pf_tracker_ros.targets.life import Life
@@ -253,15 +254,8 @@ class Updater:
             target = self._follower.steering.move(target, _inside(predicted, frame.size))
         else:
             target = followed
-            box = np.array(target.estimate.box)
             if own is None:
-                deviation = _IMAGE_SPREAD * box[2:]
-                if life.is_on_its_own:
-                    count = min(target.estimate.confidence / _FULLY_ABOVE, 1.0)
-                    deviation = deviation / max(count, _LEAST_COUNT)
-                    if target.track.state == "tracking":
-                        log_size = np.log(box[2:])
-                course = course.correct(box[:2] + box[2:] / 2, deviation)
+                course, log_size = _corrected_by_image(life, target)
         is_doubled = is_hidden and life.unconfirmed_for > _DOUBLED_AFTER
         if is_doubled:
             are_told = [not one.is_rival for one in front]
@@ -282,7 +276,7 @@ class Updater:
     def _doubt(self, life: Life, before: Life, rivals: NDArray[np.float64]) -> Life:
         """A target that may be another one by now, without its course moved, and not told as seen.
 
-        It is doubted from when it jumps to what was seen beside it, or is on what looks like it, and
+        It is doubted from when it jumps to what was seen beside it, or is on what looks like it,
         until it is where its course leads.
 
         Args:
@@ -344,6 +338,18 @@ class Updater:
             learned_for=0.0 if learns else life.learned_for,
             stood=life.stood if is_cut(own.box, frame.size) else np.array(target.estimate.box),
         )
+
+
+def _corrected_by_image(life: Life, target: Target) -> tuple[Course, NDArray[np.float64]]:
+    """The course and the (2,) log size of a target, corrected by where the image shows it."""
+    log_size, box = life.log_size, np.array(target.estimate.box)
+    deviation = _IMAGE_SPREAD * box[2:]
+    if life.is_on_its_own:
+        count = min(target.estimate.confidence / _FULLY_ABOVE, 1.0)
+        deviation = deviation / max(count, _LEAST_COUNT)
+        if target.track.state == "tracking":
+            log_size = np.log(box[2:])
+    return life.course.correct(box[:2] + box[2:] / 2, deviation), log_size
 
 
 def _is_guess(life: Life) -> bool:

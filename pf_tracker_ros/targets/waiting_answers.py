@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.targets.detections import Detections
-from pf_tracker_ros.tracking.frame_clock import age_of, is_due
+from pf_tracker_ros.targets.out_of_sequence import StampedDetections
+from pf_tracker_ros.tracking.frame_clock import is_due
 
 # The oldest beyond are dropped.
 MOST_ANSWERS = 20
-
-
-class _Answer(NamedTuple):
-    """What a detector said of the frame with a stamp, 0 for the next one."""
-
-    stamp: int
-    detections: Detections
 
 
 class WaitingAnswers:
     """Answers of detectors until their frames come; stamps are in nanoseconds, 0 is unknown."""
 
     def __init__(self) -> None:
-        self._answers: list[_Answer] = []
+        self._answers: list[StampedDetections] = []
         self._dropped = 0
 
     def add(self, detections: Detections, stamp: int) -> None:
@@ -34,14 +27,14 @@ class WaitingAnswers:
             detections: Of one frame; their age is not looked at.
             stamp: Of that frame, 0 for the next one.
         """
-        self._answers.append(_Answer(stamp, detections))
+        self._answers.append(StampedDetections(stamp, detections))
         if len(self._answers) > MOST_ANSWERS:
             del self._answers[0]
             self._dropped += 1
 
-    def due(self, stamp: int) -> list[Detections]:
-        """Those that count with a frame, with their age in it; they are kept."""
-        return [_aged(one, stamp) for one in self._answers if is_due(one.stamp, stamp)]
+    def due(self, stamp: int) -> list[StampedDetections]:
+        """Those that count with a frame; they are kept."""
+        return [one for one in self._answers if is_due(one.stamp, stamp)]
 
     def forget_due(self, stamp: int) -> None:
         """Forget those that count with a frame."""
@@ -79,9 +72,3 @@ class WaitingAnswers:
             f"{count} of the detector's answers left out: {MOST_ANSWERS} at most wait for a frame; "
             "let frames come, and the detector give each the stamp of the image that it saw",
         )
-
-
-def _aged(answer: _Answer, stamp: int) -> Detections:
-    """Detections with their age in the frame at hand."""
-    given = answer.detections
-    return Detections(given.boxes, given.scores, given.labels, age_of(answer.stamp, stamp))

@@ -29,18 +29,24 @@ class Camera:
     Args:
         seed: Seeds the background model.
         frame: The last one so far, with which nothing was done; None where there is none.
-        has_several: See `expect`.
+        lays_ghosts: See `BackgroundModel`.
+        tells_motion: Whether each frame tells how the camera has moved.
 
     Attributes:
         frame: The last one; None before the first, and in a fresh copy.
     """
 
     def __init__(
-        self, seed: int, frame: Frame | None = None, *, has_several: bool = False
+        self,
+        seed: int,
+        frame: Frame | None = None,
+        *,
+        lays_ghosts: bool = False,
+        tells_motion: bool = False,
     ) -> None:
         self._seed = seed
-        self._ego_motion: EgoMotion | None = None
-        self.expect(several=has_several)
+        self._lays_ghosts = lays_ghosts
+        self._ego_motion = EgoMotion() if tells_motion else None
         self._gain = GainControl()
         self._next_gain = self._gain
         self._light = self._next_light = UNCHANGED
@@ -48,14 +54,9 @@ class Camera:
         self.frame = frame
         self._kind = _kind_of(frame) if frame else None
 
-    def expect(self, *, several: bool) -> None:
-        """Prepare the frames to come for several targets, or for a single one.
-
-        Of several, each frame tells how the camera has moved, and the background model removes the
-        ghosts of what has left the first image.
-        """
-        self._lays_ghosts = several
-        self._ego_motion = (self._ego_motion or EgoMotion()) if several else None
+    def tell_motion(self, tells_motion: bool) -> None:
+        """Change whether the frames to come tell how the camera has moved."""
+        self._ego_motion = (self._ego_motion or EgoMotion()) if tells_motion else None
 
     def fits(self, image: NDArray[np.generic]) -> bool:
         """Whether an image has the size and kind of the last one; any has before the first."""

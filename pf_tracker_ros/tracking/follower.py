@@ -176,7 +176,8 @@ class Follower:
             frame: The next one.
             interval: Seconds since the last one.
 
-        Source: Li et al. 2007, equation (3); Zhang et al. 2015, equation (7); Zhang Bo, section 3.3.
+        Source: Li et al. 2007, equation (3); Zhang et al. 2015, equation (7); Zhang Bo, section
+        3.3.
         """
         expected = []
         for last, looks_for_size in targets:
@@ -223,7 +224,7 @@ class Follower:
         learned = self._learn(target, expected.prediction, measured, assessed)
         # Zhang (6), below a threshold of the effective sample size; Zhang Bo, step 5.
         particles = self._resampler.resample(assessed.particles, self.parameters.particles, draw)
-        return self._next(target, measured, assessed, learned, particles, draw)
+        return self._next(expected, measured, assessed, learned, particles)
 
     def _learn(
         self, target: Target, prediction: Prediction, measured: Measurement, judged: Judgment
@@ -251,15 +252,15 @@ class Follower:
 
     def _next(
         self,
-        target: Target,
+        expected: Expectation,
         measured: Measurement,
         judged: Judgment,
         learned: _Learned,
         particles: ParticleSet,
-        draw: np.random.Generator,
     ) -> Target:
-        """The target as the next frame finds it, with its particles, resampled."""
-        foresight, lost_after = learned.foresight, self.parameters.track.lost_after
+        """The target as the next frame finds it, with its resampled particles."""
+        target, foresight = expected.target, learned.foresight
+        lost_after = self.parameters.track.lost_after
         is_seen = judged.track.state == "tracking"
         if not is_seen:
             particles, foresight = self._while_hidden.go_on(target, judged, particles, foresight)
@@ -281,7 +282,7 @@ class Follower:
             look_alike=judged.look_alike,
             hidden_frames=0 if is_seen else target.hidden_frames + 1,
             followed_frames=target.followed_frames + 1,
-            randomness=Randomness.of(draw),
+            randomness=Randomness.of(expected.draw),
             estimate=estimate,
             before_jump=learned.before_jump,
             rival=measured.rival,

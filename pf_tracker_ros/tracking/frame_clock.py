@@ -51,16 +51,6 @@ def is_due(said_of: int, stamp: int) -> bool:
     return stamp == 0 or said_of <= stamp
 
 
-def age_of(said_of: int, stamp: int) -> float:
-    """Seconds from the frame that something was said of to the one at hand; 0 where unknown.
-
-    Args:
-        said_of: Stamp of the frame that it was said of.
-        stamp: Of the frame at hand.
-    """
-    return 0.0 if 0 in (said_of, stamp) else (stamp - said_of) / NANOSECONDS
-
-
 class _Jump(NamedTuple):
     """Time that went back.
 

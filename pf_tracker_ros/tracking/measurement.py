@@ -99,8 +99,8 @@ class Measurement(NamedTuple):
         distraction: How much of what is around has looked like the target lately.
         search: Where the target was looked for; None without a search.
         runner_up: (4,) likeliest box beside the target's, pixels; None without a search.
-        rival: (4,) box of what looks like the target beside it; None where nothing does, and without
-            a search.
+        rival: (4,) box of what looks like the target beside it; None where nothing does, and
+            without a search.
         unsearched: The particles where the motion alone took them; None without a search.
     """
 

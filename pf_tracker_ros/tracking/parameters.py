@@ -13,17 +13,15 @@ from pf_tracker_ros.tracking.redetection import RedetectionParameters
 from pf_tracker_ros.tracking.track_parameters import DetectorParameters, TrackParameters
 
 
-
-
 @dataclass(frozen=True)
 class TrackerParameters:
     """The tracker's tunables; a preset names its values over these defaults."""
 
     max_targets: int = declared(
         1,
-        "Most targets at a time. With 1, a new target takes the place of the one before. With more, "
-        "detections start others, each costs about as much as one, and the presets have values "
-        "that suit several.",
+        "Most targets at a time. With 1, a new target takes the place of the one before. With "
+        "more, detections start others, each costs about as much as one, and the presets have "
+        "values that suit several.",
         minimum=1,
         maximum=1000,
     )
