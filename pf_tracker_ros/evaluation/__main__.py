@@ -29,7 +29,7 @@ from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.tracking.presets import PresetInForce
-from pf_tracker_ros.tracking.tracker import Tracker
+from pf_tracker_ros.targets.tracker import Tracker
 
 SUCCESS, INCOMPLETE, REFUSED, INTERRUPTED, NO_READER, TERMINATED = 0, 1, 2, 130, 141, 143
 

@@ -25,7 +25,7 @@ from pf_tracker_ros.recordings.recording import Recording, open_recording
 from pf_tracker_ros.recordings.target import Target, choose_targets
 from pf_tracker_ros.recordings.tracking import Tracked, track_recording
 from pf_tracker_ros.tracking.presets import PresetInForce
-from pf_tracker_ros.tracking.tracker import Tracker
+from pf_tracker_ros.targets.tracker import Tracker
 
 if TYPE_CHECKING:
     from pf_tracker_ros.recordings.detections.hearing import Hearing

@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage.prefetch import Prefetch
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.opencv import one_opencv_thread
 from pf_tracker_ros.overlay import draw_overlay
 from pf_tracker_ros.recordings.errors import WRONG_TARGET, RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
 from pf_tracker_ros.recordings.target import Target
 from pf_tracker_ros.tracking.estimate import Estimate
-from pf_tracker_ros.tracking.session import Session
-from pf_tracker_ros.tracking.tracker import Tracker
+from pf_tracker_ros.targets.session import Session
+from pf_tracker_ros.targets.tracker import Tracker
 
 SKIPPED = ("refused", "duplicate", "late")
 """What becomes of a frame that is not looked at, as the node's status says it."""
@@ -195,13 +196,13 @@ def _request(session: Session, box: Box, frame: RecordedFrame, target: Target) -
 def _tracked(session: Session, frame: RecordedFrame, target: Target) -> TrackedFrame:
     began = time.perf_counter()
     try:
-        outcome = session.process_unread(lambda: image_of(frame), frame.stamp)
+        outcome = session.process(Frame(image_of(frame), frame.stamp))
     except (ValueError, cv2.error) as error:
         return TrackedFrame(frame, "refused", None, str(error), time.perf_counter() - began)
     seconds = time.perf_counter() - began
-    if outcome.refused_target:
+    if "; ".join(outcome.refused):
         raise RecordingError(
-            f"frame {frame.index}, box from {target.source}: {outcome.refused_target}", WRONG_TARGET
+            f"frame {frame.index}, box from {target.source}: {'; '.join(outcome.refused)}", WRONG_TARGET
         )
     estimate = None if outcome.frame in SKIPPED else outcome.estimate
     return TrackedFrame(frame, outcome.frame, estimate, "", seconds)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from types import MappingProxyType
+from dataclasses import dataclass, field
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
@@ -45,8 +44,8 @@ class Known:
 
     targets: Sequence[TrackedTarget] = ()
     selected: int = 0
-    values: StatusValues = MappingProxyType({})
-    of_frame: StatusValues = MappingProxyType({})
+    values: StatusValues = field(default_factory=dict)
+    of_frame: StatusValues = field(default_factory=dict)
     requested_stamp: int | None = None
 
     @property
