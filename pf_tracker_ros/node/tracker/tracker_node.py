@@ -97,7 +97,7 @@ class TrackerNode(ManagedNode):
                 self.get_fully_qualified_name(),
                 [*command_line, *(options.get("cli_args") or ())],
             ),
-            # The session can change what the library alone fixes while it tracks.
+            # The session learns the targets again, where that is needed.
             keeps_read_only=False,
         )
         self._binding.listen(check=self._check, apply=self._apply)

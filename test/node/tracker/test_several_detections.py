@@ -84,6 +84,7 @@ def test_in_lockstep_late_detections_give_the_bits_of_the_library(client, detect
     detector, heard = detected(seed=5)
     follow(client, detector, walkers, range(12), delay=3)
     session = Session(preset_parameters("default", SEVERAL["max_targets"]), 5)
+    session.history.limit(120, 64.0)
     for number in range(12):
         if number >= 3 and (number - 3) % 4 == 0:
             found = Detections(boxes[number - 3], [0.9, 0.9], ["person", "person"])
