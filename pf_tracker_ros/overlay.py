@@ -45,13 +45,12 @@ def draw_tracked(
     Args:
         image: (H, W, 3) uint8 BGR, or (H, W) uint8, uint16 or float32.
         targets: All that there are.
-        has_several: Whether there may be several: then, and where there are, each is drawn in the
-            color of its id.
+        has_several: Whether there may be several: then each is drawn in the color of its id.
 
     Returns:
         (H, W, 3) uint8 BGR.
     """
-    if has_several or len(targets) > 1:
+    if has_several:
         return draw_targets(image, targets)
     estimate = targets[0].estimate if targets else None
     text = f"{estimate.state} {estimate.confidence:.2f}" if estimate else "no target"

@@ -324,7 +324,7 @@ class TrackerNode(ManagedNode):
         # A duplicate that a target could have started on says nothing new.
         if self._outputs and outcome.frame not in SKIPPED:
             selected = next((one for one in outcome.targets if one.id == outcome.selected), None)
-            several = _has_several(self._values)
+            several = _has_several(self._values) or len(outcome.targets) > 1
             looked = Looked(message.header, frame.image, outcome.targets, selected, several)
             self._outputs.publish(looked)
             likelihood = session.map_likelihood() if self._outputs.wants_likelihood else None

@@ -241,13 +241,15 @@ def test_a_wrong_number_at_start_up_is_corrected_at_run_time(graph, client, imag
     assert client.show(images[1], client.at(1)).values["frame"] == "started"
 
 
-def test_a_restarted_recording_goes_on_as_the_policy_says(client, crowd, walkers):
+def test_a_restarted_recording_goes_on_as_the_policy_says(client, crowd, walkers, send_id):
     images, _ = walkers
-    crowd(time_jump="restart")
+    node, _ = crowd(time_jump="restart")
     two_targets(client, walkers)
+    send_id(client, node, "select", 2)
     client.show(images[1], client.at(1))
     status = client.show(images[0], client.at(0) - 10**12)
     assert (status.values["frame"], ids(status)) == ("started", [3, 4])
+    assert status.values["selected"] == "4"
 
 
 def test_a_target_box_is_the_first_of_several(client, crowd, walkers):
