@@ -1,10 +1,10 @@
-"""Every tunable that counts with a preset makes a difference there, or to what is detected."""
+"""Every tunable that counts with a preset makes a difference there."""
 
 import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros import Detections, MultiTracker, Tracker
+from pf_tracker_ros import Tracker
 from pf_tracker_ros.parameters import ParameterError, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
@@ -16,11 +16,6 @@ DIM, HIDDEN, GONE = range(26, 30), range(18, 22), range(44, 66)
 FIRST_BOX = (20, 30, 24, 24)
 TOLD = ("box", "state", "confidence", "covariance", "particles")
 
-# What makes a difference to several targets, or where there are detections.
-DETECTED = {name for name in KNOWN if name.startswith("detector.")} | {
-    "max_targets",
-    "track.remember",
-}
 # What makes no difference by itself, and what has to be chosen beside it.
 BESIDE = {
     # Another one does not suit the other choices of the preset.
@@ -107,7 +102,7 @@ def test_the_scene_has_it_all(scene, preset):
         (preset, name)
         for preset in PRESETS
         for name, one in KNOWN.items()
-        if one.counts(preset_parameters(preset)) and name not in DETECTED
+        if one.counts(preset_parameters(preset))
     ],
 )
 def test_a_tunable_makes_a_difference(makes_a_difference, preset, name):
@@ -117,28 +112,3 @@ def test_a_tunable_makes_a_difference(makes_a_difference, preset, name):
 @pytest.mark.parametrize(("preset", "name"), BESIDE)
 def test_what_needs_another_choice_makes_none_by_itself(makes_a_difference, preset, name):
     assert not makes_a_difference(preset, KNOWN[name], {})
-
-
-def detected(scene, parameters):
-    """What is told of two detected targets, one of which the detector misses for a while."""
-    tracker = MultiTracker.from_preset("default", 0, parameters)
-    for index, image in enumerate(scene[:40]):
-        boxes = [(20 + 2 * index, 30 + index, 24, 24), (100, 10, 20, 20)]
-        seen = boxes[:1] if 6 <= index < 20 else boxes
-        detections = Detections(seen, [0.9, 0.6][: len(seen)], ["square", "ground"][: len(seen)])
-        targets = tracker.update(image, INTERVAL, detections)
-        yield [(target.id, target.label, target.estimate.state) for target in targets]
-
-
-@pytest.mark.parametrize("name", sorted(DETECTED))
-def test_a_tunable_of_detections_makes_a_difference(scene, name):
-    other = {
-        "detector.labels": ("square",),
-        "detector.recall": 0.3,
-        "detector.score_above": 0.7,
-        "max_targets": 1,
-        "track.remember": 0.0,
-    }[name]
-    usual, found = list(detected(scene, {})), list(detected(scene, {name: other}))
-    assert {id for targets in usual for id, *_ in targets} == {1, 2}
-    assert found != usual

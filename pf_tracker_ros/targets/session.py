@@ -27,7 +27,7 @@ from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.targets.waiting_answers import WaitingAnswers
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.frame_clock import FrameClock, TimePolicy, is_due
-from pf_tracker_ros.tracking.input_checks import check_image
+from pf_tracker_ros.tracking.input_checks import check_box, check_image
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
@@ -447,10 +447,8 @@ class Session:
             self._tell_unseen()
             return False
         self._kind.misfit(frame.stamp)
-        # A next target takes the place of the only one there may be, whatever images that was in.
-        takes_place = self._manager.max_targets == 1
         is_drawn_on = any(
-            self._kind.is_of_misfits(one, frame.stamp) or (takes_place and one.stamp == 0)
+            self._kind.is_of_misfits(one, frame.stamp) or self._takes_the_place(one, frame)
             for one in self._requested
         )
         has_changed = self._kind.is_another and not self._drawn
@@ -463,6 +461,16 @@ class Session:
         self._manager.forget_camera()
         self._answers.clear()
         self._kind.fit()
+        return True
+
+    def _takes_the_place(self, drawn: Drawn, frame: Frame) -> bool:
+        """Whether a target will be the only one with a frame, whatever images the others are of."""
+        if self._manager.max_targets > 1 or drawn.stamp:
+            return False
+        try:
+            check_box(drawn.box, frame.size)
+        except ValueError:
+            return False
         return True
 
     def _tell_unseen(self) -> None:

@@ -154,6 +154,21 @@ def test_a_camera_that_comes_back_with_another_aspect_ratio_is_refused(tracking,
     assert client.show(images[3], client.at(3)).values["state"] == "tracking"
 
 
+def test_a_target_that_is_given_on_images_of_another_kind_begins_at_once(
+    tracking, client, images, box
+):
+    client.point_at((900.0, 5.0, 20.0, 20.0))
+    status = client.show(images[2][..., 1].copy(), client.at(2), "mono8")
+    # One that cannot begin there is no reason to give up the one before.
+    assert (status.level, status.values["frame"]) == ("ERROR", "refused")
+    status = client.show(images[3], client.at(3))
+    assert (status.values["frame"], status.values["state"]) == ("tracked", "tracking")
+    assert "target refused: the center of box (900, 5, 20, 20) is outside" in status.message
+    client.point_at(box)
+    status = client.show(images[4][..., 1].copy(), client.at(4), "mono8")
+    assert (status.level, status.values["frame"]) == ("OK", "started")
+
+
 def test_a_preset_that_is_set_while_the_target_is_lost_claims_nothing(graph, client, images, box):
     graph.tracker(client, target_box=box, track__lost_after=0.1, **QUICK)
     client.show_all(images[:3])
