@@ -427,6 +427,16 @@ class Session:
                     self._selected = 0
         return started
 
+    def _takes_the_place(self, drawn: Drawn, frame: Frame) -> bool:
+        """Whether a target will be the only one with a frame, whatever images the others are of."""
+        if self._manager.max_targets > 1 or drawn.stamp:
+            return False
+        try:
+            check_box(drawn.box, frame.size)
+        except ValueError:
+            return False
+        return True
+
     def _fit(self, frame: Frame) -> bool:
         """Go on with images of another size, or of another camera.
 
@@ -461,16 +471,6 @@ class Session:
         self._manager.forget_camera()
         self._answers.clear()
         self._kind.fit()
-        return True
-
-    def _takes_the_place(self, drawn: Drawn, frame: Frame) -> bool:
-        """Whether a target will be the only one with a frame, whatever images the others are of."""
-        if self._manager.max_targets > 1 or drawn.stamp:
-            return False
-        try:
-            check_box(drawn.box, frame.size)
-        except ValueError:
-            return False
         return True
 
     def _tell_unseen(self) -> None:
