@@ -18,7 +18,7 @@ from launch_ros.actions import Node
 from pf_tracker_ros.launching import Given, argument, shared, tracker_nodes, tracker_parameters
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
-from pf_tracker_ros.targets.parameters import SeveralTargetsParameters
+from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 # Arguments that are parameters of the tracker and have the names of these.
 OF_THE_NODE = ("max_targets", "built_in_detector", "built_in_detector_rate")
@@ -35,7 +35,7 @@ def start_tracker(context: LaunchContext) -> list[Node]:
     if labels := given.words("labels"):
         parameters["detector.labels"] = labels
     if given.text("score_above"):
-        declared = declarations(SeveralTargetsParameters)
+        declared = declarations(TrackerParameters)
         parameters["detector.score_above"] = given.parameter(
             "score_above", declared["detector.score_above"]
         )

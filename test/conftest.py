@@ -146,7 +146,8 @@ def other_values():
 
     def others(declaration, value):
         if declaration.type == tuple[str, ...]:
-            found = [(*value, choice) for choice in declaration.choices if choice not in value]
+            choices = declaration.choices or ("anything",)
+            found = [(*value, choice) for choice in choices if choice not in value]
         elif declaration.choices:
             found = declaration.choices
         elif declaration.type is bool:

@@ -16,7 +16,6 @@ from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import Declaration, declarations
-from pf_tracker_ros.targets.parameters import MultiTrackerParameters, multi_preset_parameters
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
@@ -24,12 +23,7 @@ _COMMAND = "make generate"
 _LINE_LENGTH = 100
 _INDENT = " " * 4
 _NODE = declarations(NodeParameters)
-_OF_ONE = declarations(TrackerParameters)
-_OF_SEVERAL = {
-    name: declaration
-    for name, declaration in declarations(MultiTrackerParameters).items()
-    if name not in _OF_ONE
-}
+_TRACKER = declarations(TrackerParameters)
 
 
 def generated_files() -> dict[str, str]:
@@ -52,7 +46,7 @@ def _preset_file(preset: str) -> str:
         "/**:",
         "  ros__parameters:",
     ]
-    for name, declaration in (_NODE | _OF_ONE).items():
+    for name, declaration in (_NODE | _TRACKER).items():
         if not declaration.counts(values):
             continue
         fixed = "fixed while the node runs" if name in _NODE else "a change learns the target again"
@@ -73,7 +67,7 @@ def _preset_file(preset: str) -> str:
 
 def _parameter_tables() -> str:
     presets = {preset: preset_parameters(preset) for preset in PRESETS}
-    choosers = dict.fromkeys(one.condition.chooser for one in _OF_ONE.values() if one.condition)
+    choosers = dict.fromkeys(one.condition.chooser for one in _TRACKER.values() if one.condition)
     sections = [
         "# Parameters",
         f"Written by `{_COMMAND}` from the declarations in the code.",
@@ -89,16 +83,13 @@ def _parameter_tables() -> str:
         "## The tracker",
         "The same names in the node and in the library (`Tracker.from_preset`); one column for "
         "each preset, of which `default` applies if none is chosen. All change at run time in the "
-        "node; those marked *learns again* make it learn the target again where it was last seen, "
-        "and are fixed in the library while there is a target.",
+        "node, and in the library with `set_parameters`; those marked *learns again* make it learn "
+        "every target again where it was last seen.",
         f"{_listed(choosers)} choose what the tracker is made of. A parameter of a part is there "
         "all the time, and counts while the part is chosen, as its description says.",
-        _table(_OF_ONE, presets, "learns again"),
-        "## Several targets",
-        "With `max_targets` above 1 the node has these as well, and the library's `MultiTracker` "
-        "always has; `targets.most` is the library's alone, in the place of `max_targets`. The "
-        f"presets are the same but for {_different_for_several()}.",
-        _table(_OF_SEVERAL),
+        "With `max_targets` above 1 the presets have the same values but for "
+        f"{_different_for_several()}.",
+        _table(_TRACKER, presets, "learns again"),
         "## The replay publisher `replay`",
         _table(declarations(ReplayParameters)),
         "## The console `console`",
@@ -111,11 +102,11 @@ def _different_for_several() -> str:
     """Which values of which presets are others where several targets are followed."""
     found = []
     for preset in PRESETS:
-        one, several = preset_parameters(preset), multi_preset_parameters(preset)
+        one, several = preset_parameters(preset), preset_parameters(preset, 2)
         changed = [
             f"`{name}: {_yaml(value)}`"
             for name, value in several.items()
-            if name in one and one[name] != value
+            if name != "max_targets" and one[name] != value
         ]
         if changed:
             found.append(f"`{preset}`, which then has {', '.join(changed)}")

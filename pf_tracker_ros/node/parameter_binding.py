@@ -9,7 +9,7 @@ the parameter holds its default until it is set rightly.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import SetParametersResult
@@ -17,7 +17,7 @@ from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from pf_tracker_ros.node.parameter_group import ParameterGroup, Values
+from pf_tracker_ros.node.parameter_group import ParameterGroup, Renews, Values
 from pf_tracker_ros.node.ros_parameters import descriptor_of, ros_parameter, ros_type
 from pf_tracker_ros.parameters import Declaration
 
@@ -93,8 +93,7 @@ class ParameterBinding:
         group_type: type,
         *,
         usual: Callable[[Values], Values] | None = None,
-        renewed_by: str = "",
-        is_renewed: Callable[[Values, Values], bool] = lambda before, after: False,
+        renewed_by: Mapping[str, Renews] | None = None,
         kept: Collection[str] = (),
         superseded: Collection[str] = (),
         keeps_read_only: bool = True,
@@ -109,10 +108,8 @@ class ParameterBinding:
             group_type: A frozen dataclass as `pf_tracker_ros.parameters.declarations` takes it.
             usual: From the values of what was declared before to full name to value, where that is
                 another than the declared default; may name what is not in the group.
-            renewed_by: Full name of a parameter that was declared before: when it is set, all of
-                this group begin anew from `usual`.
-            is_renewed: Tells from the values of all parameters, as they are, and of the groups
-                before, as they will be, whether all begin anew for another reason.
+            renewed_by: Full name of a parameter that was declared before, to whether all of this
+                group begin anew from `usual` when it is set.
             kept: Full names of those that do not.
             superseded: Full names that count as not given at start-up.
             keeps_read_only: Whether what is declared read-only is so on the node; it can't be
@@ -124,8 +121,7 @@ class ParameterBinding:
             group_type,
             keeps_read_only,
             usual,
-            renewed_by,
-            is_renewed,
+            renewed_by or {},
             kept,
             declared=tuple(self._declarations),
         )
@@ -197,7 +193,7 @@ class ParameterBinding:
 
     def renews(self, name: str) -> bool:
         """Whether others begin anew when a parameter is set, so that it has to come first."""
-        return any(name == group.renewed_by for group in self._groups)
+        return any(name in group.renewed_by for group in self._groups)
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
         """Give each value its declared type, and add what follows.
@@ -220,9 +216,7 @@ class ParameterBinding:
         request = _Request({}, {}, {}, {})
         given = {parameter.name: parameter for parameter in parameters}
         for group in self._groups:
-            is_renewed = group.renewed_by in request.changes or group.is_renewed(
-                self.values, request.values
-            )
+            is_renewed = group.begins_anew(self.values, request.changes)
             stays = group.kept if is_renewed else group.declarations
             before = {name: self.values[name] for name in stays}
             reading = group.read(given, before, request.values)

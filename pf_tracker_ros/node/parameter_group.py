@@ -14,6 +14,8 @@ from pf_tracker_ros.node.ros_parameters import checked_value
 from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
 
 Values = Mapping[str, Any]
+Renews = Callable[[Any, Any], bool]
+"""Tells from a parameter's value as it is, and as it is set, whether others begin anew with it."""
 
 
 class Reading(NamedTuple):
@@ -40,10 +42,8 @@ class ParameterGroup:
         keeps_read_only: Whether what is declared read-only is so on the node.
         usual: From the values of the groups before to full name to value, where that is another
             than the declared default; may name what is not in the group.
-        renewed_by: Full name of a parameter of a group before: when it is set, all of this group
-            begin anew from `usual`. Empty for none.
-        is_renewed: Tells from the values of the groups before, as they were and as they will be,
-            whether all begin anew for another reason.
+        renewed_by: Full name of a parameter of a group before, to whether all of this group begin
+            anew from `usual` when it is set.
         kept: Full names of those that do not.
         declared: Full names of parameters of the groups before, which are not once more in this.
     """
@@ -51,8 +51,7 @@ class ParameterGroup:
     group_type: type
     keeps_read_only: bool
     usual: Callable[[Values], Values]
-    renewed_by: str
-    is_renewed: Callable[[Values, Values], bool]
+    renewed_by: Mapping[str, Renews]
     kept: Collection[str] = ()
     declared: Collection[str] = ()
 
@@ -64,6 +63,13 @@ class ParameterGroup:
             for name, one in declarations(self.group_type).items()
             if name not in self.declared
         }
+
+    def begins_anew(self, before: Values, changes: Values) -> bool:
+        """Whether changes of the groups before renew this one; both full name to value."""
+        return any(
+            name in changes and renews(before[name], changes[name])
+            for name, renews in self.renewed_by.items()
+        )
 
     def read(self, given: Mapping[str, Parameter], before: Values, others: Values) -> Reading:
         """The parameters when some are given.

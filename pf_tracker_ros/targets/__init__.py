@@ -4,3 +4,7 @@
 the next one of it: the associator gives each detection to a target, the updater follows and
 corrects every target, the initiator starts new ones, the deleter ends old ones.
 """
+
+from pf_tracker_ros.opencv import require_opencv
+
+require_opencv()

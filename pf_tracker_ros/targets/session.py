@@ -27,7 +27,7 @@ from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.targets.waiting_answers import WaitingAnswers
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.frame_clock import FrameClock, TimePolicy, is_due
-from pf_tracker_ros.tracking.input_checks import check_image
+from pf_tracker_ros.tracking.input_checks import check_box, check_image
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
@@ -122,9 +122,10 @@ class Session:
 
     @property
     def selected(self) -> int:
-        """Id of the selected target, 0 without; of a single target that may be, its own."""
-        if self._manager.max_targets == 1:
-            return next((target.id for target in self.targets), 0)
+        """Id of the selected target; where only one may be and is, that one is; 0 without."""
+        targets = self.targets
+        if not self._selected and self._manager.max_targets == len(targets) == 1:
+            return targets[0].id
         return self._selected
 
     @property
@@ -157,6 +158,8 @@ class Session:
     def configure(self, parameters: Mapping[str, Any], seed: int) -> None:
         """Change parameters, all or none, keeping the targets; the seed counts from the next one.
 
+        The only target that might be stays selected where there may be more from then on.
+
         What decides on how a target is described, such as the motion model, learns it again from
         where it was last seen. A hidden or lost target stays so until a frame shows it.
 
@@ -170,7 +173,10 @@ class Session:
             other = checked[2]
         else:
             other = TrackManager(build(TrackerParameters, parameters), seed)
+        selected = self.selected
         self._manager.take_parameters(other)
+        if self._manager.max_targets > 1:
+            self._selected = selected
 
     # What is said of frames
 
@@ -417,7 +423,19 @@ class Session:
                 self._drawn[begun.id] = drawn._replace(image_size=frame.size)
                 if drawn.is_selected:
                     self._selected = begun.id
+                elif self._manager.max_targets == 1:
+                    self._selected = 0
         return started
+
+    def _takes_the_place(self, drawn: Drawn, frame: Frame) -> bool:
+        """Whether a target will be the only one with a frame, whatever images the others are of."""
+        if self._manager.max_targets > 1 or drawn.stamp:
+            return False
+        try:
+            check_box(drawn.box, frame.size)
+        except ValueError:
+            return False
+        return True
 
     def _fit(self, frame: Frame) -> bool:
         """Go on with images of another size, or of another camera.
@@ -439,7 +457,10 @@ class Session:
             self._tell_unseen()
             return False
         self._kind.misfit(frame.stamp)
-        is_drawn_on = any(self._kind.is_of_misfits(one, frame.stamp) for one in self._requested)
+        is_drawn_on = any(
+            self._kind.is_of_misfits(one, frame.stamp) or self._takes_the_place(one, frame)
+            for one in self._requested
+        )
         has_changed = self._kind.is_another and not self._drawn
         if self.targets and not (is_drawn_on or has_changed):
             raise ValueError(self._kind.refusal(frame.image))

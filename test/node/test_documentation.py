@@ -22,24 +22,9 @@ def test_the_readme_lists_the_topics_and_services_of_the_node(graph):
     listed = set(re.findall(r"^\| (?:in|out) \| `(\S+)`", table, re.MULTILINE))
     full = {name.replace("~", "/pf_tracker") for name in listed}
     assert own <= full
-    assert full - own <= {"image", "image/compressed", "/pf_tracker/detections"}
+    assert full - own <= {"image", "image/compressed", "detections", "/pf_tracker/detections"}
     services = set(re.findall(r"^\| service \| `(\S+)`", table, re.MULTILINE))
     assert services <= {service.srv_name for service in node.services}
-
-
-def test_the_topics_of_several_targets_are_listed(graph):
-    one, several = graph.tracker(), graph.tracker(max_targets=3)
-    names = [
-        {endpoint.topic_name for endpoint in (*node.publishers, *node.subscriptions)}
-        for node in (one, several)
-    ]
-    section = NODE.partition("## Several targets")[2].partition("\n## ")[0]
-    listed = set(re.findall(r"^\| (?:in|out) \| `(\S+)`", section, re.MULTILINE))
-    full = {name.replace("~", "/pf_tracker") for name in listed}
-    for name in names[1] - names[0]:
-        assert name in {*full, "/detections"}
-    assert full - names[1] <= {"detections", "/pf_tracker/detections"}
-    assert "/pf_tracker/box" in names[0] - names[1]
 
 
 def test_the_table_of_encodings_is_complete():

@@ -12,14 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from std_msgs.msg import Header
 
-from pf_tracker_ros import Estimate
+from pf_tracker_ros import Estimate, TrackedTarget
 from pf_tracker_ros.background import BackgroundState
 from pf_tracker_ros.decoding.image_decoding import decode
 from pf_tracker_ros.node.message_building import (
-    TargetError,
     box_message,
     box_of_polygon,
-    fill_box_message,
     fill_status,
     image_message,
     particles_message,
@@ -62,12 +60,6 @@ def test_a_box_becomes_its_four_corners_clockwise_from_the_top_left(header):
     assert message.header == header
 
 
-def test_a_box_message_that_is_filled_again_is_as_new(header):
-    message = box_message((10.0, 20.0, 3.0, 4.0), Header())
-    fill_box_message(message, (1.0, 2.0, 5.0, 6.0), header)
-    assert message == box_message((1.0, 2.0, 5.0, 6.0), header)
-
-
 @given(
     st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(1.0, 1e4), st.floats(1.0, 1e4))
 )
@@ -102,19 +94,23 @@ def test_a_target_is_the_bounding_rectangle_of_its_points(points):
     ],
 )
 def test_a_polygon_without_area_is_refused_with_the_reason(points, reason):
-    with pytest.raises(TargetError, match=reason):
+    with pytest.raises(ValueError, match=reason):
         box_of_polygon(polygon(*points))
 
 
 def test_particles_are_packed_at_the_centers_of_their_boxes(header):
-    estimate = make_estimate([(10, 20, 4, 6), (-1.5, 0, 1, 3)], [0.75, 0.25])
-    cloud = particles_message(estimate, header)
-    assert [field.name for field in cloud.fields] == ["x", "y", "z", "width", "height", "weight"]
-    assert [field.offset for field in cloud.fields] == [0, 4, 8, 12, 16, 20]
-    assert (cloud.width, cloud.height, cloud.point_step, cloud.row_step) == (2, 1, 24, 48)
-    assert struct.unpack("=12f", cloud.data.tobytes()) == (
-        *(12, 23, 0, 4, 6, 0.75),
-        *(-1.0, 1.5, 0, 1, 3, 0.25),
+    first = make_estimate([(10, 20, 4, 6), (-1.5, 0, 1, 3)], [0.75, 0.25])
+    second = make_estimate([(2, 4, 6, 8)], [1.0])
+    targets = [TrackedTarget(3, "", first, 0.0, 0.0), TrackedTarget(7, "", second, 0.0, 0.0)]
+    cloud = particles_message(targets, header)
+    names = ["x", "y", "z", "width", "height", "weight", "id"]
+    assert [field.name for field in cloud.fields] == names
+    assert [field.offset for field in cloud.fields] == [0, 4, 8, 12, 16, 20, 24]
+    assert (cloud.width, cloud.height, cloud.point_step, cloud.row_step) == (3, 1, 28, 84)
+    assert struct.unpack("=21f", cloud.data.tobytes()) == (
+        *(12, 23, 0, 4, 6, 0.75, 3),
+        *(-1.0, 1.5, 0, 1, 3, 0.25, 3),
+        *(5, 8, 0, 6, 8, 1, 7),
     )
     assert cloud.header == header
 

@@ -83,7 +83,7 @@ class Bound:
         self.binding.declare(
             Train,
             usual=lambda values: TIMETABLES[values["timetable"]],
-            renewed_by="timetable",
+            renewed_by={"timetable": lambda before, after: True},
             superseded=superseded,
             keeps_read_only=False,
         )

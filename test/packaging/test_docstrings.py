@@ -7,10 +7,6 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 FOLDERS = ("pf_tracker_ros", "benchmarks")
-# Their constructors tell of their arguments themselves.
-EXCEPTIONS = {
-    "pf_tracker_ros/tracking/frame_history.py",
-}
 
 
 def constructors(path):
@@ -50,7 +46,7 @@ FILES = [
 ]
 
 
-@pytest.mark.parametrize("file", [file for file in FILES if file not in EXCEPTIONS])
+@pytest.mark.parametrize("file", FILES)
 def test_the_class_tells_of_its_constructor(file):
     assert list(faults(REPOSITORY / file)) == []
 
@@ -69,4 +65,3 @@ def test_what_is_looked_for_is_found(tmp_path):
         "the docstring of Odd does not tell of least",
         "the docstring of Odd does not tell of **options",
     ]
-    assert set(FILES) >= EXCEPTIONS

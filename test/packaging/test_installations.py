@@ -157,7 +157,7 @@ def test_no_opencv_is_put_in_the_place_of_the_one_that_is_there(requires):
 def test_without_an_opencv_the_library_says_how_to_get_one(without_opencv):
     code = """
 import pf_tracker_ros
-for source in ("pf_tracker_ros", "pf_tracker_ros.tracking.tracker"):
+for source in ("pf_tracker_ros", "pf_tracker_ros.targets.tracker"):
     try:
         exec(f"from {source} import Tracker")
     except ImportError as error:

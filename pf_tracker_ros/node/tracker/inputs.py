@@ -84,11 +84,12 @@ class Inputs:
         self._click_size = click_size
         self._report = report
         self._throttle = Throttle()
+        # What waits is taken in this order: room is made before a target comes.
         inputs = [
+            _Input("~/stop_target", UInt32, self._on_stop, "not stopped"),
             _Input("~/target", PolygonStamped, self._on_target, "target refused"),
             _Input("~/click", PointStamped, self._on_click, "target refused"),
             _Input("~/select", UInt32, self._on_select, "not selected"),
-            _Input("~/stop_target", UInt32, self._on_stop, "not stopped"),
         ]
         if DETECTIONS_TYPE:
             inputs.append(

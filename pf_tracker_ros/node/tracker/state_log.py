@@ -16,9 +16,9 @@ _INTERVAL = 1.0
 
 
 class StateLog:
-    """Logs changes of the state, the last of them always, within a second.
+    """Logs changes of the selected target's state, the last of them always, within a second.
 
-    It begins with a target that is tracked.
+    Another target counts as tracked before.
 
     Args:
         logger: Of the node.
@@ -26,15 +26,19 @@ class StateLog:
 
     def __init__(self, logger: Any) -> None:
         self._logger = logger
+        self._id = 0
         self._told = "tracking"
         self._told_at = -_INTERVAL
 
-    def forget(self) -> None:
-        """Begin again, with another target or none."""
-        self._told = "tracking"
+    def tell(self, id: int, estimate: Estimate) -> None:
+        """Log the state after a frame if it is another than the last one that was told.
 
-    def tell(self, estimate: Estimate) -> None:
-        """Log the state after a frame if it is another than the last one that was told."""
+        Args:
+            id: Of the target.
+            estimate: What is known of it.
+        """
+        if id != self._id:
+            self._id, self._told = id, "tracking"
         now = time.monotonic()
         if estimate.state == self._told or now - self._told_at < _INTERVAL:
             return

@@ -41,7 +41,6 @@ from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.session import DROPPED, Outcome, Session
 from pf_tracker_ros.targets.statuses import common_values
-from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PresetInForce, preset_parameters
 
@@ -75,7 +74,7 @@ class TrackerNode(ManagedNode):
         self._tracking = Tracking()
         self._known = Known()
         self._states, self._listed = StateLog(self._log), TargetsLog(self._log)
-        self._left_out = Throttle()
+        self._throttle = Throttle()
         self._status: StatusOutput | None = None
         self._outputs: Outputs | None = None
         self._offered: Services | None = None
@@ -87,8 +86,10 @@ class TrackerNode(ManagedNode):
         self._binding.declare(
             TrackerParameters,
             usual=lambda values: preset_parameters(values["preset"], values["max_targets"]),
-            renewed_by="preset",
-            is_renewed=lambda before, after: _has_several(before) != _has_several(after),
+            renewed_by={
+                "preset": lambda before, after: True,
+                "max_targets": lambda before, after: (before > 1) != (after > 1),
+            },
             # They tell of the detector that there is, and not of how it is made use of.
             kept=[name for name in declarations(TrackerParameters) if name.startswith("detector.")],
             superseded=files_superseded_by(
@@ -96,7 +97,7 @@ class TrackerNode(ManagedNode):
                 self.get_fully_qualified_name(),
                 [*command_line, *(options.get("cli_args") or ())],
             ),
-            # The session can change what the library alone fixes while it tracks.
+            # The session learns the targets again, where that is needed.
             keeps_read_only=False,
         )
         self._binding.listen(check=self._check, apply=self._apply)
@@ -193,7 +194,7 @@ class TrackerNode(ManagedNode):
 
     def _apply(self, changes: Values) -> None:
         self._preset = PresetInForce.of(self._values)
-        if "preset" in changes:
+        if changes.keys() & {"preset", "max_targets"}:
             self._log.info(f"preset {self._preset.described}")
         if self._real_time and "realtime_priority" in changes:
             self._real_time.ask(self._values["realtime_priority"])
@@ -247,7 +248,6 @@ class TrackerNode(ManagedNode):
         self._has_target = False
         outcome = self._tracking.stop()
         self._known = self._what_is_known()
-        self._states.forget()
         self._listed.tell(())
         return self._told(outcome)
 
@@ -308,44 +308,38 @@ class TrackerNode(ManagedNode):
         if session is None:
             self._decoder.decode(message)
             return _Result("waiting")
-        failures = self._tracking.take_detections()
+        for error in self._throttle.pick(self._tracking.take_detections()):
+            self._reporter.report(error)
         arrival = session.classify(stamp)
         if arrival in DROPPED:
             return _Result(session.drop(arrival).frame)
         frame = Frame(self._decoder.decode(message), stamp)
         outcome = session.process(frame, arrival)
         self._tracking.offer(frame.image, stamp, jumped_back=bool(outcome.jumped_back))
-        likelihood = None
-        if self._outputs and self._outputs.wants_likelihood:
-            likelihood = session.map_likelihood()
-        self._known = self._what_is_known(likelihood)
-        for error in (*outcome.refused, *outcome.ended):
-            self._reporter.report(error)
-        for error in self._left_out.pick((*failures, *outcome.left_out)):
+        self._known = self._what_is_known()
+        for error in (*outcome.refused, *outcome.ended, *self._throttle.pick(outcome.left_out)):
             self._reporter.report(error)
         self._log_progress(outcome)
         looked = None
         # A duplicate that a target could have started on says nothing new.
         if self._outputs and outcome.frame not in SKIPPED:
             selected = next((one for one in outcome.targets if one.id == outcome.selected), None)
-            several = _has_several(self._values)
+            several = _has_several(self._values) or len(outcome.targets) > 1
             looked = Looked(message.header, frame.image, outcome.targets, selected, several)
             self._outputs.publish(looked)
+            likelihood = session.map_likelihood() if self._outputs.wants_likelihood else None
             if likelihood:
                 self._outputs.publish_likelihood(likelihood, message.header)
+                self._known = replace(self._known, of_frame=likelihood_values(likelihood))
         return _Result(outcome.frame, looked)
 
-    def _what_is_known(self, likelihood: LikelihoodMap | None = None) -> Known:
+    def _what_is_known(self) -> Known:
         session = self._tracking.session
         if session is None:
             return Known()
         targets, selected = session.targets, session.selected
-        return Known(
-            targets,
-            selected,
-            common_values(targets, selected, session.heard, session.estimate),
-            likelihood_values(likelihood) if likelihood else {},
-        )
+        values = common_values(targets, selected, session.heard, session.estimate)
+        return Known(targets, selected, values)
 
     def _log_progress(self, outcome: Outcome) -> None:
         """Log which targets there are, and how the selected one is."""
@@ -356,11 +350,9 @@ class TrackerNode(ManagedNode):
             if target.id in outcome.started:
                 box = ", ".join(f"{value:g}" for value in target.estimate.box)
                 self._log.info(f"tracking target {target.id} from the box ({box}) on")
-                self._states.forget()
-        if _has_several(self._values):
-            self._listed.tell(outcome.targets)
+        self._listed.tell(outcome.targets)
         if outcome.estimate:
-            self._states.tell(outcome.estimate)
+            self._states.tell(outcome.selected, outcome.estimate)
 
     def _tell_of_jump(self, outcome: Outcome) -> None:
         """Log that time went back: whoever lost no target by it needs no advice."""

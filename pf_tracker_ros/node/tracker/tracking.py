@@ -121,22 +121,20 @@ class Tracking:
             return "there was no target"
         return f"stopped {counted(count, 'target')}; waiting for a target"
 
-    @property
-    def has_detector(self) -> bool:
-        """Whether there is a built-in detector."""
-        return self._detecting is not None
-
     def take_detections(self) -> tuple[str, ...]:
         """Take what the built-in detector has found since the last frame; what went wrong."""
         if self._detecting is None or self.session is None:
             return ()
         try:
             found = self._detecting.take()
-            if found:
-                self.session.add_detections(*found)
         except Exception as error:
             # Whatever the detector raised, in its thread: the frame at hand has no part in it.
             return (f"the detector '{self._detector.name}' failed: {error}",)
+        try:
+            if found:
+                self.session.add_detections(*found)
+        except ValueError as error:
+            return (f"detections refused: {error}",)
         return ()
 
     def offer(self, image: Any, stamp: int, *, jumped_back: bool) -> None:

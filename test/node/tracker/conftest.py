@@ -1,7 +1,17 @@
-"""Footage of several targets for live nodes."""
+"""Footage of several targets for live nodes, what is said of them, and a detector."""
+
+import json
+import math
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.duration import Duration
+from std_msgs.msg import UInt32
+
+from pf_tracker_ros import Detections
+from pf_tracker_ros.node.tracker import inputs, tracker_node
+from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 
 FRAMES = 16
 
@@ -23,3 +33,108 @@ def walkers():
         images.append(image)
         boxes.append([(float(x), float(y), 24.0, 40.0) for x, y in corners])
     return images, boxes
+
+
+def _send(client, node, topic, message):
+    """Publish a message that the tracker has before the next image."""
+    publisher = client.create_publisher(type(message), topic, 1)
+    (heard,) = [s for s in node.subscriptions if s.topic_name == f"/{topic}"]
+    client.wait_for(
+        lambda: publisher.get_subscription_count() and heard.get_publisher_count(), topic
+    )
+    publisher.publish(message)
+    assert publisher.wait_for_all_acked(Duration(seconds=10))
+    client.destroy_publisher(publisher)
+
+
+@pytest.fixture(scope="session")
+def send():
+    """A function that publishes a message to a tracker, which has it before the next image."""
+    return _send
+
+
+@pytest.fixture(scope="session")
+def send_id():
+    """A function that publishes a number to a tracker: `select` or `stop_target`."""
+
+    def say(client, node, topic, id):
+        _send(client, node, f"pf_tracker/{topic}", UInt32(data=id))
+
+    return say
+
+
+class Detector:
+    """Publishes what a detector found; the tracker has it before the next image."""
+
+    def __init__(self, client, node, topic="detections"):
+        self._publisher = client.create_publisher(Detector.kind(), topic, 1)
+        (heard,) = [s for s in node.subscriptions if s.topic_name == f"/{topic}"]
+        client.wait_for(
+            lambda: self._publisher.get_subscription_count() and heard.get_publisher_count(), topic
+        )
+
+    @staticmethod
+    def kind():
+        """The type of the messages."""
+        return DETECTIONS_TYPE or DiagnosticArray
+
+    def say(self, boxes, stamp, labels=None, scores=None):
+        self.send(self.message(boxes, stamp, labels, scores))
+
+    def send(self, message):
+        self._publisher.publish(message)
+        assert self._publisher.wait_for_all_acked(Duration(seconds=10))
+
+    @staticmethod
+    def message(boxes, stamp, labels=None, scores=None):
+        message = Detector.kind()()
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+        make = _detection if DETECTIONS_TYPE else _stand_in
+        found = [
+            make(box, labels[number] if labels else "person", scores[number] if scores else 0.9)
+            for number, box in enumerate(boxes)
+        ]
+        if DETECTIONS_TYPE:
+            message.detections = found
+        else:
+            message.status = found
+        return message
+
+
+def _detection(box, label, score):
+    from vision_msgs.msg import Detection2D, ObjectHypothesisWithPose
+
+    x, y, width, height = box
+    detection = Detection2D()
+    detection.bbox.center.position.x = x + width / 2
+    detection.bbox.center.position.y = y + height / 2
+    detection.bbox.size_x, detection.bbox.size_y = float(width), float(height)
+    result = ObjectHypothesisWithPose()
+    result.hypothesis.class_id, result.hypothesis.score = label, score
+    detection.results.append(result)
+    return detection
+
+
+def _stand_in(box, label, score):
+    finite = [value if math.isfinite(value) else None for value in box]
+    return DiagnosticStatus(name=label, message=json.dumps([*finite, score]))
+
+
+def _detections_of_stand_in(message):
+    rows = [json.loads(one.message) for one in message.status]
+    numbers = [[math.nan if value is None else value for value in row] for row in rows]
+    return Detections(
+        [row[:4] for row in numbers],
+        [row[4] for row in numbers],
+        [one.name for one in message.status],
+    )
+
+
+@pytest.fixture
+def detector(monkeypatch):
+    """The class `Detector`; without vision_msgs, nodes hear a stand-in for its messages."""
+    if DETECTIONS_TYPE is None:
+        monkeypatch.setattr(inputs, "DETECTIONS_TYPE", DiagnosticArray)
+        monkeypatch.setattr(inputs, "detections_of", _detections_of_stand_in)
+        monkeypatch.setattr(tracker_node, "DETECTIONS_TYPE", DiagnosticArray)
+    return Detector

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections
-from pf_tracker_ros.node.tracker import several_targets
+from pf_tracker_ros.node.tracker import tracking
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
@@ -62,16 +62,11 @@ def test_a_detector_is_chosen_and_given_up_at_run_time(graph, client):
         assert status.values[heard] == answers
 
 
-def test_one_target_takes_no_detector(graph, client, images):
-    graph.tracker(client, built_in_detector="people", image_reliability="reliable")
-    status = client.show(images[0], client.at(0))
-    assert (status.level, status.values["frame"]) == ("ERROR", "waiting")
-    assert "'built_in_detector' is 'people'" in status.message
-    assert client.set_parameters(built_in_detector="none").successful
-    assert client.show(images[1], client.at(1)).level == "OK"
-    refused = client.set_parameters(built_in_detector="motion")
-    assert not refused.successful
-    assert "'max_targets' above 1" in refused.reason
+def test_a_single_target_is_a_detector_s_too(graph, client):
+    graph.tracker(client, built_in_detector="motion", **{**SEVERAL, "max_targets": 1})
+    status, _ = show_until(client, lambda status: status.targets)
+    assert (status.values["state"], status.values["selected"]) == ("tracking", "1")
+    assert status.targets[0].values["label"] == "moving"
 
 
 def registered(**makers):
@@ -89,7 +84,7 @@ def blind(monkeypatch):
     def fail():
         raise cv2.error("no model")
 
-    monkeypatch.setattr(several_targets, "DETECTORS", registered(**{**DETECTORS, "people": fail}))
+    monkeypatch.setattr(tracking, "DETECTORS", registered(**{**DETECTORS, "people": fail}))
 
 
 @pytest.mark.usefixtures("blind")
@@ -122,7 +117,7 @@ def test_a_detector_that_fails_costs_no_frame(graph, client, monkeypatch):
         def detect(self, image, interval):
             raise RuntimeError("no eyes")
 
-    monkeypatch.setattr(several_targets, "DETECTORS", registered(motion=Broken))
+    monkeypatch.setattr(tracking, "DETECTORS", registered(motion=Broken))
     graph.tracker(client, built_in_detector="motion", **SEVERAL)
     status, _ = show_until(client, lambda status: status.level == "WARN")
     assert status.message == "the detector 'motion' failed: no eyes"
@@ -138,7 +133,7 @@ def test_what_a_detector_looks_at_while_time_goes_back_is_no_answer(graph, clien
             assert gates[len(looks) - 1].wait(60.0)
             return Detections([[100.0, 10.0, 30.0, 30.0]])
 
-    monkeypatch.setattr(several_targets, "DETECTORS", registered(motion=Slow))
+    monkeypatch.setattr(tracking, "DETECTORS", registered(motion=Slow))
     graph.tracker(client, built_in_detector="motion", **SEVERAL)
     try:
         client.show(scene(0)[0], client.at(50))

@@ -1,4 +1,4 @@
-"""The target as a vision_msgs detection."""
+"""Targets as vision_msgs detections."""
 
 import math
 from dataclasses import dataclass, field
@@ -10,11 +10,7 @@ from geometry_msgs.msg import PoseWithCovariance
 from std_msgs.msg import Header
 
 from pf_tracker_ros import Estimate, TrackedTarget
-from pf_tracker_ros.node.tracker.detections import (
-    DETECTIONS_TYPE,
-    detections_message,
-    several_detections_message,
-)
+from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE, detections_message
 from pf_tracker_ros.targets.detection_messages import detections_of
 
 
@@ -86,11 +82,12 @@ def estimate():
     )
 
 
-def test_the_target_is_the_only_detection(estimate):
+def test_a_target_is_a_detection_with_its_id(estimate):
     header = Header(frame_id="camera")
-    array = detections_message(estimate, header, DEFINITIONS)
+    array = detections_message([TrackedTarget(3, "", estimate, 1.0, 0.5)], header, DEFINITIONS)
     (detection,) = array.detections
     assert array.header == detection.header == header
+    assert detection.id == "3"
     center = detection.bbox.center.position
     assert (center.x, center.y) == (25.0, 40.0)
     assert (detection.bbox.size_x, detection.bbox.size_y) == (30.0, 40.0)
@@ -103,7 +100,7 @@ def test_the_target_is_the_only_detection(estimate):
 
 
 def test_without_a_target_there_is_no_detection():
-    assert detections_message(None, Header(), DEFINITIONS).detections == []
+    assert detections_message([], Header(), DEFINITIONS).detections == []
 
 
 def test_each_of_several_targets_has_its_id_and_label(estimate):
@@ -111,7 +108,7 @@ def test_each_of_several_targets_has_its_id_and_label(estimate):
         TrackedTarget(3, "person", estimate, 1.0, 0.5),
         TrackedTarget(7, "", estimate, 1.0, 0.5),
     ]
-    array = several_detections_message(targets, Header(frame_id="camera"), DEFINITIONS)
+    array = detections_message(targets, Header(frame_id="camera"), DEFINITIONS)
     assert [one.id for one in array.detections] == ["3", "7"]
     assert [one.results[0].hypothesis.class_id for one in array.detections] == ["person", "target"]
     (back, _) = detections_of(array).boxes.tolist()
@@ -164,4 +161,4 @@ def test_detections_come_with_each_frame(graph, moving_square):
     client.set_parameters(target_box=box)
     client.show(moving_square.images[0], client.at(1))
     client.wait_for(lambda: len(heard) == 2, "detections")
-    assert [len(message.detections) for message in heard] == [0, 1]
+    assert [[one.id for one in message.detections] for message in heard] == [[], ["1"]]

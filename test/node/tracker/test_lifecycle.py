@@ -49,12 +49,14 @@ def services(node):
 
 INACTIVE = [
     "/pf_tracker/box",
+    "/pf_tracker/boxes",
     "/pf_tracker/likelihood",
     "/pf_tracker/overlay",
     "/pf_tracker/particles",
     "/pf_tracker/status",
 ]
-ACTIVE = ["/image", *INACTIVE, "/pf_tracker/click", "/pf_tracker/target"]
+HEARD = [f"/pf_tracker/{name}" for name in ("click", "select", "stop_target", "target")]
+ACTIVE = ["/image", *INACTIVE, *HEARD]
 
 
 def test_by_default_the_node_activates_itself(graph, client, manager):

@@ -16,7 +16,12 @@ def test_services_and_what_came_of_them_are_logged(graph, client, images, box, c
     ):
         client.ask(service_type, name, **request)
     log = capfd.readouterr().err
-    told = ["paused; images are not", "tracking goes on", "stopped; waiting", "there was no target"]
+    told = [
+        "paused; images are not",
+        "tracking goes on",
+        "stopped 1 target; waiting",
+        "there was no target",
+    ]
     places = [log.index(text) for text in told]
     assert places == sorted(places)
 

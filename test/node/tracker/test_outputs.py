@@ -14,19 +14,11 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from pf_tracker_ros import MultiTracker, Tracker
-from pf_tracker_ros.node.tracker import outputs, several_outputs
+from pf_tracker_ros import MultiTracker
+from pf_tracker_ros.node.tracker import outputs
 
 DEADLINE = 60.0
-BUILDERS = {
-    outputs: ("fill_box_message", "detections_message", "particles_message", "draw_overlay"),
-    several_outputs: (
-        "boxes_message",
-        "several_detections_message",
-        "several_particles_message",
-        "draw_targets",
-    ),
-}
+BUILDERS = ("box_message", "boxes_message", "particles_message", "draw_tracked")
 
 
 @dataclass
@@ -72,11 +64,11 @@ def speaker(graph):
 
 @dataclass
 class Speaker:
-    """The outputs of one target.
+    """The outputs of a node.
 
     Attributes:
         outputs: Of the node.
-        show: Publishes an estimate, by the name of its frame.
+        show: Publishes a frame of one target, by the name of the frame.
         errors: That were reported.
     """
 
@@ -89,11 +81,15 @@ class Speaker:
 def one(speaker, images, box):
     errors = []
     made = outputs.Outputs(speaker, errors.append)
-    estimate = Tracker.from_preset("li2007").start(images[0], box)
+    tracker = MultiTracker.from_preset("li2007")
+    tracker.start(images[0], box)
+    (target,) = tracker.targets
 
     def show(name):
-        made.publish(Header(frame_id=name), estimate)
-        made.show(images[0], Header(frame_id=name), estimate)
+        header = Header(frame_id=name)
+        looked = outputs.Looked(header, images[0], [target], target, has_several=False)
+        made.publish(looked)
+        made.show(looked)
 
     yield Speaker(made, show, errors)
     made.close()
@@ -111,18 +107,17 @@ def built(monkeypatch):
     """Names of what was built, in order."""
     names = []
 
-    def watch(module, name):
-        make = getattr(module, name)
+    def watch(name):
+        make = getattr(outputs, name)
 
-        def build(*arguments):
+        def build(*arguments, **options):
             names.append(name)
-            return make(*arguments)
+            return make(*arguments, **options)
 
-        monkeypatch.setattr(module, name, build)
+        monkeypatch.setattr(outputs, name, build)
 
-    for module, builders in BUILDERS.items():
-        for name in builders:
-            watch(module, name)
+    for name in BUILDERS:
+        watch(name)
     return names
 
 
@@ -131,29 +126,11 @@ def test_nothing_is_built_for_nobody(one, built):
     assert built == []
 
 
-def test_nothing_is_built_of_several_targets_for_nobody(speaker, built, images, box):
-    tracker = MultiTracker.from_preset("default")
-    tracker.start(images[0], box)
-    targets = tracker.update(images[1])
-    assert targets
-    made = several_outputs.SeveralOutputs(speaker, pytest.fail)
-    made.publish(Header(), targets)
-    made.show(images[1], Header(), targets)
-    made.close()
-    assert built == []
-
-
-def test_whoever_listens_hears_the_boxes_alone(speaker, listener, built, images, box):
-    tracker = MultiTracker.from_preset("default")
-    tracker.start(images[0], box)
-    made = several_outputs.SeveralOutputs(speaker, pytest.fail)
+def test_whoever_listens_hears_the_boxes_alone(speaker, listener, one, built):
     (publisher,) = (one for one in speaker.publishers if one.topic.endswith("boxes"))
     heard = listener.hear(publisher, MarkerArray)
-    targets = tracker.update(images[1])
-    made.publish(Header(), targets)
-    made.show(images[1], Header(), targets)
+    one.show("camera")
     listener.wait_for(lambda: heard)
-    made.close()
     assert built == ["boxes_message"]
 
 
@@ -161,14 +138,14 @@ def test_whoever_listens_hears_the_boxes_alone(speaker, listener, built, images,
 def slow(monkeypatch):
     """Lets pictures be drawn one by one: (begun, go on)."""
     begun, go_on = threading.Semaphore(0), threading.Semaphore(0)
-    draw = outputs.draw_overlay
+    draw = outputs.draw_tracked
 
-    def wait_and_draw(*arguments):
+    def wait_and_draw(*arguments, **options):
         begun.release()
         assert go_on.acquire(timeout=5.0)
-        return draw(*arguments)
+        return draw(*arguments, **options)
 
-    monkeypatch.setattr(outputs, "draw_overlay", wait_and_draw)
+    monkeypatch.setattr(outputs, "draw_tracked", wait_and_draw)
     return begun, go_on
 
 
@@ -209,14 +186,14 @@ def test_what_waits_is_published_before_the_topic_goes(one, listener, overlays, 
 
 
 def test_an_overlay_that_fails_is_told_with_the_next_one(one, listener, overlays, monkeypatch):
-    draw, failed = outputs.draw_overlay, threading.Event()
+    draw, failed = outputs.draw_tracked, threading.Event()
 
-    def fail(*arguments):
-        monkeypatch.setattr(outputs, "draw_overlay", draw)
+    def fail(*arguments, **options):
+        monkeypatch.setattr(outputs, "draw_tracked", draw)
         failed.set()
         raise ValueError("no ink")
 
-    monkeypatch.setattr(outputs, "draw_overlay", fail)
+    monkeypatch.setattr(outputs, "draw_tracked", fail)
     one.show("failing")
     assert failed.wait(DEADLINE)
     one.show("next")
@@ -230,7 +207,7 @@ def test_a_box_is_heard_by_those_who_listen(speaker, listener, one, built):
     heard = listener.hear(publisher, PolygonStamped)
     one.show("camera")
     listener.wait_for(lambda: heard)
-    assert built == ["fill_box_message"]
+    assert built == ["box_message"]
 
 
 def test_what_is_acted_on_is_out_before_what_is_looked_at(graph, images, box, monkeypatch):

@@ -1,4 +1,4 @@
-"""A detector that starts and corrects several targets of a live node, through vision_msgs."""
+"""A detector that starts and corrects the targets of a live node."""
 
 import csv
 
@@ -7,65 +7,40 @@ import pytest
 import rclpy
 from rclpy.serialization import serialize_message
 from std_srvs.srv import SetBool
+from visualization_msgs.msg import MarkerArray
 
 from pf_tracker_ros import Detections
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 from pf_tracker_ros.recordings.__main__ import main
-from pf_tracker_ros.targets.parameters import multi_preset_parameters
-from pf_tracker_ros.targets.session import MultiSession
-
-vision = pytest.importorskip("vision_msgs.msg")
+from pf_tracker_ros.targets import assignment
+from pf_tracker_ros.targets.session import Session
+from pf_tracker_ros.tracking.presets import preset_parameters
 
 SEVERAL = {"max_targets": 8, "image_reliability": "reliable"}
 
 
-class Detector:
-    """Publishes what a detector found; the tracker has it before the next image."""
-
-    def __init__(self, client, node, topic="detections"):
-        self._client = client
-        self._publisher = client.create_publisher(vision.Detection2DArray, topic, 1)
-        (heard,) = [s for s in node.subscriptions if s.topic_name == f"/{topic}"]
-        client.wait_for(
-            lambda: self._publisher.get_subscription_count() and heard.get_publisher_count(), topic
-        )
-
-    def say(self, boxes, stamp, labels=None, scores=None):
-        self.send(array_of(boxes, stamp, labels, scores))
-
-    def send(self, message):
-        self._publisher.publish(message)
-        assert self._publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=10))
-
-
-def array_of(boxes, stamp, labels=None, scores=None):
-    message = vision.Detection2DArray()
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
-    for number, (x, y, width, height) in enumerate(boxes):
-        detection = vision.Detection2D()
-        detection.bbox.center.position.x = x + width / 2
-        detection.bbox.center.position.y = y + height / 2
-        detection.bbox.size_x, detection.bbox.size_y = float(width), float(height)
-        result = vision.ObjectHypothesisWithPose()
-        result.hypothesis.class_id = labels[number] if labels else "person"
-        result.hypothesis.score = scores[number] if scores else 0.9
-        detection.results.append(result)
-        message.detections.append(detection)
-    return message
-
-
 @pytest.fixture
-def detected(graph, client):
-    """A tracker of several targets, a detector, and the detections that the tracker publishes."""
+def detected(graph, client, detector):
+    """A tracker of several targets, a detector, and the boxes that the tracker publishes."""
 
     def start(**parameters):
         heard = []
-        client.create_subscription(
-            vision.Detection2DArray, "pf_tracker/detections", heard.append, 100
-        )
+        client.create_subscription(MarkerArray, "pf_tracker/boxes", heard.append, 100)
         node = graph.tracker(client, **{**SEVERAL, **parameters})
-        return Detector(client, node), heard
+        return detector(client, node), heard
 
     return start
+
+
+def lines(client, heard, stamp):
+    """Id to box of the targets in a frame."""
+    found = {}
+    for one in client.answer_of_array(heard, stamp):
+        if one.ns == "boxes":
+            first, _, opposite, *_ = one.points
+            found[one.id] = (first.x, first.y, opposite.x - first.x, opposite.y - first.y)
+    return found
 
 
 def ids(status):
@@ -98,48 +73,50 @@ def test_what_a_detector_finds_is_followed_in_every_frame(client, detected, walk
     assert (status.level, ids(status)) == ("OK", [1, 2])
     assert [one.values["label"] for one in status.targets] == ["person", "person"]
     assert status.values["detector_answers"] == str(4 if delay == 0 else 3)
-    message = client.answer(heard, client.at(13))
-    assert [one.id for one in message.detections] == ["1", "2"]
-    for one, target in zip(message.detections, status.targets, strict=True):
-        (result,) = one.results
-        assert result.hypothesis.class_id == "person"
-        assert result.hypothesis.score == float(target.values["confidence"])
-        width, height = one.bbox.size_x, one.bbox.size_y
-        x, y = one.bbox.center.position.x - width / 2, one.bbox.center.position.y - height / 2
-        assert max(overlap((x, y, width, height), box) for box in boxes[13]) > 0.6
+    found = lines(client, heard, client.at(13))
+    assert list(found) == [1, 2]
+    for one in found.values():
+        assert max(overlap(one, box) for box in boxes[13]) > 0.6
 
 
 def test_in_lockstep_late_detections_give_the_bits_of_the_library(client, detected, walkers):
     images, boxes = walkers
     detector, heard = detected(seed=5)
     follow(client, detector, walkers, range(12), delay=3)
-    parameters = {**multi_preset_parameters("default"), "targets.most": SEVERAL["max_targets"]}
-    session = MultiSession(parameters, 5)
+    session = Session(preset_parameters("default", SEVERAL["max_targets"]), 5)
+    session.history.limit(120, 64.0)
     for number in range(12):
         if number >= 3 and (number - 3) % 4 == 0:
             found = Detections(boxes[number - 3], [0.9, 0.9], ["person", "person"])
             session.add_detections(found, client.at(number - 3))
-        told = session.process(images[number], client.at(number)).targets
-        message = client.answer(heard, client.at(number))
-        assert [one.id for one in message.detections] == [str(target.id) for target in told]
-        for one, target in zip(message.detections, told, strict=True):
-            x, y, width, height = target.estimate.box
-            center = one.bbox.center.position
-            assert (center.x, center.y) == (x + width / 2, y + height / 2)
-            assert (one.bbox.size_x, one.bbox.size_y) == (width, height)
+        told = session.process(Frame(images[number], client.at(number))).targets
+        corners = {
+            one.id: (one.points[0].x, one.points[0].y, one.points[2].x, one.points[2].y)
+            for one in client.answer_of_array(heard, client.at(number))
+            if one.ns == "boxes"
+        }
+        expected = {target.id: target.estimate.box for target in told}
+        assert corners == {
+            id: (x, y, x + width, y + height) for id, (x, y, width, height) in expected.items()
+        }
     assert len(told) == 2
 
 
+@pytest.mark.skipif(DETECTIONS_TYPE is None, reason="vision_msgs is not installed")
 def test_track_finds_in_a_bag_what_the_node_told_of_late_detections(
     client, detected, walkers, tmp_path
 ):
     images, boxes = walkers
-    detector, heard = detected(seed=5, max_targets=32)
+    detector, _ = detected(seed=5, max_targets=32)
+    heard = []
+    client.create_subscription(DETECTIONS_TYPE, "pf_tracker/detections", heard.append, 100)
     recorded = []
     for number, image in enumerate(images):
         stamp = client.at(number)
         if number >= 3 and (number - 3) % 4 == 0:
-            seen = array_of(boxes[number - 3], client.at(number - 3), ["dog", "cat"], [0.9, 0.4])
+            seen = detector.message(
+                boxes[number - 3], client.at(number - 3), ["dog", "cat"], [0.9, 0.4]
+            )
             detector.send(seen)
             recorded.append(("/found", "vision_msgs/msg/Detection2DArray", stamp - 5, seen))
         message = client.message(image, stamp)
@@ -190,26 +167,26 @@ def test_only_labels_and_scores_that_are_asked_for_count(client, detected, walke
     assert [one.values["label"] for one in status.targets] == ["dog"]
 
 
-def test_the_topic_can_be_remapped(graph, client, walkers):
+def test_the_topic_can_be_remapped(graph, client, walkers, detector):
     node = graph.tracker(
         client, cli_args=["--ros-args", "-r", "detections:=/yolo/detections"], **SEVERAL
     )
-    detector = Detector(client, node, "yolo/detections")
-    assert ids(follow(client, detector, walkers, range(8))) == [1, 2]
+    speaker = detector(client, node, "yolo/detections")
+    assert ids(follow(client, speaker, walkers, range(8))) == [1, 2]
 
 
-def nonsense(client, boxes):
+def nonsense(client, boxes, message):
     """Messages of every kind, each with what is told of it."""
     at = client.at
     nan = float("nan")
-    yield array_of([(nan, 1, 2, 3), boxes[0]], at(8)), "1 of 2 detections left out: a box or score"
-    yield array_of([(5, 5, 0, 0)], at(8)), "smaller than 2 px"
-    yield array_of([(900, 900, 20, 20)], at(8)), "center is outside of the image"
-    yield array_of(boxes, at(8) + 3600 * 10**9), "detections refused: its stamp is 3600 s after"
-    yield array_of(boxes, 5 * 10**9), "from another clock"
-    yield array_of(boxes, at(8) - 10 * 10**9), "s old, and frames of the last"
-    yield array_of([boxes[0]] * 10_000, at(8)), "detections refused: the message has"
-    yield array_of([(10.0 * n, 20.0, 8, 8) for n in range(25)] * 40, at(8)), "best scores count"
+    yield message([(nan, 1, 2, 3), boxes[0]], at(8)), "1 of 2 detections left out: a box or score"
+    yield message([(5, 5, 0, 0)], at(8)), "smaller than 2 px"
+    yield message([(900, 900, 20, 20)], at(8)), "center is outside of the image"
+    yield message(boxes, at(8) + 3600 * 10**9), "detections refused: its stamp is 3600 s after"
+    yield message(boxes, 5 * 10**9), "from another clock"
+    yield message(boxes, at(8) - 10 * 10**9), "s old, and frames of the last"
+    yield message([boxes[0]] * 10_000, at(8)), "detections refused: the message has"
+    yield message([(10.0 * n, 20.0, 8, 8) for n in range(25)] * 40, at(8)), "best scores count"
 
 
 @pytest.mark.parametrize("kind", range(8))
@@ -217,7 +194,7 @@ def test_nonsense_is_survived_with_one_sentence(client, detected, walkers, kind)
     images, boxes = walkers
     detector, _ = detected()
     follow(client, detector, walkers, range(8))
-    message, told = list(nonsense(client, boxes[8]))[kind]
+    message, told = list(nonsense(client, boxes[8], detector.message))[kind]
     detector.send(message)
     status = client.show(images[8], client.at(8))
     assert (status.level, status.message.count(told)) == ("WARN", 1)
@@ -309,10 +286,10 @@ def test_detections_without_stamps_are_of_the_next_image(client, detected, walke
     assert ids(status) == [1, 2]
 
 
-def test_a_detector_at_best_effort_is_reported(client, graph):
+def test_a_detector_at_best_effort_is_reported(client, graph, detector):
     node = graph.tracker(client, **SEVERAL)
     quality = rclpy.qos.QoSProfile(depth=1, reliability=rclpy.qos.ReliabilityPolicy.BEST_EFFORT)
-    client.create_publisher(vision.Detection2DArray, "detections", quality)
+    client.create_publisher(detector.kind(), "detections", quality)
     image = np.zeros((20, 20), np.uint8)
     frame = 0
 
@@ -323,3 +300,39 @@ def test_a_detector_at_best_effort_is_reported(client, graph):
 
     assert "nothing arrives on /detections" in client.wait_for(told, "a report of the mismatch")
     assert node.count_subscribers("/detections") == 1
+
+
+def test_a_single_target_is_started_and_corrected_by_a_detector_too(client, detected, walkers):
+    _, boxes = walkers
+    detector, heard = detected(max_targets=1)
+    status = follow(client, detector, walkers, range(14))
+    assert (status.level, status.values["state"], ids(status)) == ("OK", "tracking", [1])
+    assert status.values["selected"] == "1"
+    assert (status.targets[0].values["label"], status.targets[0].name) == (
+        "person",
+        "/pf_tracker: target 1",
+    )
+    assert status.targets[0].values["unconfirmed_for"] == "0.04"
+    ((id, found),) = lines(client, heard, client.at(13)).items()
+    assert (id, max(overlap(found, box) for box in boxes[13]) > 0.6) == (1, True)
+    assert client.box_at(client.at(13))
+
+
+def test_without_scipy_detections_are_refused_and_targets_tracked(
+    client, detected, walkers, monkeypatch
+):
+    images, boxes = walkers
+    monkeypatch.setattr(assignment, "find_spec", lambda name: None)
+    detector, _ = detected()
+    for box in boxes[0]:
+        client.point_at(box)
+    status = client.show(images[0], client.at(0))
+    assert (status.level, ids(status)) == ("OK", [1, 2])
+    detector.say(boxes[1], client.at(1))
+    status = client.show(images[1], client.at(1))
+    assert status.message.startswith("detections refused: detections need SciPy: pip install scipy")
+    assert (status.level, ids(status), status.values["detector_answers"]) == ("WARN", [1, 2], "0")
+    for number in range(2, 6):
+        detector.say(boxes[number], client.at(number))
+        status = client.show(images[number], client.at(number))
+        assert (status.level, ids(status)) == ("OK", [1, 2])

@@ -15,12 +15,12 @@ def log(monkeypatch):
     monkeypatch.setattr(state_log.time, "monotonic", lambda: clock.now)
     states = StateLog(SimpleNamespace(info=lines.append))
 
-    def tell(seconds, *names):
+    def tell(seconds, *names, id=1):
         for name in names:
             clock.now += seconds
-            states.tell(SimpleNamespace(state=name, confidence=0.5))
+            states.tell(id, SimpleNamespace(state=name, confidence=0.5))
 
-    return SimpleNamespace(tell=tell, lines=lines, forget=states.forget)
+    return SimpleNamespace(tell=tell, lines=lines)
 
 
 def test_each_change_is_told(log):
@@ -44,6 +44,5 @@ def test_a_flicker_is_told_once_a_second_and_the_state_after_it_always(log):
 
 def test_another_target_begins_tracked(log):
     log.tell(2.0, "occluded")
-    log.forget()
-    log.tell(2.0, "tracking", "occluded")
-    assert len(log.lines) == 2
+    log.tell(2.0, "tracking", "occluded", id=2)
+    assert log.lines == ["tracking -> occluded, confidence 0.50"] * 2

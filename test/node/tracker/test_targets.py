@@ -69,7 +69,7 @@ def test_a_target_on_a_frame_that_is_gone_is_refused_with_the_reason(graph, clie
     client.point_at(boxes[1], stamp=client.at(1))
     status = client.show(images[6], client.at(6))
     assert (status.level, status.values["state"]) == ("WARN", "idle")
-    assert "0.120 s before the oldest one here" in status.message
+    assert "0.160 s before the oldest one here" in status.message
     assert status.values["last_error"] == status.message
     client.set_parameters(history_frames=5)
     client.show(images[7], client.at(7))
@@ -114,7 +114,7 @@ def test_stop_forgets_the_target_and_another_can_be_given(graph, client, images,
     assert (early.success, early.message) == (True, "there was no target")
     client.set_parameters(target_box=list(boxes[0]))
     assert client.show(images[0], client.at(0)).values["state"] == "tracking"
-    assert client.ask(Trigger, "stop").message == "stopped; waiting for a target"
+    assert client.ask(Trigger, "stop").message == "stopped 1 target; waiting for a target"
     status = client.show(images[1], client.at(1))
     assert (status.level, status.values["state"]) == ("OK", "idle")
     client.point_at(boxes[2])

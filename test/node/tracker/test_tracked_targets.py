@@ -11,7 +11,7 @@ from pf_tracker_ros.recordings import open_recording
 from pf_tracker_ros.recordings.__main__ import main
 from pf_tracker_ros.targets.detecting import DetectingThread
 
-# As many as `targets.most` has by default.
+# As many as `track` follows at most by default.
 SEVERAL = {"max_targets": 32, "image_reliability": "reliable", "seed": 3}
 # What depends on the moment, not on the recording.
 TIMES = {"processing_time_ms"}

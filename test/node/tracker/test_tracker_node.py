@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Tracker
+from pf_tracker_ros.targets.track_manager import TrackManager
 
 # Few particles keep the tests quick; never occluded, so that each frame has a box.
 QUICK = {
@@ -124,8 +125,9 @@ def test_particles_and_overlay_come_with_each_frame_that_is_tracked(graph, image
     client.show_all(images[:3])
     for index in range(3):
         cloud = client.answer(client.particles, client.at(index))
-        values = np.frombuffer(cloud.data, np.float32).reshape(-1, 6)
+        values = np.frombuffer(cloud.data, np.float32).reshape(-1, 7)
         assert len(values) == cloud.width == 20
+        assert (cloud.fields[-1].name, set(values[:, 6])) == ("id", {1.0})
         assert values[:, 5].sum() == pytest.approx(1.0, abs=1e-5)
         assert (values[:, 2] == 0).all()
         assert (values[:, 3:5] == 24).all()
@@ -135,7 +137,7 @@ def test_particles_and_overlay_come_with_each_frame_that_is_tracked(graph, image
         assert 0.01 < (drawn != images[index]).any(axis=2).mean() < 0.5
     x, y, width, height = box
     cloud = client.answer(client.particles, client.at(0))
-    values = np.frombuffer(cloud.data, np.float32).reshape(-1, 6)
+    values = np.frombuffer(cloud.data, np.float32).reshape(-1, 7)
     assert np.average(values[:, 0], weights=values[:, 5]) == pytest.approx(x + width / 2, abs=3)
     assert np.average(values[:, 1], weights=values[:, 5]) == pytest.approx(y + height / 2, abs=3)
 
@@ -242,11 +244,11 @@ def malformed(client, image, stamp):
     yield changed(height=height + 1), f"data has {3 * width * height} bytes"
     yield changed(width=2**32 - 1, step=2**32 - 1), "width is 4294967295 px"
     yield changed(height=2**32 - 1), "height is 4294967295 px"
-    yield changed("mono16"), "start again"
+    yield changed("mono16"), "give a target on these images"
     yield changed("yuv_from_mars"), "encoding is 'yuv_from_mars'; allowed: bgr8"
     yield changed(""), "encoding is ''"
-    yield client.message(image[: height // 2], stamp), "start again"
-    yield client.message(image[:1, :1], stamp), "start again"
+    yield client.message(image[: height // 2], stamp), "give a target on these images"
+    yield client.message(image[:1, :1], stamp), "give a target on these images"
 
 
 def test_every_malformed_image_is_answered_and_the_next_good_one_tracked_as_if_it_never_came(
@@ -345,9 +347,9 @@ def test_a_node_in_a_namespace_says_so(graph, images):
 def test_an_error_nobody_expected_is_logged_and_the_next_frame_tracked(
     graph, client, images, box, monkeypatch
 ):
-    monkeypatch.setattr(Tracker, "update", _failing_once(Tracker.update))
     graph.tracker(client, target_box=list(box), **QUICK)
     client.show(images[0], client.at(0))
+    monkeypatch.setattr(TrackManager, "update", _failing_once(TrackManager.update))
     status = client.show(images[1], client.at(1))
     assert (status.level, status.values["frame"]) == ("ERROR", "refused")
     assert status.message == "unexpected ZeroDivisionError: by chance"
@@ -359,9 +361,9 @@ def test_an_error_nobody_expected_is_logged_and_the_next_frame_tracked(
 def _failing_once(update):
     failures = [ZeroDivisionError("by chance")]
 
-    def failing(tracker, image, interval):
+    def failing(*arguments):
         if failures:
             raise failures.pop()
-        return update(tracker, image, interval)
+        return update(*arguments)
 
     return failing

@@ -121,7 +121,7 @@ README = [
 NODE = [
     GoesOn(f"{SEVERAL} labels:=person,car", node="/pf_tracker", prints="targets on /pf_tracker"),
     Ends(
-        'ros2 topic pub --once /pf_tracker/stop_target std_msgs/msg/UInt32 "{data: 1}"',
+        'ros2 topic pub --once /pf_tracker/select std_msgs/msg/UInt32 "{data: 1}"',
         "publishing #1",
     ),
     GoesOn(

@@ -144,11 +144,11 @@ def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
     from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
     from pf_tracker_ros.node_parameters import NodeParameters
     from pf_tracker_ros.parameters import declarations
-    from pf_tracker_ros.targets.parameters import SeveralTargetsParameters
+    from pf_tracker_ros.tracking.parameters import TrackerParameters
 
     of_node = declarations(NodeParameters)
     of_each = (
-        of_node | declarations(SeveralTargetsParameters),
+        of_node | declarations(TrackerParameters),
         declarations(ReplayParameters),
         of_node,
     )

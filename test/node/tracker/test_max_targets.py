@@ -1,0 +1,98 @@
+"""How many targets there may be, changed while they are tracked."""
+
+import pytest
+from rclpy.parameter import Parameter
+from visualization_msgs.msg import MarkerArray
+
+from pf_tracker_ros.tracking.presets import preset_parameters
+
+RELIABLE = {"image_reliability": "reliable"}
+
+
+def ids(status):
+    return [int(one.values["id"]) for one in status.targets]
+
+
+def test_with_more_the_only_one_goes_on_and_stays_selected(graph, client, walkers):
+    images, boxes = walkers
+    graph.tracker(client, target_box=list(boxes[0][0]), **RELIABLE)
+    client.show_all(images[:3])
+    assert client.set_parameters(max_targets=3).successful
+    assert client.tunables() == preset_parameters("default", 3)
+    client.point_at(boxes[3][1])
+    status = client.show(images[3], client.at(3))
+    assert (status.values["frame"], ids(status), status.values["selected"]) == (
+        "started",
+        [1, 2],
+        "1",
+    )
+    for number in range(4, 8):
+        status = client.show(images[number], client.at(number))
+        assert (status.level, status.values["preset"], ids(status)) == ("OK", "default", [1, 2])
+    corner = client.box_at(client.at(7)).polygon.points[0]
+    assert (corner.x, corner.y) == pytest.approx(boxes[7][0][:2], abs=6)
+
+
+def test_with_one_those_there_are_go_on_until_a_new_one_takes_their_place(
+    graph, client, walkers, send_id
+):
+    images, boxes = walkers
+    heard = []
+    client.create_subscription(MarkerArray, "pf_tracker/boxes", heard.append, 100)
+    node = graph.tracker(client, max_targets=3, **RELIABLE)
+    for box in boxes[0]:
+        client.point_at(box)
+    client.show(images[0], client.at(0))
+    send_id(client, node, "select", 2)
+    assert client.set_parameters(max_targets=1).successful
+    assert client.tunables() == preset_parameters("default")
+    for number in range(1, 5):
+        status = client.show(images[number], client.at(number))
+        assert (status.level, ids(status), status.values["selected"]) == ("OK", [1, 2], "2")
+        corner = client.box_at(client.at(number)).polygon.points[0]
+        assert (corner.x, corner.y) == pytest.approx(boxes[number][1][:2], abs=6)
+    lines = [one.id for one in client.answer_of_array(heard, client.at(4)) if one.ns == "boxes"]
+    assert lines == [1, 2]
+    client.point_at(boxes[5][0])
+    status = client.show(images[5], client.at(5))
+    assert (ids(status), status.values["selected"]) == ([3], "3")
+    corner = client.box_at(client.at(5)).polygon.points[0]
+    assert (corner.x, corner.y) == boxes[5][0][:2]
+
+
+def test_several_without_a_selected_one_leave_the_box_silent_with_one_too(graph, client, walkers):
+    images, boxes = walkers
+    graph.tracker(client, max_targets=2, **RELIABLE)
+    for box in boxes[0]:
+        client.point_at(box)
+    client.show(images[0], client.at(0))
+    assert client.set_parameters(max_targets=1).successful
+    status = client.show(images[1], client.at(1))
+    assert (ids(status), status.values["selected"]) == ([1, 2], "0")
+    assert client.boxes == []
+
+
+def test_values_set_beside_it_are_kept_in_any_order_and_between_two_and_more(graph, client, capfd):
+    graph.tracker(client, **RELIABLE)
+    given = {"particles": 31, "detector.labels": ["dog"], "max_targets": 4}
+    requests = [Parameter(name, value=value) for name, value in given.items()]
+    results = client.call(client.parameters.set_parameters, requests).results
+    assert all(result.successful for result in results)
+    expected = preset_parameters("default", 4) | {"particles": 31, "detector.labels": ("dog",)}
+    assert client.tunables() == expected
+    assert "preset default, 2 values changed: particles 31 instead of 100" in capfd.readouterr().err
+    assert client.set_parameters(max_targets=2).successful
+    assert client.tunables() == expected | {"max_targets": 2}
+    # What tells of the detector is of no preset.
+    assert client.set_parameters(max_targets=1).successful
+    assert client.tunables() == preset_parameters("default") | {"detector.labels": ("dog",)}
+
+
+def test_where_a_request_cannot_be_taken_as_a_whole_it_comes_first(graph, client):
+    graph.tracker(client, **RELIABLE)
+    # The motion model contradicts the proposal, so one is taken after the other.
+    given = {"particles": 31, "motion.model": "affine", "max_targets": 4}
+    requests = [Parameter(name, value=value) for name, value in given.items()]
+    results = client.call(client.parameters.set_parameters, requests).results
+    assert [result.successful for result in results] == [True, False, True]
+    assert client.tunables() == preset_parameters("default", 4) | {"particles": 31}

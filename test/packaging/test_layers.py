@@ -1,0 +1,147 @@
+"""The imports of the package go one way: no file needs itself, and no layer one below it."""
+
+import ast
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PACKAGE = "pf_tracker_ros"
+# Each may import what stands above it or beside it; docs/architecture.md tells what is in them.
+LAYERS = (
+    {"parameters", "registry"},
+    {"boxes", "stamps", "plurals"},
+    {"ros_arguments", "signals", "opencv", "progress", "ros_domains"},
+    {"filter"},
+    {"background"},
+    {"frames"},
+    {"appearances"},
+    {"cues"},
+    {"tracking"},
+    {"targets"},
+    {"footage"},
+    {"yaml_files", "node_parameters", "parameter_files"},
+    {"decoding", "overlay"},
+    {"evaluation"},
+    {"pages"},
+    {"recordings"},
+    {"node"},
+    {"testing"},
+    {"commands", "launching"},
+)
+PLACES = {name: place for place, names in enumerate(LAYERS) for name in names}
+
+
+def modules(folder):
+    """Name to path of every module of the package in a folder."""
+    return {
+        ".".join(path.relative_to(folder).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in (folder / PACKAGE).rglob("*.py")
+    }
+
+
+def imported(statement, known):
+    """The modules of the package that a statement imports."""
+    if isinstance(statement, ast.Import):
+        names = [alias.name for alias in statement.names]
+    elif isinstance(statement, ast.ImportFrom) and not statement.level:
+        named = [f"{statement.module}.{alias.name}" for alias in statement.names]
+        names = [one if one in known else str(statement.module) for one in named]
+    else:
+        names = []
+    return {name for name in names if name.partition(".")[0] == PACKAGE}
+
+
+def executed(body):
+    """The statements that are executed when a module is imported."""
+    for statement in body:
+        if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef):
+            continue
+        if isinstance(statement, ast.If) and "TYPE_CHECKING" in ast.unparse(statement.test):
+            yield from executed(statement.orelse)
+            continue
+        yield statement
+        for name in ("body", "orelse", "finalbody"):
+            yield from executed(getattr(statement, name, ()))
+        for handler in getattr(statement, "handlers", ()):
+            yield from executed(handler.body)
+
+
+def circle(folder):
+    """Modules each of which needs the next one when it is imported; empty where there are none."""
+    known = modules(folder)
+    needed = {
+        name: {
+            one
+            for statement in executed(ast.parse(path.read_text(encoding="utf-8")).body)
+            for one in imported(statement, known)
+        }
+        - {name}
+        for name, path in known.items()
+    }
+    try:
+        TopologicalSorter(needed).prepare()
+    except CycleError as error:
+        return error.args[1]
+    return []
+
+
+def arrows_down(folder):
+    """Imports, wherever they stand, of what is in a layer below; the package itself is in none."""
+    known = modules(folder)
+    for name, path in known.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for other in imported(node, known):
+                own, its = (one.split(".")[1:2] for one in (name, other))
+                if own and its and PLACES[its[0]] > PLACES[own[0]]:
+                    yield f"{name} imports {other}"
+
+
+def test_every_module_is_in_a_layer():
+    assert {name.split(".")[1] for name in modules(REPOSITORY) if "." in name} == PLACES.keys()
+
+
+def test_no_file_needs_itself():
+    assert circle(REPOSITORY) == []
+
+
+def test_no_layer_imports_one_below_it():
+    assert list(arrows_down(REPOSITORY)) == []
+
+
+@pytest.fixture
+def package(tmp_path):
+    """A function that writes modules, by their names, and returns the folder of the package."""
+
+    def write(**texts):
+        for name, text in texts.items():
+            path = tmp_path / PACKAGE / f"{name}.py"
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(text)
+        return tmp_path
+
+    return write
+
+
+def test_what_is_looked_for_is_found(package):
+    folder = package(
+        __init__="",
+        boxes="try:\n    from pf_tracker_ros.stamps import x\nexcept ImportError:\n    x = 1\n",
+        stamps="import pf_tracker_ros.plurals\n",
+        plurals="from pf_tracker_ros import boxes\n",
+        registry="def later():\n    from pf_tracker_ros.boxes import x\n",
+    )
+    assert {*circle(folder)} == {f"{PACKAGE}.{name}" for name in ("boxes", "stamps", "plurals")}
+    assert list(arrows_down(folder)) == [f"{PACKAGE}.registry imports {PACKAGE}.boxes"]
+
+
+def test_what_is_imported_later_or_for_types_alone_makes_no_circle(package):
+    checked = "if TYPE_CHECKING:\n    from pf_tracker_ros.boxes import x\n"
+    folder = package(
+        __init__="",
+        boxes="import pf_tracker_ros.stamps\nimport pf_tracker_ros.plurals\n",
+        stamps="def later():\n    from pf_tracker_ros.boxes import x\n",
+        plurals=checked,
+    )
+    assert circle(folder) == []
