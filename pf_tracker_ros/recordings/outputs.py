@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Protocol
 
+from pf_tracker_ros.files import flush_to_disk, put_in_place
 from pf_tracker_ros.recordings.errors import OUTPUT_EXISTS, RecordingError, unwritable
-from pf_tracker_ros.recordings.placing import put_in_place
 from pf_tracker_ros.recordings.tracking import Tracked
 
 
@@ -150,13 +150,3 @@ def _missing(folder: Path) -> list[Path]:
             break
         missing.append(each)
     return missing
-
-
-def flush_to_disk(path: Path) -> None:
-    """Let a file that is closed outlast a loss of power.
-
-    Raises:
-        OSError: It cannot be written.
-    """
-    with path.open("rb") as file:
-        os.fsync(file.fileno())

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-import os
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -21,6 +19,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.evaluation import metrics
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
+from pf_tracker_ros.files import drafted
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE, is_bag, open_bag
 from pf_tracker_ros.overlay import COLORS, draw_overlay
 from pf_tracker_ros.plurals import counted
@@ -152,17 +151,13 @@ class TrackedRun:
         if self.stored is None:
             return
         self.stored.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(
-            "w", newline="", dir=self.stored.parent, prefix=".boxes_", delete=False
-        ) as file:
+        with drafted(self.stored) as draft, draft.open("w", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(COLUMNS)
             for index, each in enumerate(self.frames):
                 box = each.box or ("", "", "", "")
                 confidence = "" if math.isnan(each.confidence) else each.confidence
                 writer.writerow([index, each.stamp, 1, *box, each.state, confidence])
-        Path(file.name).chmod(0o666 & ~_umask())
-        Path(file.name).replace(self.stored)
 
     @cached_property
     def _states(self) -> list[str]:
@@ -317,10 +312,3 @@ def _read_boxes(path: Path) -> NDArray[np.float64]:
     if problem:
         pytest.fail(f"{problem}; pytest --update stores one", pytrace=False)
     return np.array(boxes, dtype=np.float64).reshape(-1, 4)
-
-
-def _umask() -> int:
-    """That of this process, which the system tells only to who sets one."""
-    umask = os.umask(0)
-    os.umask(umask)
-    return umask

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
+from pf_tracker_ros.files import drafted
 from pf_tracker_ros.recordings.archives.scratch import scratch_folder
 from pf_tracker_ros.recordings.archives.sources import Place
 from pf_tracker_ros.recordings.archives.stores import (
@@ -196,10 +197,8 @@ class ResultsFolder:
         """Rename a draft; see `Results.put_text`."""
         path = self.path / name
         try:
-            with tempfile.TemporaryDirectory(prefix=_WORKPLACE, dir=path.parent) as folder:
-                draft = Path(folder) / path.name
+            with drafted(path, prefix=_WORKPLACE) as draft:
                 draft.write_text(text, encoding="utf-8", errors="replace")
-                draft.replace(path)
         except OSError as error:
             raise unwritable(path, error) from error
 
