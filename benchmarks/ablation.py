@@ -37,10 +37,11 @@ from tables import Table, bold
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import EvaluationError, evaluate_sequences, read_sequences
 from pf_tracker_ros.evaluation.command_line import parse_parameters
-from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
+from pf_tracker_ros.evaluation.sequences import frame_count
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.plurals import counted
+from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 PARTICLES = (30, 60, 100, 200, 300, 600, 1000)

@@ -39,9 +39,10 @@ from pf_tracker_ros.evaluation import (
     read_sequences,
 )
 from pf_tracker_ros.evaluation.plots import save_success_plot
-from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
+from pf_tracker_ros.evaluation.sequences import frame_count
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.plurals import counted
+from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.tracking.presets import PRESETS
 
 YARDSTICK = ChannelSpatialReliability.name

@@ -40,10 +40,11 @@ from pf_tracker_ros.evaluation import (
     overlap,
     read_sequences,
 )
-from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
+from pf_tracker_ros.evaluation.sequences import frame_count
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.plurals import counted
+from pf_tracker_ros.progress import progress_bar
 
 RIGHT_ABOVE = 0.5
 # The target is lost, whatever is told, where the overlap has been below this for so many seconds.

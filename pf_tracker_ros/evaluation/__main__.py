@@ -20,14 +20,14 @@ from pf_tracker_ros.evaluation.command_line import (
     telling_of_file,
 )
 from pf_tracker_ros.evaluation.outputs import Outputs
-from pf_tracker_ros.evaluation.progress import frame_count, progress_bar
 from pf_tracker_ros.evaluation.report import print_table
 from pf_tracker_ros.evaluation.reports.writing import EvaluationReport
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure, SequenceResult
-from pf_tracker_ros.evaluation.sequences import open_sequences
+from pf_tracker_ros.evaluation.sequences import frame_count, open_sequences
 from pf_tracker_ros.evaluation.several import evaluate_each
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.tracking.presets import PresetInForce
 from pf_tracker_ros.tracking.tracker import Tracker
 

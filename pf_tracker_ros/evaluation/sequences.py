@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from pf_tracker_ros.evaluation.ground_truth import usable_ground_truth
@@ -99,6 +99,11 @@ def find_sequences(folders: Iterable[str | Path]) -> list[Path]:
             )
         found.update(dict.fromkeys(sequences))
     return list(found)
+
+
+def frame_count(sequences: Sequence[Footage]) -> int:
+    """Number of frames with a true box of all sequences."""
+    return sum(0 if one.ground_truth is None else len(one.ground_truth) for one in sequences)
 
 
 def _sequences_of(folder: Path) -> list[Path]:

@@ -22,6 +22,7 @@ from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.opencv import quiet_opencv
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.plurals import counted
+from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.command import run_archive
 from pf_tracker_ros.recordings.archives.sources import local_copy, telling_of, told_of
@@ -41,7 +42,6 @@ from pf_tracker_ros.recordings.plan import (
     require,
     take_settings,
 )
-from pf_tracker_ros.recordings.progress import progress_bar
 from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.target import Target, save_targets
 from pf_tracker_ros.recordings.tracking import Tracked
@@ -265,14 +265,14 @@ def _track(
     summary.announced = recording.frame_count
     try:
         with (
-            progress_bar(recording.path.name, recording.frame_count) as advance,
+            progress_bar(recording.frame_count, recording.path.name) as advance,
             closing(tracking) as frames,
         ):
             for tracked in frames:
                 for folder in outputs:
                     folder.write(tracked)
                 summary.add(tracked)
-                advance()
+                advance(recording.path.name, 1)
                 if stop.exit_code:
                     return
     finally:

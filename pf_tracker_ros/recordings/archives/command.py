@@ -18,6 +18,7 @@ from pf_tracker_ros.evaluation.reports.page import REPORT_FILE, fill
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
 from pf_tracker_ros.plurals import counted
+from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.recordings.archives.detected import any_footage, detected_recordings
 from pf_tracker_ros.recordings.archives.executors import Executor, choose_executor
 from pf_tracker_ros.recordings.archives.memory import needed_memory
@@ -42,7 +43,6 @@ from pf_tracker_ros.recordings.archives.tasks import (
 from pf_tracker_ros.recordings.beside import DETECTIONS_ENDING
 from pf_tracker_ros.recordings.errors import DONE, FAILED, RecordingError
 from pf_tracker_ros.recordings.plan import BESIDE, open_asked, plan_for
-from pf_tracker_ros.recordings.progress import progress_bar
 
 # What a dry run tracks to tell how long the rest would take.
 _SAMPLED_RECORDINGS = 3
@@ -92,9 +92,10 @@ def _run(
 ) -> int:
     found = done_entries(tasks, results)
     waiting = [task for task in tasks if task.name not in found]
+    name = _last(options.archive)
     try:
         with (
-            progress_bar(_last(options.archive), len(waiting), "recordings") as advance,
+            progress_bar(len(waiting), name, "recordings") as advance,
             closing(run_tasks(waiting, executor)) as done,
         ):
             for task, entry in done:
@@ -103,7 +104,7 @@ def _run(
                     print(f"track: error: {entry.error}", file=sys.stderr)
                 for remark in entry.remarks:
                     print(f"track: {entry.name}: {remark}", file=sys.stderr)
-                advance()
+                advance(name, 1)
     finally:
         # One may be done of which its worker could not tell any more.
         found = {

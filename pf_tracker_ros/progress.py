@@ -1,4 +1,4 @@
-"""A progress bar with frames a second and what is left."""
+"""A progress bar for people who wait for work to be done."""
 
 from __future__ import annotations
 
@@ -11,17 +11,19 @@ _REDRAWN_EVERY = 0.1
 
 @contextmanager
 def progress_bar(
-    name: str, total: int | None, unit: str = "frames"
-) -> Iterator[Callable[[], None]]:
+    total: int | None, name: str = "", unit: str = "frames"
+) -> Iterator[Callable[[str, int], None]]:
     """Show on standard error, if it is a terminal, how far the work is. Needs Rich.
 
+    The bar is gone when the block ends, before a table or an error is printed.
+
     Args:
-        name: Of the recording, or of what else is worked through.
-        total: Its frames, None where that is unknown.
+        total: How many there are to do, None where that is unknown.
+        name: Of what is worked on first.
         unit: What is counted.
 
     Yields:
-        What to call after each of them.
+        What to call with the name of what is worked on, and the number done since the last call.
     """
     from rich.console import Console
     from rich.progress import (
@@ -34,7 +36,8 @@ def progress_bar(
     )
 
     console = Console(stderr=True)
-    columns = (
+    # Rich would redraw from a thread of its own, whose CPU time would count as the tracker's.
+    with Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
@@ -42,10 +45,6 @@ def progress_bar(
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
-    )
-    # Rich would redraw from a thread of its own, beside those that track and encode.
-    with Progress(
-        *columns,
         console=console,
         auto_refresh=False,
         transient=True,
@@ -55,12 +54,13 @@ def progress_bar(
         began = drawn = time.monotonic()
         count = 0
 
-        def advance() -> None:
+        def advance(name: str, more: int) -> None:
             nonlocal count, drawn
-            count += 1
+            count += more
             now = time.monotonic()
+            rate = count / max(now - began, _REDRAWN_EVERY)
+            progress.update(task, completed=count, description=name, rate=rate)
             if now - drawn > _REDRAWN_EVERY:
-                progress.update(task, completed=count, rate=count / (now - began))
                 progress.refresh()
                 drawn = now
 
