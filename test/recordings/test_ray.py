@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from pf_tracker_ros.evaluation.processes import WorkerEnded
 from pf_tracker_ros.recordings import RecordingError
-from pf_tracker_ros.recordings.archives.executors import WorkerEnded
 from pf_tracker_ros.recordings.archives.memory import needed_memory
 from pf_tracker_ros.recordings.archives.results import ResultsFolder
 from pf_tracker_ros.recordings.archives.tasks import make_tasks, run_tasks

@@ -4,25 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Generator, Sequence
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
-from pf_tracker_ros.evaluation.processes import ProcessEnded, spread
-
-Task = TypeVar("Task")
-Answer = TypeVar("Answer")
-
-
-@dataclass(frozen=True)
-class WorkerEnded:
-    """Stands for the answer of a worker that ended at its work.
-
-    Attributes:
-        how: As a clause of a sentence.
-    """
-
-    how: str
+from pf_tracker_ros.evaluation.processes import Answer, Task, WorkerEnded, spread
 
 
 class Executor(Protocol):
@@ -40,14 +26,7 @@ class Executor(Protocol):
     def run(
         self, work: Callable[[Task], Answer], tasks: Sequence[Task]
     ) -> Generator[tuple[int, Answer | WorkerEnded], None, None]:
-        """Do tasks; what is under way ends when the generator is closed.
-
-        Args:
-            work: Does one task; must be picklable, as tasks and answers must.
-            tasks: What there is to do.
-
-        Yields:
-            Number of a task and its answer, in the order in which they are done.
+        """Do tasks as `spread` does.
 
         Raises:
             RecordingError: There is nobody to do them.
@@ -74,13 +53,7 @@ class Processes:
         self, work: Callable[[Task], Answer], tasks: Sequence[Task]
     ) -> Generator[tuple[int, Answer | WorkerEnded], None, None]:
         """Do tasks, each process one at a time; see `Executor.run`."""
-        with closing(spread(work, tasks, self.count)) as answers:
-            for number, answer in answers:
-                if isinstance(answer, ProcessEnded):
-                    how = f"its process ended with code {answer.exit_code}"
-                    yield number, WorkerEnded(how)
-                else:
-                    yield number, answer
+        return spread(work, tasks, self.count)
 
 
 def choose_executor(

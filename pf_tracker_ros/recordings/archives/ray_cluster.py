@@ -10,13 +10,10 @@ import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from types import ModuleType, TracebackType
-from typing import Any, TypeVar
+from typing import Any
 
-from pf_tracker_ros.recordings.archives.executors import WorkerEnded
+from pf_tracker_ros.evaluation.processes import Answer, Task, WorkerEnded
 from pf_tracker_ros.recordings.errors import FAILED, REFUSED, RecordingError
-
-Task = TypeVar("Task")
-Answer = TypeVar("Answer")
 
 LOCAL = "local"
 _LOOPBACK = ("localhost", "127.0.0.1", "[::1]", "::1")
