@@ -7,9 +7,8 @@ import functools
 import importlib
 import signal
 import sys
-import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import closing
 from types import FrameType
 from typing import Any
 
@@ -28,6 +27,7 @@ from pf_tracker_ros.evaluation.several import evaluate_each
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.progress import progress_bar
+from pf_tracker_ros.signals import handled_signals
 from pf_tracker_ros.tracking.presets import PresetInForce
 from pf_tracker_ros.tracking.tracker import Tracker
 
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say why.
     """
     try:
-        with _raising_termination():
+        with handled_signals({signal.SIGTERM: _terminate}):
             return _run(parser().parse_args(arguments))
     except (EvaluationError, FootageError, ParameterError, OSError) as error:
         _complain(error)
@@ -164,22 +164,9 @@ def _require(package: str) -> None:
         ) from error
 
 
-@contextmanager
-def _raising_termination() -> Iterator[None]:
-    """Let SIGTERM end what is being done as Ctrl-C does, with all that is cleaned up then."""
-    if threading.current_thread() is not threading.main_thread():
-        # Only the main thread may say what happens on a signal.
-        yield
-        return
-
-    def end(number: int, frame: FrameType | None) -> None:
-        raise _Termination
-
-    before = signal.signal(signal.SIGTERM, end)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+def _terminate(number: int, frame: FrameType | None) -> None:
+    """End what is being done as Ctrl-C does, with all that is cleaned up then."""
+    raise _Termination
 
 
 if __name__ == "__main__":

@@ -6,14 +6,13 @@ import logging
 import os
 import signal
 import socket
-import threading
-from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Sequence
 from types import ModuleType, TracebackType
 from typing import Any
 
 from pf_tracker_ros.evaluation.processes import Answer, Task, WorkerEnded
 from pf_tracker_ros.recordings.errors import FAILED, REFUSED, RecordingError
+from pf_tracker_ros.signals import handled_signals
 
 LOCAL = "local"
 _LOOPBACK = ("localhost", "127.0.0.1", "[::1]", "::1")
@@ -186,7 +185,9 @@ def _connect(ray: ModuleType, address: str, jobs: int | None) -> None:
             # Ray would try for minutes.
             port = int(address.rpartition(":")[2])
             socket.create_connection((host, port), _SECONDS_TO_ANSWER).close()
-        with _own_signal_handlers():
+        # Ray would leave its own in place of what this program does on signals.
+        own = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        with handled_signals(own):
             ray.init(
                 address=address, log_to_driver=False, logging_level=logging.CRITICAL, **options
             )
@@ -198,18 +199,3 @@ def _connect(ray: ModuleType, address: str, jobs: int | None) -> None:
             "with ray start --head, or let --ray local start one on this machine",
             REFUSED,
         ) from error
-
-
-@contextmanager
-def _own_signal_handlers() -> Iterator[None]:
-    """Keep what this program does on signals; Ray would put its own in place."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = {number: signal.getsignal(number) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
