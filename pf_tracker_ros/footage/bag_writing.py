@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.files import hidden_folder
 from pf_tracker_ros.footage.bags import GROUND_TRUTH_TYPE, IMAGE_TYPE
 from pf_tracker_ros.footage.base import Footage, FootageError
 from pf_tracker_ros.footage.markers import Outline, outline_markers
@@ -80,27 +80,18 @@ class BagWriter:
         self._path = Path(path)
         if self._path.exists():
             raise FootageError(f"{self._path} exists already; a bag does not overwrite anything")
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        self._workplace = Path(tempfile.mkdtemp(prefix=".bag_", dir=self._path.parent))
-        with self._without_workplace_if_it_fails():
-            self._writer = Writer(
-                self._workplace / self._path.stem, version=9, storage_plugin=StoragePlugin.MCAP
-            )
+        self._make = partial(Writer, version=9, storage_plugin=StoragePlugin.MCAP)
         self._typestore: Typestore = get_typestore(Stores.ROS2_JAZZY)
         self._connections: dict[str, Connection] = {}
 
     def __enter__(self) -> BagWriter:
-        with self._without_workplace_if_it_fails():
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as stack:
+            folder = stack.enter_context(hidden_folder(self._path.parent, ".bag_"))
+            self._writer = self._make(folder / self._path.stem)
             self._writer.open()
+            self._workplace = stack.pop_all()
         return self
-
-    @contextmanager
-    def _without_workplace_if_it_fails(self) -> Iterator[None]:
-        try:
-            yield
-        except BaseException:
-            shutil.rmtree(self._workplace, ignore_errors=True)
-            raise
 
     def __exit__(
         self,
@@ -108,12 +99,10 @@ class BagWriter:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        try:
+        with self._workplace:
             self._writer.__exit__(error_type, error, traceback)
             if error_type is None:
                 self._put_in_place()
-        finally:
-            shutil.rmtree(self._workplace, ignore_errors=True)
 
     def _put_in_place(self) -> None:
         finished = self._writer.path
@@ -171,18 +160,16 @@ class BagWriter:
             frame_id: Frame of the header.
             log_time: Nanoseconds; None takes the stamp.
         """
-        types = self._typestore.types
         pixels = np.ascontiguousarray(image, dtype=image.dtype.newbyteorder("<"))
-        message = types[IMAGE_TYPE](
-            header=self._header(stamp, frame_id),
-            height=image.shape[0],
-            width=image.shape[1],
-            encoding=image_encoding(image),
-            is_bigendian=0,
-            step=pixels.strides[0],
-            data=pixels.reshape(-1).view(np.uint8),
-        )
-        self._write_message(topic, _or(log_time, stamp), message, IMAGE_TYPE)
+        fields = {
+            "height": image.shape[0],
+            "width": image.shape[1],
+            "encoding": image_encoding(image),
+            "is_bigendian": 0,
+            "step": pixels.strides[0],
+            "data": pixels.reshape(-1).view(np.uint8),
+        }
+        self._write_stamped(topic, IMAGE_TYPE, stamp, frame_id, log_time, **fields)
 
     def write_box(
         self,
@@ -203,13 +190,9 @@ class BagWriter:
         """
         types = self._typestore.types
         point = types["geometry_msgs/msg/Point32"]
-        message = types[GROUND_TRUTH_TYPE](
-            header=self._header(stamp, frame_id),
-            polygon=types["geometry_msgs/msg/Polygon"](
-                points=[point(x=x, y=y, z=0.0) for x, y in box_corners(box)]
-            ),
-        )
-        self._write_message(topic, _or(log_time, stamp), message, GROUND_TRUTH_TYPE)
+        points = [point(x=x, y=y, z=0.0) for x, y in box_corners(box)]
+        polygon = types["geometry_msgs/msg/Polygon"](points=points)
+        self._write_stamped(topic, GROUND_TRUTH_TYPE, stamp, frame_id, log_time, polygon=polygon)
 
     def write_particles(
         self,
@@ -233,29 +216,27 @@ class BagWriter:
             frame_id: Frame of the header.
             log_time: Nanoseconds; None takes the stamp.
         """
-        types = self._typestore.types
         columns = particle_columns(boxes, weights)
         names: tuple[str, ...] = PARTICLE_FIELDS
         if ids is not None:
             columns = np.column_stack([columns, ids.astype(np.float32)])
             names = (*PARTICLE_FIELDS, "id")
-        field = types["sensor_msgs/msg/PointField"]
+        field = self._typestore.types["sensor_msgs/msg/PointField"]
         step = columns.itemsize * len(names)
-        message = types[PARTICLES_TYPE](
-            header=self._header(stamp, frame_id),
-            height=1,
-            width=len(columns),
-            fields=[
+        fields = {
+            "height": 1,
+            "width": len(columns),
+            "fields": [
                 field(name=name, offset=index * columns.itemsize, datatype=_FLOAT32, count=1)
                 for index, name in enumerate(names)
             ],
-            is_bigendian=sys.byteorder == "big",
-            point_step=step,
-            row_step=step * len(columns),
-            data=np.frombuffer(columns.tobytes(), np.uint8),
-            is_dense=True,
-        )
-        self._write_message(topic, _or(log_time, stamp), message, PARTICLES_TYPE)
+            "is_bigendian": sys.byteorder == "big",
+            "point_step": step,
+            "row_step": step * len(columns),
+            "data": np.frombuffer(columns.tobytes(), np.uint8),
+            "is_dense": True,
+        }
+        self._write_stamped(topic, PARTICLES_TYPE, stamp, frame_id, log_time, **fields)
 
     def write_statuses(
         self,
@@ -277,22 +258,17 @@ class BagWriter:
         """
         types = self._typestore.types
         pair = types["diagnostic_msgs/msg/KeyValue"]
-        message = types[STATUS_TYPE](
-            header=self._header(stamp, frame_id),
-            status=[
-                types["diagnostic_msgs/msg/DiagnosticStatus"](
-                    level=status.level,
-                    name=status.name,
-                    message=status.text,
-                    hardware_id="",
-                    values=[
-                        pair(key=key, value=str(value)) for key, value in status.values.items()
-                    ],
-                )
-                for status in statuses
-            ],
-        )
-        self._write_message(topic, _or(log_time, stamp), message, STATUS_TYPE)
+        messages = [
+            types["diagnostic_msgs/msg/DiagnosticStatus"](
+                level=status.level,
+                name=status.name,
+                message=status.text,
+                hardware_id="",
+                values=[pair(key=key, value=str(value)) for key, value in status.values.items()],
+            )
+            for status in statuses
+        ]
+        self._write_stamped(topic, STATUS_TYPE, stamp, frame_id, log_time, status=messages)
 
     def write_outlines(
         self,
@@ -315,7 +291,7 @@ class BagWriter:
         types = self._typestore.types
         markers = outline_markers(types, self._header(stamp, frame_id), outlines)
         message = types[MARKERS_TYPE](markers=markers)
-        self._write_message(topic, _or(log_time, stamp), message, MARKERS_TYPE)
+        self._write_message(topic, MARKERS_TYPE, stamp, log_time, message)
 
     def _header(self, stamp: int, frame_id: str) -> Any:
         types = self._typestore.types
@@ -325,8 +301,25 @@ class BagWriter:
             frame_id=frame_id,
         )
 
-    def _write_message(self, topic: str, log_time: int, message: Any, message_type: str) -> None:
-        self.write(topic, log_time, bytes(self._typestore.serialize_cdr(message, message_type)))
+    def _write_stamped(
+        self,
+        topic: str,
+        message_type: str,
+        stamp: int,
+        frame_id: str,
+        log_time: int | None,
+        **fields: Any,
+    ) -> None:
+        """Write a message with a header and further fields."""
+        header = self._header(stamp, frame_id)
+        message = self._typestore.types[message_type](header=header, **fields)
+        self._write_message(topic, message_type, stamp, log_time, message)
+
+    def _write_message(
+        self, topic: str, message_type: str, stamp: int, log_time: int | None, message: Any
+    ) -> None:
+        octets = bytes(self._typestore.serialize_cdr(message, message_type))
+        self.write(topic, stamp if log_time is None else log_time, octets)
 
 
 def write_footage(
@@ -366,10 +359,6 @@ def write_footage(
                 writer.write_box(ground_truth_topic, frame.stamp, boxes[count], frame_id)
             count += 1
     return count
-
-
-def _or(log_time: int | None, stamp: int) -> int:
-    return stamp if log_time is None else log_time
 
 
 def _qos(reliability: Reliability, depth: int) -> Qos:
