@@ -5,7 +5,7 @@ A ROS from apt brings `rosbag2_py`; elsewhere `rosbags` from PyPI does the same.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +32,14 @@ class BagTopic:
     name: str
     message_type: str
     message_count: int
+
+
+def topics_of(counts: Iterable[tuple[str, str, int]]) -> list[BagTopic]:
+    """Topics out of names, types and counts; one may be there several times, such as once a QoS."""
+    sums: dict[tuple[str, str], int] = {}
+    for name, message_type, count in counts:
+        sums[name, message_type] = sums.get((name, message_type), 0) + count
+    return [BagTopic(*topic, count) for topic, count in sums.items()]
 
 
 class BagReader(Protocol):

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pf_tracker_ros.footage.bag_reading import BagTopic
+from pf_tracker_ros.footage.bag_reading import BagTopic, topics_of
 
 # A folder's metadata.yaml names its storage.
 _STORAGE_BY_SUFFIX = {".mcap": "mcap", ".db3": "sqlite3"}
@@ -32,11 +32,10 @@ class Rosbag2Reader:
         self._library = rosbag2_py
         self._path = path
         metadata = self._open().get_metadata()
-        counts: dict[tuple[str, str], int] = {}
-        for each in metadata.topics_with_message_count:
-            key = each.topic_metadata.name, each.topic_metadata.type
-            counts[key] = counts.get(key, 0) + each.message_count
-        self._topics = [BagTopic(name, kind, count) for (name, kind), count in counts.items()]
+        self._topics = topics_of(
+            (each.topic_metadata.name, each.topic_metadata.type, each.message_count)
+            for each in metadata.topics_with_message_count
+        )
 
     def topics(self) -> list[BagTopic]:
         """See `BagReader.topics`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from pf_tracker_ros.footage.bag_reading import BagTopic
+from pf_tracker_ros.footage.bag_reading import BagTopic, topics_of
 
 
 class RosbagsReader:
@@ -26,12 +26,8 @@ class RosbagsReader:
 
     def topics(self) -> list[BagTopic]:
         """See `BagReader.topics`."""
-        # One topic may have several connections, for example one for each QoS profile.
-        counts: dict[tuple[str, str], int] = {}
-        for connection in self._reader.connections:
-            key = connection.topic, connection.msgtype
-            counts[key] = counts.get(key, 0) + connection.msgcount
-        return [BagTopic(name, kind, count) for (name, kind), count in counts.items()]
+        connections = self._reader.connections
+        return topics_of((each.topic, each.msgtype, each.msgcount) for each in connections)
 
     def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
         """See `BagReader.messages`."""

@@ -24,7 +24,7 @@ from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.command import run_archive
-from pf_tracker_ros.recordings.archives.sources import local_copy, telling_of, told_of
+from pf_tracker_ros.recordings.archives.sources import local_copy, tell_of, telling_of
 from pf_tracker_ros.recordings.archives.stores import as_place, is_url
 from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.command_line import parser
@@ -193,7 +193,8 @@ def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -
             is_idle = summary.states.keys() <= {"idle", "skipped"}
             if not summary.frames or (is_idle and not plan.hearing):
                 raise
-            failures.append(told_of(error, name, plan.recording.path))
+            tell_of(error, name, plan.recording.path)
+            failures.append(error)
         for folder in outputs:
             failures += folder.close()
     except BaseException:

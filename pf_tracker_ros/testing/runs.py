@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +18,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pf_tracker_ros.evaluation import metrics
+from pf_tracker_ros.evaluation.reports.content import Stretch, stretches
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
 from pf_tracker_ros.files import drafted
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE, is_bag, open_bag
@@ -95,7 +96,7 @@ class TrackedRun:
     @property
     def longest_loss(self) -> float:
         """Seconds of the longest time without the target, 0 if it was never lost."""
-        return max((seconds for _, _, seconds in self._losses()), default=0.0)
+        return max((seconds for seconds, _ in self._losses), default=0.0)
 
     @property
     def milliseconds(self) -> float:
@@ -127,7 +128,7 @@ class TrackedRun:
             problems.append(f"the state at the end is {self.end}, expected {ends}")
             pictured = len(self.frames) - 1
         if longest_loss is not None and self.longest_loss > longest_loss:
-            first, last, seconds = max(self._losses(), key=lambda loss: loss[2])
+            seconds, (first, last) = max(self._losses, key=lambda loss: loss[0])
             problems.append(
                 f"lost for {seconds:.3g} s in frames {first} to {last}, expected at most "
                 f"{longest_loss:g} s"
@@ -168,17 +169,15 @@ class TrackedRun:
             states.append(last if each.state == "skipped" else each.state)
         return states
 
-    def _losses(self) -> Iterator[tuple[int, int, float]]:
-        """First and last frame of each loss, and its seconds up to the frame after it."""
-        first = None
-        for index, state in enumerate([*self._states, "tracking"]):
-            if state == "lost" and first is None:
-                first = index
-            elif state != "lost" and first is not None:
-                after = min(index, len(self.frames) - 1)
-                elapsed = self.frames[after].stamp - self.frames[first].stamp
-                yield first, index - 1, elapsed / NANOSECONDS
-                first = None
+    @property
+    def _losses(self) -> list[tuple[float, Stretch]]:
+        """Seconds of each loss up to the frame after it, and its frames."""
+        stamps = [each.stamp for each in self.frames]
+        ends = [*stamps[1:], stamps[-1]]
+        return [
+            ((ends[loss.last] - stamps[loss.first]) / NANOSECONDS, loss)
+            for loss in stretches(self._states, "lost")
+        ]
 
     def _short_overlap(self, expected: float) -> tuple[str, int | None]:
         kind = "the stored result" if self.stored else "the truth"
