@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Generator, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -73,4 +73,4 @@ def choose_executor(
         return nullcontext(Processes(jobs or 1))
     from pf_tracker_ros.recordings.archives.ray_cluster import RayCluster
 
-    return RayCluster(ray_address, jobs, memory_of)
+    return closing(RayCluster(ray_address, jobs, memory_of))

@@ -7,7 +7,8 @@ import os
 import signal
 import socket
 from collections.abc import Callable, Generator, Sequence
-from types import ModuleType, TracebackType
+from itertools import islice
+from types import ModuleType
 from typing import Any
 
 from pf_tracker_ros.evaluation.processes import Answer, Task, WorkerEnded
@@ -45,17 +46,6 @@ class RayCluster:
         self._is_connected = False
         self._ray = _import_ray(stays_here=address == LOCAL or _host(address) in _LOOPBACK)
 
-    def __enter__(self) -> RayCluster:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._disconnect()
-
     @property
     def workers(self) -> int:
         """How many tasks are done at once, each on a core; see `Executor.workers`."""
@@ -73,17 +63,15 @@ class RayCluster:
             return
         ray = self._connected()
         # Whether a task is done again is for the caller to say.
-        remote = ray.remote(num_cpus=1, max_retries=0)(_do)
+        remote = ray.remote(num_cpus=1, max_retries=0)(work)
         waiting = iter(enumerate(tasks))
         under_way: dict[Any, int] = {}
+        most = self._jobs or _SUBMITTED_AT_ONCE
         try:
             while True:
-                while len(under_way) < (self._jobs or _SUBMITTED_AT_ONCE):
-                    number, task = next(waiting, (None, None))
-                    if number is None:
-                        break
+                for number, task in islice(waiting, most - len(under_way)):
                     placed = remote.options(memory=self._memory_for(task))
-                    under_way[placed.remote(work, task)] = number
+                    under_way[placed.remote(task)] = number
                 if not under_way:
                     return
                 for answered in ray.wait(list(under_way))[0]:
@@ -93,7 +81,7 @@ class RayCluster:
             if under_way:
                 # Their workers end with the connection. To cancel a task that answers at the same
                 # moment makes Ray end this process.
-                self._disconnect()
+                self.close()
 
     def _answer(self, answered: Any) -> Any:
         ray = self._connected()
@@ -110,12 +98,8 @@ class RayCluster:
 
     def _memory_for(self, task: Any) -> int:
         """Bytes to reserve: what no machine has would be waited for without an end."""
-        machines = [node for node in self._connected().nodes() if node["Alive"]]
-        rooms = [
-            int(machine["Resources"].get("memory", 0))
-            for machine in machines
-            if machine["Resources"].get("CPU", 0) >= 1
-        ]
+        machines = [node["Resources"] for node in self._connected().nodes() if node["Alive"]]
+        rooms = [int(each.get("memory", 0)) for each in machines if each.get("CPU", 0) >= 1]
         needed = self._memory_of(task)
         return min(needed, max(rooms)) if rooms else needed
 
@@ -125,15 +109,11 @@ class RayCluster:
             self._is_connected = True
         return self._ray
 
-    def _disconnect(self) -> None:
+    def close(self) -> None:
+        """End the connection, and a cluster of its own, with all tasks that are under way."""
         if self._is_connected:
             self._is_connected = False
             self._ray.shutdown()
-
-
-def _do(work: Callable[[Task], Answer], task: Task) -> Answer:
-    """Do a task in a worker."""
-    return work(task)
 
 
 def _how(ray: ModuleType, error: Exception) -> str:
