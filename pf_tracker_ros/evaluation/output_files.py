@@ -40,7 +40,7 @@ class OutputFile:
         except OSError as error:
             raise EvaluationError(_failure(path, error)) from error
 
-    def write(self, write: Callable[[Path], None]) -> str | None:
+    def write(self, write: Callable[[Path], object]) -> str | None:
         """Write it anew.
 
         Args:

@@ -9,11 +9,18 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, TypeAlias
 
 from pf_tracker_ros.footage.access import check_file, entries, exists
 from pf_tracker_ros.footage.base import FootageError
 from pf_tracker_ros.footage.mcap import cut_off_advice
+
+if TYPE_CHECKING:
+    from pf_tracker_ros.footage.bag_reading_rosbag2 import Rosbag2Reader
+    from pf_tracker_ros.footage.bag_reading_rosbags import RosbagsReader
+
+BagReader: TypeAlias = "Rosbag2Reader | RosbagsReader"
+"""An open bag; whatever is wrong with it may be raised as any exception."""
 
 METADATA_FILE = "metadata.yaml"
 BAG_SUFFIXES = (".mcap", ".db3")
@@ -40,22 +47,6 @@ def topics_of(counts: Iterable[tuple[str, str, int]]) -> list[BagTopic]:
     for name, message_type, count in counts:
         sums[name, message_type] = sums.get((name, message_type), 0) + count
     return [BagTopic(*topic, count) for topic, count in sums.items()]
-
-
-class BagReader(Protocol):
-    """An open bag; whatever is wrong with it may be raised as any exception."""
-
-    def topics(self) -> list[BagTopic]:
-        """The topics, each name and type once."""
-        ...
-
-    def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        """Log time in nanoseconds and CDR of each message of a topic, in the order of recording."""
-        ...
-
-    def close(self) -> None:
-        """Let go of the files."""
-        ...
 
 
 @contextmanager

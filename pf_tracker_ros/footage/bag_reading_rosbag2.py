@@ -17,7 +17,7 @@ _STORAGE_BY_SUFFIX = {".mcap": "mcap", ".db3": "sqlite3"}
 
 
 class Rosbag2Reader:
-    """A bag read by `rosbag2_py`; see `BagReader`.
+    """A bag read by `rosbag2_py`, as `RosbagsReader` reads it.
 
     Args:
         path: The bag, opened at once.
@@ -38,11 +38,11 @@ class Rosbag2Reader:
         )
 
     def topics(self) -> list[BagTopic]:
-        """See `BagReader.topics`."""
+        """See `RosbagsReader.topics`."""
         return list(self._topics)
 
     def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        """See `BagReader.messages`."""
+        """See `RosbagsReader.messages`."""
         # A reader goes through its bag once.
         reader = self._open()
         reader.set_filter(self._library.StorageFilter(topics=[topic]))
@@ -51,7 +51,7 @@ class Rosbag2Reader:
             yield log_time, message
 
     def close(self) -> None:
-        """See `BagReader.close`; the library closes a file with the reader that has it open."""
+        """See `RosbagsReader.close`; the library closes a file with the reader that has it open."""
 
     def _open(self) -> Any:
         is_folder = self._path.is_dir()

@@ -9,7 +9,7 @@ from pf_tracker_ros.footage.bag_reading import BagTopic, topics_of
 
 
 class RosbagsReader:
-    """A bag read by `rosbags`; see `BagReader`.
+    """A bag read by `rosbags`.
 
     Args:
         path: The bag, opened at once.
@@ -25,16 +25,16 @@ class RosbagsReader:
         self._reader.open()
 
     def topics(self) -> list[BagTopic]:
-        """See `BagReader.topics`."""
+        """The topics, each name and type once."""
         connections = self._reader.connections
         return topics_of((each.topic, each.msgtype, each.msgcount) for each in connections)
 
     def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        """See `BagReader.messages`."""
+        """Log time in nanoseconds and CDR of each message of a topic, in the order of recording."""
         connections = [each for each in self._reader.connections if each.topic == topic]
         for _, log_time, message in self._reader.messages(connections):
             yield log_time, bytes(message)
 
     def close(self) -> None:
-        """See `BagReader.close`."""
+        """Let go of the files."""
         self._reader.close()

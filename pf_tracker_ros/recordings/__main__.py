@@ -312,24 +312,21 @@ def _report(
             stop.exit_code,
         )
     if code == errors.DONE:
+        remarks = []
         if summary.announced is not None and summary.frames < summary.announced:
-            print(
-                f"track: {summary.name} announces {counted(summary.announced, 'frame')}, but "
-                f"only {summary.frames} could be read: it is damaged or cut off",
-                file=sys.stderr,
+            remarks.append(
+                f"{summary.name} announces {counted(summary.announced, 'frame')}, but only "
+                f"{summary.frames} could be read: it is damaged or cut off"
             )
         if summary.skipped:
-            print(
-                f"track: frames were skipped, the first because {summary.skipped}", file=sys.stderr
-            )
+            remarks.append(f"frames were skipped, the first because {summary.skipped}")
         if summary.remark:
-            print(
-                f"track: of {counted(summary.remarks, 'remark')} on detections and targets the "
-                f"first is: {summary.remark} (frames count from 0)",
-                file=sys.stderr,
+            remarks.append(
+                f"of {counted(summary.remarks, 'remark')} on detections and targets the first is: "
+                f"{summary.remark} (frames count from 0)"
             )
-        if remark:
-            print(f"track: {remark}", file=sys.stderr)
+        for each in filter(None, [*remarks, remark]):
+            print(f"track: {each}", file=sys.stderr)
         print(f"{options.source}: {summary.text}; results in {options.output}")
     return code
 

@@ -6,32 +6,15 @@ import os
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from pf_tracker_ros.evaluation.processes import Answer, Task, WorkerEnded, spread
 
+if TYPE_CHECKING:
+    from pf_tracker_ros.recordings.archives.ray_cluster import RayCluster
 
-class Executor(Protocol):
-    """Does tasks in parallel."""
-
-    @property
-    def workers(self) -> int:
-        """How many tasks are done at once, each on a core of its own.
-
-        Raises:
-            RecordingError: There is nobody to do them.
-        """
-        ...
-
-    def run(
-        self, work: Callable[[Task], Answer], tasks: Sequence[Task]
-    ) -> Generator[tuple[int, Answer | WorkerEnded], None, None]:
-        """Do tasks as `spread` does.
-
-        Raises:
-            RecordingError: There is nobody to do them.
-        """
-        ...
+Executor: TypeAlias = "Processes | RayCluster"
+"""Does tasks in parallel."""
 
 
 @dataclass(frozen=True)
@@ -46,13 +29,13 @@ class Processes:
 
     @property
     def workers(self) -> int:
-        """How many tasks are done at once, each on a core of its own; see `Executor.workers`."""
+        """How many tasks are done at once, each on a core of its own."""
         return min(self.count, os.cpu_count() or self.count)
 
     def run(
         self, work: Callable[[Task], Answer], tasks: Sequence[Task]
     ) -> Generator[tuple[int, Answer | WorkerEnded], None, None]:
-        """Do tasks, each process one at a time; see `Executor.run`."""
+        """Do tasks; see `spread`."""
         return spread(work, tasks, self.count)
 
 

@@ -48,7 +48,11 @@ class RayCluster:
 
     @property
     def workers(self) -> int:
-        """How many tasks are done at once, each on a core; see `Executor.workers`."""
+        """How many tasks are done at once, each on a core of its own.
+
+        Raises:
+            RecordingError: There is no such cluster.
+        """
         if self._address == LOCAL:
             cores = os.cpu_count() or 1
             return min(self._jobs or cores, cores)
@@ -58,7 +62,11 @@ class RayCluster:
     def run(
         self, work: Callable[[Task], Answer], tasks: Sequence[Task]
     ) -> Generator[tuple[int, Answer | WorkerEnded], None, None]:
-        """Do tasks; see `Executor.run`."""
+        """Do tasks as `spread` does.
+
+        Raises:
+            RecordingError: There is no such cluster, or not any more.
+        """
         if not tasks:
             return
         ray = self._connected()
