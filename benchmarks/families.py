@@ -36,11 +36,10 @@ from pf_tracker_ros.evaluation import (
     evaluate_sequence,
     read_sequences,
 )
-from pf_tracker_ros.evaluation.runner import OnProgress
 from pf_tracker_ros.evaluation.sequences import frame_count
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.parameters import ParameterError
-from pf_tracker_ros.progress import progress_bar
+from pf_tracker_ros.progress import OnProgress, progress_bar
 
 PRESET = "zhang_bo"
 

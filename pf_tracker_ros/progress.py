@@ -1,4 +1,4 @@
-"""A progress bar for people who wait for work to be done."""
+"""A progress bar with the rate and what is left, for people who wait."""
 
 from __future__ import annotations
 
@@ -8,22 +8,23 @@ from contextlib import contextmanager
 
 _REDRAWN_EVERY = 0.1
 
+OnProgress = Callable[[str, int], None]
+"""Told what is worked on, and how much of it is done since it was told last."""
+
 
 @contextmanager
-def progress_bar(
-    total: int | None, name: str = "", unit: str = "frames"
-) -> Iterator[Callable[[str, int], None]]:
+def progress_bar(total: int | None, unit: str = "frames", name: str = "") -> Iterator[OnProgress]:
     """Show on standard error, if it is a terminal, how far the work is. Needs Rich.
 
     The bar is gone when the block ends, before a table or an error is printed.
 
     Args:
         total: How many there are to do, None where that is unknown.
-        name: Of what is worked on first.
         unit: What is counted.
+        name: Of what is worked on first.
 
     Yields:
-        What to call with the name of what is worked on, and the number done since the last call.
+        What to call as it goes on.
     """
     from rich.console import Console
     from rich.progress import (
@@ -36,8 +37,7 @@ def progress_bar(
     )
 
     console = Console(stderr=True)
-    # Rich would redraw from a thread of its own, whose CPU time would count as the tracker's.
-    with Progress(
+    columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
@@ -45,6 +45,10 @@ def progress_bar(
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
+    )
+    # Rich would redraw from a thread of its own, whose CPU time would count as the tracker's.
+    with Progress(
+        *columns,
         console=console,
         auto_refresh=False,
         transient=True,
@@ -54,14 +58,14 @@ def progress_bar(
         began = drawn = time.monotonic()
         count = 0
 
-        def advance(name: str, more: int) -> None:
+        def on_progress(name: str, done: int) -> None:
             nonlocal count, drawn
-            count += more
+            count += done
             now = time.monotonic()
-            rate = count / max(now - began, _REDRAWN_EVERY)
+            rate = count / max(now - began, 1e-9)
             progress.update(task, completed=count, description=name, rate=rate)
             if now - drawn > _REDRAWN_EVERY:
                 progress.refresh()
                 drawn = now
 
-        yield advance
+        yield on_progress

@@ -19,6 +19,7 @@ from pf_tracker_ros.evaluation.results import EvaluationError, FrameDetails, Seq
 from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.opencv import one_opencv_thread
 from pf_tracker_ros.plurals import counted
+from pf_tracker_ros.progress import OnProgress
 from pf_tracker_ros.stamps import NANOSECONDS
 
 Image = NDArray[Any]
@@ -52,9 +53,6 @@ class BoxTracker(Protocol):
 
 MakeTracker = Callable[[int], BoxTracker]
 """Makes a tracker from a seed, which one without randomness may ignore."""
-
-OnProgress = Callable[[str, int], None]
-"""Called with a sequence's name and the number of its frames done since the last call."""
 
 
 def evaluate_sequence(

@@ -10,8 +10,9 @@ import cv2
 
 from pf_tracker_ros.evaluation.processes import WorkerEnded, spread
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure, SequenceResult
-from pf_tracker_ros.evaluation.runner import MakeTracker, OnProgress, evaluate_sequence
+from pf_tracker_ros.evaluation.runner import MakeTracker, evaluate_sequence
 from pf_tracker_ros.footage import Footage, FootageError
+from pf_tracker_ros.progress import OnProgress
 
 
 def evaluate_each(

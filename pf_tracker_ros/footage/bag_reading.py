@@ -6,7 +6,7 @@ A ROS from apt brings `rosbag2_py`; elsewhere `rosbags` from PyPI does the same.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -78,17 +78,13 @@ def _open(path: Path) -> BagReader:
     from pf_tracker_ros.footage.bag_reading_rosbag2 import Rosbag2Reader
     from pf_tracker_ros.footage.bag_reading_rosbags import RosbagsReader
 
-    try:
-        return Rosbag2Reader(path)
-    except ImportError:
-        pass
-    try:
-        return RosbagsReader(path)
-    except ImportError as error:
-        raise FootageError(
-            "reading a bag needs rosbag2_py, which apt has in ros-jazzy-rosbag2-py, or the Python "
-            "package rosbags: pip install rosbags"
-        ) from error
+    for make in (Rosbag2Reader, RosbagsReader):
+        with suppress(ImportError):
+            return make(path)
+    raise FootageError(
+        "reading a bag needs rosbag2_py, which apt has in ros-jazzy-rosbag2-py, or the Python "
+        "package rosbags: pip install rosbags"
+    )
 
 
 def _check_files(path: Path) -> None:

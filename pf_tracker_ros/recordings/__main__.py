@@ -267,14 +267,14 @@ def _track(
     summary.announced = recording.frame_count
     try:
         with (
-            progress_bar(recording.frame_count, recording.path.name) as advance,
+            progress_bar(recording.frame_count, name=recording.path.name) as on_progress,
             closing(tracking) as frames,
         ):
             for tracked in frames:
                 for folder in outputs:
                     folder.write(tracked)
                 summary.add(tracked)
-                advance(recording.path.name, 1)
+                on_progress(recording.path.name, 1)
                 if stop.exit_code:
                     return
     finally:

@@ -92,10 +92,10 @@ def _run(
 ) -> int:
     found = done_entries(tasks, results)
     waiting = [task for task in tasks if task.name not in found]
-    name = _last(options.archive)
+    archive = _last(options.archive)
     try:
         with (
-            progress_bar(len(waiting), name, "recordings") as advance,
+            progress_bar(len(waiting), "recordings", archive) as on_progress,
             closing(run_tasks(waiting, executor)) as done,
         ):
             for task, entry in done:
@@ -104,7 +104,7 @@ def _run(
                     print(f"track: error: {entry.error}", file=sys.stderr)
                 for remark in entry.remarks:
                     print(f"track: {entry.name}: {remark}", file=sys.stderr)
-                advance(name, 1)
+                on_progress(archive, 1)
     finally:
         # One may be done of which its worker could not tell any more.
         found = {

@@ -13,13 +13,12 @@ import os
 import platform
 import secrets
 import shutil
-import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pf_tracker_ros.files import drafted
+from pf_tracker_ros.files import drafted, hidden_folder
 from pf_tracker_ros.recordings.archives.scratch import scratch_folder
 from pf_tracker_ros.recordings.archives.sources import Place
 from pf_tracker_ros.recordings.archives.stores import (
@@ -131,15 +130,13 @@ class ResultsFolder:
         self._check_run()
         self._check_place(recording)
         folder = self.path / recording
-        try:
-            folder.parent.mkdir(parents=True, exist_ok=True)
-            made = Path(tempfile.mkdtemp(prefix=_WORKPLACE, dir=folder.parent))
-        except OSError as error:
-            raise unwritable(folder, error) from error
-        try:
+        with ExitStack() as stack:
+            try:
+                folder.parent.mkdir(parents=True, exist_ok=True)
+                made = stack.enter_context(hidden_folder(folder.parent, _WORKPLACE))
+            except OSError as error:
+                raise unwritable(folder, error) from error
             yield made
-        finally:
-            shutil.rmtree(made, ignore_errors=True)
 
     def put(self, made: Path, recording: str) -> None:
         """Put a folder that was made in a workplace in the place of the recording's.
