@@ -7,7 +7,12 @@ from typing import Any, NoReturn
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser that refuses in one line, and keeps the lines of its help as they are."""
+    """An argument parser that refuses in one line, and keeps the lines of its help as they are.
+
+    Args:
+        prog: Name of the program.
+        **further: As for `argparse.ArgumentParser`.
+    """
 
     def __init__(self, prog: str, **further: Any) -> None:
         formatter = argparse.RawDescriptionHelpFormatter
