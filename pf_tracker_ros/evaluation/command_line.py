@@ -7,8 +7,9 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
+from pf_tracker_ros.command_lines import Parser
 from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.parameter_files import TrackerSettings, read_parameter_file
 from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
@@ -184,21 +185,9 @@ def _as_typed(path: Path, name: str, value: Any) -> str:
     return ",".join(map(str, value))
 
 
-class _Parser(argparse.ArgumentParser):
-    """An argument parser that refuses in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"evaluate: error: {message} (evaluate --help tells more)\n")
-
-
 def parser() -> argparse.ArgumentParser:
     """The parser of the command line, which refuses in one line."""
-    parser = _Parser(
-        prog="evaluate",
-        description=_DESCRIPTION,
-        epilog=_EXIT_CODES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = Parser("evaluate", description=_DESCRIPTION, epilog=_EXIT_CODES)
     parser.add_argument(
         "sequences",
         nargs="+",
@@ -209,14 +198,14 @@ def parser() -> argparse.ArgumentParser:
     add_tracker_options(parser)
     parser.add_argument(
         "--seeds",
-        type=_positive,
+        type=positive,
         default=3,
         metavar="N",
         help="average over the seeds 0 .. N-1 (default: %(default)s)",
     )
     parser.add_argument(
         "--jobs",
-        type=_positive,
+        type=positive,
         default=1,
         metavar="N",
         help="processes (default: %(default)s); CPU times are honest with one only, "
@@ -242,11 +231,8 @@ def parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _positive(text: str) -> int:
-    try:
-        value = int(text)
-    except ValueError:
-        value = 0
-    if value < 1:
+def positive(text: str) -> int:
+    """A whole number from 1, for an option."""
+    if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r}; allowed: whole numbers from 1")
-    return value
+    return int(text)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import box_corners
+from pf_tracker_ros.files import hidden_folder
 from pf_tracker_ros.footage.bags import GROUND_TRUTH_TYPE, IMAGE_TYPE
 from pf_tracker_ros.footage.base import Footage, FootageError
 from pf_tracker_ros.footage.markers import Outline, outline_markers
@@ -21,8 +21,6 @@ from pf_tracker_ros.footage.messages import PARTICLE_FIELDS, image_encoding, par
 from pf_tracker_ros.stamps import parts
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from rosbags.interfaces import Connection, Qos
     from rosbags.typesys.store import Typestore
 
@@ -76,40 +74,25 @@ class BagWriter:
         self._path = Path(path)
         if self._path.exists():
             raise FootageError(f"{self._path} exists already; a bag does not overwrite anything")
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        self._workplace = Path(tempfile.mkdtemp(prefix=".bag_", dir=self._path.parent))
-        with self._without_workplace_if_it_fails():
-            self._writer = Writer(
-                self._workplace / self._path.stem, version=9, storage_plugin=StoragePlugin.MCAP
-            )
+        self._make = partial(Writer, version=9, storage_plugin=StoragePlugin.MCAP)
         self._typestore: Typestore = get_typestore(Stores.ROS2_JAZZY)
         self._connections: dict[str, Connection] = {}
+        self._blank: dict[str, dict[str, Any]] = {}
 
     def __enter__(self) -> BagWriter:
-        with self._without_workplace_if_it_fails():
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as stack:
+            folder = stack.enter_context(hidden_folder(self._path.parent, ".bag_"))
+            self._writer = self._make(folder / self._path.stem)
             self._writer.open()
+            self._workplace = stack.pop_all()
         return self
 
-    @contextmanager
-    def _without_workplace_if_it_fails(self) -> Iterator[None]:
-        try:
-            yield
-        except BaseException:
-            shutil.rmtree(self._workplace, ignore_errors=True)
-            raise
-
-    def __exit__(
-        self,
-        error_type: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        try:
-            self._writer.__exit__(error_type, error, traceback)
-            if error_type is None:
+    def __exit__(self, *error: Any) -> None:
+        with self._workplace:
+            self._writer.__exit__(*error)
+            if error[0] is None:
                 self._put_in_place()
-        finally:
-            shutil.rmtree(self._workplace, ignore_errors=True)
 
     def _put_in_place(self) -> None:
         finished = self._writer.path
@@ -150,62 +133,38 @@ class BagWriter:
         """
         self._writer.write(self._connections[topic], log_time, message)
 
-    def write_image(
-        self,
-        topic: str,
-        stamp: int,
-        image: NDArray[Any],
-        frame_id: str = "camera",
-        log_time: int | None = None,
-    ) -> None:
+    def write_image(self, topic: str, stamp: int, image: NDArray[Any], **where: Any) -> None:
         """Write an image as sensor_msgs/msg/Image.
 
         Args:
             topic: One of the added topics.
             stamp: Nanoseconds.
             image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
-            frame_id: Frame of the header.
-            log_time: Nanoseconds; None takes the stamp.
+            where: `frame_id`, frame of the header, by default "camera"; and `log_time` in
+                nanoseconds, by default the stamp.
         """
-        types = self._typestore.types
         pixels = np.ascontiguousarray(image, dtype=image.dtype.newbyteorder("<"))
-        message = types[IMAGE_TYPE](
-            header=self._header(stamp, frame_id),
-            height=image.shape[0],
-            width=image.shape[1],
-            encoding=image_encoding(image),
-            is_bigendian=0,
-            step=pixels.strides[0],
-            data=pixels.reshape(-1).view(np.uint8),
-        )
-        self._write_message(topic, _or(log_time, stamp), message, IMAGE_TYPE)
+        fields = {
+            "height": image.shape[0],
+            "width": image.shape[1],
+            "encoding": image_encoding(image),
+            "step": pixels.strides[0],
+            "data": pixels.reshape(-1).view(np.uint8),
+        }
+        self._write_stamped(topic, IMAGE_TYPE, stamp, **where, **fields)
 
-    def write_box(
-        self,
-        topic: str,
-        stamp: int,
-        box: Sequence[float],
-        frame_id: str = "camera",
-        log_time: int | None = None,
-    ) -> None:
+    def write_box(self, topic: str, stamp: int, box: Sequence[float], **where: Any) -> None:
         """Write a box as geometry_msgs/msg/PolygonStamped of its corners.
 
         Args:
             topic: One of the added topics.
             stamp: Nanoseconds.
             box: (x, y, width, height) in pixels.
-            frame_id: Frame of the header.
-            log_time: Nanoseconds; None takes the stamp.
+            where: As for `write_image`.
         """
-        types = self._typestore.types
-        point = types["geometry_msgs/msg/Point32"]
-        message = types[GROUND_TRUTH_TYPE](
-            header=self._header(stamp, frame_id),
-            polygon=types["geometry_msgs/msg/Polygon"](
-                points=[point(x=x, y=y, z=0.0) for x, y in box_corners(box)]
-            ),
-        )
-        self._write_message(topic, _or(log_time, stamp), message, GROUND_TRUTH_TYPE)
+        points = [self._new("geometry_msgs/msg/Point32", x=x, y=y) for x, y in box_corners(box)]
+        polygon = self._new("geometry_msgs/msg/Polygon", points=points)
+        self._write_stamped(topic, GROUND_TRUTH_TYPE, stamp, **where, polygon=polygon)
 
     def write_particles(
         self,
@@ -215,8 +174,7 @@ class BagWriter:
         weights: NDArray[np.float64],
         *,
         ids: NDArray[np.integer[Any]] | None = None,
-        frame_id: str = "camera",
-        log_time: int | None = None,
+        **where: Any,
     ) -> None:
         """Write particles as sensor_msgs/msg/PointCloud2 of their boxes' centers.
 
@@ -226,41 +184,34 @@ class BagWriter:
             boxes: (N, 4) x, y, width, height in pixels.
             weights: (N,) their weights.
             ids: (N,) of the targets that they are of, which make one more field; None for none.
-            frame_id: Frame of the header.
-            log_time: Nanoseconds; None takes the stamp.
+            where: As for `write_image`.
         """
-        types = self._typestore.types
         columns = particle_columns(boxes, weights)
         names: tuple[str, ...] = PARTICLE_FIELDS
         if ids is not None:
             columns = np.column_stack([columns, ids.astype(np.float32)])
             names = (*PARTICLE_FIELDS, "id")
-        field = types["sensor_msgs/msg/PointField"]
-        step = columns.itemsize * len(names)
-        message = types[PARTICLES_TYPE](
-            header=self._header(stamp, frame_id),
-            height=1,
-            width=len(columns),
-            fields=[
-                field(name=name, offset=index * columns.itemsize, datatype=_FLOAT32, count=1)
+        size, step = columns.itemsize, columns.itemsize * len(names)
+        fields: dict[str, Any] = {
+            "height": 1,
+            "width": len(columns),
+            "fields": [
+                self._new(
+                    "sensor_msgs/msg/PointField",
+                    **{"name": name, "offset": index * size, "datatype": _FLOAT32, "count": 1},
+                )
                 for index, name in enumerate(names)
             ],
-            is_bigendian=sys.byteorder == "big",
-            point_step=step,
-            row_step=step * len(columns),
-            data=np.frombuffer(columns.tobytes(), np.uint8),
-            is_dense=True,
-        )
-        self._write_message(topic, _or(log_time, stamp), message, PARTICLES_TYPE)
+            "is_bigendian": sys.byteorder == "big",
+            "point_step": step,
+            "row_step": step * len(columns),
+            "data": np.frombuffer(columns.tobytes(), np.uint8),
+            "is_dense": True,
+        }
+        self._write_stamped(topic, PARTICLES_TYPE, stamp, **where, **fields)
 
     def write_statuses(
-        self,
-        topic: str,
-        stamp: int,
-        statuses: Sequence[Status],
-        *,
-        frame_id: str = "camera",
-        log_time: int | None = None,
+        self, topic: str, stamp: int, statuses: Sequence[Status], **where: Any
     ) -> None:
         """Write statuses as one diagnostic_msgs/msg/DiagnosticArray.
 
@@ -268,27 +219,18 @@ class BagWriter:
             topic: One of the added topics.
             stamp: Nanoseconds.
             statuses: One after another.
-            frame_id: Frame of the header.
-            log_time: Nanoseconds; None takes the stamp.
+            where: As for `write_image`.
         """
-        types = self._typestore.types
-        pair = types["diagnostic_msgs/msg/KeyValue"]
-        message = types[STATUS_TYPE](
-            header=self._header(stamp, frame_id),
-            status=[
-                types["diagnostic_msgs/msg/DiagnosticStatus"](
-                    level=status.level,
-                    name=status.name,
-                    message=status.text,
-                    hardware_id="",
-                    values=[
-                        pair(key=key, value=str(value)) for key, value in status.values.items()
-                    ],
-                )
-                for status in statuses
-            ],
-        )
-        self._write_message(topic, _or(log_time, stamp), message, STATUS_TYPE)
+        messages = []
+        for status in statuses:
+            values = [
+                self._new("diagnostic_msgs/msg/KeyValue", key=key, value=str(value))
+                for key, value in status.values.items()
+            ]
+            fields = {"level": status.level, "name": status.name, "message": status.text}
+            kind = "diagnostic_msgs/msg/DiagnosticStatus"
+            messages.append(self._new(kind, **fields, values=values))
+        self._write_stamped(topic, STATUS_TYPE, stamp, **where, status=messages)
 
     def write_outlines(
         self,
@@ -305,24 +247,53 @@ class BagWriter:
             topic: One of the added topics.
             stamp: Nanoseconds.
             outlines: One after another.
-            frame_id: Frame of the header.
+            frame_id: Frame of the headers.
             log_time: Nanoseconds; None takes the stamp.
         """
-        types = self._typestore.types
-        markers = outline_markers(types, self._header(stamp, frame_id), outlines)
-        message = types[MARKERS_TYPE](markers=markers)
-        self._write_message(topic, _or(log_time, stamp), message, MARKERS_TYPE)
+        markers = outline_markers(self._new, self._header(stamp, frame_id), outlines)
+        message = self._new(MARKERS_TYPE, markers=markers)
+        self._write_message(topic, MARKERS_TYPE, stamp, log_time, message)
 
     def _header(self, stamp: int, frame_id: str) -> Any:
-        types = self._typestore.types
         seconds, nanoseconds = parts(stamp)
-        return types["std_msgs/msg/Header"](
-            stamp=types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds),
-            frame_id=frame_id,
-        )
+        time = self._new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
+        return self._new("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
 
-    def _write_message(self, topic: str, log_time: int, message: Any, message_type: str) -> None:
-        self.write(topic, log_time, bytes(self._typestore.serialize_cdr(message, message_type)))
+    def _write_stamped(
+        self,
+        topic: str,
+        message_type: str,
+        stamp: int,
+        *,
+        frame_id: str = "camera",
+        log_time: int | None = None,
+        **fields: Any,
+    ) -> None:
+        """Write a message with a header and further fields."""
+        message = self._new(message_type, header=self._header(stamp, frame_id), **fields)
+        self._write_message(topic, message_type, stamp, log_time, message)
+
+    def _write_message(
+        self, topic: str, message_type: str, stamp: int, log_time: int | None, message: Any
+    ) -> None:
+        octets = bytes(self._typestore.serialize_cdr(message, message_type))
+        self.write(topic, stamp if log_time is None else log_time, octets)
+
+    def _new(self, message_type: str, **fields: Any) -> Any:
+        """A message; what is left out is 0 or empty."""
+        if message_type not in self._blank:
+            _, declared = self._typestore.fielddefs[message_type]
+            self._blank[message_type] = {name: self._usual(*kind) for name, kind in declared}
+        return self._typestore.types[message_type](**{**self._blank[message_type], **fields})
+
+    def _usual(self, kind: Any, details: Any) -> Any:
+        """What a field is in a blank message, by its declaration in the type store."""
+        if kind.name == "NAME":
+            return self._new(details)
+        if kind.name == "BASE":
+            return "" if details[0] == "string" else 0
+        (element, name), _ = details
+        return np.zeros(0, name[0]) if element.name == "BASE" else []
 
 
 def write_footage(
@@ -357,15 +328,12 @@ def write_footage(
         if boxes is not None:
             writer.add_topic(ground_truth_topic, GROUND_TRUTH_TYPE)
         for frame in footage.frames():
-            writer.write_image(topic, frame.stamp, frame.image, frame_id)
+            writer.write_image(topic, frame.stamp, frame.image, frame_id=frame_id)
             if boxes is not None and not np.isnan(boxes[count]).any():
-                writer.write_box(ground_truth_topic, frame.stamp, boxes[count], frame_id)
+                box = boxes[count]
+                writer.write_box(ground_truth_topic, frame.stamp, box, frame_id=frame_id)
             count += 1
     return count
-
-
-def _or(log_time: int | None, stamp: int) -> int:
-    return stamp if log_time is None else log_time
 
 
 def _qos(reliability: Reliability, depth: int) -> Qos:

@@ -133,14 +133,11 @@ def open_bag(path: str | Path, topic: str = "", ground_truth_topic: str = "") ->
             f"bag {bag} has no topic of type {IMAGE_TYPE} or {COMPRESSED_IMAGE_TYPE}; there are: "
             f"{all_topics or 'no topics at all'}"
         )
+    names = ", ".join(sorted(images))
     if topic and topic not in images:
-        raise FootageError(
-            f"bag {bag} has no image topic {topic}; image topics are: {', '.join(sorted(images))}"
-        )
+        raise FootageError(f"bag {bag} has no image topic {topic}; image topics are: {names}")
     if not topic and len(images) > 1:
-        raise FootageError(
-            f"bag {bag} has several image topics, choose one: {', '.join(sorted(images))}"
-        )
+        raise FootageError(f"bag {bag} has several image topics, choose one: {names}")
     chosen = images[topic] if topic else next(iter(images.values()))
     return ImageBag(
         path=bag,

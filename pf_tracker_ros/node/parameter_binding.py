@@ -256,7 +256,6 @@ class ParameterBinding:
         is_bound = any(parameter.name in self._declarations for parameter in parameters)
         return self._request if is_bound else None
 
-
     def _lock(self) -> None:
         """Make read-only what is declared so, once nothing awaits correction."""
         if self._locked or self.refused or not self._ready():

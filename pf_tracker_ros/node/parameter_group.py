@@ -59,7 +59,6 @@ class ParameterGroup:
             return known
         return {name: dataclasses.replace(one, read_only=False) for name, one in known.items()}
 
-
     def read(self, given: Mapping[str, Parameter], before: Values, others: Values) -> Reading:
         """The parameters when some are given.
 

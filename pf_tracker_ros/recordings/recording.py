@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import islice, pairwise
 from pathlib import Path
 from statistics import median
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -60,34 +60,6 @@ class RecordedFrame:
     true_box: Box | None
 
 
-class Recording(Protocol):
-    """A source of frames.
-
-    Attributes:
-        path: Where it is.
-        frame_count: Number of frames as far as the source tells, else None.
-        interval: Seconds from one frame to the next, about.
-        has_ground_truth: Whether there are true boxes.
-    """
-
-    @property
-    def path(self) -> Path: ...  # noqa: D102
-    @property
-    def frame_count(self) -> int | None: ...  # noqa: D102
-    @property
-    def interval(self) -> float: ...  # noqa: D102
-    @property
-    def has_ground_truth(self) -> bool: ...  # noqa: D102
-
-    def frames(self) -> Generator[RecordedFrame, None, None]:
-        """Read the frames in order; each call starts from the first.
-
-        Raises:
-            FootageError: The recording cannot be read, or not any further.
-        """
-        ...
-
-
 def open_recording(
     path: str | Path,
     *,
@@ -116,6 +88,12 @@ def open_recording(
 class FootageRecording:
     """Frames of a video, a folder of images or a sequence.
 
+    Attributes:
+        path: Where it is.
+        frame_count: Number of frames as far as the source tells, else None.
+        interval: Seconds from one frame to the next, about.
+        has_ground_truth: Whether there are true boxes.
+
     Args:
         path: Where it is.
         footage: What was opened there.
@@ -129,7 +107,11 @@ class FootageRecording:
         self._footage = footage
 
     def frames(self) -> Generator[RecordedFrame, None, None]:
-        """Read the frames in order; see `Recording.frames`."""
+        """Read the frames in order; each call starts from the first.
+
+        Raises:
+            FootageError: The recording cannot be read, or not any further.
+        """
         boxes = self._footage.ground_truth
         for index, frame in enumerate(self._footage.frames()):
             true_box = None
@@ -141,7 +123,7 @@ class FootageRecording:
 
 
 class BagRecording:
-    """The images of a bag, decoded as the node decodes them.
+    """The images of a bag, decoded as the node decodes them; attributes as `FootageRecording`.
 
     Args:
         bag: What was found in it.
@@ -158,7 +140,7 @@ class BagRecording:
         self.interval = median(gaps) / NANOSECONDS if gaps else 1.0 / DEFAULT_FRAME_RATE
 
     def frames(self) -> Generator[RecordedFrame, None, None]:
-        """Read the frames in order; see `Recording.frames`."""
+        """Read the frames in order; see `FootageRecording.frames`."""
         for index, recorded in enumerate(self._bag.images()):
             yield self._decoded(index, recorded)
 
@@ -180,6 +162,10 @@ class BagRecording:
         return RecordedFrame(
             index, recorded.stamp, recorded.log_time, message.frame_id, image, problem, true_box
         )
+
+
+Recording = FootageRecording | BagRecording
+"""A source of frames."""
 
 
 def _box_of(points: list[tuple[float, float]]) -> Box | None:

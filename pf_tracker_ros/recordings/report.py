@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
@@ -54,11 +55,9 @@ class RecordingReport:
         preset: str,
         facts: Mapping[str, str],
     ) -> None:
-        self._file = path.open("wb")
+        self._path = path
         self._known = known
-        self._recording = recording
-        self._preset = preset
-        self._facts = facts
+        self._page = functools.partial(known.page, recording, preset, facts)
 
     def write(self, tracked: Tracked) -> None:
         """Remember what is known of a frame."""
@@ -70,13 +69,10 @@ class RecordingReport:
         Raises:
             OSError: It cannot be written.
         """
-        page = self._known.page(self._recording, self._preset, self._facts)
-        with self._file:
-            self._file.write(page.encode("utf-8", "replace"))
+        self._path.write_bytes(self._page().encode("utf-8", "replace"))
 
     def discard(self) -> None:
-        """Give the file up."""
-        self._file.close()
+        """Give the file up, which is not begun yet."""
 
 
 class KnownTarget:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.evaluation.reports.content import SequenceContent, kept_boxes
+from pf_tracker_ros.evaluation.results import FrameDetails
 from pf_tracker_ros.recordings.tracking import TrackedFrame
 
 ABSENT = (np.nan, np.nan, np.nan, np.nan)
@@ -65,23 +66,5 @@ def content_of_frames(
         frames: In order, at least one.
         true_boxes: (frames, 4) what the boxes are compared with; None without such.
     """
-    names = dict.fromkeys(cue for each in frames for cue in each.powers)
-
-    def column(value: Callable[[FrameSummary], float]) -> NDArray[np.float64]:
-        return np.array([value(each) for each in frames], dtype=np.float64)
-
-    def powers(cue: str) -> NDArray[np.float64]:
-        return column(lambda each: each.powers.get(cue, np.nan))
-
-    return SequenceContent(
-        name=name,
-        boxes=kept_boxes([each.box for each in frames]),
-        true_boxes=true_boxes,
-        states=tuple(each.state for each in frames),
-        confidence=column(lambda each: each.confidence),
-        effective_sample_size=column(lambda each: each.effective_sample_size),
-        powers={cue: powers(cue) for cue in names},
-        scores=None,
-        success_curve=None,
-        precision_curve=None,
-    )
+    boxes = kept_boxes([each.box for each in frames])
+    return SequenceContent(name, boxes, true_boxes, **vars(FrameDetails.of(frames)))

@@ -16,11 +16,8 @@ beside that, for all of them.
 
 from __future__ import annotations
 
-import errno
 import math
-import os
 import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,12 +25,12 @@ from textwrap import indent
 from typing import Any
 
 from pf_tracker_ros.boxes import Box, as_box
+from pf_tracker_ros.files import drafted
 from pf_tracker_ros.footage.access import is_there, resolved
 from pf_tracker_ros.footage.messages import box_as_sent
 from pf_tracker_ros.parameters import quoted
 from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_TARGET, RecordingError
-from pf_tracker_ros.recordings.placing import put_in_place
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
 from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
@@ -240,16 +237,8 @@ def save_targets(targets: Sequence[Target], source: Path, *, may_replace: bool =
             file.
     """
     path = target_file(source)
-    place = resolved(path) if may_replace else path
-    if may_replace and os.path.lexists(place) and (place.is_symlink() or not place.is_file()):
-        raise FileExistsError(errno.EEXIST, "It is no file that can be written over", str(path))
-    with tempfile.TemporaryDirectory(prefix=".track_", dir=place.parent) as folder:
-        draft = Path(folder) / place.name
+    with drafted(path, may_replace=may_replace) as draft:
         draft.write_text(_file_text(targets, source), encoding="utf-8")
-        if may_replace:
-            draft.replace(place)
-        else:
-            put_in_place(draft, place)
     return path
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from pf_tracker_ros.background import UPDATE_EVERY
 from pf_tracker_ros.plurals import counted
-from pf_tracker_ros.recordings.detections.hearing import Answer
+from pf_tracker_ros.recordings.detections.hearing import Answer, Hearing
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame
 from pf_tracker_ros.recordings.tracking import SKIPPED
@@ -23,7 +23,7 @@ _FINDS = {
 }
 
 
-class BuiltInDetector:
+class BuiltInDetector(Hearing):
     """Shows a detector frames as the node does, and waits for each answer; see `Hearing`.
 
     What it finds in a frame is heard before the next one, so that it depends on no clock.
@@ -76,9 +76,6 @@ class BuiltInDetector:
             is_shown = self._thread.offer(frame.image, frame.stamp)
             if is_shown:
                 self._shown, self._last_shown = self._shown + 1, frame.index
-
-    def finish(self, frame_count: int) -> None:
-        """What it found in the last frame counts nowhere."""
 
     def close(self) -> None:  # noqa: D102
         self._thread.close()
