@@ -63,13 +63,16 @@ def draw_overlay(image: NDArray[Any], estimate: Estimate | None, text: str = "")
     return canvas
 
 
-def draw_targets(image: NDArray[Any], targets: Sequence[TrackedTarget]) -> NDArray[Any]:
+def draw_targets(
+    image: NDArray[Any], targets: Sequence[TrackedTarget], selected: int = 0
+) -> NDArray[Any]:
     """Draw several targets into a copy of the image, each in the color of its id.
 
     Args:
         image: As for `draw_overlay`.
         targets: Drawn with their particles, boxes, ids and labels; the box of one that is not seen
             is thin.
+        selected: Id of the one whose box is drawn stronger, 0 for none.
 
     Returns:
         (H, W, 3) uint8 BGR.
@@ -83,6 +86,7 @@ def draw_targets(image: NDArray[Any], targets: Sequence[TrackedTarget]) -> NDArr
     for target in targets:
         color, box = target_color(target.id), np.array(target.estimate.box)
         width = thickness if target.estimate.state == "tracking" else 1
+        width += thickness if target.id == selected else 0
         draw_box(canvas, box, color, width)
         x, y = np.clip(box[:2], 0.0, canvas.shape[1::-1])
         above = round(y - 4 * scale) if y > 20 * scale else round(y + 20 * scale)

@@ -22,14 +22,14 @@ from pf_tracker_ros.evaluation.outputs import Outputs
 from pf_tracker_ros.evaluation.report import print_table
 from pf_tracker_ros.evaluation.reports.writing import EvaluationReport
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure, SequenceResult
+from pf_tracker_ros.evaluation.runs import evaluate_each
 from pf_tracker_ros.evaluation.sequences import frame_count, open_sequences
-from pf_tracker_ros.evaluation.several import evaluate_each
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.signals import handled_signals
+from pf_tracker_ros.targets.tracker import Tracker
 from pf_tracker_ros.tracking.presets import PresetInForce
-from pf_tracker_ros.tracking.tracker import Tracker
 
 SUCCESS, INCOMPLETE, REFUSED, INTERRUPTED, NO_READER, TERMINATED = 0, 1, 2, 130, 141, 143
 
@@ -69,12 +69,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.compare and not is_reported:
         raise EvaluationError("--compare is for the report; allowed: with --report DIR")
     report = EvaluationReport(options.report, options.compare) if is_reported else None
-    settings = take_parameter_file(options)
-    if settings.most_targets > 1:
-        raise EvaluationError(
-            f"{options.params_file} is for several targets (max_targets {settings.most_targets}); "
-            "one is evaluated here: take max_targets out of the file"
-        )
+    take_parameter_file(options)
     parameters = parse_parameters(options.parameter)
     make_tracker = functools.partial(Tracker.from_preset, options.preset, parameters=parameters)
     with telling_of_file(options):

@@ -38,11 +38,7 @@ exit codes:
 """
 
 
-def parse_parameters(
-    assignments: Sequence[str],
-    option: str = "--parameter",
-    tunables: type = TrackerParameters,
-) -> dict[str, Any]:
+def parse_parameters(assignments: Sequence[str], option: str = "--parameter") -> dict[str, Any]:
     """Values of parameters from texts `NAME=VALUE`, read by the type that is declared.
 
     A list is written with commas, with or without square brackets. Whether a name exists and a
@@ -51,7 +47,6 @@ def parse_parameters(
     Args:
         assignments: The texts.
         option: Where they were given, for the message of an error.
-        tunables: The declared group that they are of.
 
     Returns:
         Full parameter name to value; a text that does not fit the type is kept as a string.
@@ -59,7 +54,7 @@ def parse_parameters(
     Raises:
         EvaluationError: A text has no `=`, or a name is given twice.
     """
-    known = declarations(tunables)
+    known = declarations(TrackerParameters)
     values: dict[str, Any] = {}
     for assignment in assignments:
         name, equals, text = (part.strip() for part in assignment.partition("="))

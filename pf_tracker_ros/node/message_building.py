@@ -16,7 +16,7 @@ from sensor_msgs.msg import Image, PointCloud2, PointField
 from std_msgs.msg import Header
 
 from pf_tracker_ros.boxes import Box, bounding_box, box_corners
-from pf_tracker_ros.footage.messages import PARTICLE_FIELDS, image_encoding, particle_columns
+from pf_tracker_ros.messages import PARTICLE_FIELDS, image_encoding, particle_columns
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap

@@ -36,6 +36,7 @@ from pf_tracker_ros.recordings.plan import (
     Plan,
     check_applies,
     check_request,
+    is_detected,
     open_asked,
     plan_for,
     require,
@@ -43,7 +44,7 @@ from pf_tracker_ros.recordings.plan import (
 )
 from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.target import Target, save_targets
-from pf_tracker_ros.recordings.tracking import Tracked
+from pf_tracker_ros.recordings.tracking import TrackedFrame
 from pf_tracker_ros.signals import handled_signals
 
 _SIGNALS = {signal.SIGINT: errors.INTERRUPTED, signal.SIGTERM: errors.TERMINATED}
@@ -69,7 +70,7 @@ class _Summary:
     announced: int | None = None
     seconds: float = 0.0
 
-    def add(self, tracked: Tracked) -> None:
+    def add(self, tracked: TrackedFrame) -> None:
         self.states[tracked.state] += 1
         self.skipped = self.skipped or tracked.problem or _SKIPPED_FOR.get(tracked.outcome, "")
         if tracked.remarks and not self.remark:
@@ -133,6 +134,7 @@ def _run(options: argparse.Namespace, stop: _Stop, source_name: str | None) -> i
         ("matplotlib", "recordings", options.report is not None),
         ("jinja2", "recordings", options.report is not None),
         ("aiohttp", "console", options.draw),
+        ("scipy", "targets", is_detected(options)),
     ):
         if wanted:
             require(package, extra)
@@ -183,7 +185,7 @@ def _run_one(
 
 def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -> int:
     outputs = open_outputs(options, plan, name)
-    summary = _Summary(name, targets_of=_found_beside(options, plan), several=plan.is_several)
+    summary = _Summary(name, targets_of=_found_beside(options, plan), several=plan.max_targets > 1)
     failures: list[Exception] = []
     try:
         try:
@@ -257,7 +259,7 @@ def _kept(targets: Sequence[Target], source: Path) -> str:
 
 
 def _track(
-    tracking: Generator[Tracked, None, None],
+    tracking: Generator[TrackedFrame, None, None],
     recording: Recording,
     outputs: Sequence[OutputFolder],
     summary: _Summary,

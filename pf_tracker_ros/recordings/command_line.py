@@ -25,14 +25,15 @@ the node publishes for a replay of the recording in lockstep, to the bit.
 
 The target is that of --box, or is drawn with --draw, else that of the file SOURCE.target.yaml
 beside the recording (for drive.mcap that is drive.target.yaml), else the first box of the
-recording's ground truth. Several boxes, and what a detector finds, are tracked as by the node with
-max_targets above 1, which here is the parameter targets.most.
+recording's ground truth. Where the parameter max_targets is not given, it is 1 for one target, and
+32 for several and for what a detector finds.
 """
 
 _EXIT_CODES = f"""\
 boxes.csv has a row a frame: frame (from 0), stamp (ns), id, x, y, width, height (px; empty while
-there is no box), state and confidence (0 to 1), in full precision. Of several targets each has a
-row in a frame, with its label in a last column, and a frame without any one row without an id.
+there is no box), state and confidence (0 to 1), in full precision. With max_targets above 1 each
+target has a row in a frame, with its label in a last column, and a frame without any one row
+without an id.
 
 exit codes:
   {errors.DONE}    all went well
@@ -102,8 +103,8 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--bag",
         action="store_true",
-        help="write topics.mcap: ~/box (of several targets ~/boxes), ~/status, ~/particles and "
-        "~/overlay, to play beside the recording (needs rosbags)",
+        help="write topics.mcap: ~/box, ~/boxes where max_targets is above 1, ~/status, "
+        "~/particles and ~/overlay, to play beside the recording (needs rosbags)",
     )
     parser.add_argument(
         "--report",
@@ -154,7 +155,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _add_detections(parser: argparse.ArgumentParser) -> None:
-    """Where detections of several targets come from; any of it needs SciPy."""
+    """Where detections come from; any of it needs SciPy."""
     group = parser.add_mutually_exclusive_group()
     group.add_argument(
         "--detections",

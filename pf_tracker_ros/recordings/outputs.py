@@ -11,13 +11,13 @@ from typing import Protocol
 
 from pf_tracker_ros.files import flush_to_disk, hidden_folder, put_in_place
 from pf_tracker_ros.recordings.errors import OUTPUT_EXISTS, RecordingError, unwritable
-from pf_tracker_ros.recordings.tracking import Tracked
+from pf_tracker_ros.recordings.tracking import TrackedFrame
 
 
 class FrameWriter(Protocol):
     """Writes what is known after each frame."""
 
-    def write(self, tracked: Tracked) -> None:
+    def write(self, tracked: TrackedFrame) -> None:
         """Write one frame."""
         ...
 
@@ -65,7 +65,7 @@ class OutputFolder:
             self.discard()
             raise
 
-    def write(self, tracked: Tracked) -> None:
+    def write(self, tracked: TrackedFrame) -> None:
         """Write a frame into every file.
 
         Raises:

@@ -27,6 +27,7 @@ from pf_tracker_ros.footage import (
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE, BagImage
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
 from pf_tracker_ros.footage.cdr import read_compressed_image, read_image, read_polygon
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
 
 # As the parameter `largest_image` of the node has it.
@@ -46,7 +47,8 @@ class RecordedFrame:
         stamp: Of the header, nanoseconds; 0 means unknown.
         time: When it was recorded, nanoseconds; the stamp where the recording does not tell.
         frame_id: Frame of the header.
-        image: As for `Tracker.update`; None where the message holds no image that can be decoded.
+        decoded: The image with its stamp, as for `Session.process`; None where the message holds
+            none that can be decoded.
         problem: Why there is no image, or empty.
         true_box: (x, y, width, height) in pixels, None where there is no ground truth for it.
     """
@@ -55,9 +57,14 @@ class RecordedFrame:
     stamp: int
     time: int
     frame_id: str
-    image: NDArray[Any] | None
+    decoded: Frame | None
     problem: str
     true_box: Box | None
+
+    @property
+    def image(self) -> NDArray[Any] | None:
+        """As for `Tracker.update`, None without one."""
+        return self.decoded.image if self.decoded else None
 
 
 def open_recording(
@@ -117,9 +124,7 @@ class FootageRecording:
             true_box = None
             if boxes is not None and np.isfinite(boxes[index]).all():
                 true_box = as_box(boxes[index])
-            yield RecordedFrame(
-                index, frame.stamp, frame.stamp, _FRAME_ID, frame.image, "", true_box
-            )
+            yield RecordedFrame(index, frame.stamp, frame.stamp, _FRAME_ID, frame, "", true_box)
 
 
 class BagRecording:
@@ -151,16 +156,16 @@ class BagRecording:
             message = read(recorded.message)
         except FootageError as error:
             raise FootageError(f"bag {self.path}, frame {index}: {error}") from error
-        image, problem = None, ""
+        frame, problem = None, ""
         try:
-            image = self._decoder.decode(message)
+            frame = Frame(self._decoder.decode(message), recorded.stamp)
         except (ValueError, cv2.error) as error:
             problem = str(error)
         true_box = None
         if recorded.ground_truth is not None:
             true_box = _box_of(read_polygon(recorded.ground_truth))
         return RecordedFrame(
-            index, recorded.stamp, recorded.log_time, message.frame_id, image, problem, true_box
+            index, recorded.stamp, recorded.log_time, message.frame_id, frame, problem, true_box
         )
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.evaluation.reports.content import SequenceContent, kept_boxes
 from pf_tracker_ros.evaluation.results import FrameDetails
-from pf_tracker_ros.recordings.tracking import TrackedFrame
+from pf_tracker_ros.recordings.tracking import TrackedFrame, row_of
+from pf_tracker_ros.targets.tracked_target import TrackedTarget
 
 ABSENT = (np.nan, np.nan, np.nan, np.nan)
 
@@ -41,13 +42,14 @@ class FrameSummary:
     powers: Mapping[str, float] = field(default_factory=dict)
 
 
-def summary_of(tracked: TrackedFrame) -> FrameSummary:
-    """What is kept of a frame."""
-    estimate = tracked.estimate
+def summary_of(tracked: TrackedFrame, target: TrackedTarget | None = None) -> FrameSummary:
+    """What is kept of a frame and of one of its targets, by default the only one that may be."""
+    row = row_of(target) if target else tracked.rows[0]
+    estimate = target.estimate if target else tracked.estimate
     return FrameSummary(
         stamp=tracked.frame.stamp,
-        state=tracked.state,
-        box=tracked.box,
+        state=row.state,
+        box=row.box,
         true_box=tracked.frame.true_box,
         confidence=float(estimate.confidence) if estimate else np.nan,
         seconds=tracked.seconds if tracked.outcome == "tracked" else np.nan,

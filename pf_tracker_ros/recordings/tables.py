@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pf_tracker_ros.recordings.tracking import Tracked
+from pf_tracker_ros.recordings.tracking import TrackedFrame
 
 COLUMNS = ("frame", "stamp", "id", "x", "y", "width", "height", "state", "confidence")
 LABELED_COLUMNS = (*COLUMNS, "label")
@@ -19,7 +19,7 @@ _NOT_ON_A_LINE = {"Cc", "Zl", "Zp", "Cs"}
 _ROWS_AT_ONCE = 4096
 
 
-def rows(tracked: Tracked) -> list[tuple[Any, ...]]:
+def rows(tracked: TrackedFrame) -> list[tuple[Any, ...]]:
     """A row for each target in a frame, at least one, with a value for each of `LABELED_COLUMNS`.
 
     None stands for what is unknown. Frames count from 0, stamps are in nanoseconds, boxes in
@@ -66,7 +66,7 @@ class BoxesCsv:
         self._whole = 0
         self._write([columns])
 
-    def write(self, tracked: Tracked) -> None:
+    def write(self, tracked: TrackedFrame) -> None:
         """Write a frame's rows."""
         self._write([row[: self._count] for row in rows(tracked)])
 
@@ -117,7 +117,7 @@ class BoxesParquet:
         self._writer = parquet.ParquetWriter(self._file, self._schema)
         self._rows: list[tuple[Any, ...]] = []
 
-    def write(self, tracked: Tracked) -> None:
+    def write(self, tracked: TrackedFrame) -> None:
         """Write a frame's rows."""
         self._rows += [row[: len(self._schema)] for row in rows(tracked)]
         if len(self._rows) >= _ROWS_AT_ONCE:

@@ -27,7 +27,7 @@ from typing import Any
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.files import drafted
 from pf_tracker_ros.footage.access import is_there, resolved
-from pf_tracker_ros.footage.messages import box_as_sent
+from pf_tracker_ros.messages import box_as_sent
 from pf_tracker_ros.parameters import quoted
 from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_TARGET, RecordingError

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.recordings.errors import FAILED, UNREADABLE_SOURCE, RecordingError
-from pf_tracker_ros.recordings.tracking import Tracked
+from pf_tracker_ros.recordings.tracking import TrackedFrame
 
 _CODEC = "mp4v"
 # Frames that wait to be encoded; more would only hold memory.
@@ -45,7 +45,7 @@ class AnnotatedVideo:
         self._picture: NDArray[Any] | None = None
         self._thread = ThreadPoolExecutor(1, "video")
 
-    def write(self, tracked: Tracked) -> None:
+    def write(self, tracked: TrackedFrame) -> None:
         """Have a frame encoded.
 
         Raises:
@@ -81,7 +81,7 @@ class AnnotatedVideo:
         if self._writer is not None:
             self._writer.release()
 
-    def _encode(self, tracked: Tracked) -> None:
+    def _encode(self, tracked: TrackedFrame) -> None:
         if tracked.frame.image is not None:
             self._picture = self._fitted(tracked.draw())
         if self._picture is not None:

@@ -240,7 +240,8 @@ def run_library(
     seed: int,
 ) -> list[FrameSummary]:
     """Track a recording through the library."""
-    with closing(track_recording(recording, target, preset, parameters, seed)) as tracked:
+    tracking = track_recording(recording, target, preset=preset, parameters=parameters, seed=seed)
+    with closing(tracking) as tracked:
         return [summary_of(each) for each in tracked]
 
 

@@ -171,7 +171,7 @@ def test_where_there_may_be_one_target_the_note_tells_of_no_other(
     ask_for_target, open_desk, images
 ):
     desk = ask_for_target(
-        images, "--output", images.parents[1] / "out", "--parameter", "targets.most=1"
+        images, "--output", images.parents[1] / "out", "--parameter", "max_targets=1"
     )
     note = open_desk(desk).locator("#note")
     assert note.inner_text().endswith("Enter starts, Escape drops it")
@@ -282,7 +282,7 @@ def test_several_targets_are_drawn_taken_back_and_tracked(
 def test_as_many_targets_are_drawn_as_there_may_be(ask_for_target, open_desk, rows, images):
     pytest.importorskip("scipy")
     output = images.parent / "out"
-    desk = ask_for_target(images, "--output", output, "--parameter", "targets.most=2")
+    desk = ask_for_target(images, "--output", output, "--parameter", "max_targets=2")
     page = open_desk(desk)
     drag(page, (20, 30), (44, 54))
     page.keyboard.press("a")

@@ -14,7 +14,7 @@ from geometry_msgs.msg import PolygonStamped
 from sensor_msgs.msg import Image, PointCloud2
 
 from pf_tracker_ros.boxes import bounding_box
-from pf_tracker_ros.footage.messages import PARTICLE_FIELDS
+from pf_tracker_ros.messages import PARTICLE_FIELDS
 
 Json = dict[str, Any]
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from pf_tracker_ros.recordings.recording import RecordedFrame
 from pf_tracker_ros.targets.detections import Detections
-from pf_tracker_ros.targets.session import MultiOutcome
+from pf_tracker_ros.targets.session import Outcome
 
 
 class Answer(NamedTuple):
@@ -25,7 +25,7 @@ class Answer(NamedTuple):
 
 
 class Hearing:
-    """Hears what a detector says, once through a recording."""
+    """Hears what a detector says, once through a recording; this one hears nothing."""
 
     @property
     def remark(self) -> str:
@@ -38,9 +38,9 @@ class Hearing:
         Raises:
             FootageError: The recording cannot be read any further.
         """
-        raise NotImplementedError
+        return iter(())
 
-    def after(self, frame: RecordedFrame, outcome: MultiOutcome) -> None:
+    def after(self, frame: RecordedFrame, outcome: Outcome) -> None:
         """Take what became of a frame."""
 
     def finish(self, frame_count: int) -> None:

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pf_tracker_ros.footage import FootageError, is_bag
-from pf_tracker_ros.footage.bags import DETECTIONS_TYPE, read_topic, topics_of_type
+from pf_tracker_ros.footage.bags import read_topic, topics_of_type
 from pf_tracker_ros.footage.cdr import read_detections
+from pf_tracker_ros.messages import DETECTIONS_TYPE
 from pf_tracker_ros.recordings.detections.hearing import Answer, Hearing
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_DETECTIONS, RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame
