@@ -197,8 +197,16 @@ def test_every_output_tells_of_several_targets(
     ids = {}
     numbers = {int(row["stamp"]): int(row["frame"]) for row in found}
     with Reader(output / "topics.mcap") as reader:
+        names = ("box", "boxes", "overlay", "particles", "status")
+        assert sorted(reader.topics) == [f"/pf_tracker/{name}" for name in names]
         for connection, _, data in reader.messages():
             message = typestore.deserialize_cdr(data, connection.msgtype)
+            # Nobody has selected one of them.
+            assert connection.topic != "/pf_tracker/box"
+            if connection.topic == "/pf_tracker/status":
+                node, *targets = message.status
+                values = {pair.key: pair.value for pair in node.values}
+                assert (int(values["targets"]), values["selected"]) == (len(targets), "0")
             if connection.topic == "/pf_tracker/boxes":
                 stamp = message.markers[0].header.stamp
                 number = numbers[stamp.sec * 10**9 + stamp.nanosec]
