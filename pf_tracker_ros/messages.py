@@ -26,7 +26,7 @@ MARKERS_TYPE = "visualization_msgs/msg/MarkerArray"
 DETECTIONS_TYPE = "vision_msgs/msg/Detection2DArray"
 STATUS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 
-PARTICLE_FIELDS: tuple[str, ...] = ("x", "y", "z", "width", "height", "weight")
+PARTICLE_FIELDS = ("x", "y", "z", "width", "height", "weight")
 TEXT_HEIGHT = 16.0
 """Of markers, pixels."""
 _STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
@@ -121,21 +121,19 @@ def particles_message(
     header: Any,
     boxes: NDArray[np.float64],
     weights: NDArray[np.float64],
-    ids: NDArray[np.integer[Any]] | None = None,
+    ids: NDArray[np.integer[Any]],
 ) -> Any:
-    """Particles as sensor_msgs/PointCloud2 of `PARTICLE_FIELDS`, at the centers of their boxes.
+    """Particles as sensor_msgs/PointCloud2 of `PARTICLE_FIELDS` and `id`, each at its box's center.
 
     Args:
         new: See above.
         header: Of the message.
         boxes: (N, 4) x, y, width, height in pixels.
         weights: (N,) their weights.
-        ids: (N,) of the targets that they are of, which make one more field `id`; None for none.
+        ids: (N,) of the targets that they are of.
     """
-    names, columns = PARTICLE_FIELDS, particle_columns(boxes, weights)
-    if ids is not None:
-        names = (*names, "id")
-        columns = np.column_stack([columns, ids.astype(np.float32)])
+    names = (*PARTICLE_FIELDS, "id")
+    columns = np.column_stack([particle_columns(boxes, weights), ids.astype(np.float32)])
     size, step = columns.itemsize, columns.itemsize * len(names)
     return new(
         POINTS_TYPE,

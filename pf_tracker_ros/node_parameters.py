@@ -7,11 +7,12 @@ from typing import Any
 
 from pf_tracker_ros.parameters import declared, parts
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
+from pf_tracker_ros.tracking.parameters import TargetCountParameters
 from pf_tracker_ros.tracking.presets import PRESETS
 
 
 @dataclass(frozen=True)
-class NodeParameters:
+class NodeParameters(TargetCountParameters):
     """Which tracker the node runs, on what, and how it takes its images."""
 
     preset: str = declared(
@@ -21,19 +22,11 @@ class NodeParameters:
         "it was last seen.",
         choices=tuple(PRESETS),
     )
-    max_targets: int = declared(
-        1,
-        "Most targets at a time. Above 1, each target that is given is one more, and a detector, "
-        "on the topic detections or built in, starts and corrects targets. Whether it is above 1 "
-        "is decided at start-up.",
-        minimum=1,
-        maximum=1000,
-    )
     built_in_detector: str = declared(
         "none",
-        "Detector of the node's own that starts and corrects targets, where max_targets is above "
-        "1: people is OpenCV's for people who are at least 100 px high, motion finds what moves "
-        "before a camera that stands still.",
+        "Detector of the node's own that starts and corrects targets: people is OpenCV's for "
+        "people who are at least 100 px high, motion finds what moves before a camera that stands "
+        "still.",
         choices=("none", *DETECTORS),
     )
     of_detectors: dict[str, Any] = parts("built_in_detector", DETECTORS)

@@ -27,17 +27,17 @@ from pf_tracker_ros.messages import (
     outlines_message,
     particles_message,
 )
-from pf_tracker_ros.overlay import draw_overlay, draw_targets, target_color, target_text
+from pf_tracker_ros.overlay import draw_tracked, target_color, target_text
 from pf_tracker_ros.targets.session import estimate_of
-from pf_tracker_ros.targets.statuses import best_state, severity, target_values
+from pf_tracker_ros.targets.statuses import common_values, severity, state_of, target_values
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
-from pf_tracker_ros.tracking.estimate import Estimate, estimate_values
+from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.state_descriptions import DESCRIPTIONS
 
 _LINE_WIDTH = 2.0
-# The class of a detection of which nobody has said what it is, and the id of an only one.
-_TARGET = "target"
+# The class of a target that nobody has called anything.
+_UNLABELED = "target"
 
 Values = dict[str, str | float | int]
 
@@ -69,8 +69,8 @@ class FrameResult:
 
     @property
     def state(self) -> str:
-        """The state of the target that is seen best, `idle` without one."""
-        return best_state(self.targets)
+        """The state of the selected target, without one of that seen best, or `idle`."""
+        return state_of(self.targets, self.selected)
 
     @property
     def present(self) -> list[TrackedTarget]:
@@ -80,9 +80,7 @@ class FrameResult:
     @property
     def values(self) -> Values:
         """What the status tells of the frame as a whole and of the selected target."""
-        values = estimate_values(self.estimate) if self.estimate else {}
-        values |= {"targets": len(self.targets), "selected": self.selected}
-        values["detector_answers"] = self.heard
+        values = common_values(self.targets, self.selected, self.heard, self.estimate)
         return values | likelihood_values(self.likelihood) if self.likelihood else values
 
     def target_statuses(self, node: str) -> list[Status]:
@@ -109,11 +107,8 @@ class FrameResult:
         """
         if self.image is None:
             raise ValueError("there is no image to draw into")
-        if self.max_targets > 1:
-            return draw_targets(self.image, self.targets, self.selected)
-        estimate = self.estimate
-        text = f"{estimate.state} {estimate.confidence:.2f}" if estimate else "no target"
-        return draw_overlay(self.image, estimate, text)
+        has_several = self.max_targets > 1
+        return draw_tracked(self.image, self.targets, self.selected, has_several=has_several)
 
 
 class Output(NamedTuple):
@@ -141,8 +136,6 @@ def _box(new: New, header: Any, result: FrameResult) -> Any:
 
 
 def _boxes(new: New, header: Any, result: FrameResult) -> Any:
-    if result.max_targets == 1:
-        return None
     outlines = []
     for target in result.present:
         blue, green, red = (value / 255.0 for value in target_color(target.id))
@@ -154,15 +147,11 @@ def _boxes(new: New, header: Any, result: FrameResult) -> Any:
 
 
 def _detections(new: New, header: Any, result: FrameResult) -> Any:
-    is_alone = result.max_targets == 1
-    detections = [
-        _detection(new, header, target, _TARGET if is_alone else str(target.id))
-        for target in result.present
-    ]
+    detections = [_detection(new, header, target) for target in result.present]
     return new(DETECTIONS_TYPE, header=header, detections=detections)
 
 
-def _detection(new: New, header: Any, target: TrackedTarget, id: str) -> Any:
+def _detection(new: New, header: Any, target: TrackedTarget) -> Any:
     """A target as a Detection2D; its score is the confidence.
 
     The covariance of the center stands in the first two rows and columns of the pose's.
@@ -184,24 +173,22 @@ def _detection(new: New, header: Any, target: TrackedTarget, id: str) -> Any:
         "vision_msgs/msg/ObjectHypothesisWithPose",
         hypothesis=new(
             "vision_msgs/msg/ObjectHypothesis",
-            class_id=target.label or _TARGET,
+            class_id=target.label or _UNLABELED,
             score=float(estimate.confidence),
         ),
         pose=new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.ravel()),
     )
-    fields = {"header": header, "bbox": bbox, "results": [result], "id": id}
+    fields = {"header": header, "bbox": bbox, "results": [result], "id": str(target.id)}
     return new("vision_msgs/msg/Detection2D", **fields)
 
 
 def _particles(new: New, header: Any, result: FrameResult) -> Any:
-    """Those of all targets, with the ids of these where there may be several."""
+    """Those of all targets."""
     if not result.targets:
         return None
     estimates = [target.estimate for target in result.targets]
-    ids = None
-    if result.max_targets > 1:
-        counts = [len(estimate.weights) for estimate in estimates]
-        ids = np.repeat([target.id for target in result.targets], counts)
+    counts = [len(estimate.weights) for estimate in estimates]
+    ids = np.repeat([target.id for target in result.targets], counts)
     boxes = np.vstack([estimate.particle_boxes for estimate in estimates])
     weights = np.concatenate([estimate.weights for estimate in estimates])
     return particles_message(new, header, boxes, weights, ids)

@@ -72,8 +72,7 @@ def test_the_box_is_that_of_the_selected_target_unless_that_is_lost(build):
         assert build("box", lost) is None
 
 
-def test_boxes_are_those_of_all_that_are_not_lost_where_there_may_be_several(build):
-    assert build("boxes", ALONE) is None
+def test_boxes_are_those_of_all_that_are_not_lost(build):
     first, *markers = build("boxes", MANY).markers
     assert (first.action, first.header.frame_id, first.header.stamp.nanosec) == (3, "lens", 34)
     assert [(one.ns, one.id, one.type, one.text) for one in markers] == [
@@ -94,17 +93,12 @@ def test_boxes_are_those_of_all_that_are_not_lost_where_there_may_be_several(bui
     assert [one.action for one in build("boxes", FrameResult(max_targets=2)).markers] == [3]
 
 
-def test_particles_are_packed_with_the_ids_of_their_targets_where_there_may_be_several(build):
-    for result, names in (
-        (ALONE, "x y z width height weight"),
-        (MANY, "x y z width height weight id"),
-    ):
-        cloud = build("particles", result)
-        assert [field.name for field in cloud.fields] == names.split()
-        assert [field.offset for field in cloud.fields] == list(range(0, cloud.point_step, 4))
-        count = 2 * len(result.targets)
-        assert (cloud.width, cloud.height) == (count, 1)
-        assert cloud.row_step == count * cloud.point_step == len(cloud.data)
+def test_particles_are_packed_with_the_ids_of_their_targets(build):
+    cloud = build("particles", MANY)
+    assert [field.name for field in cloud.fields] == "x y z width height weight id".split()
+    assert [field.offset for field in cloud.fields] == [0, 4, 8, 12, 16, 20, 24]
+    assert (cloud.width, cloud.height, cloud.point_step) == (6, 1, 28)
+    assert cloud.row_step == len(cloud.data) == 6 * 28
     rows = struct.unpack("=42f", cloud.data.tobytes())
     assert rows[:14] == (12, 23, 0, 4, 6, 0.75, 2, -1.0, 1.5, 0, 1, 3, 0.25, 2)
     assert rows[6::7] == (2, 2, 5, 5, 6, 6)
@@ -136,7 +130,7 @@ def test_the_status_tells_of_the_selected_target_and_then_of_each():
     assert (values["confidence"], values["covariance_xy"], values["particles"]) == (0.25, 0.5, 2)
     likelihood = ("likelihood_x", "at_target_hog", "at_rival_hog")
     assert [values[name] for name in likelihood] == [1.0, -0.5, -3.0]
-    assert MANY.state == "tracking"
+    assert (MANY.state, replace(MANY, selected=0).state) == ("occluded", "tracking")
     statuses = MANY.target_statuses("/ns/tracker")
     assert [(one.name, one.level, one.values["id"]) for one in statuses] == [
         ("/ns/tracker: target 2", 0, 2),
@@ -201,8 +195,6 @@ def test_detections_are_the_targets_that_are_not_lost():
     assert result.hypothesis.score == 0.25
     assert (result.pose.pose.position.x, result.pose.pose.position.y) == (12.0, 23.0)
     assert list(result.pose.covariance[:8]) == [2.0, 0.5, 0, 0, 0, 0, 0.5, 3.0]
-    (alone,) = BY_NAME["detections"].build(new, None, ALONE).detections
-    assert alone.id == "target"
 
 
 def test_detections_are_messages_of_vision_msgs():

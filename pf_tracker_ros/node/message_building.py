@@ -6,50 +6,46 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point32, PolygonStamped
+from geometry_msgs.msg import Point, Point32, PolygonStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import Image, PointCloud2, PointField
-from std_msgs.msg import Header
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
 
 from pf_tracker_ros.boxes import Box, bounding_box, box_corners
 from pf_tracker_ros.messages import PARTICLE_FIELDS, image_encoding, particle_columns
+from pf_tracker_ros.overlay import target_color, target_text
 from pf_tracker_ros.plurals import counted
-from pf_tracker_ros.tracking.estimate import Estimate
+from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 
-if TYPE_CHECKING:
-    from pf_tracker_ros.targets.tracked_target import TrackedTarget
-
 _FLOAT_SIZE = 4
-
-
-class TargetError(ValueError):
-    """A target's polygon that does not describe a box."""
+# Pixels, of markers.
+_LINE_WIDTH, _TEXT_HEIGHT = 2.0, 16.0
 
 
 def box_of_polygon(message: PolygonStamped) -> Box:
     """The bounding rectangle (x, y, width, height) of a polygon in pixels.
 
     Raises:
-        TargetError: A point is not finite, or the points span no area.
+        ValueError: A point is not finite, or the points span no area.
     """
     points = [(point.x, point.y) for point in message.polygon.points]
     count = len(points)
     if count < 2:
-        raise TargetError(
-            f"target refused: its polygon has {counted(count, 'point')}; allowed: at least two, "
+        raise ValueError(
+            f"its polygon has {counted(count, 'point')}; allowed: at least two, "
             "such as opposite corners of the box in pixels"
         )
     if not all(math.isfinite(value) for point in points for value in point):
-        raise TargetError("target refused: a point of its polygon is not finite")
+        raise ValueError("a point of its polygon is not finite")
     box = bounding_box(points)
     if not all(box[2:]):
-        raise TargetError(
-            f"target refused: its {count} points span {box[2]:g} x {box[3]:g} px; "
+        raise ValueError(
+            f"its {count} points span {box[2]:g} x {box[3]:g} px; "
             "allowed: points that differ in both x and y"
         )
     return box
@@ -57,33 +53,46 @@ def box_of_polygon(message: PolygonStamped) -> Box:
 
 def box_message(box: Box, header: Header) -> PolygonStamped:
     """The four corners of a box in pixels, clockwise from the top left."""
-    message = blank_box_message()
-    fill_box_message(message, box, header)
+    message = PolygonStamped(header=header)
+    message.polygon.points = [Point32(x=x, y=y) for x, y in box_corners(box)]
     return message
 
 
-def blank_box_message() -> PolygonStamped:
-    """A message to be filled with a box."""
-    message = PolygonStamped()
-    message.polygon.points = [Point32() for _ in range(4)]
-    return message
+def boxes_message(targets: Sequence[TrackedTarget], header: Header) -> MarkerArray:
+    """The boxes in pixels in the frame of the image, each with its id and label as a text.
+
+    The first marker deletes those of the frame before; then come, for each target, its box as a
+    line (namespace `boxes`) and a text (namespace `labels`), both with its id.
+    """
+    array = MarkerArray(markers=[Marker(header=header, action=Marker.DELETEALL)])
+    for target in targets:
+        corners = [Point(x=x, y=y) for x, y in box_corners(target.estimate.box)]
+        box = _marker(target, header, "boxes", Marker.LINE_STRIP)
+        box.points = [*corners, corners[0]]
+        box.scale.x = _LINE_WIDTH
+        text = _marker(target, header, "labels", Marker.TEXT_VIEW_FACING)
+        text.text = target_text(target)
+        text.pose.position.x = corners[0].x
+        text.pose.position.y = corners[0].y - _TEXT_HEIGHT / 2
+        text.scale.z = _TEXT_HEIGHT
+        array.markers += [box, text]
+    return array
 
 
-def fill_box_message(message: PolygonStamped, box: Box, header: Header) -> None:
-    """Put a box into a message that had one before, or is blank: to make one takes long."""
-    message.header = header
-    for point, (x, y) in zip(message.polygon.points, box_corners(box), strict=True):
-        point.x, point.y = x, y
+def _marker(target: TrackedTarget, header: Header, namespace: str, kind: int) -> Marker:
+    marker = Marker(header=header, ns=namespace, id=target.id, type=kind, action=Marker.ADD)
+    marker.pose.orientation.w = 1.0
+    blue, green, red = (value / 255.0 for value in target_color(target.id))
+    alpha = 1.0 if target.estimate.state == "tracking" else 0.5
+    marker.color = ColorRGBA(r=red, g=green, b=blue, a=alpha)
+    return marker
 
 
-def particles_message(estimate: Estimate, header: Header) -> PointCloud2:
-    """The particles as points at the centers of their boxes, in pixels, with size and weight."""
-    columns = particle_columns(estimate.particle_boxes, estimate.weights)
-    return _points_message(columns, PARTICLE_FIELDS, header)
+def particles_message(targets: Sequence[TrackedTarget], header: Header) -> PointCloud2:
+    """The particles of targets, at least one, as points at the centers of their boxes.
 
-
-def several_particles_message(targets: Sequence[TrackedTarget], header: Header) -> PointCloud2:
-    """The particles of several targets, at least one, with the ids of these as one more field."""
+    In pixels, with size and weight, and the id of the target as the last field.
+    """
     columns = []
     for target in targets:
         own = particle_columns(target.estimate.particle_boxes, target.estimate.weights)

@@ -94,11 +94,14 @@ class ParameterBinding:
         *,
         usual: Callable[[Values], Values] | None = None,
         renewed_by: str = "",
+        is_renewed: Callable[[Values, Values], bool] = lambda before, after: False,
         kept: Collection[str] = (),
         superseded: Collection[str] = (),
         keeps_read_only: bool = True,
     ) -> None:
         """Declare a group's parameters on the node; what the user gave comes over the defaults.
+
+        Those that a group before has as well are declared once.
 
         An int is taken for a float and an empty list for any list.
 
@@ -108,6 +111,8 @@ class ParameterBinding:
                 another than the declared default; may name what is not in the group.
             renewed_by: Full name of a parameter that was declared before: when it is set, all of
                 this group begin anew from `usual`.
+            is_renewed: Tells from the values of all parameters, as they are, and of the groups
+                before, as they will be, whether all begin anew for another reason.
             kept: Full names of those that do not.
             superseded: Full names that count as not given at start-up.
             keeps_read_only: Whether what is declared read-only is so on the node; it can't be
@@ -115,7 +120,15 @@ class ParameterBinding:
         """
         superseded = set(superseded) - set(kept)
         usual = usual or (lambda _: {})
-        group = ParameterGroup(group_type, keeps_read_only, usual, renewed_by, kept)
+        group = ParameterGroup(
+            group_type,
+            keeps_read_only,
+            usual,
+            renewed_by,
+            is_renewed,
+            kept,
+            declared=tuple(self._declarations),
+        )
         given = {name: one for name, one in self._overrides.items() if name not in superseded}
         reading = group.read(given, {}, self.values)
         for reason in reading.wrong.values():
@@ -207,7 +220,10 @@ class ParameterBinding:
         request = _Request({}, {}, {}, {})
         given = {parameter.name: parameter for parameter in parameters}
         for group in self._groups:
-            stays = group.kept if group.renewed_by in request.changes else group.declarations
+            is_renewed = group.renewed_by in request.changes or group.is_renewed(
+                self.values, request.values
+            )
+            stays = group.kept if is_renewed else group.declarations
             before = {name: self.values[name] for name in stays}
             reading = group.read(given, before, request.values)
             request.values.update(reading.values)

@@ -42,22 +42,28 @@ class ParameterGroup:
             than the declared default; may name what is not in the group.
         renewed_by: Full name of a parameter of a group before: when it is set, all of this group
             begin anew from `usual`. Empty for none.
+        is_renewed: Tells from the values of the groups before, as they were and as they will be,
+            whether all begin anew for another reason.
         kept: Full names of those that do not.
+        declared: Full names of parameters of the groups before, which are not once more in this.
     """
 
     group_type: type
     keeps_read_only: bool
     usual: Callable[[Values], Values]
     renewed_by: str
+    is_renewed: Callable[[Values, Values], bool]
     kept: Collection[str] = ()
+    declared: Collection[str] = ()
 
     @cached_property
     def declarations(self) -> dict[str, Declaration]:
         """Full name to declaration of all parameters."""
-        known = declarations(self.group_type)
-        if self.keeps_read_only:
-            return known
-        return {name: dataclasses.replace(one, read_only=False) for name, one in known.items()}
+        return {
+            name: one if self.keeps_read_only else dataclasses.replace(one, read_only=False)
+            for name, one in declarations(self.group_type).items()
+            if name not in self.declared
+        }
 
     def read(self, given: Mapping[str, Parameter], before: Values, others: Values) -> Reading:
         """The parameters when some are given.

@@ -76,7 +76,7 @@ class TopicBag:
         level = SEVERITIES[self._last_state]
         if problems:
             level = max(level, _ERROR if tracked.problem else _WARN)
-        text = "; ".join(problems) or description(tracked.targets)
+        text = "; ".join(problems) or description(tracked.targets, tracked.selected)
         values: Values = {"frame": tracked.outcome, "state": tracked.state}
         if tracked.state == "skipped":
             values["last_state"] = self._last_state

@@ -72,7 +72,7 @@ class TrackedFrame(FrameResult):
 
     @property
     def state(self) -> str:
-        """`skipped`, `idle`, or the state of the target that is seen best."""
+        """`skipped`, `idle`, or the state of the selected target, without one of that seen best."""
         return "skipped" if self.outcome in SKIPPED else super().state
 
     @property

@@ -14,8 +14,8 @@ from pf_tracker_ros.tracking.track_parameters import DetectorParameters, TrackPa
 
 
 @dataclass(frozen=True)
-class TrackerParameters:
-    """The tracker's tunables; a preset names its values over these defaults."""
+class TargetCountParameters:
+    """How many targets there may be, which decides on the values of presets, too."""
 
     max_targets: int = declared(
         1,
@@ -25,6 +25,12 @@ class TrackerParameters:
         minimum=1,
         maximum=1000,
     )
+
+
+@dataclass(frozen=True)
+class TrackerParameters(TargetCountParameters):
+    """The tracker's tunables; a preset names its values over these defaults."""
+
     particles: int = declared(
         300,
         "Number of particles; more are steadier and cost more.",

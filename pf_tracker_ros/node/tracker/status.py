@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
@@ -10,11 +11,12 @@ from std_msgs.msg import Header
 
 from pf_tracker_ros.node.message_building import fill_status
 from pf_tracker_ros.node.qos import LATCHED_QOS, Report, advertise
-from pf_tracker_ros.node.tracker.following import Known, TargetStatus
 from pf_tracker_ros.node.tracker.reporter import Reporter
 from pf_tracker_ros.node.tracker.skipped_frames import Skipped
 from pf_tracker_ros.stamps import parts
-from pf_tracker_ros.tracking.state_descriptions import SEVERITIES
+from pf_tracker_ros.targets.statuses import description, severity, state_of, target_values
+from pf_tracker_ros.targets.tracked_target import TrackedTarget
+from pf_tracker_ros.tracking.state_descriptions import DESCRIPTIONS, SEVERITIES
 
 PAUSED = "paused; the service ~/enable lets it go on"
 
@@ -23,6 +25,33 @@ def stamp_text(stamp: int) -> str:
     """A stamp in nanoseconds as seconds with all digits."""
     seconds, nanoseconds = parts(stamp)
     return f"{seconds}.{nanoseconds:09d}"
+
+
+StatusValues = Mapping[str, str | float | int]
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known after the last frame that was looked at.
+
+    Attributes:
+        targets: All that there are.
+        selected: Id of the target that a robot acts on, 0 without.
+        values: What is known of them together and of that one, key to value; of no frame but that.
+        of_frame: More of it for the status of that frame.
+        requested_stamp: Stamp of the frame that a requested target waits for, None or 0 without.
+    """
+
+    targets: Sequence[TrackedTarget] = ()
+    selected: int = 0
+    values: StatusValues = field(default_factory=dict)
+    of_frame: StatusValues = field(default_factory=dict)
+    requested_stamp: int | None = None
+
+    @property
+    def state(self) -> str:
+        """`idle`, or the state of the selected target, without one of that seen best."""
+        return state_of(self.targets, self.selected)
 
 
 @dataclass(frozen=True)
@@ -84,7 +113,7 @@ class Status:
         if self.known.requested_stamp:
             stamp = stamp_text(self.known.requested_stamp)
             return f"{self.state}; a target waits for an image stamped {stamp} s"
-        return self.known.description
+        return description(self.known.targets, self.known.selected)
 
     @property
     def values(self) -> dict[str, str | float | int]:
@@ -104,8 +133,8 @@ class Status:
         return values
 
     @property
-    def targets(self) -> tuple[TargetStatus, ...]:
-        """Those of several targets; none where the image was not looked at."""
+    def targets(self) -> Sequence[TrackedTarget]:
+        """The targets one by one; none where the image was not looked at."""
         return () if self.is_skipped else self.known.targets
 
 
@@ -150,7 +179,11 @@ class StatusOutput:
         fill_status(statuses[0], name, level, "; ".join(errors), values)
         for each, target in zip(statuses[1:], status.targets, strict=True):
             fill_status(
-                each, f"{name}: target {target.id}", target.level, target.message, target.values
+                each,
+                f"{name}: target {target.id}",
+                bytes([severity(target)]),
+                DESCRIPTIONS[target.estimate.state],
+                target_values(target),
             )
         self._message.header = header
         self._publisher.publish(self._message)

@@ -5,18 +5,19 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Sequence
-from functools import cache, partial
-from typing import Any, TypeVar
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple, TypeVar
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import CompressedImage, Image
 
-from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.decoding.decoder import ImageDecoder
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.node.graph_watch import GraphWatch
 from pf_tracker_ros.node.managed_node import ManagedNode
-from pf_tracker_ros.node.message_building import TargetError
+from pf_tracker_ros.node.message_building import likelihood_values
 from pf_tracker_ros.node.override_sources import files_superseded_by
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.parameter_group import Values
@@ -24,19 +25,27 @@ from pf_tracker_ros.node.parameter_requests import take_whole_requests
 from pf_tracker_ros.node.qos import given_overrides, is_overridden
 from pf_tracker_ros.node.real_time import RealTimePriority
 from pf_tracker_ros.node.running import run
+from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 from pf_tracker_ros.node.tracker.diagnostics import Diagnostics, Health
-from pf_tracker_ros.node.tracker.following import Followed, Following
 from pf_tracker_ros.node.tracker.image_input import RELIABILITY_CURE, ImageInput
-from pf_tracker_ros.node.tracker.one_target import OneTarget
-from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter
+from pf_tracker_ros.node.tracker.inputs import DETECTIONS_TOPIC, NOT_INSTALLED, Inputs
+from pf_tracker_ros.node.tracker.outputs import Looked, Outputs
+from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter, Throttle
 from pf_tracker_ros.node.tracker.services import Services
 from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED, SkippedFrames
-from pf_tracker_ros.node.tracker.status import PAUSED, Status, StatusOutput, stamp_text
-from pf_tracker_ros.node.tracker.target_input import TargetInput
+from pf_tracker_ros.node.tracker.state_log import StateLog, TargetsLog
+from pf_tracker_ros.node.tracker.status import PAUSED, Known, Status, StatusOutput, stamp_text
+from pf_tracker_ros.node.tracker.tracking import Tracking
 from pf_tracker_ros.node_parameters import NodeParameters
+from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.stamps import stamp_of
+from pf_tracker_ros.targets.session import DROPPED, Outcome, Session
+from pf_tracker_ros.targets.statuses import common_values
+from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import PresetInForce, preset_parameters
 
-Outcome = TypeVar("Outcome")
+Given = TypeVar("Given")
 
 
 class TrackerNode(ManagedNode):
@@ -63,19 +72,25 @@ class TrackerNode(ManagedNode):
         self._obstacle = ""
         self._enabled = True
         self._has_target = False
+        self._tracking = Tracking()
+        self._known = Known()
+        self._states, self._listed = StateLog(self._log), TargetsLog(self._log)
+        self._left_out = Throttle()
         self._status: StatusOutput | None = None
+        self._outputs: Outputs | None = None
         self._offered: Services | None = None
-        self._targets: TargetInput | None = None
+        self._inputs: Inputs | None = None
         self._unused_overrides: set[str] = set()
 
         self._binding = ParameterBinding(self, report=self._reporter.report)
         self._binding.declare(NodeParameters)
-        self._following, self._missing = self._chosen_following()
         self._binding.declare(
-            self._following.tunables,
-            usual=lambda values: self._following.usual(values["preset"]),
+            TrackerParameters,
+            usual=lambda values: preset_parameters(values["preset"], values["max_targets"]),
             renewed_by="preset",
-            kept=self._following.kept,
+            is_renewed=lambda before, after: _has_several(before) != _has_several(after),
+            # They tell of the detector that there is, and not of how it is made use of.
+            kept=[name for name in declarations(TrackerParameters) if name.startswith("detector.")],
             superseded=files_superseded_by(
                 "preset",
                 self.get_fully_qualified_name(),
@@ -90,7 +105,7 @@ class TrackerNode(ManagedNode):
         if has_process:
             self._real_time = RealTimePriority(self._reporter.report)
             self._real_time.ask(self._values["realtime_priority"])
-        self._preset = self._following.preset(self._values)
+        self._preset = PresetInForce.of(self._values)
         self._decoder = ImageDecoder(self._values["largest_image"])
         self._images = ImageInput(self, self._on_image, self._reporter.report)
         self._diagnostics = Diagnostics(
@@ -116,16 +131,14 @@ class TrackerNode(ManagedNode):
             raise ValueError(self._obstacle)
         report = self._reporter.report
         self._status = StatusOutput(self, report)
-        self._following.advertise(self, report)
+        self._outputs = Outputs(self, report)
         self._offered = Services(self, self._stop, self._enable)
 
     def activate(self) -> None:
-        """Subscribe to targets and images."""
-        # The executor serves what waits in this order: room is made before a target comes, and that
-        # before the image it came with.
-        self._following.subscribe(self, self._reporter.report)
-        self._targets = TargetInput(
-            self, self._request, lambda: self._values["click_size"], self._reporter.report
+        """Subscribe to what is said of targets, and to images."""
+        # Before the images: the executor serves what waits in the order of subscriptions.
+        self._inputs = Inputs(
+            self, self._session, lambda: self._values["click_size"], self._reporter.report
         )
         self._subscribe()
         self._diagnostics.restart()
@@ -133,28 +146,31 @@ class TrackerNode(ManagedNode):
         self._report_unused_overrides()
         name = self.get_fully_qualified_name()
         topics = f"images on {self._images.topic}, targets on {name}/target"
+        if DETECTIONS_TYPE:
+            topics += f", detections on {self.resolve_topic_name(DETECTIONS_TOPIC)}"
+        elif _has_several(self._values) and self._values["built_in_detector"] == "none":
+            self._log.warning(NOT_INSTALLED)
         if self._obstacle:
             self._log.warning(f"not tracking until what is wrong is set rightly; {topics}")
         else:
             self._log.info(f"preset {self._preset.described}; {topics}")
 
     def deactivate(self) -> None:
-        """Give the subscriptions up; the target is kept."""
+        """Give the subscriptions up; the targets are kept."""
         self._images.close()
-        self._following.unsubscribe()
-        if self._targets:
-            self._targets.close()
-            self._targets = None
+        if self._inputs:
+            self._inputs.close()
+            self._inputs = None
 
     def clean_up(self) -> None:
         """Give all that was taken back."""
         self.deactivate()
-        for taken in (self._offered, self._status):
+        for taken in (self._offered, self._status, self._outputs):
             if taken:
                 taken.close()
-        self._offered = self._status = None
-        self._following.close()
-        self._following.forget()
+        self._offered = self._status = self._outputs = None
+        self._tracking.forget()
+        self._known = Known()
         self._obstacle = ""
         self._enabled = True
 
@@ -172,16 +188,11 @@ class TrackerNode(ManagedNode):
     # Parameters
 
     def _check(self, values: Values) -> None:
-        if (values["max_targets"] > 1) != (self._values["max_targets"] > 1):
-            raise ValueError(
-                "parameter 'max_targets' decides at start-up whether there is one target or "
-                "several; start the node again with it"
-            )
-        if self._following.is_ready or not (self._obstacle or self._binding.refused):
-            self._following.check(values)
+        if self._tracking.session or not (self._obstacle or self._binding.refused):
+            self._tracking.check(values)
 
     def _apply(self, changes: Values) -> None:
-        self._preset = self._following.preset(self._values)
+        self._preset = PresetInForce.of(self._values)
         if "preset" in changes:
             self._log.info(f"preset {self._preset.described}")
         if self._real_time and "realtime_priority" in changes:
@@ -189,64 +200,56 @@ class TrackerNode(ManagedNode):
         self._decoder.largest = self._values["largest_image"]
         if self._images.topic and changes.keys() & {"image_reliability", "image_transport"}:
             self._subscribe()
-        if not self._following.is_ready:
+        if self._tracking.session is None:
             if self._status:
                 self._make_session()
             return
-        self._following.configure(self._values)
+        self._tracking.configure(self._values)
         if "target_box" in changes:
             self._request_target_box()
 
     def _make_session(self) -> None:
         """Make the session, unless a parameter is in the way."""
-        self._obstacle = self._missing or "; ".join(self._binding.refused.values())
+        self._obstacle = "; ".join(self._binding.refused.values())
         if self._obstacle:
             return
         try:
-            self._following.configure(self._values)
+            self._tracking.configure(self._values)
         except ValueError as error:
             self._obstacle = str(error)
             self._reporter.report(self._obstacle)
             return
         self._request_target_box()
 
-    def _chosen_following(self) -> tuple[Following, str]:
-        """What is followed, and what is missing for it."""
-        if self._values["max_targets"] == 1:
-            return OneTarget(self._log), ""
-        try:
-            # Only here, because a single target needs no SciPy.
-            from pf_tracker_ros.node.tracker.several_targets import SeveralTargets
-        except ModuleNotFoundError as error:
-            if error.name != "scipy":
-                raise
-            self._reporter.report(str(error))
-            return OneTarget(self._log), str(error)
-        return SeveralTargets(self._log), ""
+    def _session(self) -> Session:
+        """The session.
+
+        Raises:
+            ValueError: There is none, for the reason that it gives.
+        """
+        if self._tracking.session is None:
+            raise ValueError(f"not tracking, because {self._obstacle}")
+        return self._tracking.session
 
     def _request_target_box(self) -> None:
-        box = self._values["target_box"]
+        box, session = self._values["target_box"], self._session()
         if not box:
-            self._following.withdraw()
+            session.withdraw()
             return
         try:
-            self._following.request(box, 0)
+            session.request(box)
         except ValueError as error:
             self._reporter.report(f"target refused: {error}")
 
-    # Targets
-
-    def _request(self, box: Box, stamp: int) -> None:
-        if not self._following.is_ready:
-            raise TargetError(f"target refused: not tracking, because {self._obstacle}")
-        try:
-            self._following.request(box, stamp)
-        except ValueError as error:
-            raise TargetError(f"target refused: {error}") from error
+    # Services
 
     def _stop(self) -> str:
         self._has_target = False
-        return self._told(self._following.stop())
+        outcome = self._tracking.stop()
+        self._known = self._what_is_known()
+        self._states.forget()
+        self._listed.tell(())
+        return self._told(outcome)
 
     def _enable(self, enabled: bool) -> str:
         self._enabled = enabled
@@ -261,16 +264,15 @@ class TrackerNode(ManagedNode):
 
     def _on_image(self, message: Image | CompressedImage) -> None:
         began = time.perf_counter()
-        self._following.begin_frame()
-        if self._targets and self._values["max_targets"] > 1:
-            self._targets.take_waiting()
-        followed = self._try(partial(self._process, message))
-        if followed is None:
+        if self._inputs:
+            self._inputs.take_waiting()
+        result = self._try(partial(self._process, message))
+        if result is None:
             if not self.context.ok():
                 return
-            followed = Followed("refused")
+            result = _Result("refused")
         elapsed = time.perf_counter() - began
-        frame, stamp = followed.frame, stamp_of(message.header)
+        frame, stamp = result.frame, stamp_of(message.header)
         if frame in SKIPPED:
             self._skipped.skip(frame, self._why_skipped(frame, stamp))
         else:
@@ -279,10 +281,11 @@ class TrackerNode(ManagedNode):
             status = self._current_status(frame)
             self._status.publish(message.header, status, self._reporter, elapsed)
             self._has_target = status.last_state != "idle"
-        self._try(followed.show)
+        if self._outputs and result.looked:
+            self._try(partial(self._outputs.show, result.looked))
         self._diagnostics.count(frame, stamp, time.perf_counter() - began)
 
-    def _try(self, step: Callable[[], Outcome]) -> Outcome | None:
+    def _try(self, step: Callable[[], Given]) -> Given | None:
         """What a step gives; None where it fails, which is told, or the context is gone."""
         try:
             return step()
@@ -291,23 +294,78 @@ class TrackerNode(ManagedNode):
                 self._reporter.report_failure(error)
             return None
 
-    def _process(self, message: Image | CompressedImage) -> Followed:
-        if not self._enabled:
-            self._following.pass_over(stamp_of(message.header))
-            return Followed("paused")
-        read = cache(partial(self._decoder.decode, message))
-        followed = self._following.process(read, message.header)
-        for error in followed.errors:
-            self._reporter.report(error)
-        if followed.jumped_back:
-            self._diagnostics.jumps += 1
-            self._tell_of_jump(followed)
-        return followed
+    def _process(self, message: Image | CompressedImage) -> _Result:
+        """Track into a frame, and publish what others act on.
 
-    def _tell_of_jump(self, followed: Followed) -> None:
+        Raises:
+            ValueError: The image cannot be used.
+        """
+        stamp = stamp_of(message.header)
+        if not self._enabled:
+            self._tracking.pass_over(stamp)
+            return _Result("paused")
+        session = self._tracking.session
+        if session is None:
+            self._decoder.decode(message)
+            return _Result("waiting")
+        failures = self._tracking.take_detections()
+        arrival = session.classify(stamp)
+        if arrival in DROPPED:
+            return _Result(session.drop(arrival).frame)
+        frame = Frame(self._decoder.decode(message), stamp)
+        outcome = session.process(frame, arrival)
+        self._tracking.offer(frame.image, stamp, jumped_back=bool(outcome.jumped_back))
+        likelihood = None
+        if self._outputs and self._outputs.wants_likelihood:
+            likelihood = session.map_likelihood()
+        self._known = self._what_is_known(likelihood)
+        for error in (*outcome.refused, *outcome.ended):
+            self._reporter.report(error)
+        for error in self._left_out.pick((*failures, *outcome.left_out)):
+            self._reporter.report(error)
+        self._log_progress(outcome)
+        looked = None
+        # A duplicate that a target could have started on says nothing new.
+        if self._outputs and outcome.frame not in SKIPPED:
+            selected = next((one for one in outcome.targets if one.id == outcome.selected), None)
+            several = _has_several(self._values)
+            looked = Looked(message.header, frame.image, outcome.targets, selected, several)
+            self._outputs.publish(looked)
+            if likelihood:
+                self._outputs.publish_likelihood(likelihood, message.header)
+        return _Result(outcome.frame, looked)
+
+    def _what_is_known(self, likelihood: LikelihoodMap | None = None) -> Known:
+        session = self._tracking.session
+        if session is None:
+            return Known()
+        targets, selected = session.targets, session.selected
+        return Known(
+            targets,
+            selected,
+            common_values(targets, selected, session.heard, session.estimate),
+            likelihood_values(likelihood) if likelihood else {},
+        )
+
+    def _log_progress(self, outcome: Outcome) -> None:
+        """Log which targets there are, and how the selected one is."""
+        if outcome.jumped_back:
+            self._diagnostics.jumps += 1
+            self._tell_of_jump(outcome)
+        for target in outcome.targets:
+            if target.id in outcome.started:
+                box = ", ".join(f"{value:g}" for value in target.estimate.box)
+                self._log.info(f"tracking target {target.id} from the box ({box}) on")
+                self._states.forget()
+        if _has_several(self._values):
+            self._listed.tell(outcome.targets)
+        if outcome.estimate:
+            self._states.tell(outcome.estimate)
+
+    def _tell_of_jump(self, outcome: Outcome) -> None:
         """Log that time went back: whoever lost no target by it needs no advice."""
-        said = f"time went back by {followed.jumped_back:.3f} s"
-        if followed.frame == "started" or not self._has_target:
+        said = f"time went back by {outcome.jumped_back:.3f} s"
+        if outcome.frame == "started" or not self._has_target:
             self._log.info(said, throttle_duration_sec=LOG_INTERVAL)
             return
         choice = self._values["time_jump"]
@@ -346,13 +404,19 @@ class TrackerNode(ManagedNode):
     def _current_status(self, frame: str) -> Status:
         return Status(
             frame=frame,
-            known=self._following.known,
+            known=self._known_now(frame),
             skipped=self._skipped.last,
             obstacle=self._obstacle,
             enabled=self._enabled,
             preset=self._preset.summary,
             lost_share=self._diagnostics.lost_share,
         )
+
+    def _known_now(self, frame: str) -> Known:
+        """What is known, with what was requested since; of another frame, less of that one."""
+        session = self._tracking.session
+        known = self._known if frame not in SKIPPED else replace(self._known, of_frame={})
+        return replace(known, requested_stamp=session.requested_stamp if session else None)
 
     def _health(self) -> Health:
         status = self._current_status("")
@@ -390,6 +454,23 @@ class TrackerNode(ManagedNode):
             is_compressed=self._values["image_transport"] == "compressed",
             values=values,
         )
+
+
+class _Result(NamedTuple):
+    """What became of one frame.
+
+    Attributes:
+        frame: As in the status.
+        looked: The frame where it was looked at; None where it was not, or nobody could be shown.
+    """
+
+    frame: str
+    looked: Looked | None = None
+
+
+def _has_several(values: Values) -> bool:
+    """Whether there may be several targets."""
+    return bool(values["max_targets"] > 1)
 
 
 def main(arguments: list[str] | None = None) -> None:
