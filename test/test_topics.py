@@ -95,7 +95,8 @@ def test_boxes_are_those_of_all_that_are_not_lost(build):
 
 def test_particles_are_packed_with_the_ids_of_their_targets(build):
     cloud = build("particles", MANY)
-    assert [field.name for field in cloud.fields] == "x y z width height weight id".split()
+    names = ["x", "y", "z", "width", "height", "weight", "id"]
+    assert [field.name for field in cloud.fields] == names
     assert [field.offset for field in cloud.fields] == [0, 4, 8, 12, 16, 20, 24]
     assert (cloud.width, cloud.height, cloud.point_step) == (6, 1, 28)
     assert cloud.row_step == len(cloud.data) == 6 * 28

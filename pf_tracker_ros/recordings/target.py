@@ -116,8 +116,14 @@ def choose_target(recording: Recording, box: Sequence[float] | None) -> Target:
         RecordingError: There is none, there are several, or the target file is wrong or of another
             recording.
     """
-    targets = choose_targets(recording, () if box is None else (box,))
-    return _only(targets, target_file(recording.path))
+    first, *others = choose_targets(recording, () if box is None else (box,))
+    if others:
+        raise RecordingError(
+            f"{target_file(recording.path)} lists {1 + len(others)} targets; allowed here: one, as "
+            "several are for the command track and the console",
+            WRONG_TARGET,
+        )
+    return first
 
 
 def choose_targets(
@@ -153,11 +159,6 @@ def choose_targets(
     if is_archived:
         advice = f"{write}, or find targets with --detections, --detections-topic or --detector"
     raise RecordingError(f"no target for {recording.path}: {advice}")
-
-
-def read_target_file(path: Path, source: Path) -> Target:
-    """Read a target file of one target; see `read_targets`."""
-    return _only(read_targets(path, source), path)
 
 
 def read_targets(path: Path, source: Path) -> tuple[Target, ...]:
@@ -240,25 +241,6 @@ def save_targets(targets: Sequence[Target], source: Path, *, may_replace: bool =
     with drafted(path, may_replace=may_replace) as draft:
         draft.write_text(_file_text(targets, source), encoding="utf-8")
     return path
-
-
-def _only(targets: Sequence[Target], path: Path) -> Target:
-    """The target, where there is only one.
-
-    Args:
-        targets: At least one.
-        path: File that several are of.
-
-    Raises:
-        RecordingError: There are several.
-    """
-    if len(targets) > 1:
-        raise RecordingError(
-            f"{path} lists {len(targets)} targets; allowed here: one, as several are "
-            "for the command track alone",
-            WRONG_TARGET,
-        )
-    return targets[0]
 
 
 def _target(path: Path, of: str, document: dict[str, Any], source: Path) -> Target:
