@@ -76,7 +76,7 @@ class _Summary:
         if tracked.remarks and not self.remark:
             self.remark = f"frame {tracked.frame.index}: {tracked.remarks[0]}"
         self.remarks += len(tracked.remarks)
-        self.ids.update(row.id for row in tracked.rows if row.id is not None)
+        self.ids.update(target.id for target in tracked.targets)
 
     @property
     def frames(self) -> int:

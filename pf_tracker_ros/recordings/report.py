@@ -5,26 +5,67 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.evaluation import metrics
-from pf_tracker_ros.evaluation.reports.content import SequenceContent
+from pf_tracker_ros.evaluation.reports.content import SequenceContent, kept_boxes
 from pf_tracker_ros.evaluation.reports.page import Report, Section, render
 from pf_tracker_ros.evaluation.reports.pictures import take_pictures
-from pf_tracker_ros.evaluation.results import Scores
+from pf_tracker_ros.evaluation.results import FrameDetails, Scores
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings.recording import Recording
-from pf_tracker_ros.recordings.summaries import ABSENT, FrameSummary, content_of_frames, summary_of
-from pf_tracker_ros.recordings.tracking import TrackedFrame
+from pf_tracker_ros.recordings.tracking import TrackedFrame, told_box
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 
+ABSENT = (np.nan, np.nan, np.nan, np.nan)
 # A section is half a megabyte, most of it pictures.
 _MOST_SECTIONS = 20
+
+
+@dataclass(frozen=True)
+class FrameSummary:
+    """A tracked frame without its image.
+
+    Attributes:
+        stamp: Nanoseconds.
+        state: `skipped`, `idle`, or the state of the track.
+        box: (x, y, width, height) in pixels, None without one.
+        true_box: Likewise.
+        confidence: 0 to 1, NaN where it is unknown.
+        seconds: What the tracker took for it, NaN where it did not track.
+        effective_sample_size: NaN where it is unknown.
+        powers: Name of a cue to its power.
+    """
+
+    stamp: int
+    state: str
+    box: Box | None
+    true_box: Box | None
+    confidence: float = np.nan
+    seconds: float = np.nan
+    effective_sample_size: float = np.nan
+    powers: Mapping[str, float] = field(default_factory=dict)
+
+
+def summary_of(tracked: TrackedFrame, target: TrackedTarget | None = None) -> FrameSummary:
+    """What is kept of a frame and of one of its targets, by default the only one that may be."""
+    estimate = target.estimate if target else tracked.estimate
+    return FrameSummary(
+        stamp=tracked.frame.stamp,
+        state=estimate.state if estimate else tracked.state,
+        box=told_box(estimate),
+        true_box=tracked.frame.true_box,
+        confidence=float(estimate.confidence) if estimate else np.nan,
+        seconds=tracked.seconds if tracked.outcome == "tracked" else np.nan,
+        effective_sample_size=float(estimate.effective_sample_size) if estimate else np.nan,
+        powers=dict(estimate.powers) if estimate else {},
+    )
 
 
 class RecordingReport:
@@ -110,7 +151,7 @@ def recording_page(
         preset: That tracked.
         facts: Further facts of the run, name to value.
     """
-    content = content_of_frames(recording.path.name, frames, true_boxes)
+    content = _content_of(recording.path.name, frames, true_boxes)
     content = _scored(content, np.array([each.seconds for each in frames]))
     return _page(recording, [content], preset=preset, facts=facts, mean=content.scores)
 
@@ -185,6 +226,20 @@ class _Track:
             or FrameSummary(0, "skipped" if states[number] == "skipped" else "absent", None, None)
             for number in range(first, end)
         ]
-        content = content_of_frames(f"target {self.id} {self._label}".rstrip(), frames, None)
+        content = _content_of(f"target {self.id} {self._label}".rstrip(), frames, None)
         has_ended = any(state != "skipped" for state in states[end:])
         return replace(content, first=first, has_ended=has_ended)
+
+
+def _content_of(
+    name: str, frames: Sequence[FrameSummary], true_boxes: NDArray[np.float64] | None
+) -> SequenceContent:
+    """What there is to tell of a recording, without figures.
+
+    Args:
+        name: Of the recording.
+        frames: In order, at least one.
+        true_boxes: (frames, 4) what the boxes are compared with; None without such.
+    """
+    boxes = kept_boxes([each.box for each in frames])
+    return SequenceContent(name, boxes, true_boxes, **vars(FrameDetails.of(frames)))

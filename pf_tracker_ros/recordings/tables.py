@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pf_tracker_ros.recordings.tracking import TrackedFrame
+from pf_tracker_ros.recordings.tracking import TrackedFrame, told_box
 
 COLUMNS = ("frame", "stamp", "id", "x", "y", "width", "height", "state", "confidence")
 LABELED_COLUMNS = (*COLUMNS, "label")
@@ -24,20 +24,22 @@ def rows(tracked: TrackedFrame) -> list[tuple[Any, ...]]:
 
     None stands for what is unknown. Frames count from 0, stamps are in nanoseconds, boxes in
     pixels. There is no box while a target is lost, and nothing of it in a frame that was not
-    looked at.
+    looked at; the id of a row without a target is 1 where there may be one alone.
     """
-    frame = tracked.frame
+    of_frame = (tracked.frame.index, tracked.frame.stamp)
+    if not tracked.targets:
+        id = 1 if tracked.max_targets == 1 else None
+        return [(*of_frame, id, *(None,) * 4, tracked.state, None, None)]
     return [
         (
-            frame.index,
-            frame.stamp,
-            each.id,
-            *(None if value is None else float(value) for value in each.box or (None,) * 4),
-            each.state,
-            None if each.confidence is None else float(each.confidence),
-            _on_a_line(each.label) or None,
+            *of_frame,
+            target.id,
+            *(told_box(target.estimate) or (None,) * 4),
+            target.estimate.state,
+            float(target.estimate.confidence),
+            _on_a_line(target.label) or None,
         )
-        for each in tracked.rows
+        for target in tracked.targets
     ]
 
 

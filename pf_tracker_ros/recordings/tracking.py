@@ -6,7 +6,7 @@ import time
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 
@@ -21,6 +21,7 @@ from pf_tracker_ros.targets.multi_tracker import MOST_TARGETS
 from pf_tracker_ros.targets.session import DROPPED, Outcome, Session
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.topics import FrameResult
+from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 SKIPPED = ("refused", *DROPPED)
@@ -29,24 +30,6 @@ SKIPPED = ("refused", *DROPPED)
 # As the node's parameters `history_frames` and `history_megabytes` have them: late detections count
 # in what is kept.
 _HISTORY = (120, 64.0)
-
-
-class TargetRow(NamedTuple):
-    """What is known of one target after a frame.
-
-    Attributes:
-        id: Its number; where there is no target, None, or 1 of a single one.
-        state: As the status has it, of a frame without a target that of the frame.
-        box: (x, y, width, height) in pixels; None where the node publishes none.
-        confidence: 0 to 1, None where it is unknown.
-        label: What it is, as far as anybody said so, or empty.
-    """
-
-    id: int | None
-    state: str
-    box: Box | None
-    confidence: float | None
-    label: str = ""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,22 +59,14 @@ class TrackedFrame(FrameResult):
         return "skipped" if self.outcome in SKIPPED else super().state
 
     @property
-    def rows(self) -> tuple[TargetRow, ...]:
-        """What is known of each target; one row where there is none."""
-        absent = TargetRow(1 if self.max_targets == 1 else None, self.state, None, None)
-        return tuple(map(row_of, self.targets)) or (absent,)
-
-    @property
     def box(self) -> Box | None:
         """(x, y, width, height) of the selected target; None where the node publishes none."""
-        return next((row_of(one).box for one in self.targets if one.id == self.selected), None)
+        return told_box(self.estimate)
 
 
-def row_of(target: TrackedTarget) -> TargetRow:
-    """What is known of a target."""
-    estimate = target.estimate
-    box = None if estimate.state == "lost" else estimate.box
-    return TargetRow(target.id, estimate.state, box, estimate.confidence, target.label)
+def told_box(estimate: Estimate | None) -> Box | None:
+    """The box of an estimate; None of a target that is lost, and without one."""
+    return None if estimate is None or estimate.state == "lost" else estimate.box
 
 
 def tracker_parameters(
@@ -187,7 +162,8 @@ class _Tracking:
         seed: int,
     ) -> None:
         self._session = Session(values, seed)
-        self._session.history.limit(*_HISTORY)
+        if hearing is not None:
+            self._session.history.limit(*_HISTORY)
         self._max_targets: int = values["max_targets"]
         self._waiting = list(targets)
         self._asked_for: list[Target] = []

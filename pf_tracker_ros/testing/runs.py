@@ -25,8 +25,7 @@ from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE, is_bag, open_bag
 from pf_tracker_ros.overlay import COLORS, draw_box, draw_overlay
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.recordings.recording import Recording
-from pf_tracker_ros.recordings.report import recording_page
-from pf_tracker_ros.recordings.summaries import ABSENT, FrameSummary, summary_of
+from pf_tracker_ros.recordings.report import ABSENT, FrameSummary, recording_page, summary_of
 from pf_tracker_ros.recordings.tables import COLUMNS, LABELED_COLUMNS
 from pf_tracker_ros.recordings.target import Target
 from pf_tracker_ros.recordings.tracking import track_recording
