@@ -166,7 +166,7 @@ def kill_workers(driver: subprocess.Popen[bytes], generator: random.Random, seco
 def at_work(pid: int) -> Iterator[int]:
     """The Ray workers below a process that have a task."""
     for child in children(pid):
-        if read(child, "cmdline").startswith("ray::_do"):
+        if read(child, "cmdline").startswith("ray::do_task"):
             yield child
         yield from at_work(child)
 

@@ -10,8 +10,9 @@ import sys
 from collections.abc import Iterator, Sequence
 from importlib import import_module
 from importlib.util import find_spec
-from typing import NoReturn
+from types import ModuleType
 
+from pf_tracker_ros.command_lines import Parser
 from pf_tracker_ros.opencv import require_opencv
 from pf_tracker_ros.ros_arguments import split_ros_arguments
 from pf_tracker_ros.signals import hold_signals
@@ -50,8 +51,7 @@ def tracker() -> None:
         _TRACKER_EXAMPLES,
     )
     parser.read(sys.argv[1:])
-    _require_opencv("tracker")
-    _require_ros("tracker")
+    _require("tracker", "pf_tracker_ros.node")
     from pf_tracker_ros.node.tracker.tracker_node import main
 
     main()
@@ -65,17 +65,8 @@ def replay() -> int:
         "Publish a recording as a camera does: the ROS node replay.",
         _REPLAY_EXAMPLES,
     )
-    parser.add_argument(
-        "source",
-        nargs="?",
-        help="a rosbag2 folder or .mcap file, a video, a folder of images or a sequence folder; "
-        "the same as the parameter source",
-    )
-    source = parser.read(sys.argv[1:]).source
-    if source is not None and not _is_unicode(source):
-        parser.error(f"the name {source!a} is not UTF-8, which ROS needs; rename it")
-    _require_opencv("replay")
-    _require_ros("replay")
+    source = parser.read_source("")
+    _require("replay", "pf_tracker_ros.node")
     from pf_tracker_ros.node.replay.replay_node import main
 
     return main(source=source)
@@ -89,17 +80,8 @@ def console() -> int:
         "Serve a web page that shows what the tracker sees, and drives it: the ROS node console.",
         _CONSOLE_EXAMPLES,
     )
-    parser.add_argument(
-        "source",
-        nargs="?",
-        help="a recording to play to the tracker from the page: a rosbag2 folder or .mcap file, a "
-        "video, a folder of images or a sequence folder; the same as the parameter source",
-    )
-    source = parser.read(sys.argv[1:]).source
-    if source is not None and not _is_unicode(source):
-        parser.error(f"the name {source!a} is not UTF-8, which ROS needs; rename it")
-    _require_opencv("console")
-    _require_ros("console")
+    source = parser.read_source("a recording to play to the tracker from the page: ")
+    _require("console", "pf_tracker_ros.node")
     if find_spec("aiohttp") is None:
         print(
             "console: error: the Python package aiohttp is missing; install the extra 'console' of "
@@ -114,62 +96,43 @@ def console() -> int:
 
 def evaluate() -> int:
     """Run the command `evaluate`, and return its exit code."""
-    _require_opencv("evaluate")
-    try:
-        from pf_tracker_ros.evaluation.__main__ import main
-    except KeyboardInterrupt:
-        print("evaluate: interrupted", file=sys.stderr)
-        return 130
-
-    return main()
+    return _run("evaluate", "pf_tracker_ros.evaluation.__main__")
 
 
 def track() -> int:
     """Run the command `track`, and return its exit code."""
-    _require_opencv("track")
+    return _run("track", "pf_tracker_ros.recordings.__main__")
+
+
+def _run(command: str, module: str) -> int:
+    """Run a command that needs no ROS."""
     try:
-        from pf_tracker_ros.recordings.__main__ import main
+        return int(_require(command, module).main())
     except KeyboardInterrupt:
-        print("track: interrupted", file=sys.stderr)
+        # Later ones are caught, and told with what they have ended.
+        print(f"{command}: interrupted", file=sys.stderr)
         return 130
 
-    return main()
 
-
-def _is_unicode(text: str) -> bool:
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
-
-
-def _require_opencv(command: str) -> None:
+def _require(command: str, module: str) -> ModuleType:
+    """Import what a command needs, or end it with what is missing."""
     try:
         require_opencv()
+        return import_module(module)
     except ModuleNotFoundError as error:
         print(f"{command}: error: {error}", file=sys.stderr)
         sys.exit(2)
 
 
-def _require_ros(command: str) -> None:
-    try:
-        import_module("pf_tracker_ros.node")
-    except ModuleNotFoundError as error:
-        print(f"{command}: error: {error}", file=sys.stderr)
-        sys.exit(2)
-
-
-class _Parser(argparse.ArgumentParser):
+class _Parser(Parser):
     """Reads what is not for ROS, and tells how ROS is given what was meant for it."""
 
     def __init__(self, prog: str, description: str, examples: str) -> None:
         super().__init__(
-            prog=prog,
+            prog,
             usage=f"{prog} [-h]{'' if prog == 'tracker' else ' [SOURCE]'} [--ros-args ...]",
             description=description,
             epilog=examples,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
         )
 
@@ -184,8 +147,20 @@ class _Parser(argparse.ArgumentParser):
             )
         return options
 
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: error: {message} ({self.prog} --help tells more)\n")
+    def read_source(self, purpose: str) -> str | None:
+        """Parse this process' command line, which may name a source; its ROS arguments stay."""
+        self.add_argument(
+            "source",
+            nargs="?",
+            help=f"{purpose}a rosbag2 folder or .mcap file, a video, a folder of images or a "
+            "sequence folder; the same as the parameter source",
+        )
+        source: str | None = self.read(sys.argv[1:]).source
+        try:
+            (source or "").encode()
+        except UnicodeEncodeError:
+            self.error(f"the name {source!a} is not UTF-8, which ROS needs; rename it")
+        return source
 
 
 def _as_parameters(unknown: Sequence[str]) -> Iterator[str]:

@@ -38,20 +38,25 @@ _HUE_STEP = 0.381966
 
 
 def draw_tracked(
-    image: NDArray[Any], targets: Sequence[TrackedTarget], *, has_several: bool = False
+    image: NDArray[Any],
+    targets: Sequence[TrackedTarget],
+    selected: int = 0,
+    *,
+    has_several: bool = False,
 ) -> NDArray[Any]:
     """Draw what the tracker knows into a copy of the image.
 
     Args:
         image: (H, W, 3) uint8 BGR, or (H, W) uint8, uint16 or float32.
         targets: All that there are.
+        selected: Id of the one that is drawn stronger than others, 0 for none.
         has_several: Whether there may be several: then each is drawn in the color of its id.
 
     Returns:
         (H, W, 3) uint8 BGR.
     """
     if has_several:
-        return draw_targets(image, targets)
+        return draw_targets(image, targets, selected)
     estimate = targets[0].estimate if targets else None
     text = f"{estimate.state} {estimate.confidence:.2f}" if estimate else "no target"
     return draw_overlay(image, estimate, text)
@@ -61,7 +66,7 @@ def draw_overlay(image: NDArray[Any], estimate: Estimate | None, text: str = "")
     """Draw a single target into a copy of the image, as in the figures of the paper.
 
     Args:
-        image: As for `draw_overlay`.
+        image: As for `draw_tracked`.
         estimate: Drawn as a large box, with its particles as small boxes whose side grows with
             the weight from the lightest to the heaviest; its state gives the color. None draws
             the text alone.
@@ -83,13 +88,16 @@ def draw_overlay(image: NDArray[Any], estimate: Estimate | None, text: str = "")
     return canvas
 
 
-def draw_targets(image: NDArray[Any], targets: Sequence[TrackedTarget]) -> NDArray[Any]:
+def draw_targets(
+    image: NDArray[Any], targets: Sequence[TrackedTarget], selected: int = 0
+) -> NDArray[Any]:
     """Draw several targets into a copy of the image, each in the color of its id.
 
     Args:
-        image: As for `draw_overlay`.
+        image: As for `draw_tracked`.
         targets: Drawn with their particles, boxes, ids and labels; the box of one that is not seen
             is thin.
+        selected: As for `draw_tracked`.
 
     Returns:
         (H, W, 3) uint8 BGR.
@@ -103,6 +111,7 @@ def draw_targets(image: NDArray[Any], targets: Sequence[TrackedTarget]) -> NDArr
     for target in targets:
         color, box = target_color(target.id), np.array(target.estimate.box)
         width = thickness if target.estimate.state == "tracking" else 1
+        width += thickness if target.id == selected else 0
         draw_box(canvas, box, color, width)
         x, y = np.clip(box[:2], 0.0, canvas.shape[1::-1])
         above = round(y - 4 * scale) if y > 20 * scale else round(y + 20 * scale)

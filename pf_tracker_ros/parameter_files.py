@@ -10,13 +10,15 @@ from typing import Any
 
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import ParameterError, declarations
+from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
 OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """How the names of parameters begin that every node, or each of its endpoints, has."""
 
 _NODE_NAME = "pf_tracker"
-_NODE = declarations(NodeParameters)
+_TRACKER = declarations(TrackerParameters)
+_NODE = {name: one for name, one in declarations(NodeParameters).items() if name not in _TRACKER}
 # rcl's wildcards for parts of a node's name: any one, and any number of them.
 _WILDCARDS = {"*": "/[^/]+", "**": "(?:/[^/]+)*"}
 
@@ -28,7 +30,6 @@ class TrackerSettings:
     Attributes:
         preset: Name of the preset, None where the file gives none.
         seed: None where it gives none.
-        most_targets: The node's `max_targets`; above 1, they are for several targets.
         parameters: Full name to value of what is given beside the preset. Whether such a parameter
             exists, and takes that value, is for the tracker to judge.
         other_node: The name above them, where no node of the tracker's usual name would take them.
@@ -36,7 +37,6 @@ class TrackerSettings:
 
     preset: str | None = None
     seed: int | None = None
-    most_targets: int = 1
     parameters: Mapping[str, Any] = field(default_factory=dict)
     other_node: str = ""
 
@@ -67,7 +67,6 @@ def read_parameter_file(path: Path | str) -> TrackerSettings:
     return TrackerSettings(
         given.get("preset"),
         given.get("seed"),
-        given.get("max_targets", 1),
         {
             name: tuple(value) if isinstance(value, list) else value
             for name, value in values.items()

@@ -5,6 +5,10 @@ from __future__ import annotations
 import functools
 import os
 import signal
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
 
 
 @functools.cache
@@ -23,6 +27,26 @@ def hold_signals() -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: None)
     return reader
+
+
+@contextmanager
+def handled_signals(handlers: Mapping[signal.Signals, Any]) -> Iterator[None]:
+    """Handle signals otherwise for the length of a block, where this is the main thread.
+
+    Only that may say what happens on a signal; in another one all stays as it is.
+
+    Args:
+        handlers: Signal to what `signal.signal` takes for it.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def ignore_signals() -> None:

@@ -27,8 +27,8 @@ from pf_tracker_ros.evaluation.runner import (
     MakeTracker,
     evaluate_sequence,
 )
+from pf_tracker_ros.evaluation.runs import evaluate_each, evaluate_sequences
 from pf_tracker_ros.evaluation.sequences import find_sequences, read_sequences
-from pf_tracker_ros.evaluation.several import evaluate_each, evaluate_sequences
 
 __all__ = [
     "Answer",

@@ -7,9 +7,8 @@ import functools
 import importlib
 import signal
 import sys
-import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Sequence
+from contextlib import closing
 from types import FrameType
 from typing import Any
 
@@ -23,13 +22,14 @@ from pf_tracker_ros.evaluation.outputs import Outputs
 from pf_tracker_ros.evaluation.report import print_table
 from pf_tracker_ros.evaluation.reports.writing import EvaluationReport
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure, SequenceResult
+from pf_tracker_ros.evaluation.runs import evaluate_each
 from pf_tracker_ros.evaluation.sequences import frame_count, open_sequences
-from pf_tracker_ros.evaluation.several import evaluate_each
-from pf_tracker_ros.footage import Footage, FootageError
+from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.progress import progress_bar
-from pf_tracker_ros.tracking.presets import PresetInForce
+from pf_tracker_ros.signals import handled_signals
 from pf_tracker_ros.targets.tracker import Tracker
+from pf_tracker_ros.tracking.presets import PresetInForce
 
 SUCCESS, INCOMPLETE, REFUSED, INTERRUPTED, NO_READER, TERMINATED = 0, 1, 2, 130, 141, 143
 
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say why.
     """
     try:
-        with _raising_termination():
+        with handled_signals({signal.SIGTERM: _terminate}):
             return _run(parser().parse_args(arguments))
     except (EvaluationError, FootageError, ParameterError, OSError) as error:
         _complain(error)
@@ -64,18 +64,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     # What can be refused is refused before the first frame, not after an hour's work.
-    _require("rich")
-    if options.params_file is not None:
-        _require("yaml")
-    if options.plot is not None:
-        _require("matplotlib")
-    report = _begin_report(options)
-    settings = take_parameter_file(options)
-    if settings.most_targets > 1:
-        raise EvaluationError(
-            f"{options.params_file} is for several targets (max_targets {settings.most_targets}); "
-            "one is evaluated here: take max_targets out of the file"
-        )
+    is_reported = options.report is not None
+    _require_packages(options)
+    if options.compare and not is_reported:
+        raise EvaluationError("--compare is for the report; allowed: with --report DIR")
+    report = EvaluationReport(options.report, options.compare) if is_reported else None
+    take_parameter_file(options)
     parameters = parse_parameters(options.parameter)
     make_tracker = functools.partial(Tracker.from_preset, options.preset, parameters=parameters)
     with telling_of_file(options):
@@ -107,10 +101,12 @@ def _run(options: argparse.Namespace) -> int:
         _complain("no sequence could be evaluated")
         return INCOMPLETE
     evaluated = [(sequences[number], results[number]) for number in sorted(results)]
-    is_reported = report is None or _write_report(report, summary, parameters, evaluated)
+    unreported = report.write(summary, parameters, evaluated) if report else None
+    if unreported is not None:
+        _complain(unreported)
     runs = "1 seed" if options.seeds == 1 else f"mean of {options.seeds} seeds"
     is_evaluated = not unopened and len(results) == len(sequences)
-    is_complete = is_evaluated and outputs.are_written and is_reported
+    is_complete = is_evaluated and outputs.are_written and unreported is None
     try:
         print_table(f"preset {summary}; {runs}", _in_order(results))
     except BrokenPipeError:
@@ -121,32 +117,6 @@ def _run(options: argparse.Namespace) -> int:
     return SUCCESS if is_complete else INCOMPLETE
 
 
-def _begin_report(options: argparse.Namespace) -> EvaluationReport | None:
-    if options.report is None:
-        if options.compare:
-            raise EvaluationError("--compare is for the report; allowed: with --report DIR")
-        return None
-    for package in ("matplotlib", "jinja2"):
-        _require(package)
-    return EvaluationReport(options.report, options.compare)
-
-
-def _write_report(
-    report: EvaluationReport,
-    preset: str,
-    parameters: Mapping[str, Any],
-    evaluated: Sequence[tuple[Footage, SequenceResult]],
-) -> bool:
-    """Write the report, and tell whether that went well."""
-    try:
-        failure = report.write(preset, parameters, evaluated)
-    except FootageError as error:
-        failure = f"there is no report: {error}"
-    if failure is not None:
-        _complain(failure)
-    return failure is None
-
-
 def _in_order(results: dict[int, SequenceResult]) -> list[SequenceResult]:
     return [results[number] for number in sorted(results)]
 
@@ -155,31 +125,26 @@ def _complain(what: Any) -> None:
     print(f"evaluate: error: {' '.join(str(what).split())}", file=sys.stderr)
 
 
-def _require(package: str) -> None:
-    try:
-        importlib.import_module(package)
-    except ImportError as error:
-        raise EvaluationError(
-            f"{package} is not installed: pip install {package}, or '.[evaluation]' in the sources"
-        ) from error
+def _require_packages(options: argparse.Namespace) -> None:
+    for package, is_needed in (
+        ("rich", True),
+        ("yaml", options.params_file is not None),
+        ("matplotlib", options.plot is not None or options.report is not None),
+        ("jinja2", options.report is not None),
+    ):
+        try:
+            if is_needed:
+                importlib.import_module(package)
+        except ImportError as error:
+            raise EvaluationError(
+                f"{package} is not installed: pip install {package}, or '.[evaluation]' in the "
+                "sources"
+            ) from error
 
 
-@contextmanager
-def _raising_termination() -> Iterator[None]:
-    """Let SIGTERM end what is being done as Ctrl-C does, with all that is cleaned up then."""
-    if threading.current_thread() is not threading.main_thread():
-        # Only the main thread may say what happens on a signal.
-        yield
-        return
-
-    def end(number: int, frame: FrameType | None) -> None:
-        raise _Termination
-
-    before = signal.signal(signal.SIGTERM, end)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+def _terminate(number: int, frame: FrameType | None) -> None:
+    """End what is being done as Ctrl-C does, with all that is cleaned up then."""
+    raise _Termination
 
 
 if __name__ == "__main__":

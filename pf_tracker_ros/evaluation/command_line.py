@@ -7,8 +7,9 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
+from pf_tracker_ros.command_lines import Parser
 from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.parameter_files import TrackerSettings, read_parameter_file
 from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
@@ -37,11 +38,7 @@ exit codes:
 """
 
 
-def parse_parameters(
-    assignments: Sequence[str],
-    option: str = "--parameter",
-    tunables: type = TrackerParameters,
-) -> dict[str, Any]:
+def parse_parameters(assignments: Sequence[str], option: str = "--parameter") -> dict[str, Any]:
     """Values of parameters from texts `NAME=VALUE`, read by the type that is declared.
 
     A list is written with commas, with or without square brackets. Whether a name exists and a
@@ -50,7 +47,6 @@ def parse_parameters(
     Args:
         assignments: The texts.
         option: Where they were given, for the message of an error.
-        tunables: The declared group that they are of.
 
     Returns:
         Full parameter name to value; a text that does not fit the type is kept as a string.
@@ -58,7 +54,7 @@ def parse_parameters(
     Raises:
         EvaluationError: A text has no `=`, or a name is given twice.
     """
-    known = declarations(tunables)
+    known = declarations(TrackerParameters)
     values: dict[str, Any] = {}
     for assignment in assignments:
         name, equals, text = (part.strip() for part in assignment.partition("="))
@@ -184,21 +180,9 @@ def _as_typed(path: Path, name: str, value: Any) -> str:
     return ",".join(map(str, value))
 
 
-class _Parser(argparse.ArgumentParser):
-    """An argument parser that refuses in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"evaluate: error: {message} (evaluate --help tells more)\n")
-
-
 def parser() -> argparse.ArgumentParser:
     """The parser of the command line, which refuses in one line."""
-    parser = _Parser(
-        prog="evaluate",
-        description=_DESCRIPTION,
-        epilog=_EXIT_CODES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = Parser("evaluate", description=_DESCRIPTION, epilog=_EXIT_CODES)
     parser.add_argument(
         "sequences",
         nargs="+",
@@ -209,14 +193,14 @@ def parser() -> argparse.ArgumentParser:
     add_tracker_options(parser)
     parser.add_argument(
         "--seeds",
-        type=_positive,
+        type=positive,
         default=3,
         metavar="N",
         help="average over the seeds 0 .. N-1 (default: %(default)s)",
     )
     parser.add_argument(
         "--jobs",
-        type=_positive,
+        type=positive,
         default=1,
         metavar="N",
         help="processes (default: %(default)s); CPU times are honest with one only, "
@@ -242,11 +226,8 @@ def parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _positive(text: str) -> int:
-    try:
-        value = int(text)
-    except ValueError:
-        value = 0
-    if value < 1:
+def positive(text: str) -> int:
+    """A whole number from 1, for an option."""
+    if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r}; allowed: whole numbers from 1")
-    return value
+    return int(text)

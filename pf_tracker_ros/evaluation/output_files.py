@@ -1,15 +1,12 @@
-"""Files of results, written whole or not at all."""
+"""Files of results, each written anew whenever there is more to tell."""
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 from pf_tracker_ros.evaluation.results import EvaluationError
+from pf_tracker_ros.files import drafted, hidden_folder
 
 
 class OutputFile:
@@ -38,12 +35,12 @@ class OutputFile:
                 raise EvaluationError(f"{path} is no regular file; allowed: a file to write")
             if path.exists():
                 path.open("r+b").close()
-            with _workplace(path) as draft:
-                draft.write_bytes(b"\n")
+            with hidden_folder(path.resolve().parent, ".draft_") as folder:
+                (folder / path.name).write_bytes(b"\n")
         except OSError as error:
             raise EvaluationError(_failure(path, error)) from error
 
-    def write(self, write: Callable[[Path], None]) -> str | None:
+    def write(self, write: Callable[[Path], object]) -> str | None:
         """Write it anew.
 
         Args:
@@ -55,34 +52,11 @@ class OutputFile:
         """
         before, self.error = self.error, None
         try:
-            with _workplace(self._path) as draft:
+            with drafted(self._path) as draft:
                 write(draft)
-                _flush_to_disk(draft)
-                draft.replace(self._path.resolve())
         except OSError as error:
             self.error = f"{_failure(self._path, error)}; what was written before is kept"
         return self.error if self.error != before else None
-
-
-@contextmanager
-def _workplace(path: Path) -> Iterator[Path]:
-    """A path in a folder of its own beside a file, on the same file system."""
-    target = path.resolve()
-    folder = tempfile.mkdtemp(prefix=".results_", dir=target.parent)
-    try:
-        yield Path(folder) / target.name
-    finally:
-        try:
-            shutil.rmtree(folder)
-        except BaseException:
-            # A signal that ends the process may come in the middle of it.
-            shutil.rmtree(folder, ignore_errors=True)
-            raise
-
-
-def _flush_to_disk(path: Path) -> None:
-    with path.open("rb") as file:
-        os.fsync(file.fileno())
 
 
 def _failure(path: Path, error: OSError) -> str:

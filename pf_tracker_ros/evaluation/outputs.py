@@ -41,16 +41,15 @@ class Outputs:
         self._preset = preset
         self._parameters = parameters
         self._label = label
-        self._document = None if document is None else OutputFile(document)
         if plot is not None:
             check_plot_format(plot)
-        self._plot = None if plot is None else OutputFile(plot)
+        wanted = ((document, self._write_document), (plot, self._draw))
+        self._files = [(OutputFile(path), write) for path, write in wanted if path is not None]
 
     @property
     def are_written(self) -> bool:
         """Whether the files hold what was to be written last."""
-        files = (self._document, self._plot)
-        return all(file is None or file.error is None for file in files)
+        return all(file.error is None for file, _ in self._files)
 
     def write(self, results: Sequence[SequenceResult]) -> list[str]:
         """Write the files anew.
@@ -61,11 +60,7 @@ class Outputs:
         Returns:
             A sentence for each file that cannot be written, unless it was said before.
         """
-        failures = []
-        if self._document is not None:
-            failures.append(self._document.write(functools.partial(self._write_document, results)))
-        if self._plot is not None:
-            failures.append(self._plot.write(functools.partial(self._draw, results)))
+        failures = [file.write(functools.partial(write, results)) for file, write in self._files]
         return [failure for failure in failures if failure is not None]
 
     def _write_document(self, results: Sequence[SequenceResult], path: Path) -> None:

@@ -1,4 +1,8 @@
-"""Work spread over processes that never outlive the one that wants it."""
+"""Work spread over processes that never outlive the one that wants it.
+
+Unlike a pool of `concurrent.futures`, this tells at which task a process has ended, goes on with
+the others, and does not wait for tasks that nobody wants any more.
+"""
 
 from __future__ import annotations
 
@@ -12,26 +16,26 @@ from dataclasses import dataclass
 from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
-from typing import Generic, TypeVar
+from typing import Any, TypeVar
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True)
-class ProcessEnded:
-    """Stands for the answer of a process that ended at its work.
+class WorkerEnded:
+    """Stands for the answer of a worker that ended at its work.
 
     Attributes:
-        exit_code: As `multiprocessing.Process.exitcode`: below 0 the number of a signal.
+        how: As a clause of a sentence.
     """
 
-    exit_code: int | None
+    how: str
 
 
 def spread(
     work: Callable[[Task], Answer], tasks: Sequence[Task], processes: int
-) -> Generator[tuple[int, Answer | ProcessEnded], None, None]:
+) -> Generator[tuple[int, Answer | WorkerEnded], None, None]:
     """Do tasks in several processes, each one task at a time.
 
     The processes end at once when the generator is closed, by an exception such as Ctrl-C too, and
@@ -46,75 +50,64 @@ def spread(
     Yields:
         Number of a task and its answer, in the order in which they are done.
     """
-    waiting = list(reversed(list(enumerate(tasks))))
-    workers: dict[Connection, _Worker[Task, Answer]] = {}
+    waiting = list(enumerate(tasks))[::-1]
+    # What answers, to who does the task of which number.
+    workers: dict[Connection, tuple[SpawnProcess, int]] = {}
 
-    def start() -> None:
-        worker = _Worker(work)
-        workers[worker.connection] = worker
-        worker.give(*waiting.pop())
-
-    try:
-        for _ in range(min(processes, len(tasks))):
-            start()
-        while workers:
-            for ready in wait(list(workers)):
-                assert isinstance(ready, Connection)
-                worker = workers[ready]
-                number, answer = worker.take()
-                if waiting and not isinstance(answer, ProcessEnded):
-                    worker.give(*waiting.pop())
-                else:
-                    worker.end()
-                    del workers[ready]
-                if waiting and isinstance(answer, ProcessEnded):
-                    start()
-                yield number, answer
-    finally:
-        for worker in workers.values():
-            worker.end()
-
-
-class _Worker(Generic[Task, Answer]):
-    """A process and the connection to it."""
-
-    def __init__(self, work: Callable[[Task], Answer]) -> None:
-        # Forked processes would inherit OpenCV's and NumPy's threads in an undefined state.
-        context = get_context("spawn")
-        self.connection, other_end = context.Pipe()
-        self._process: SpawnProcess = context.Process(target=_serve, args=(other_end, work))
-        self._number = -1
-        try:
-            with _signals_held_back():
-                self._process.start()
-        except BaseException:
-            self.end()
-            raise
-        finally:
-            # Once the process has ended, nobody holds this end, which is how that is noticed.
-            other_end.close()
-
-    def give(self, number: int, task: Task) -> None:
-        """Have it do a task."""
-        self._number = number
+    def give(connection: Connection, process: SpawnProcess) -> None:
+        number, task = waiting.pop()
+        workers[connection] = process, number
         # One that has ended is noticed when its answer is taken.
         with suppress(BrokenPipeError, ConnectionResetError):
-            self.connection.send(task)
+            connection.send(task)
 
-    def take(self) -> tuple[int, Answer | ProcessEnded]:
-        """The number of the task that was given last, and the answer; waits for it."""
-        try:
-            return self._number, self.connection.recv()
-        except (EOFError, ConnectionResetError):
-            self._process.join()
-            return self._number, ProcessEnded(self._process.exitcode)
+    try:
+        while waiting or workers:
+            while waiting and len(workers) < processes:
+                with _signals_held_back():
+                    give(*_started(work))
+            for ready in wait(list(workers)):
+                assert isinstance(ready, Connection)
+                process, number = workers[ready]
+                answer = _answer(ready, process)
+                if waiting and not isinstance(answer, WorkerEnded):
+                    give(ready, process)
+                else:
+                    _end(ready, process)
+                    del workers[ready]
+                yield number, answer
+    finally:
+        for connection, (process, _) in workers.items():
+            _end(connection, process)
 
-    def end(self) -> None:
-        """End the process now; it holds nothing that could get lost."""
-        self.connection.close()
-        if self._process.pid is not None:
-            self._process.kill()
-            self._process.join()
+
+def _started(work: Callable[[Task], Answer]) -> tuple[Connection, SpawnProcess]:
+    # Forked processes would inherit OpenCV's and NumPy's threads in an undefined state.
+    context = get_context("spawn")
+    connection, other_end = context.Pipe()
+    # Once the process has ended, nobody holds the other end, which is how that is noticed.
+    with other_end:
+        process = context.Process(target=_serve, args=(other_end, work))
+        process.start()
+    return connection, process
+
+
+def _answer(connection: Connection, process: SpawnProcess) -> Any:
+    """What a process answers; waits for it."""
+    try:
+        return connection.recv()
+    except (EOFError, ConnectionResetError):
+        process.join()
+        code = process.exitcode or 0
+        ended = f"was ended by signal {-code}" if code < 0 else f"ended with code {code}"
+        return WorkerEnded(f"its process {ended}")
+
+
+def _end(connection: Connection, process: SpawnProcess) -> None:
+    """End a process now; it holds nothing that could get lost."""
+    connection.close()
+    process.kill()
+    process.join()
 
 
 @contextmanager

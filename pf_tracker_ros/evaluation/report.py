@@ -77,7 +77,7 @@ def _table(title: str, results: Sequence[SequenceResult], encoding: str) -> Tabl
     mean = mean_scores(results)
     table = Table(title=Text(title), title_justify="left")
     table.add_column("sequence", overflow="fold")
-    plus_minus = "±" if _can_encode("±", encoding) else "+-"
+    plus_minus = "±" if "±".encode(encoding, "ignore") else "+-"
     for heading in ("frames", "AUC", plus_minus, "precision 20 px", "CPU ms"):
         table.add_column(heading, justify="right")
     # Names go in as Text: square brackets in a plain string are markup to Rich.
@@ -89,14 +89,6 @@ def _table(title: str, results: Sequence[SequenceResult], encoding: str) -> Tabl
     deviation = sum(result.success_auc_deviation for result in results) / len(results)
     table.add_row("mean", *_cells(mean, deviation, frames=".1f"), style="bold")
     return table
-
-
-def _can_encode(text: str, encoding: str) -> bool:
-    try:
-        text.encode(encoding)
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 def _cells(scores: Scores, deviation: float, frames: str) -> list[str]:

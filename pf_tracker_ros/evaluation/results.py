@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,17 @@ class FrameDetails:
     confidence: NDArray[np.float64]
     effective_sample_size: NDArray[np.float64]
     powers: Mapping[str, NDArray[np.float64]]
+
+    @classmethod
+    def of(cls, each: Sequence[Any]) -> FrameDetails:
+        """Those of frames, each with such attributes of its own."""
+        names = dict.fromkeys(name for one in each for name in one.powers)
+        return cls(
+            tuple(one.state for one in each),
+            np.array([one.confidence for one in each]),
+            np.array([one.effective_sample_size for one in each]),
+            {name: np.array([one.powers.get(name, np.nan) for one in each]) for name in names},
+        )
 
 
 @dataclass(frozen=True)
@@ -141,10 +153,5 @@ def mean_scores(results: Sequence[SequenceResult]) -> Scores:
     """
     if not results:
         raise ValueError("no results to average; allowed: at least one sequence")
-    scores = [result.scores for result in results]
-    return Scores(
-        success_auc=float(np.mean([score.success_auc for score in scores])),
-        precision_20px=float(np.mean([score.precision_20px for score in scores])),
-        cpu_ms_median=float(np.mean([score.cpu_ms_median for score in scores])),
-        frames=float(np.mean([score.frames for score in scores])),
-    )
+    scores = [astuple(result.scores) for result in results]
+    return Scores(*(float(np.mean(values)) for values in zip(*scores, strict=True)))

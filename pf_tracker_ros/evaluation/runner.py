@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.evaluation.ground_truth import count_mismatch, usable_ground_truth
 from pf_tracker_ros.evaluation.results import EvaluationError, FrameDetails, SequenceResult
 from pf_tracker_ros.footage import Footage
@@ -105,7 +105,7 @@ def evaluate_sequence(
             for run, tracker in enumerate(trackers):
                 with _naming(footage.name, index):
                     if index == 0:
-                        begun = tracker.start(image, _as_box(true_boxes[0]))
+                        begun = tracker.start(image, as_box(true_boxes[0]))
                         boxes[run, 0] = true_boxes[0]
                         told += [_told(begun)] if run == 0 else []
                         continue
@@ -124,9 +124,8 @@ def evaluate_sequence(
                 on_progress(footage.name, 1)
     if done != frames:
         raise count_mismatch(footage.name, counted(done, "frame"), frames)
-    return SequenceResult(
-        footage.name, tuple(seeds), true_boxes, boxes, lost, cpu_seconds, _details(told)
-    )
+    details = FrameDetails.of(told)
+    return SequenceResult(footage.name, tuple(seeds), true_boxes, boxes, lost, cpu_seconds, details)
 
 
 class _Told(NamedTuple):
@@ -146,21 +145,6 @@ def _told(answer: object) -> _Told:
         float(getattr(answer, "effective_sample_size", math.nan)),
         dict(getattr(answer, "powers", {})),
     )
-
-
-def _details(told: Sequence[_Told]) -> FrameDetails:
-    names = dict.fromkeys(name for each in told for name in each.powers)
-    return FrameDetails(
-        tuple(each.state for each in told),
-        np.array([each.confidence for each in told]),
-        np.array([each.effective_sample_size for each in told]),
-        {name: np.array([each.powers.get(name, math.nan) for each in told]) for name in names},
-    )
-
-
-def _as_box(row: NDArray[np.float64]) -> Box:
-    x, y, width, height = row.tolist()
-    return x, y, width, height
 
 
 def _finite(box: Sequence[float]) -> NDArray[np.float64]:

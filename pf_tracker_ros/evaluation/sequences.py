@@ -33,11 +33,6 @@ def read_sequences(folders: Iterable[str | Path]) -> list[Footage]:
     return sequences
 
 
-def frame_count(sequences: Sequence[Footage]) -> int:
-    """Number of frames with a true box of all sequences."""
-    return sum(0 if one.ground_truth is None else len(one.ground_truth) for one in sequences)
-
-
 def open_sequences(
     folders: Iterable[str | Path],
 ) -> tuple[list[Footage], list[SequenceFailure]]:
@@ -104,6 +99,11 @@ def find_sequences(folders: Iterable[str | Path]) -> list[Path]:
             )
         found.update(dict.fromkeys(sequences))
     return list(found)
+
+
+def frame_count(sequences: Sequence[Footage]) -> int:
+    """Number of frames with a true box of all sequences."""
+    return sum(0 if one.ground_truth is None else len(one.ground_truth) for one in sequences)
 
 
 def _sequences_of(folder: Path) -> list[Path]:

@@ -5,15 +5,22 @@ A ROS from apt brings `rosbag2_py`; elsewhere `rosbags` from PyPI does the same.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, TypeAlias
 
 from pf_tracker_ros.footage.access import check_file, entries, exists
 from pf_tracker_ros.footage.base import FootageError
 from pf_tracker_ros.footage.mcap import cut_off_advice
+
+if TYPE_CHECKING:
+    from pf_tracker_ros.footage.bag_reading_rosbag2 import Rosbag2Reader
+    from pf_tracker_ros.footage.bag_reading_rosbags import RosbagsReader
+
+BagReader: TypeAlias = "Rosbag2Reader | RosbagsReader"
+"""An open bag; whatever is wrong with it may be raised as any exception."""
 
 METADATA_FILE = "metadata.yaml"
 BAG_SUFFIXES = (".mcap", ".db3")
@@ -34,20 +41,12 @@ class BagTopic:
     message_count: int
 
 
-class BagReader(Protocol):
-    """An open bag; whatever is wrong with it may be raised as any exception."""
-
-    def topics(self) -> list[BagTopic]:
-        """The topics, each name and type once."""
-        ...
-
-    def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        """Log time in nanoseconds and CDR of each message of a topic, in the order of recording."""
-        ...
-
-    def close(self) -> None:
-        """Let go of the files."""
-        ...
+def topics_of(counts: Iterable[tuple[str, str, int]]) -> list[BagTopic]:
+    """Topics out of names, types and counts; one may be there several times, such as once a QoS."""
+    sums: dict[tuple[str, str], int] = {}
+    for name, message_type, count in counts:
+        sums[name, message_type] = sums.get((name, message_type), 0) + count
+    return [BagTopic(*topic, count) for topic, count in sums.items()]
 
 
 @contextmanager
@@ -79,17 +78,13 @@ def _open(path: Path) -> BagReader:
     from pf_tracker_ros.footage.bag_reading_rosbag2 import Rosbag2Reader
     from pf_tracker_ros.footage.bag_reading_rosbags import RosbagsReader
 
-    try:
-        return Rosbag2Reader(path)
-    except ImportError:
-        pass
-    try:
-        return RosbagsReader(path)
-    except ImportError as error:
-        raise FootageError(
-            "reading a bag needs rosbag2_py, which apt has in ros-jazzy-rosbag2-py, or the Python "
-            "package rosbags: pip install rosbags"
-        ) from error
+    for make in (Rosbag2Reader, RosbagsReader):
+        with suppress(ImportError):
+            return make(path)
+    raise FootageError(
+        "reading a bag needs rosbag2_py, which apt has in ros-jazzy-rosbag2-py, or the Python "
+        "package rosbags: pip install rosbags"
+    )
 
 
 def _check_files(path: Path) -> None:

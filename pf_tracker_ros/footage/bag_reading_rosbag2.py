@@ -10,14 +10,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from pf_tracker_ros.footage.bag_reading import BagTopic
+from pf_tracker_ros.footage.bag_reading import BagTopic, topics_of
 
 # A folder's metadata.yaml names its storage.
 _STORAGE_BY_SUFFIX = {".mcap": "mcap", ".db3": "sqlite3"}
 
 
 class Rosbag2Reader:
-    """A bag read by `rosbag2_py`; see `BagReader`.
+    """A bag read by `rosbag2_py`, as `RosbagsReader` reads it.
 
     Args:
         path: The bag, opened at once.
@@ -32,18 +32,17 @@ class Rosbag2Reader:
         self._library = rosbag2_py
         self._path = path
         metadata = self._open().get_metadata()
-        counts: dict[tuple[str, str], int] = {}
-        for each in metadata.topics_with_message_count:
-            key = each.topic_metadata.name, each.topic_metadata.type
-            counts[key] = counts.get(key, 0) + each.message_count
-        self._topics = [BagTopic(name, kind, count) for (name, kind), count in counts.items()]
+        self._topics = topics_of(
+            (each.topic_metadata.name, each.topic_metadata.type, each.message_count)
+            for each in metadata.topics_with_message_count
+        )
 
     def topics(self) -> list[BagTopic]:
-        """See `BagReader.topics`."""
+        """See `RosbagsReader.topics`."""
         return list(self._topics)
 
     def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        """See `BagReader.messages`."""
+        """See `RosbagsReader.messages`."""
         # A reader goes through its bag once.
         reader = self._open()
         reader.set_filter(self._library.StorageFilter(topics=[topic]))
@@ -52,7 +51,7 @@ class Rosbag2Reader:
             yield log_time, message
 
     def close(self) -> None:
-        """See `BagReader.close`; the library closes a file with the reader that has it open."""
+        """See `RosbagsReader.close`; the library closes a file with the reader that has it open."""
 
     def _open(self) -> Any:
         is_folder = self._path.is_dir()

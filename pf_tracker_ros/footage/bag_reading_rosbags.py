@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from pf_tracker_ros.footage.bag_reading import BagTopic
+from pf_tracker_ros.footage.bag_reading import BagTopic, topics_of
 
 
 class RosbagsReader:
-    """A bag read by `rosbags`; see `BagReader`.
+    """A bag read by `rosbags`.
 
     Args:
         path: The bag, opened at once.
@@ -25,20 +25,16 @@ class RosbagsReader:
         self._reader.open()
 
     def topics(self) -> list[BagTopic]:
-        """See `BagReader.topics`."""
-        # One topic may have several connections, for example one for each QoS profile.
-        counts: dict[tuple[str, str], int] = {}
-        for connection in self._reader.connections:
-            key = connection.topic, connection.msgtype
-            counts[key] = counts.get(key, 0) + connection.msgcount
-        return [BagTopic(name, kind, count) for (name, kind), count in counts.items()]
+        """The topics, each name and type once."""
+        connections = self._reader.connections
+        return topics_of((each.topic, each.msgtype, each.msgcount) for each in connections)
 
     def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        """See `BagReader.messages`."""
+        """Log time in nanoseconds and CDR of each message of a topic, in the order of recording."""
         connections = [each for each in self._reader.connections if each.topic == topic]
         for _, log_time, message in self._reader.messages(connections):
             yield log_time, bytes(message)
 
     def close(self) -> None:
-        """See `BagReader.close`."""
+        """Let go of the files."""
         self._reader.close()

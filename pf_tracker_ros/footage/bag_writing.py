@@ -2,54 +2,24 @@
 
 from __future__ import annotations
 
-import shutil
-import sys
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import box_corners
-from pf_tracker_ros.footage.bags import GROUND_TRUTH_TYPE, IMAGE_TYPE
+from pf_tracker_ros.files import hidden_folder
 from pf_tracker_ros.footage.base import Footage, FootageError
-from pf_tracker_ros.footage.markers import Outline, outline_markers
-from pf_tracker_ros.footage.messages import PARTICLE_FIELDS, image_encoding, particle_columns
+from pf_tracker_ros.messages import IMAGE_TYPE, POLYGON_TYPE, box_message, image_message
 from pf_tracker_ros.stamps import parts
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from rosbags.interfaces import Connection, Qos
     from rosbags.typesys.store import Typestore
 
-# sensor_msgs/PointField has it so.
-_FLOAT32 = 7
-
-PARTICLES_TYPE = "sensor_msgs/msg/PointCloud2"
-STATUS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
-MARKERS_TYPE = "visualization_msgs/msg/MarkerArray"
-
 Reliability = Literal["reliable", "best_effort"]
-
-
-class Status(NamedTuple):
-    """One of several statuses.
-
-    Attributes:
-        name: Of the node that tells it, or of its part.
-        level: 0 OK, 1 WARN, 2 ERROR.
-        text: One sentence for people.
-        values: What there is to know, key to value.
-    """
-
-    name: str
-    level: int
-    text: str
-    values: Mapping[str, str | float | int]
 
 
 class BagWriter:
@@ -76,40 +46,25 @@ class BagWriter:
         self._path = Path(path)
         if self._path.exists():
             raise FootageError(f"{self._path} exists already; a bag does not overwrite anything")
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        self._workplace = Path(tempfile.mkdtemp(prefix=".bag_", dir=self._path.parent))
-        with self._without_workplace_if_it_fails():
-            self._writer = Writer(
-                self._workplace / self._path.stem, version=9, storage_plugin=StoragePlugin.MCAP
-            )
+        self._make = partial(Writer, version=9, storage_plugin=StoragePlugin.MCAP)
         self._typestore: Typestore = get_typestore(Stores.ROS2_JAZZY)
         self._connections: dict[str, Connection] = {}
+        self._blank: dict[str, dict[str, Any]] = {}
 
     def __enter__(self) -> BagWriter:
-        with self._without_workplace_if_it_fails():
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as stack:
+            folder = stack.enter_context(hidden_folder(self._path.parent, ".bag_"))
+            self._writer = self._make(folder / self._path.stem)
             self._writer.open()
+            self._workplace = stack.pop_all()
         return self
 
-    @contextmanager
-    def _without_workplace_if_it_fails(self) -> Iterator[None]:
-        try:
-            yield
-        except BaseException:
-            shutil.rmtree(self._workplace, ignore_errors=True)
-            raise
-
-    def __exit__(
-        self,
-        error_type: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        try:
-            self._writer.__exit__(error_type, error, traceback)
-            if error_type is None:
+    def __exit__(self, *error: Any) -> None:
+        with self._workplace:
+            self._writer.__exit__(*error)
+            if error[0] is None:
                 self._put_in_place()
-        finally:
-            shutil.rmtree(self._workplace, ignore_errors=True)
 
     def _put_in_place(self) -> None:
         finished = self._writer.path
@@ -150,179 +105,48 @@ class BagWriter:
         """
         self._writer.write(self._connections[topic], log_time, message)
 
-    def write_image(
-        self,
-        topic: str,
-        stamp: int,
-        image: NDArray[Any],
-        frame_id: str = "camera",
-        log_time: int | None = None,
-    ) -> None:
-        """Write an image as sensor_msgs/msg/Image.
+    def write_message(self, topic: str, log_time: int, message: Any) -> None:
+        """Write a message made by `new`.
+
+        Args:
+            topic: One of the added topics.
+            log_time: Nanoseconds.
+            message: Of the topic's type.
+        """
+        octets = self._typestore.serialize_cdr(message, self._connections[topic].msgtype)
+        self.write(topic, log_time, bytes(octets))
+
+    def write_image(self, topic: str, stamp: int, image: NDArray[Any]) -> None:
+        """Write an image as sensor_msgs/msg/Image, with the frame "camera" and its log time.
 
         Args:
             topic: One of the added topics.
             stamp: Nanoseconds.
-            image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
-            frame_id: Frame of the header.
-            log_time: Nanoseconds; None takes the stamp.
+            image: As for `image_message`.
         """
-        types = self._typestore.types
-        pixels = np.ascontiguousarray(image, dtype=image.dtype.newbyteorder("<"))
-        message = types[IMAGE_TYPE](
-            header=self._header(stamp, frame_id),
-            height=image.shape[0],
-            width=image.shape[1],
-            encoding=image_encoding(image),
-            is_bigendian=0,
-            step=pixels.strides[0],
-            data=pixels.reshape(-1).view(np.uint8),
-        )
-        self._write_message(topic, _or(log_time, stamp), message, IMAGE_TYPE)
+        self.write_message(topic, stamp, image_message(self.new, self.header(stamp), image))
 
-    def write_box(
-        self,
-        topic: str,
-        stamp: int,
-        box: Sequence[float],
-        frame_id: str = "camera",
-        log_time: int | None = None,
-    ) -> None:
-        """Write a box as geometry_msgs/msg/PolygonStamped of its corners.
-
-        Args:
-            topic: One of the added topics.
-            stamp: Nanoseconds.
-            box: (x, y, width, height) in pixels.
-            frame_id: Frame of the header.
-            log_time: Nanoseconds; None takes the stamp.
-        """
-        types = self._typestore.types
-        point = types["geometry_msgs/msg/Point32"]
-        message = types[GROUND_TRUTH_TYPE](
-            header=self._header(stamp, frame_id),
-            polygon=types["geometry_msgs/msg/Polygon"](
-                points=[point(x=x, y=y, z=0.0) for x, y in box_corners(box)]
-            ),
-        )
-        self._write_message(topic, _or(log_time, stamp), message, GROUND_TRUTH_TYPE)
-
-    def write_particles(
-        self,
-        topic: str,
-        stamp: int,
-        boxes: NDArray[np.float64],
-        weights: NDArray[np.float64],
-        *,
-        ids: NDArray[np.integer[Any]] | None = None,
-        frame_id: str = "camera",
-        log_time: int | None = None,
-    ) -> None:
-        """Write particles as sensor_msgs/msg/PointCloud2 of their boxes' centers.
-
-        Args:
-            topic: One of the added topics.
-            stamp: Nanoseconds.
-            boxes: (N, 4) x, y, width, height in pixels.
-            weights: (N,) their weights.
-            ids: (N,) of the targets that they are of, which make one more field; None for none.
-            frame_id: Frame of the header.
-            log_time: Nanoseconds; None takes the stamp.
-        """
-        types = self._typestore.types
-        columns = particle_columns(boxes, weights)
-        names: tuple[str, ...] = PARTICLE_FIELDS
-        if ids is not None:
-            columns = np.column_stack([columns, ids.astype(np.float32)])
-            names = (*PARTICLE_FIELDS, "id")
-        field = types["sensor_msgs/msg/PointField"]
-        step = columns.itemsize * len(names)
-        message = types[PARTICLES_TYPE](
-            header=self._header(stamp, frame_id),
-            height=1,
-            width=len(columns),
-            fields=[
-                field(name=name, offset=index * columns.itemsize, datatype=_FLOAT32, count=1)
-                for index, name in enumerate(names)
-            ],
-            is_bigendian=sys.byteorder == "big",
-            point_step=step,
-            row_step=step * len(columns),
-            data=np.frombuffer(columns.tobytes(), np.uint8),
-            is_dense=True,
-        )
-        self._write_message(topic, _or(log_time, stamp), message, PARTICLES_TYPE)
-
-    def write_statuses(
-        self,
-        topic: str,
-        stamp: int,
-        statuses: Sequence[Status],
-        *,
-        frame_id: str = "camera",
-        log_time: int | None = None,
-    ) -> None:
-        """Write statuses as one diagnostic_msgs/msg/DiagnosticArray.
-
-        Args:
-            topic: One of the added topics.
-            stamp: Nanoseconds.
-            statuses: One after another.
-            frame_id: Frame of the header.
-            log_time: Nanoseconds; None takes the stamp.
-        """
-        types = self._typestore.types
-        pair = types["diagnostic_msgs/msg/KeyValue"]
-        message = types[STATUS_TYPE](
-            header=self._header(stamp, frame_id),
-            status=[
-                types["diagnostic_msgs/msg/DiagnosticStatus"](
-                    level=status.level,
-                    name=status.name,
-                    message=status.text,
-                    hardware_id="",
-                    values=[
-                        pair(key=key, value=str(value)) for key, value in status.values.items()
-                    ],
-                )
-                for status in statuses
-            ],
-        )
-        self._write_message(topic, _or(log_time, stamp), message, STATUS_TYPE)
-
-    def write_outlines(
-        self,
-        topic: str,
-        stamp: int,
-        outlines: Sequence[Outline],
-        *,
-        frame_id: str = "camera",
-        log_time: int | None = None,
-    ) -> None:
-        """Write boxes with texts as visualization_msgs/msg/MarkerArray, which replaces the last.
-
-        Args:
-            topic: One of the added topics.
-            stamp: Nanoseconds.
-            outlines: One after another.
-            frame_id: Frame of the header.
-            log_time: Nanoseconds; None takes the stamp.
-        """
-        types = self._typestore.types
-        markers = outline_markers(types, self._header(stamp, frame_id), outlines)
-        message = types[MARKERS_TYPE](markers=markers)
-        self._write_message(topic, _or(log_time, stamp), message, MARKERS_TYPE)
-
-    def _header(self, stamp: int, frame_id: str) -> Any:
-        types = self._typestore.types
+    def header(self, stamp: int, frame_id: str = "camera") -> Any:
+        """A header with a stamp in nanoseconds."""
         seconds, nanoseconds = parts(stamp)
-        return types["std_msgs/msg/Header"](
-            stamp=types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds),
-            frame_id=frame_id,
-        )
+        time = self.new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
+        return self.new("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
 
-    def _write_message(self, topic: str, log_time: int, message: Any, message_type: str) -> None:
-        self.write(topic, log_time, bytes(self._typestore.serialize_cdr(message, message_type)))
+    def new(self, message_type: str, /, **fields: Any) -> Any:
+        """A message; what is left out is 0 or empty."""
+        if message_type not in self._blank:
+            _, declared = self._typestore.fielddefs[message_type]
+            self._blank[message_type] = {name: self._usual(*kind) for name, kind in declared}
+        return self._typestore.types[message_type](**{**self._blank[message_type], **fields})
+
+    def _usual(self, kind: Any, details: Any) -> Any:
+        """What a field is in a blank message, by its declaration in the type store."""
+        if kind.name == "NAME":
+            return self.new(details)
+        if kind.name == "BASE":
+            return "" if details[0] == "string" else 0
+        (element, name), _ = details
+        return np.zeros(0, name[0]) if element.name == "BASE" else []
 
 
 def write_footage(
@@ -355,17 +179,16 @@ def write_footage(
     with BagWriter(path) as writer:
         writer.add_topic(topic, IMAGE_TYPE)
         if boxes is not None:
-            writer.add_topic(ground_truth_topic, GROUND_TRUTH_TYPE)
+            writer.add_topic(ground_truth_topic, POLYGON_TYPE)
         for frame in footage.frames():
-            writer.write_image(topic, frame.stamp, frame.image, frame_id)
+            header = writer.header(frame.stamp, frame_id)
+            image = image_message(writer.new, header, frame.image)
+            writer.write_message(topic, frame.stamp, image)
             if boxes is not None and not np.isnan(boxes[count]).any():
-                writer.write_box(ground_truth_topic, frame.stamp, boxes[count], frame_id)
+                box = box_message(writer.new, header, boxes[count])
+                writer.write_message(ground_truth_topic, frame.stamp, box)
             count += 1
     return count
-
-
-def _or(log_time: int | None, stamp: int) -> int:
-    return stamp if log_time is None else log_time
 
 
 def _qos(reliability: Reliability, depth: int) -> Qos:

@@ -21,12 +21,10 @@ from pf_tracker_ros.footage.bag_reading import (
 )
 from pf_tracker_ros.footage.base import FootageError
 from pf_tracker_ros.footage.cdr import header_stamp
+from pf_tracker_ros.messages import IMAGE_TYPE, POLYGON_TYPE
 
-IMAGE_TYPE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
-GROUND_TRUTH_TYPE = "geometry_msgs/msg/PolygonStamped"
 GROUND_TRUTH_ENDING = "ground_truth"
-DETECTIONS_TYPE = "vision_msgs/msg/Detection2DArray"
 
 
 @dataclass(frozen=True)
@@ -133,14 +131,11 @@ def open_bag(path: str | Path, topic: str = "", ground_truth_topic: str = "") ->
             f"bag {bag} has no topic of type {IMAGE_TYPE} or {COMPRESSED_IMAGE_TYPE}; there are: "
             f"{all_topics or 'no topics at all'}"
         )
+    names = ", ".join(sorted(images))
     if topic and topic not in images:
-        raise FootageError(
-            f"bag {bag} has no image topic {topic}; image topics are: {', '.join(sorted(images))}"
-        )
+        raise FootageError(f"bag {bag} has no image topic {topic}; image topics are: {names}")
     if not topic and len(images) > 1:
-        raise FootageError(
-            f"bag {bag} has several image topics, choose one: {', '.join(sorted(images))}"
-        )
+        raise FootageError(f"bag {bag} has several image topics, choose one: {names}")
     chosen = images[topic] if topic else next(iter(images.values()))
     return ImageBag(
         path=bag,
@@ -175,11 +170,11 @@ def topics_of_type(path: Path, message_type: str) -> list[str]:
 
 
 def _choose_ground_truth(bag: Path, topics: list[BagTopic], topic: str) -> str | None:
-    polygons = sorted(_by_name(topics, (GROUND_TRUTH_TYPE,)))
+    polygons = sorted(_by_name(topics, (POLYGON_TYPE,)))
     if topic:
         if topic not in polygons:
             raise FootageError(
-                f"bag {bag} has no topic {topic} of type {GROUND_TRUTH_TYPE}; there are: "
+                f"bag {bag} has no topic {topic} of type {POLYGON_TYPE}; there are: "
                 f"{', '.join(polygons) or 'none'}"
             )
         return topic

@@ -8,7 +8,6 @@ nanoseconds.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -57,50 +56,18 @@ def header_stamp(message: bytes) -> int:
     return join(seconds, nanoseconds)
 
 
-@dataclass(frozen=True, eq=False)
-class RawImageMessage:
-    """A sensor_msgs/Image; the fields are those of the message, its header as two.
-
-    Attributes:
-        stamp: Nanoseconds.
-        frame_id: Frame of the header.
-        data: A view of the serialized message.
-    """
-
-    stamp: int
-    frame_id: str
-    height: int
-    width: int
-    encoding: str
-    is_bigendian: int
-    step: int
-    data: memoryview
-
-
-@dataclass(frozen=True, eq=False)
-class CompressedImageMessage:
-    """A sensor_msgs/CompressedImage; the fields are those of the message, its header as two.
-
-    Attributes:
-        stamp: Nanoseconds.
-        frame_id: Frame of the header.
-        data: A view of the serialized message.
-    """
-
-    stamp: int
-    frame_id: str
-    format: str
-    data: memoryview
-
-
-def read_image(message: bytes) -> RawImageMessage:
+def read_image(message: bytes) -> Any:
     """A serialized sensor_msgs/Image.
+
+    Returns:
+        The fields of the message, of its header `stamp` in nanoseconds and `frame_id`; `data` is a
+        view of the serialized message.
 
     Raises:
         FootageError: This is not such a message, or it is cut off.
     """
     fields = _Fields(message)
-    return RawImageMessage(
+    return SimpleNamespace(
         stamp=fields.stamp,
         frame_id=fields.text(),
         height=fields.number("I"),
@@ -112,14 +79,16 @@ def read_image(message: bytes) -> RawImageMessage:
     )
 
 
-def read_compressed_image(message: bytes) -> CompressedImageMessage:
-    """A serialized sensor_msgs/CompressedImage.
+def read_compressed_image(message: bytes) -> Any:
+    """A serialized sensor_msgs/CompressedImage; see `read_image`.
 
     Raises:
         FootageError: This is not such a message, or it is cut off.
     """
     fields = _Fields(message)
-    return CompressedImageMessage(fields.stamp, fields.text(), fields.text(), fields.octets())
+    return SimpleNamespace(
+        stamp=fields.stamp, frame_id=fields.text(), format=fields.text(), data=fields.octets()
+    )
 
 
 def read_polygon(message: bytes) -> list[tuple[float, float]]:

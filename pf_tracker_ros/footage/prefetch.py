@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import queue
-import threading
+from collections import deque
 from collections.abc import Generator, Iterator
-from typing import Generic, TypeVar
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, Generic, TypeVar
 
 Item = TypeVar("Item")
 
-# How often a full queue looks whether anybody still wants its items.
-_CLOSING_INTERVAL = 0.05
-
-
-class _End:
-    """Marks the end of the items, with the error that ended them."""
-
-    def __init__(self, error: Exception | None) -> None:
-        self.error = error
+_END: Any = object()
 
 
 class Prefetch(Generic[Item]):
@@ -33,42 +25,20 @@ class Prefetch(Generic[Item]):
 
     def __init__(self, items: Generator[Item, None, None], depth: int = 4) -> None:
         self._items = items
-        self._queue: queue.Queue[Item | _End] = queue.Queue(maxsize=depth)
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._read, name="prefetch", daemon=True)
-        self._thread.start()
+        self._thread = ThreadPoolExecutor(1, "prefetch")
+        self._ahead = deque(self._read() for _ in range(depth))
 
     def __iter__(self) -> Iterator[Item]:
-        while True:
-            item = self._queue.get()
-            if isinstance(item, _End):
-                if item.error is not None:
-                    raise item.error
-                return
+        while (item := self._ahead.popleft().result()) is not _END:
+            self._ahead.append(self._read())
             yield item
 
     def close(self) -> None:
         """Stop reading and wait until the source is closed."""
-        self._closing.set()
-        self._thread.join()
+        for item in self._ahead:
+            item.cancel()
+        self._thread.submit(self._items.close)
+        self._thread.shutdown()
 
-    def _read(self) -> None:
-        error: Exception | None = None
-        try:
-            for item in self._items:
-                if not self._put(item):
-                    break
-        except Exception as raised:
-            error = raised
-        finally:
-            self._items.close()
-        self._put(_End(error))
-
-    def _put(self, item: Item | _End) -> bool:
-        while not self._closing.is_set():
-            try:
-                self._queue.put(item, timeout=_CLOSING_INTERVAL)
-                return True
-            except queue.Full:
-                continue
-        return False
+    def _read(self) -> Future[Item]:
+        return self._thread.submit(next, self._items, _END)

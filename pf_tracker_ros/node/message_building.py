@@ -16,7 +16,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pf_tracker_ros.boxes import Box, bounding_box, box_corners
-from pf_tracker_ros.footage.messages import PARTICLE_FIELDS, image_encoding, particle_columns
+from pf_tracker_ros.messages import PARTICLE_FIELDS, image_encoding, particle_columns
 from pf_tracker_ros.overlay import target_color, target_text
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.targets.tracked_target import TrackedTarget

@@ -7,7 +7,6 @@ import functools
 import io
 import signal
 import sys
-import threading
 import time
 from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
@@ -25,7 +24,7 @@ from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.command import run_archive
-from pf_tracker_ros.recordings.archives.sources import local_copy, telling_of, told_of
+from pf_tracker_ros.recordings.archives.sources import local_copy, tell_of, telling_of
 from pf_tracker_ros.recordings.archives.stores import as_place, is_url
 from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.command_line import parser
@@ -37,6 +36,7 @@ from pf_tracker_ros.recordings.plan import (
     Plan,
     check_applies,
     check_request,
+    is_detected,
     open_asked,
     plan_for,
     require,
@@ -44,7 +44,8 @@ from pf_tracker_ros.recordings.plan import (
 )
 from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.target import Target, save_targets
-from pf_tracker_ros.recordings.tracking import Tracked
+from pf_tracker_ros.recordings.tracking import TrackedFrame
+from pf_tracker_ros.signals import handled_signals
 
 _SIGNALS = {signal.SIGINT: errors.INTERRUPTED, signal.SIGTERM: errors.TERMINATED}
 # Why a frame that is not refused is not tracked.
@@ -69,13 +70,13 @@ class _Summary:
     announced: int | None = None
     seconds: float = 0.0
 
-    def add(self, tracked: Tracked) -> None:
+    def add(self, tracked: TrackedFrame) -> None:
         self.states[tracked.state] += 1
         self.skipped = self.skipped or tracked.problem or _SKIPPED_FOR.get(tracked.outcome, "")
         if tracked.remarks and not self.remark:
             self.remark = f"frame {tracked.frame.index}: {tracked.remarks[0]}"
         self.remarks += len(tracked.remarks)
-        self.ids.update(row.id for row in tracked.rows if row.id is not None)
+        self.ids.update(target.id for target in tracked.targets)
 
     @property
     def frames(self) -> int:
@@ -106,8 +107,9 @@ def main(arguments: Sequence[str] | None = None, source_name: str | None = None)
         Exit code, as `track --help` lists them; for any but 0, a line on standard error says why.
     """
     stop = _Stop()
+    handlers = dict.fromkeys(_SIGNALS, stop.notice)
     try:
-        with _noticing_signals(stop), quiet_opencv(), _printing_any_name():
+        with handled_signals(handlers), quiet_opencv(), _printing_any_name():
             return _run(parser().parse_args(arguments), stop, source_name)
     except FootageError as error:
         return _complain(error, errors.UNREADABLE_SOURCE)
@@ -132,6 +134,7 @@ def _run(options: argparse.Namespace, stop: _Stop, source_name: str | None) -> i
         ("matplotlib", "recordings", options.report is not None),
         ("jinja2", "recordings", options.report is not None),
         ("aiohttp", "console", options.draw),
+        ("scipy", "targets", is_detected(options)),
     ):
         if wanted:
             require(package, extra)
@@ -182,7 +185,7 @@ def _run_one(
 
 def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -> int:
     outputs = open_outputs(options, plan, name)
-    summary = _Summary(name, targets_of=_found_beside(options, plan), several=plan.is_several)
+    summary = _Summary(name, targets_of=_found_beside(options, plan), several=plan.max_targets > 1)
     failures: list[Exception] = []
     try:
         try:
@@ -192,7 +195,8 @@ def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -
             is_idle = summary.states.keys() <= {"idle", "skipped"}
             if not summary.frames or (is_idle and not plan.hearing):
                 raise
-            failures.append(told_of(error, name, plan.recording.path))
+            tell_of(error, name, plan.recording.path)
+            failures.append(error)
         for folder in outputs:
             failures += folder.close()
     except BaseException:
@@ -255,7 +259,7 @@ def _kept(targets: Sequence[Target], source: Path) -> str:
 
 
 def _track(
-    tracking: Generator[Tracked, None, None],
+    tracking: Generator[TrackedFrame, None, None],
     recording: Recording,
     outputs: Sequence[OutputFolder],
     summary: _Summary,
@@ -310,24 +314,21 @@ def _report(
             stop.exit_code,
         )
     if code == errors.DONE:
+        remarks = []
         if summary.announced is not None and summary.frames < summary.announced:
-            print(
-                f"track: {summary.name} announces {counted(summary.announced, 'frame')}, but "
-                f"only {summary.frames} could be read: it is damaged or cut off",
-                file=sys.stderr,
+            remarks.append(
+                f"{summary.name} announces {counted(summary.announced, 'frame')}, but only "
+                f"{summary.frames} could be read: it is damaged or cut off"
             )
         if summary.skipped:
-            print(
-                f"track: frames were skipped, the first because {summary.skipped}", file=sys.stderr
-            )
+            remarks.append(f"frames were skipped, the first because {summary.skipped}")
         if summary.remark:
-            print(
-                f"track: of {counted(summary.remarks, 'remark')} on detections and targets the "
-                f"first is: {summary.remark} (frames count from 0)",
-                file=sys.stderr,
+            remarks.append(
+                f"of {counted(summary.remarks, 'remark')} on detections and targets the first is: "
+                f"{summary.remark} (frames count from 0)"
             )
-        if remark:
-            print(f"track: {remark}", file=sys.stderr)
+        for each in filter(None, [*remarks, remark]):
+            print(f"track: {each}", file=sys.stderr)
         print(f"{options.source}: {summary.text}; results in {options.output}")
     return code
 
@@ -344,32 +345,17 @@ class _Stop:
     exit_code: int = 0
     at_once: bool = False
 
+    def notice(self, number: int, frame: FrameType | None) -> None:
+        """Take a signal: the first one ends the work after a frame, the second one at once."""
+        is_second = bool(self.exit_code)
+        self.exit_code = _SIGNALS[signal.Signals(number)]
+        if is_second or self.at_once:
+            raise KeyboardInterrupt
+
     @property
     def word(self) -> str:
         """Why."""
         return "terminated" if self.exit_code == errors.TERMINATED else "interrupted"
-
-
-@contextmanager
-def _noticing_signals(stop: _Stop) -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM end the work after a frame; the second one ends it at once."""
-    if threading.current_thread() is not threading.main_thread():
-        # Only the main thread may say what happens on a signal.
-        yield
-        return
-
-    def notice(number: int, frame: FrameType | None) -> None:
-        is_second = bool(stop.exit_code)
-        stop.exit_code = _SIGNALS[signal.Signals(number)]
-        if is_second or stop.at_once:
-            raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, notice) for number in _SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager

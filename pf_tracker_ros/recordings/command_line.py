@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import math
 from pathlib import Path
 from typing import NoReturn
 
 from pf_tracker_ros.background import UPDATE_EVERY
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.evaluation.command_line import add_tracker_options
+from pf_tracker_ros.command_lines import Parser
+from pf_tracker_ros.evaluation.command_line import add_tracker_options, positive
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.stores import as_place
@@ -23,14 +25,15 @@ the node publishes for a replay of the recording in lockstep, to the bit.
 
 The target is that of --box, or is drawn with --draw, else that of the file SOURCE.target.yaml
 beside the recording (for drive.mcap that is drive.target.yaml), else the first box of the
-recording's ground truth. Several boxes, and what a detector finds, are tracked as by the node with
-max_targets above 1, which here is the parameter targets.most.
+recording's ground truth. Where the parameter max_targets is not given, it is 1 for one target, and
+32 for several and for what a detector finds.
 """
 
 _EXIT_CODES = f"""\
 boxes.csv has a row a frame: frame (from 0), stamp (ns), id, x, y, width, height (px; empty while
-there is no box), state and confidence (0 to 1), in full precision. Of several targets each has a
-row in a frame, with its label in a last column, and a frame without any one row without an id.
+there is no box), state and confidence (0 to 1), in full precision. With max_targets above 1 each
+target has a row in a frame, with its label in a last column, and a frame without any one row
+without an id.
 
 exit codes:
   {errors.DONE}    all went well
@@ -49,24 +52,17 @@ Where the work ends early, the files hold the frames up to there, and are whole.
 """
 
 
-class _Parser(argparse.ArgumentParser):
-    """An argument parser that refuses in one line."""
-
+class _Parser(Parser):
     def error(self, message: str) -> NoReturn:
         if message.endswith("expected one argument"):
             # argparse takes a box that begins left of the image for an option.
             message += "; one that begins with '-' comes behind '=', such as --box=-3,4,50,60"
-        self.exit(errors.REFUSED, f"track: error: {message} (track --help tells more)\n")
+        super().error(message)
 
 
 def parser() -> argparse.ArgumentParser:
     """The parser of the command line, which refuses in one line."""
-    parser = _Parser(
-        prog="track",
-        description=_DESCRIPTION,
-        epilog=_EXIT_CODES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = _Parser("track", description=_DESCRIPTION, epilog=_EXIT_CODES)
     parser.add_argument(
         "source",
         nargs="?",
@@ -107,8 +103,8 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--bag",
         action="store_true",
-        help="write topics.mcap: ~/box (of several targets ~/boxes), ~/status, ~/particles and "
-        "~/overlay, to play beside the recording (needs rosbags)",
+        help="write topics.mcap: ~/box, ~/boxes where max_targets is above 1, ~/status, "
+        "~/particles and ~/overlay, to play beside the recording (needs rosbags)",
     )
     parser.add_argument(
         "--report",
@@ -139,7 +135,7 @@ def parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--jobs",
-        type=_jobs,
+        type=positive,
         metavar="N",
         help="recordings of an archive at once, each on a core of its own (default: 1, on Ray as "
         "many as the cluster has cores for)",
@@ -159,7 +155,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _add_detections(parser: argparse.ArgumentParser) -> None:
-    """Where detections of several targets come from; any of it needs SciPy."""
+    """Where detections come from; any of it needs SciPy."""
     group = parser.add_mutually_exclusive_group()
     group.add_argument(
         "--detections",
@@ -183,18 +179,12 @@ def _add_detections(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--detector-rate",
-        type=_detector_rate,
+        type=functools.partial(_rate, most=100.0),
         default=1.0,
         metavar="HZ",
         help="most frames in a second of the recording that it looks at (default: %(default)g); "
         f"motion is cheap enough for 5, and learns the background from its first {UPDATE_EVERY}",
     )
-
-
-def _jobs(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}; allowed: whole numbers from 1")
-    return int(text)
 
 
 def _box(text: str) -> Box:
@@ -223,7 +213,3 @@ def _rate(text: str, most: float = 10_000.0) -> float:
     if not 0.01 <= rate <= most:
         raise argparse.ArgumentTypeError(f"{text!r}; allowed: 0.01 to {most:g}")
     return rate
-
-
-def _detector_rate(text: str) -> float:
-    return _rate(text, 100.0)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import functools
-from collections.abc import Sequence
 from pathlib import Path
 
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.outputs import MakeWriter, OutputFolder, check_free
 from pf_tracker_ros.recordings.plan import BESIDE, Plan
-from pf_tracker_ros.recordings.report import Known, KnownTarget, RecordingReport
+from pf_tracker_ros.recordings.report import RecordingReport
 from pf_tracker_ros.recordings.tables import COLUMNS, LABELED_COLUMNS, BoxesCsv, BoxesParquet
 from pf_tracker_ros.recordings.topics import TopicBag
 from pf_tracker_ros.recordings.video import AnnotatedVideo
@@ -81,24 +80,15 @@ def _places(options: argparse.Namespace) -> dict[Path, list[str]]:
 
 def _makers(plan: Plan, name: str, seed: str) -> dict[str, MakeWriter]:
     """Name of each file to what begins it."""
-    recording, preset = plan.recording, plan.summary
-    bag: MakeWriter = functools.partial(TopicBag, preset=preset)
+    recording, preset, most = plan.recording, plan.summary, plan.max_targets
+    columns = COLUMNS if most == 1 else LABELED_COLUMNS
     facts = {"recording": name, "preset": preset, "seed": seed}
-    known: Known = KnownTarget()
-    columns: Sequence[str] = COLUMNS
-    if plan.is_several:
-        from pf_tracker_ros.recordings.several_report import KnownTargets
-        from pf_tracker_ros.recordings.several_topics import SeveralTopicBag
-
-        bag = functools.partial(SeveralTopicBag, preset=preset)
-        known = KnownTargets()
-        columns = LABELED_COLUMNS
     return {
         BOXES: functools.partial(BoxesCsv, columns=columns),
         PARQUET: functools.partial(BoxesParquet, columns=columns),
         VIDEO: functools.partial(AnnotatedVideo, frame_rate=1.0 / recording.interval),
-        BAG: bag,
+        BAG: functools.partial(TopicBag, preset=preset, max_targets=most),
         REPORT_FILE: functools.partial(
-            RecordingReport, known=known, recording=recording, preset=preset, facts=facts
+            RecordingReport, recording=recording, preset=preset, facts=facts
         ),
     }

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import os
-import shutil
-import tempfile
 from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Protocol
 
+from pf_tracker_ros.files import flush_to_disk, hidden_folder, put_in_place
 from pf_tracker_ros.recordings.errors import OUTPUT_EXISTS, RecordingError, unwritable
-from pf_tracker_ros.recordings.placing import put_in_place
-from pf_tracker_ros.recordings.tracking import Tracked
+from pf_tracker_ros.recordings.tracking import TrackedFrame
 
 
 class FrameWriter(Protocol):
     """Writes what is known after each frame."""
 
-    def write(self, tracked: Tracked) -> None:
+    def write(self, tracked: TrackedFrame) -> None:
         """Write one frame."""
         ...
 
@@ -49,13 +48,14 @@ class OutputFolder:
     def __init__(self, folder: Path, makers: dict[str, MakeWriter]) -> None:
         self._folder = folder
         check_free(folder, makers)
-        self._made: list[Path] = []
-        self._workplace: Path | None = None
         self._writers: dict[str, FrameWriter] = {}
+        self._made = ExitStack()
         try:
-            self._made = _missing(folder)
-            folder.mkdir(parents=True, exist_ok=True)
-            self._workplace = Path(tempfile.mkdtemp(prefix=".track_", dir=folder))
+            for each in reversed([folder, *folder.parents]):
+                if not each.exists():
+                    each.mkdir(exist_ok=True)
+                    self._made.callback(_remove_empty, each)
+            self._workplace = self._made.enter_context(hidden_folder(folder, ".track_"))
             for name, make in makers.items():
                 self._writers[name] = make(self._workplace / name)
         except OSError as error:
@@ -65,7 +65,7 @@ class OutputFolder:
             self.discard()
             raise
 
-    def write(self, tracked: Tracked) -> None:
+    def write(self, tracked: TrackedFrame) -> None:
         """Write a frame into every file.
 
         Raises:
@@ -84,7 +84,6 @@ class OutputFolder:
             Why others are not.
         """
         failures: dict[str, RecordingError] = {}
-        assert self._workplace is not None
         for name, writer in self._writers.items():
             place = self._folder / name
             try:
@@ -108,13 +107,7 @@ class OutputFolder:
             with contextlib.suppress(Exception):
                 writer.discard()
         self._writers = {}
-        if self._workplace is not None:
-            shutil.rmtree(self._workplace, ignore_errors=True)
-        for folder in self._made:
-            try:
-                folder.rmdir()
-            except OSError:
-                break
+        self._made.close()
 
 
 def check_free(folder: Path, names: Iterable[str]) -> None:
@@ -142,21 +135,6 @@ def _exists(path: Path) -> RecordingError:
     )
 
 
-def _missing(folder: Path) -> list[Path]:
-    """The folders that have to be made for a folder, the innermost first."""
-    missing = []
-    for each in (folder, *folder.parents):
-        if each.exists():
-            break
-        missing.append(each)
-    return missing
-
-
-def flush_to_disk(path: Path) -> None:
-    """Let a file that is closed outlast a loss of power.
-
-    Raises:
-        OSError: It cannot be written.
-    """
-    with path.open("rb") as file:
-        os.fsync(file.fileno())
+def _remove_empty(folder: Path) -> None:
+    with contextlib.suppress(OSError):
+        folder.rmdir()

@@ -1,14 +1,14 @@
-"""What is to be tracked in a recording, and how: one target, or several and a detector's."""
+"""What is to be tracked in a recording, and how."""
 
 from __future__ import annotations
 
 import argparse
 import importlib
 import math
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pf_tracker_ros.evaluation.command_line import (
     parse_parameters,
@@ -18,19 +18,21 @@ from pf_tracker_ros.evaluation.command_line import (
 from pf_tracker_ros.footage import is_bag
 from pf_tracker_ros.footage.access import is_there
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
-from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.recordings.beside import detections_file
+from pf_tracker_ros.recordings.detections.built_in import BuiltInDetector
+from pf_tracker_ros.recordings.detections.file import DetectionFile
+from pf_tracker_ros.recordings.detections.hearing import Hearing
+from pf_tracker_ros.recordings.detections.topic import DetectionTopic
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS, RecordingError
 from pf_tracker_ros.recordings.recording import Recording, open_recording
 from pf_tracker_ros.recordings.target import Target, choose_targets
-from pf_tracker_ros.recordings.tracking import Tracked, track_recording
+from pf_tracker_ros.recordings.tracking import (
+    TrackedFrame,
+    track_recording,
+    tracker_parameters,
+)
+from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import PresetInForce
-from pf_tracker_ros.targets.tracker import Tracker
-
-if TYPE_CHECKING:
-    from pf_tracker_ros.recordings.detections.hearing import Hearing
-
-_MOST = "targets.most"
 
 BESIDE = Path()
 """What an option stands for that is given without its file or folder: the one beside.
@@ -47,39 +49,37 @@ class Plan:
         recording: In which.
         targets: Which, besides what a detector finds.
         hearing: Hears what a detector says, None without one.
-        is_several: Whether it is for a tracker of several targets.
         preset: Name of the preset.
-        parameters: Full name to value, where they differ from the preset's.
+        parameters: Full name to value of all parameters.
         seed: As for `Tracker`.
     """
 
     recording: Recording
     targets: tuple[Target, ...]
     hearing: Hearing | None
-    is_several: bool
     preset: str
     parameters: Mapping[str, Any]
     seed: int
 
     @property
+    def max_targets(self) -> int:
+        """How many targets there may be."""
+        return int(self.parameters["max_targets"])
+
+    @property
     def summary(self) -> str:
         """The preset, and how many values differ from it."""
-        return _summary(self.preset, self.parameters, self.seed, several=self.is_several)
+        return PresetInForce.of({"preset": self.preset, **self.parameters}).summary
 
-    def track(self) -> Generator[Tracked, None, None]:
-        """Track; see `track_recording` and `track_targets`."""
-        recording, preset, seed = self.recording, self.preset, self.seed
-        if not self.is_several:
-            return track_recording(recording, self.targets[0], preset, self.parameters, seed)
-        from pf_tracker_ros.recordings.several import track_targets
-
-        return track_targets(
-            recording,
+    def track(self) -> Generator[TrackedFrame, None, None]:
+        """Track; see `track_recording`."""
+        return track_recording(
+            self.recording,
             self.targets,
             self.hearing,
-            preset=preset,
+            preset=self.preset,
             parameters=self.parameters,
-            seed=seed,
+            seed=self.seed,
         )
 
     def close(self) -> None:
@@ -146,11 +146,9 @@ def plan_for(
     hearing = _hearing(recording, options, is_archived=is_archived) if detected else None
     try:
         if draw is not None:
-            targets = draw(_most_targets(options))
-        # One target alone may be that of a tracker of several, whose parameters are given then.
-        several = detected or len(targets) > 1 or not _suit_one_target(options)
-        parameters = _parameters(options, several=several)
-        return Plan(recording, targets, hearing, several, options.preset, parameters, options.seed)
+            targets = draw(_parameters(options)["max_targets"])
+        parameters = _parameters(options, targets)
+        return Plan(recording, targets, hearing, options.preset, parameters, options.seed)
     except BaseException:
         if hearing is not None:
             hearing.close()
@@ -164,17 +162,10 @@ def take_settings(options: argparse.Namespace) -> None:
         options: Of the command line, which are changed.
 
     Raises:
-        ParameterError: The file cannot be read, or is not for a tracker; or a parameter is the
-            node's alone.
+        ParameterError: The file cannot be read, or is not for a tracker.
         EvaluationError: What is given contradicts it.
     """
-    if "max_targets" in parse_parameters(options.parameter):
-        raise ParameterError(
-            f"'max_targets' is a parameter of the node; here it is '{_MOST}': --parameter {_MOST}=N"
-        )
     settings = take_parameter_file(options)
-    if settings.most_targets > 1 and _MOST not in parse_parameters(options.parameter):
-        options.parameter.append(f"{_MOST}={settings.most_targets}")
     if options.seed is None:
         options.seed = settings.seed or 0
 
@@ -189,50 +180,18 @@ def check_request(options: argparse.Namespace) -> None:
 
     Raises:
         ParameterError: A parameter is not allowed.
-        RecordingError: Several targets cannot be tracked here.
+        RecordingError: There are more targets than there may be.
     """
-    if is_detected(options) or len(options.box or ()) > 1:
-        _parameters(options, several=True)
-        return
-    try:
-        _parameters(options, several=False)
-    except ParameterError as error:
-        # A target file may list several, which have some more of them.
-        try:
-            _parameters(options, several=True)
-        except (ParameterError, RecordingError):
-            raise error from None
+    _parameters(options, [Target(box) for box in options.box or ()])
 
 
-def _suit_one_target(options: argparse.Namespace) -> bool:
-    """Whether the parameters are those of a tracker of one target."""
-    try:
-        _parameters(options, several=False)
-    except ParameterError:
-        return False
-    return True
-
-
-def _most_targets(options: argparse.Namespace) -> int:
-    """How many targets there may be; 1 where several cannot be tracked here."""
-    try:
-        parameters = _parameters(options, several=True)
-    except (ParameterError, RecordingError):
-        return 1
-    from pf_tracker_ros.targets.multi_tracker import MultiTracker
-
-    values = MultiTracker.from_preset(options.preset, options.seed, parameters).parameters
-    return int(values[_MOST])
-
-
-def _parameters(options: argparse.Namespace, *, several: bool) -> dict[str, Any]:
-    """Full name to value of what differs from the preset's, for one target or several."""
-    tunables = _several_tunables() if several else None
-    given = options.parameter
-    parameters = parse_parameters(given, tunables=tunables) if tunables else parse_parameters(given)
+def _parameters(options: argparse.Namespace, targets: Sequence[Target] = ()) -> dict[str, Any]:
+    """Full name to value of all parameters, for some targets; raises as `check_request`."""
+    given = parse_parameters(options.parameter)
     with telling_of_file(options):
-        _summary(options.preset, parameters, options.seed, several=several)
-    return parameters
+        values = tracker_parameters(options.preset, given, targets, detected=is_detected(options))
+        Session(values, options.seed)
+    return values
 
 
 def require(package: str, extra: str) -> None:
@@ -250,45 +209,18 @@ def require(package: str, extra: str) -> None:
         ) from error
 
 
-def _several_tunables() -> type:
-    require("scipy", "targets")
-    from pf_tracker_ros.targets.parameters import MultiTrackerParameters
-
-    return MultiTrackerParameters
-
-
-def _summary(preset: str, parameters: Mapping[str, Any], seed: int, *, several: bool) -> str:
-    """What the node calls the preset in force."""
-    if not several:
-        values = Tracker.from_preset(preset, seed, parameters).parameters
-        return PresetInForce.of({"preset": preset, **values}).summary
-    from pf_tracker_ros.targets.multi_tracker import MultiTracker
-    from pf_tracker_ros.targets.parameters import multi_preset_parameters
-
-    values = MultiTracker.from_preset(preset, seed, parameters).parameters | {"preset": preset}
-    # The node has max_targets in its place, which is of no preset.
-    del values["targets.most"]
-    return PresetInForce.of(values, multi_preset_parameters).summary
-
-
 def _hearing(recording: Recording, options: argparse.Namespace, *, is_archived: bool) -> Hearing:
-    if options.detections:
-        from pf_tracker_ros.recordings.detections.file import DetectionFile
-
-        if options.detections is not BESIDE:
-            return DetectionFile(options.detections)
-        path = detections_file(recording.path)
-        if not is_there(path):
-            otherwise = "" if is_archived else ", or give --detections FILE"
-            raise RecordingError(
-                f"no detections for {recording.path}: write {path.name} beside it{otherwise}",
-                WRONG_DETECTIONS,
-            )
-        return DetectionFile(path)
     if options.detections_topic:
-        from pf_tracker_ros.recordings.detections.topic import DetectionTopic
-
         return DetectionTopic(recording.path, options.detections_topic)
-    from pf_tracker_ros.recordings.detections.built_in import BuiltInDetector
-
-    return BuiltInDetector(options.detector, options.detector_rate)
+    if options.detector:
+        return BuiltInDetector(options.detector, options.detector_rate)
+    if options.detections is not BESIDE:
+        return DetectionFile(options.detections)
+    path = detections_file(recording.path)
+    if not is_there(path):
+        otherwise = "" if is_archived else ", or give --detections FILE"
+        raise RecordingError(
+            f"no detections for {recording.path}: write {path.name} beside it{otherwise}",
+            WRONG_DETECTIONS,
+        )
+    return DetectionFile(path)

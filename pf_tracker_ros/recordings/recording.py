@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import islice, pairwise
 from pathlib import Path
 from statistics import median
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -27,6 +27,7 @@ from pf_tracker_ros.footage import (
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE, BagImage
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
 from pf_tracker_ros.footage.cdr import read_compressed_image, read_image, read_polygon
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
 
 # As the parameter `largest_image` of the node has it.
@@ -46,7 +47,8 @@ class RecordedFrame:
         stamp: Of the header, nanoseconds; 0 means unknown.
         time: When it was recorded, nanoseconds; the stamp where the recording does not tell.
         frame_id: Frame of the header.
-        image: As for `Tracker.update`; None where the message holds no image that can be decoded.
+        decoded: The image with its stamp, as for `Session.process`; None where the message holds
+            none that can be decoded.
         problem: Why there is no image, or empty.
         true_box: (x, y, width, height) in pixels, None where there is no ground truth for it.
     """
@@ -55,37 +57,14 @@ class RecordedFrame:
     stamp: int
     time: int
     frame_id: str
-    image: NDArray[Any] | None
+    decoded: Frame | None
     problem: str
     true_box: Box | None
 
-
-class Recording(Protocol):
-    """A source of frames.
-
-    Attributes:
-        path: Where it is.
-        frame_count: Number of frames as far as the source tells, else None.
-        interval: Seconds from one frame to the next, about.
-        has_ground_truth: Whether there are true boxes.
-    """
-
     @property
-    def path(self) -> Path: ...  # noqa: D102
-    @property
-    def frame_count(self) -> int | None: ...  # noqa: D102
-    @property
-    def interval(self) -> float: ...  # noqa: D102
-    @property
-    def has_ground_truth(self) -> bool: ...  # noqa: D102
-
-    def frames(self) -> Generator[RecordedFrame, None, None]:
-        """Read the frames in order; each call starts from the first.
-
-        Raises:
-            FootageError: The recording cannot be read, or not any further.
-        """
-        ...
+    def image(self) -> NDArray[Any] | None:
+        """As for `Tracker.update`, None without one."""
+        return self.decoded.image if self.decoded else None
 
 
 def open_recording(
@@ -116,6 +95,12 @@ def open_recording(
 class FootageRecording:
     """Frames of a video, a folder of images or a sequence.
 
+    Attributes:
+        path: Where it is.
+        frame_count: Number of frames as far as the source tells, else None.
+        interval: Seconds from one frame to the next, about.
+        has_ground_truth: Whether there are true boxes.
+
     Args:
         path: Where it is.
         footage: What was opened there.
@@ -129,19 +114,21 @@ class FootageRecording:
         self._footage = footage
 
     def frames(self) -> Generator[RecordedFrame, None, None]:
-        """Read the frames in order; see `Recording.frames`."""
+        """Read the frames in order; each call starts from the first.
+
+        Raises:
+            FootageError: The recording cannot be read, or not any further.
+        """
         boxes = self._footage.ground_truth
         for index, frame in enumerate(self._footage.frames()):
             true_box = None
             if boxes is not None and np.isfinite(boxes[index]).all():
                 true_box = as_box(boxes[index])
-            yield RecordedFrame(
-                index, frame.stamp, frame.stamp, _FRAME_ID, frame.image, "", true_box
-            )
+            yield RecordedFrame(index, frame.stamp, frame.stamp, _FRAME_ID, frame, "", true_box)
 
 
 class BagRecording:
-    """The images of a bag, decoded as the node decodes them.
+    """The images of a bag, decoded as the node decodes them; attributes as `FootageRecording`.
 
     Args:
         bag: What was found in it.
@@ -158,7 +145,7 @@ class BagRecording:
         self.interval = median(gaps) / NANOSECONDS if gaps else 1.0 / DEFAULT_FRAME_RATE
 
     def frames(self) -> Generator[RecordedFrame, None, None]:
-        """Read the frames in order; see `Recording.frames`."""
+        """Read the frames in order; see `FootageRecording.frames`."""
         for index, recorded in enumerate(self._bag.images()):
             yield self._decoded(index, recorded)
 
@@ -169,17 +156,21 @@ class BagRecording:
             message = read(recorded.message)
         except FootageError as error:
             raise FootageError(f"bag {self.path}, frame {index}: {error}") from error
-        image, problem = None, ""
+        frame, problem = None, ""
         try:
-            image = self._decoder.decode(message)
+            frame = Frame(self._decoder.decode(message), recorded.stamp)
         except (ValueError, cv2.error) as error:
             problem = str(error)
         true_box = None
         if recorded.ground_truth is not None:
             true_box = _box_of(read_polygon(recorded.ground_truth))
         return RecordedFrame(
-            index, recorded.stamp, recorded.log_time, message.frame_id, image, problem, true_box
+            index, recorded.stamp, recorded.log_time, message.frame_id, frame, problem, true_box
         )
+
+
+Recording = FootageRecording | BagRecording
+"""A source of frames."""
 
 
 def _box_of(points: list[tuple[float, float]]) -> Box | None:

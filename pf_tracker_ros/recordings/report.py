@@ -2,67 +2,104 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.evaluation import metrics
-from pf_tracker_ros.evaluation.reports.content import SequenceContent
+from pf_tracker_ros.evaluation.reports.content import SequenceContent, kept_boxes
 from pf_tracker_ros.evaluation.reports.page import Report, Section, render
-from pf_tracker_ros.evaluation.reports.pictures import Picture, take_pictures
-from pf_tracker_ros.evaluation.results import Scores
+from pf_tracker_ros.evaluation.reports.pictures import take_pictures
+from pf_tracker_ros.evaluation.results import FrameDetails, Scores
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings.recording import Recording
-from pf_tracker_ros.recordings.summaries import ABSENT, FrameSummary, content_of_frames, summary_of
-from pf_tracker_ros.recordings.tracking import Tracked, TrackedFrame
+from pf_tracker_ros.recordings.tracking import TrackedFrame, told_box
+from pf_tracker_ros.targets.tracked_target import TrackedTarget
+
+ABSENT = (np.nan, np.nan, np.nan, np.nan)
+# A section is half a megabyte, most of it pictures.
+_MOST_SECTIONS = 20
 
 
-class Known(Protocol):
-    """What is known of the frames of a recording, and the page that tells of it."""
+@dataclass(frozen=True)
+class FrameSummary:
+    """A tracked frame without its image.
 
-    def add(self, tracked: Tracked) -> None:
-        """Take what is known of a frame."""
-        ...
+    Attributes:
+        stamp: Nanoseconds.
+        state: `skipped`, `idle`, or the state of the track.
+        box: (x, y, width, height) in pixels, None without one.
+        true_box: Likewise.
+        confidence: 0 to 1, NaN where it is unknown.
+        seconds: What the tracker took for it, NaN where it did not track.
+        effective_sample_size: NaN where it is unknown.
+        powers: Name of a cue to its power.
+    """
 
-    def page(self, recording: Recording, preset: str, facts: Mapping[str, str]) -> str:
-        """The page; see `RecordingReport`."""
-        ...
+    stamp: int
+    state: str
+    box: Box | None
+    true_box: Box | None
+    confidence: float = np.nan
+    seconds: float = np.nan
+    effective_sample_size: float = np.nan
+    powers: Mapping[str, float] = field(default_factory=dict)
+
+
+def summary_of(tracked: TrackedFrame, target: TrackedTarget | None = None) -> FrameSummary:
+    """What is kept of a frame and of one of its targets, by default the only one that may be."""
+    estimate = target.estimate if target else tracked.estimate
+    return FrameSummary(
+        stamp=tracked.frame.stamp,
+        state=estimate.state if estimate else tracked.state,
+        box=told_box(estimate),
+        true_box=tracked.frame.true_box,
+        confidence=float(estimate.confidence) if estimate else np.nan,
+        seconds=tracked.seconds if tracked.outcome == "tracked" else np.nan,
+        effective_sample_size=float(estimate.effective_sample_size) if estimate else np.nan,
+        powers=dict(estimate.powers) if estimate else {},
+    )
 
 
 class RecordingReport:
     """Writes the page of one recording once all of its frames are known.
 
+    A single target has a section over all frames, with the figures of an evaluation where there is
+    a truth. Of several, each has one; of many those that were followed through the most frames.
+
     Args:
         path: The file, made anew.
-        known: Takes the frames, and makes the page.
         recording: What is tracked in; its frames are read again for the pictures.
         preset: That tracks.
         facts: Further facts of the run, name to value.
     """
 
     def __init__(
-        self,
-        path: Path,
-        *,
-        known: Known,
-        recording: Recording,
-        preset: str,
-        facts: Mapping[str, str],
+        self, path: Path, *, recording: Recording, preset: str, facts: Mapping[str, str]
     ) -> None:
-        self._file = path.open("wb")
-        self._known = known
+        self._path = path
         self._recording = recording
         self._preset = preset
         self._facts = facts
+        self._alone: list[FrameSummary] = []
+        self._states: list[str] = []
+        self._tracks: dict[int, _Track] = {}
 
-    def write(self, tracked: Tracked) -> None:
+    def write(self, tracked: TrackedFrame) -> None:
         """Remember what is known of a frame."""
-        self._known.add(tracked)
+        self._states.append(tracked.state)
+        if tracked.max_targets == 1:
+            self._alone.append(summary_of(tracked))
+            return
+        for target in tracked.targets:
+            self._tracks.setdefault(target.id, _Track(target.id)).add(tracked, target)
 
     def close(self) -> None:
         """Write the page.
@@ -70,32 +107,31 @@ class RecordingReport:
         Raises:
             OSError: It cannot be written.
         """
-        page = self._known.page(self._recording, self._preset, self._facts)
-        with self._file:
-            self._file.write(page.encode("utf-8", "replace"))
+        page = self._page_of_one() if self._alone else self._page_of_several()
+        self._path.write_bytes(page.encode("utf-8", "replace"))
 
     def discard(self) -> None:
-        """Give the file up."""
-        self._file.close()
+        """Give the file up, which is not begun yet."""
 
-
-class KnownTarget:
-    """What is known of a recording with one target; see `Known`."""
-
-    def __init__(self) -> None:
-        self._frames: list[FrameSummary] = []
-
-    def add(self, tracked: Tracked) -> None:
-        """Take what is known of a frame."""
-        assert isinstance(tracked, TrackedFrame)
-        self._frames.append(summary_of(tracked))
-
-    def page(self, recording: Recording, preset: str, facts: Mapping[str, str]) -> str:
-        """The page; see `recording_page`."""
+    def _page_of_one(self) -> str:
         true_boxes = None
-        if recording.has_ground_truth:
-            true_boxes = np.array([each.true_box or ABSENT for each in self._frames])
-        return recording_page(recording, self._frames, true_boxes, preset=preset, facts=facts)
+        if self._recording.has_ground_truth:
+            true_boxes = np.array([each.true_box or ABSENT for each in self._alone])
+        return recording_page(
+            self._recording, self._alone, true_boxes, preset=self._preset, facts=self._facts
+        )
+
+    def _page_of_several(self) -> str:
+        longest = sorted(self._tracks.values(), key=lambda track: -track.seen)[:_MOST_SECTIONS]
+        shown = sorted(longest, key=lambda track: track.id)
+        contents = [track.content_among(self._states) for track in shown]
+        count = str(len(self._tracks))
+        if len(self._tracks) > len(shown):
+            count += f", of which the {len(shown)} that were followed longest are shown"
+        states = Counter(self._states).most_common()
+        frames = ", ".join(f"{number} {state}" for state, number in states)
+        facts = {**self._facts, "targets": count, "frames": frames}
+        return _page(self._recording, contents, preset=self._preset, facts=facts, kind="target")
 
 
 def recording_page(
@@ -106,7 +142,7 @@ def recording_page(
     preset: str,
     facts: Mapping[str, str],
 ) -> str:
-    """The page of one recording, with the figures of an evaluation where there is a truth.
+    """The page of one target in a recording, with the figures of an evaluation if there is a truth.
 
     Args:
         recording: What was tracked in; its frames are read again for the pictures.
@@ -115,24 +151,12 @@ def recording_page(
         preset: That tracked.
         facts: Further facts of the run, name to value.
     """
-    content = content_of_frames(recording.path.name, frames, true_boxes)
+    content = _content_of(recording.path.name, frames, true_boxes)
     content = _scored(content, np.array([each.seconds for each in frames]))
-    return render(
-        Report(
-            title=f"{recording.path.name}, tracked",
-            preset=preset,
-            facts=facts,
-            sections=[Section(content, pictures_of([content], recording)[0])],
-            mean=content.scores,
-        )
-    )
+    return _page(recording, [content], preset=preset, facts=facts, mean=content.scores)
 
 
-def pictures_of(
-    contents: Sequence[SequenceContent], recording: Recording
-) -> list[dict[int, Picture]]:
-    """The pictures of each target of a recording, whose frames are read again."""
-
+def _page(recording: Recording, contents: Sequence[SequenceContent], **about: Any) -> str:
     def images() -> Iterator[tuple[int, NDArray[Any] | None]]:
         with closing(recording.frames()) as frames:
             for frame in frames:
@@ -140,9 +164,11 @@ def pictures_of(
 
     # What could be read once is there again, or the page has no pictures.
     try:
-        return take_pictures(contents, images())
+        pictures = take_pictures(contents, images())
     except FootageError:
-        return [{} for _ in contents]
+        pictures = [{} for _ in contents]
+    sections = list(map(Section, contents, pictures))
+    return render(Report(title=f"{recording.path.name}, tracked", sections=sections, **about))
 
 
 def _scored(content: SequenceContent, seconds: NDArray[np.float64]) -> SequenceContent:
@@ -161,3 +187,59 @@ def _scored(content: SequenceContent, seconds: NDArray[np.float64]) -> SequenceC
         success_curve=metrics.success_curve(overlaps),
         precision_curve=metrics.precision_curve(errors),
     )
+
+
+class _Track:
+    """What is known of one of several targets from its first frame to its last one.
+
+    Attributes:
+        id: Its own.
+        seen: Number of frames in which it was told.
+
+    Args:
+        id: As the attribute.
+    """
+
+    def __init__(self, id: int) -> None:
+        self.id = id
+        self._label = ""
+        self._frames: dict[int, FrameSummary] = {}
+
+    @property
+    def seen(self) -> int:
+        return len(self._frames)
+
+    def add(self, tracked: TrackedFrame, target: TrackedTarget) -> None:
+        """Take it in a frame."""
+        self._frames[tracked.frame.index] = summary_of(tracked, target)
+        self._label = target.label or self._label
+
+    def content_among(self, states: Sequence[str]) -> SequenceContent:
+        """What there is to tell of it.
+
+        Args:
+            states: Of all frames.
+        """
+        first, end = min(self._frames), max(self._frames) + 1
+        frames = [
+            self._frames.get(number)
+            or FrameSummary(0, "skipped" if states[number] == "skipped" else "absent", None, None)
+            for number in range(first, end)
+        ]
+        content = _content_of(f"target {self.id} {self._label}".rstrip(), frames, None)
+        has_ended = any(state != "skipped" for state in states[end:])
+        return replace(content, first=first, has_ended=has_ended)
+
+
+def _content_of(
+    name: str, frames: Sequence[FrameSummary], true_boxes: NDArray[np.float64] | None
+) -> SequenceContent:
+    """What there is to tell of a recording, without figures.
+
+    Args:
+        name: Of the recording.
+        frames: In order, at least one.
+        true_boxes: (frames, 4) what the boxes are compared with; None without such.
+    """
+    boxes = kept_boxes([each.box for each in frames])
+    return SequenceContent(name, boxes, true_boxes, **vars(FrameDetails.of(frames)))

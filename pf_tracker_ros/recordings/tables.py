@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pf_tracker_ros.recordings.tracking import Tracked
+from pf_tracker_ros.recordings.tracking import TrackedFrame, told_box
 
 COLUMNS = ("frame", "stamp", "id", "x", "y", "width", "height", "state", "confidence")
 LABELED_COLUMNS = (*COLUMNS, "label")
@@ -19,25 +19,27 @@ _NOT_ON_A_LINE = {"Cc", "Zl", "Zp", "Cs"}
 _ROWS_AT_ONCE = 4096
 
 
-def rows(tracked: Tracked) -> list[tuple[Any, ...]]:
+def rows(tracked: TrackedFrame) -> list[tuple[Any, ...]]:
     """A row for each target in a frame, at least one, with a value for each of `LABELED_COLUMNS`.
 
     None stands for what is unknown. Frames count from 0, stamps are in nanoseconds, boxes in
     pixels. There is no box while a target is lost, and nothing of it in a frame that was not
-    looked at.
+    looked at; the id of a row without a target is 1 where there may be one alone.
     """
-    frame = tracked.frame
+    of_frame = (tracked.frame.index, tracked.frame.stamp)
+    if not tracked.targets:
+        id = 1 if tracked.max_targets == 1 else None
+        return [(*of_frame, id, *(None,) * 4, tracked.state, None, None)]
     return [
         (
-            frame.index,
-            frame.stamp,
-            each.id,
-            *(None if value is None else float(value) for value in each.box or (None,) * 4),
-            each.state,
-            None if each.confidence is None else float(each.confidence),
-            _on_a_line(each.label) or None,
+            *of_frame,
+            target.id,
+            *(told_box(target.estimate) or (None,) * 4),
+            target.estimate.state,
+            float(target.estimate.confidence),
+            _on_a_line(target.label) or None,
         )
-        for each in tracked.rows
+        for target in tracked.targets
     ]
 
 
@@ -66,7 +68,7 @@ class BoxesCsv:
         self._whole = 0
         self._write([columns])
 
-    def write(self, tracked: Tracked) -> None:
+    def write(self, tracked: TrackedFrame) -> None:
         """Write a frame's rows."""
         self._write([row[: self._count] for row in rows(tracked)])
 
@@ -117,7 +119,7 @@ class BoxesParquet:
         self._writer = parquet.ParquetWriter(self._file, self._schema)
         self._rows: list[tuple[Any, ...]] = []
 
-    def write(self, tracked: Tracked) -> None:
+    def write(self, tracked: TrackedFrame) -> None:
         """Write a frame's rows."""
         self._rows += [row[: len(self._schema)] for row in rows(tracked)]
         if len(self._rows) >= _ROWS_AT_ONCE:

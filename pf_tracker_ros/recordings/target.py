@@ -16,11 +16,8 @@ beside that, for all of them.
 
 from __future__ import annotations
 
-import errno
 import math
-import os
 import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,12 +25,12 @@ from textwrap import indent
 from typing import Any
 
 from pf_tracker_ros.boxes import Box, as_box
+from pf_tracker_ros.files import drafted
 from pf_tracker_ros.footage.access import is_there, resolved
-from pf_tracker_ros.footage.messages import box_as_sent
+from pf_tracker_ros.messages import box_as_sent
 from pf_tracker_ros.parameters import quoted
 from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_TARGET, RecordingError
-from pf_tracker_ros.recordings.placing import put_in_place
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
 from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
@@ -119,8 +116,14 @@ def choose_target(recording: Recording, box: Sequence[float] | None) -> Target:
         RecordingError: There is none, there are several, or the target file is wrong or of another
             recording.
     """
-    targets = choose_targets(recording, () if box is None else (box,))
-    return _only(targets, target_file(recording.path))
+    first, *others = choose_targets(recording, () if box is None else (box,))
+    if others:
+        raise RecordingError(
+            f"{target_file(recording.path)} lists {1 + len(others)} targets; allowed here: one, as "
+            "several are for the command track and the console",
+            WRONG_TARGET,
+        )
+    return first
 
 
 def choose_targets(
@@ -156,11 +159,6 @@ def choose_targets(
     if is_archived:
         advice = f"{write}, or find targets with --detections, --detections-topic or --detector"
     raise RecordingError(f"no target for {recording.path}: {advice}")
-
-
-def read_target_file(path: Path, source: Path) -> Target:
-    """Read a target file of one target; see `read_targets`."""
-    return _only(read_targets(path, source), path)
 
 
 def read_targets(path: Path, source: Path) -> tuple[Target, ...]:
@@ -240,36 +238,9 @@ def save_targets(targets: Sequence[Target], source: Path, *, may_replace: bool =
             file.
     """
     path = target_file(source)
-    place = resolved(path) if may_replace else path
-    if may_replace and os.path.lexists(place) and (place.is_symlink() or not place.is_file()):
-        raise FileExistsError(errno.EEXIST, "It is no file that can be written over", str(path))
-    with tempfile.TemporaryDirectory(prefix=".track_", dir=place.parent) as folder:
-        draft = Path(folder) / place.name
+    with drafted(path, may_replace=may_replace) as draft:
         draft.write_text(_file_text(targets, source), encoding="utf-8")
-        if may_replace:
-            draft.replace(place)
-        else:
-            put_in_place(draft, place)
     return path
-
-
-def _only(targets: Sequence[Target], path: Path) -> Target:
-    """The target, where there is only one.
-
-    Args:
-        targets: At least one.
-        path: File that several are of.
-
-    Raises:
-        RecordingError: There are several.
-    """
-    if len(targets) > 1:
-        raise RecordingError(
-            f"{path} lists {len(targets)} targets; allowed here: one, as several are "
-            "for the command track alone",
-            WRONG_TARGET,
-        )
-    return targets[0]
 
 
 def _target(path: Path, of: str, document: dict[str, Any], source: Path) -> Target:

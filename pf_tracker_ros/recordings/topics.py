@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
 
-from pf_tracker_ros.footage.bag_writing import PARTICLES_TYPE, STATUS_TYPE, BagWriter, Status
-from pf_tracker_ros.footage.bags import GROUND_TRUTH_TYPE, IMAGE_TYPE
-from pf_tracker_ros.recordings.tracking import Tracked, TrackedFrame
-from pf_tracker_ros.tracking.estimate import estimate_values
-from pf_tracker_ros.tracking.state_descriptions import DESCRIPTIONS, SEVERITIES
+from pf_tracker_ros.footage.bag_writing import BagWriter
+from pf_tracker_ros.messages import STATUS_TYPE, Status, status_message
+from pf_tracker_ros.recordings.tracking import TrackedFrame
+from pf_tracker_ros.targets.statuses import description
+from pf_tracker_ros.topics import OUTPUTS, Values
+from pf_tracker_ros.tracking.state_descriptions import SEVERITIES
 
 NODE = "/pf_tracker"
-BOX, STATUS = f"{NODE}/box", f"{NODE}/status"
-PARTICLES, OVERLAY = f"{NODE}/particles", f"{NODE}/overlay"
-ERROR = 2
-Values = Mapping[str, str | float | int]
+_STATUS = f"{NODE}/status"
+_WARN, _ERROR = 1, 2
 
 
 class TopicBag:
@@ -28,20 +26,18 @@ class TopicBag:
     Args:
         path: The file, made anew.
         preset: As the status names it.
+        max_targets: As the tracker has it.
 
     Raises:
         FootageError: rosbags is missing.
         OSError: It cannot be written.
     """
 
-    topics: ClassVar[Mapping[str, str]] = {
-        BOX: GROUND_TRUTH_TYPE,
-        STATUS: STATUS_TYPE,
-        PARTICLES: PARTICLES_TYPE,
-        OVERLAY: IMAGE_TYPE,
-    }
-
-    def __init__(self, path: Path, preset: str) -> None:
+    def __init__(self, path: Path, preset: str, max_targets: int) -> None:
+        names = ["box", *(["boxes"] if max_targets > 1 else []), "particles", "overlay"]
+        self._outputs = {f"{NODE}/{one.name}": one for one in OUTPUTS if one.name in names}
+        types = {topic: output.message_type for topic, output in self._outputs.items()}
+        self.topics: Mapping[str, str] = {**types, _STATUS: STATUS_TYPE}
         self._preset = preset
         self._last_state = "idle"
         self._writer = BagWriter(path)
@@ -49,15 +45,20 @@ class TopicBag:
         for topic, message_type in self.topics.items():
             self._writer.add_topic(topic, message_type)
 
-    def write(self, tracked: Tracked) -> None:
+    def write(self, tracked: TrackedFrame) -> None:
         """Write what the node would publish for a frame."""
-        frame = tracked.frame
-        where: dict[str, Any] = {"frame_id": frame.frame_id, "log_time": frame.time}
-        self._write_targets(tracked, where)
+        frame, new = tracked.frame, self._writer.new
+        header = self._writer.header(frame.stamp, frame.frame_id)
+        messages = {}
         if tracked.state != "skipped":
             self._last_state = tracked.state
-            self._writer.write_image(OVERLAY, frame.stamp, tracked.draw(), **where)
-        self._writer.write_statuses(STATUS, frame.stamp, self._statuses(tracked), **where)
+            for topic, output in self._outputs.items():
+                messages[topic] = output.build(new, header, tracked)
+        statuses = [self._status(tracked), *tracked.target_statuses(NODE)]
+        messages[_STATUS] = status_message(new, header, statuses)
+        for topic, message in messages.items():
+            if message is not None:
+                self._writer.write_message(topic, frame.time, message)
 
     def close(self) -> None:
         """Finish the file."""
@@ -68,40 +69,22 @@ class TopicBag:
         error = InterruptedError()
         self._writer.__exit__(type(error), error, None)
 
-    def _write_targets(self, tracked: Tracked, where: dict[str, Any]) -> None:
-        """Write what is published of the target."""
-        assert isinstance(tracked, TrackedFrame)
-        stamp, estimate = tracked.frame.stamp, tracked.estimate
-        if tracked.box is not None:
-            self._writer.write_box(BOX, stamp, tracked.box, **where)
-        if estimate is not None:
-            boxes, weights = estimate.particle_boxes, estimate.weights
-            self._writer.write_particles(PARTICLES, stamp, boxes, weights, **where)
-
-    def _statuses(self, tracked: Tracked) -> list[Status]:
-        """What is told of the frame."""
-        assert isinstance(tracked, TrackedFrame)
-        known = estimate_values(tracked.estimate) if tracked.estimate else {}
-        values = self._values(tracked, known, tracked.problem)
-        return [Status(NODE, self._level(tracked), self._text(tracked), values)]
-
-    def _level(self, tracked: TrackedFrame) -> int:
-        return ERROR if tracked.outcome == "refused" else SEVERITIES[self._last_state]
-
-    @staticmethod
-    def _text(tracked: TrackedFrame) -> str:
-        if tracked.state == "skipped":
-            return tracked.problem or f"not looked at: {tracked.outcome}"
-        return DESCRIPTIONS[tracked.state]
-
-    def _values(self, tracked: Tracked, known: Values, error: str) -> Values:
-        """What the status of the frame holds, with what is known of the target."""
-        values: dict[str, str | float | int] = {"frame": tracked.outcome, "state": tracked.state}
+    def _status(self, tracked: TrackedFrame) -> Status:
+        """What is told of the frame as a whole."""
+        problems = [tracked.problem] if tracked.problem else []
+        problems += tracked.remarks
+        level = SEVERITIES[self._last_state]
+        if problems:
+            level = max(level, _ERROR if tracked.problem else _WARN)
+        text = "; ".join(problems) or description(tracked.targets, tracked.selected)
+        values: Values = {"frame": tracked.outcome, "state": tracked.state}
         if tracked.state == "skipped":
             values["last_state"] = self._last_state
-        values |= known
+            text = text if problems else f"not looked at: {tracked.outcome}"
+        else:
+            values |= tracked.values
         values["processing_time_ms"] = 1e3 * tracked.seconds
         values["lost_share"] = 0.0
         values["preset"] = self._preset
-        values["last_error"] = error
-        return values
+        values["last_error"] = problems[-1] if problems else ""
+        return Status(NODE, level, text, values)

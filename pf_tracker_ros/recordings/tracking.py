@@ -1,164 +1,127 @@
-"""Track the target of a recording as the node does that is shown it in lockstep."""
+"""Track the targets of a recording as the node does that is shown it in lockstep."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
-from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage.prefetch import Prefetch
-from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.opencv import one_opencv_thread
-from pf_tracker_ros.overlay import draw_overlay
+from pf_tracker_ros.recordings.detections.hearing import Hearing
 from pf_tracker_ros.recordings.errors import WRONG_TARGET, RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
 from pf_tracker_ros.recordings.target import Target
+from pf_tracker_ros.targets.multi_tracker import MOST_TARGETS
+from pf_tracker_ros.targets.session import DROPPED, Outcome, Session
+from pf_tracker_ros.targets.tracked_target import TrackedTarget
+from pf_tracker_ros.topics import FrameResult
 from pf_tracker_ros.tracking.estimate import Estimate
-from pf_tracker_ros.targets.session import Session
-from pf_tracker_ros.targets.tracker import Tracker
+from pf_tracker_ros.tracking.presets import preset_parameters
 
-SKIPPED = ("refused", "duplicate", "late")
+SKIPPED = ("refused", *DROPPED)
 """What becomes of a frame that is not looked at, as the node's status says it."""
 
-
-class TargetRow(NamedTuple):
-    """What is known of one target after a frame.
-
-    Attributes:
-        id: Its number, None where there is no target.
-        state: As the status has it, of a frame without a target that of the frame.
-        box: (x, y, width, height) in pixels; None where the node publishes none.
-        confidence: 0 to 1, None where it is unknown.
-        label: What it is, as far as anybody said so, or empty.
-    """
-
-    id: int | None
-    state: str
-    box: Box | None
-    confidence: float | None
-    label: str = ""
+# As the node's parameters `history_frames` and `history_megabytes` have them: late detections count
+# in what is kept.
+_HISTORY = (120, 64.0)
 
 
-class Tracked(Protocol):
-    """One frame of a recording, and what was made of it.
-
-    Attributes:
-        frame: The frame.
-        outcome: "started", "tracked", "waiting", "duplicate", "late" or "refused".
-        problem: Why the frame was refused, or empty.
-        seconds: What the tracker took for it.
-        state: `skipped`, `idle`, or the state of the target that is seen best.
-        remarks: What else was refused or came to an end with the frame, a sentence each.
-        rows: What is known of each target, at least one.
-    """
-
-    @property
-    def frame(self) -> RecordedFrame: ...  # noqa: D102
-    @property
-    def outcome(self) -> str: ...  # noqa: D102
-    @property
-    def problem(self) -> str: ...  # noqa: D102
-    @property
-    def seconds(self) -> float: ...  # noqa: D102
-    @property
-    def state(self) -> str: ...  # noqa: D102
-    @property
-    def remarks(self) -> tuple[str, ...]: ...  # noqa: D102
-    @property
-    def rows(self) -> tuple[TargetRow, ...]: ...  # noqa: D102
-
-    def draw(self) -> NDArray[Any]:
-        """The picture that the node would publish on `~/overlay`.
-
-        Raises:
-            ValueError: The frame has no image.
-        """
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class TrackedFrame:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrackedFrame(FrameResult):
     """One frame of a recording, and what the tracker makes of it.
 
+    Of a frame that was not looked at, there are no targets.
+
     Attributes:
         frame: The frame.
         outcome: "started", "tracked", "waiting", "duplicate", "late" or "refused".
-        estimate: What is known after it; None while there is no target, and where the frame was not
-            looked at.
         problem: Why the frame was refused, or empty.
         seconds: What the tracker took for it.
-        target_id: Number of the target.
-        remarks: Of a single target there are none.
+        remarks: Which detections were no use, and which targets ended for the images' sake, a
+            sentence each.
     """
 
     frame: RecordedFrame
     outcome: str
-    estimate: Estimate | None
-    problem: str
-    seconds: float
-    target_id: int = 1
+    problem: str = ""
+    seconds: float = 0.0
     remarks: tuple[str, ...] = ()
 
     @property
     def state(self) -> str:
-        """`skipped`, `idle`, or the state of the track, as the node's status has it."""
-        if self.outcome in SKIPPED:
-            return "skipped"
-        return self.estimate.state if self.estimate else "idle"
+        """`skipped`, `idle`, or the state of the selected target, without one of that seen best."""
+        return "skipped" if self.outcome in SKIPPED else super().state
 
     @property
     def box(self) -> Box | None:
-        """(x, y, width, height) in pixels; None where the node publishes no box."""
-        if self.estimate is None or self.estimate.state == "lost":
-            return None
-        return self.estimate.box
-
-    @property
-    def rows(self) -> tuple[TargetRow, ...]:
-        """What is known of the target."""
-        confidence = self.estimate.confidence if self.estimate else None
-        return (TargetRow(self.target_id, self.state, self.box, confidence),)
-
-    def draw(self) -> NDArray[Any]:
-        """See `Tracked.draw`."""
-        text = f"{self.estimate.state} {self.estimate.confidence:.2f}" if self.estimate else ""
-        return draw_overlay(image_of(self.frame), self.estimate, text or "no target")
+        """(x, y, width, height) of the selected target; None where the node publishes none."""
+        return told_box(self.estimate)
 
 
-def image_of(frame: RecordedFrame) -> NDArray[Any]:
-    """The image of a frame.
+def told_box(estimate: Estimate | None) -> Box | None:
+    """The box of an estimate; None of a target that is lost, and without one."""
+    return None if estimate is None or estimate.state == "lost" else estimate.box
+
+
+def tracker_parameters(
+    preset: str,
+    parameters: Mapping[str, Any],
+    targets: Sequence[Target] = (),
+    *,
+    detected: bool = False,
+) -> dict[str, Any]:
+    """The value of every parameter for some targets.
+
+    Args:
+        preset: Name of a preset.
+        parameters: Full name to value, where they differ from the preset's; `max_targets` is 1 for
+            one target and no detector, and else 32, where it is not given.
+        targets: To be tracked.
+        detected: Whether a detector starts targets, too.
 
     Raises:
-        ValueError: It has none.
+        ParameterError: There is no such preset.
+        RecordingError: There are more targets than there may be.
     """
-    if frame.image is None:
-        raise ValueError(frame.problem)
-    return frame.image
+    usual = 1 if len(targets) == 1 and not detected else MOST_TARGETS
+    given = parameters.get("max_targets", usual)
+    # What is no number is refused by its name, with all values.
+    most = given if isinstance(given, int) else usual
+    if len(targets) > most:
+        raise RecordingError(
+            f"{len(targets)} targets are given, and 'max_targets' is {most}; allowed: no more",
+            WRONG_TARGET,
+        )
+    return {**preset_parameters(preset, most), **parameters}
 
 
 def track_recording(
     recording: Recording,
-    target: Target,
+    targets: Target | Sequence[Target],
+    hearing: Hearing | None = None,
+    *,
     preset: str = "default",
     parameters: Mapping[str, Any] | None = None,
     seed: int = 0,
 ) -> Generator[TrackedFrame, None, None]:
-    """Track a target through a recording.
+    """Track targets through a recording.
 
-    The frames go through the same `Session` as those of the node, so the boxes are those that it
-    publishes for a replay in lockstep. Frames are read ahead in a thread.
+    The frames go through the same `Session` as those of the node, so ids and boxes are those that
+    it publishes for a replay in lockstep. Frames are read ahead in a thread.
 
     Args:
         recording: What to track in.
-        target: What to track.
+        targets: What to track, besides what a detector finds.
+        hearing: Hears what a detector says, None for none; used up with this.
         preset: Name of a preset.
-        parameters: Full name to value, where they differ from the preset's.
+        parameters: Full name to value, where they differ from the preset's; `max_targets` is 1 for
+            one target and no detector, and else 32, where it is not given.
         seed: As for `Tracker`.
 
     Yields:
@@ -166,43 +129,129 @@ def track_recording(
 
     Raises:
         ParameterError: A parameter is not allowed.
-        RecordingError: The target is refused, or of another recording.
+        RecordingError: A target is refused, or targets or detections are of another recording.
         FootageError: The recording cannot be read, or not any further.
     """
-    tunables = Tracker.from_preset(preset, seed=seed, parameters=parameters or {}).parameters
-    session = Session(tunables, seed)
-    has_started = False
+    wanted = [targets] if isinstance(targets, Target) else targets
+    detected = hearing is not None
+    values = tracker_parameters(preset, parameters or {}, wanted, detected=detected)
+    tracking = _Tracking(wanted, hearing, values, seed)
+    count = 0
     with one_opencv_thread(), closing(Prefetch(recording.frames())) as frames:
         for frame in frames:
-            if not has_started:
-                box = target.box_in(frame)
-                if box is not None:
-                    _request(session, box, frame, target)
-                    has_started = True
-            yield _tracked(session, frame, target)
-    if not has_started:
-        raise target.missed()
+            count += 1
+            yield tracking.take(frame)
+        tracking.finish(count)
 
 
-def _request(session: Session, box: Box, frame: RecordedFrame, target: Target) -> None:
-    try:
-        session.request(box, frame.stamp)
-    except ValueError as error:
-        raise RecordingError(
-            f"frame {frame.index}, box from {target.source}: {error}", WRONG_TARGET
-        ) from error
+class _Tracking:
+    """One way through a recording.
 
+    Args:
+        targets: As for `track_recording`.
+        hearing: As for `track_recording`.
+        values: Of all parameters.
+        seed: As for `track_recording`.
+    """
 
-def _tracked(session: Session, frame: RecordedFrame, target: Target) -> TrackedFrame:
-    began = time.perf_counter()
-    try:
-        outcome = session.process(Frame(image_of(frame), frame.stamp))
-    except (ValueError, cv2.error) as error:
-        return TrackedFrame(frame, "refused", None, str(error), time.perf_counter() - began)
-    seconds = time.perf_counter() - began
-    if "; ".join(outcome.refused):
-        raise RecordingError(
-            f"frame {frame.index}, box from {target.source}: {'; '.join(outcome.refused)}", WRONG_TARGET
+    def __init__(
+        self,
+        targets: Sequence[Target],
+        hearing: Hearing | None,
+        values: Mapping[str, Any],
+        seed: int,
+    ) -> None:
+        self._session = Session(values, seed)
+        if hearing is not None:
+            self._session.history.limit(*_HISTORY)
+        self._max_targets: int = values["max_targets"]
+        self._waiting = list(targets)
+        self._asked_for: list[Target] = []
+        self._labels: dict[int, str] = {}
+        self._hearing = hearing or Hearing()
+
+    def take(self, frame: RecordedFrame) -> TrackedFrame:
+        """Track into a frame."""
+        refused = self._hear(frame)
+        self._request(frame)
+        problem = ""
+        began = time.perf_counter()
+        try:
+            outcome = self._process(frame)
+        except (ValueError, cv2.error) as error:
+            # What is known of it is as little as of one that came late.
+            outcome, problem = Outcome("late"), str(error)
+        seconds = time.perf_counter() - began
+        self._hearing.after(frame, outcome)
+        if outcome.refused:
+            raise _refused(frame, self._asked_for, "; ".join(outcome.refused))
+        for id in outcome.started:
+            self._labels[id] = self._asked_for.pop(0).label
+        is_seen = outcome.frame not in SKIPPED
+        return TrackedFrame(
+            frame=frame,
+            outcome="refused" if problem else outcome.frame,
+            targets=tuple(map(self._labeled, outcome.targets)) if is_seen else (),
+            selected=outcome.selected,
+            max_targets=self._max_targets,
+            heard=self._session.heard,
+            image=frame.image,
+            problem=problem,
+            seconds=seconds,
+            remarks=(*refused, *outcome.ended, *outcome.left_out),
         )
-    estimate = None if outcome.frame in SKIPPED else outcome.estimate
-    return TrackedFrame(frame, outcome.frame, estimate, "", seconds)
+
+    def _process(self, frame: RecordedFrame) -> Outcome:
+        arrival = self._session.classify(frame.stamp)
+        if arrival in DROPPED:
+            return self._session.drop(arrival)
+        if frame.decoded is None:
+            raise ValueError(frame.problem)
+        return self._session.process(frame.decoded, arrival)
+
+    def finish(self, frame_count: int) -> None:
+        """Take that the recording has ended.
+
+        Raises:
+            RecordingError: It has not all frames that were spoken of.
+        """
+        if self._waiting:
+            raise self._waiting[0].missed()
+        self._hearing.finish(frame_count)
+
+    def _hear(self, frame: RecordedFrame) -> list[str]:
+        """Take what detectors have said before a frame; why it was refused."""
+        refused = []
+        for answer in self._hearing.before(frame):
+            reason = answer.refused
+            if answer.detections is not None:
+                try:
+                    self._session.add_detections(answer.detections, answer.stamp)
+                except ValueError as error:
+                    reason = f"detections refused: {error}"
+            if reason:
+                refused.append(reason)
+        return refused
+
+    def _request(self, frame: RecordedFrame) -> None:
+        """Ask for the targets that were drawn on a frame."""
+        for target in [*self._waiting]:
+            box = target.box_in(frame)
+            if box is None:
+                continue
+            self._waiting.remove(target)
+            try:
+                # Without its label, which a target that is sent to the node has not either.
+                self._session.request(box, frame.stamp)
+            except ValueError as error:
+                raise _refused(frame, [target], str(error)) from error
+            self._asked_for.append(target)
+
+    def _labeled(self, target: TrackedTarget) -> TrackedTarget:
+        """The same, under the label that it was drawn with while no detector calls it anything."""
+        return replace(target, label=target.label or self._labels.get(target.id, ""))
+
+
+def _refused(frame: RecordedFrame, targets: Sequence[Target], reason: str) -> RecordingError:
+    sources = ", ".join(dict.fromkeys(target.source for target in targets))
+    return RecordingError(f"frame {frame.index}, box from {sources}: {reason}", WRONG_TARGET)

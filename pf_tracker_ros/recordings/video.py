@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import errno
 import os
-import queue
-import threading
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.recordings.errors import FAILED, UNREADABLE_SOURCE, RecordingError
-from pf_tracker_ros.recordings.tracking import Tracked
+from pf_tracker_ros.recordings.tracking import TrackedFrame
 
 _CODEC = "mp4v"
 # Frames that wait to be encoded; more would only hold memory.
@@ -38,23 +38,22 @@ class AnnotatedVideo:
         self._path = path
         self._rate = float(np.clip(frame_rate, *_RATES))
         self._count = 0
-        self._frames: queue.Queue[Tracked | None] = queue.Queue(_DEPTH)
-        self._error: BaseException | None = None
+        self._waiting: deque[Future[None]] = deque()
         self._writer: cv2.VideoWriter | None = None
         self._problem = ""
         self._size = (0, 0)
-        self._thread = threading.Thread(target=self._encode, name="video", daemon=True)
-        self._thread.start()
+        self._picture: NDArray[Any] | None = None
+        self._thread = ThreadPoolExecutor(1, "video")
 
-    def write(self, tracked: Tracked) -> None:
+    def write(self, tracked: TrackedFrame) -> None:
         """Have a frame encoded.
 
         Raises:
             RecordingError: OpenCV cannot write the file.
         """
-        if self._error is not None:
-            raise self._error
-        self._frames.put(tracked)
+        if len(self._waiting) == _DEPTH:
+            self._waiting.popleft().result()
+        self._waiting.append(self._thread.submit(self._encode, tracked))
 
     def close(self) -> None:
         """Finish the file.
@@ -64,9 +63,11 @@ class AnnotatedVideo:
                 no frame had an image.
             OSError: There is no room for it.
         """
-        self.discard()
-        if self._error is not None:
-            raise self._error
+        try:
+            for frame in self._waiting:
+                frame.result()
+        finally:
+            self.discard()
         if self._writer is None:
             raise RecordingError(
                 f"there is no {self._path.name}, as no frame has an image: {self._problem}",
@@ -76,28 +77,20 @@ class AnnotatedVideo:
 
     def discard(self) -> None:
         """Let the thread end and the file go, whatever it holds."""
-        self._frames.put(None)
-        self._thread.join()
+        self._thread.shutdown(cancel_futures=True)
         if self._writer is not None:
             self._writer.release()
 
-    def _encode(self) -> None:
-        picture: NDArray[Any] | None = None
-        while (tracked := self._frames.get()) is not None:
-            if self._error is not None:
-                continue
-            try:
-                if tracked.frame.image is not None:
-                    picture = self._fitted(tracked.draw())
-                if picture is not None:
-                    self._open(picture).write(picture)
-                    self._count += 1
-                else:
-                    self._problem = self._problem or tracked.problem
-            except Exception as error:
-                self._error = error
+    def _encode(self, tracked: TrackedFrame) -> None:
+        if tracked.frame.image is not None:
+            self._picture = self._fitted(tracked.draw())
+        if self._picture is not None:
+            self._open().write(self._picture)
+            self._count += 1
+        else:
+            self._problem = self._problem or tracked.problem
 
-    def _open(self, picture: NDArray[Any]) -> cv2.VideoWriter:
+    def _open(self) -> cv2.VideoWriter:
         if self._writer is None:
             codec = cv2.VideoWriter.fourcc(*_CODEC)
             self._writer = cv2.VideoWriter(str(self._path), codec, self._rate, self._size)

@@ -21,7 +21,8 @@ from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_i
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 
-_MOST_TARGETS = 32
+MOST_TARGETS = 32
+"""Of several targets, where nobody says how many there may be."""
 # Frames that are kept for late detections, and most memory for their images, in units of 10^6
 # bytes.
 _KEPT = (1000, 128.0)
@@ -81,7 +82,7 @@ class MultiTracker:
             ParameterError: No such preset or parameter, or a value that is not allowed.
             ValueError: The seed is no whole number from 0.
         """
-        values = {**preset_parameters(preset, _MOST_TARGETS), **(parameters or {})}
+        values = {**preset_parameters(preset, MOST_TARGETS), **(parameters or {})}
         return cls(build(TrackerParameters, values), seed)
 
     @property

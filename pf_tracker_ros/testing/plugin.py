@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import pytest
 
@@ -17,10 +18,21 @@ from pf_tracker_ros.testing.runs import TrackedRun, run_library, run_node
 Way = Literal["library", "node"]
 
 
-class TrackRecording(Protocol):
-    """Tracks a recording; see `tracked_recording`."""
+@dataclass(frozen=True)
+class TrackRecording:
+    """Tracks recordings for a test; see `tracked_recording`.
 
-    def __call__(  # noqa: D102
+    Attributes:
+        folder: That sources are relative to.
+        reports: Folder for what a check that fails leaves behind.
+        is_update: Whether what is found is stored as the result to compare with.
+    """
+
+    folder: Path
+    reports: Path
+    is_update: bool
+
+    def __call__(
         self,
         source: str | Path,
         *,
@@ -31,7 +43,20 @@ class TrackRecording(Protocol):
         through: Way = "library",
         stored: str | Path | None = None,
         bag_topic: str = "",
-    ) -> TrackedRun: ...
+    ) -> TrackedRun:
+        """Track one; see `tracked_recording`."""
+        recording = open_recording(self.folder / source, bag_topic=bag_topic)
+        target = choose_target(recording, box)
+        if through == "library":
+            frames = run_library(recording, target, preset, parameters or {}, seed)
+        else:
+            tunables = {**(parameters or {}), "preset": preset, "seed": seed}
+            frames = run_node(recording, target, tunables, bag_topic)
+        path = None if stored is None else self.folder / stored
+        run = TrackedRun(recording, frames, preset, through, path, self.reports)
+        if self.is_update:
+            run.store()
+        return run
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -60,41 +85,9 @@ def tracked_recording(request: pytest.FixtureRequest, tmp_path: Path) -> TrackRe
     into the real node; `stored`, a file of boxes to compare with in place of the truth, which
     `pytest --update` writes; `bag_topic`, the image topic of a bag that has several.
     """
-    folder = request.path.parent
-    is_update = bool(request.config.getoption("--update"))
     given = request.config.getoption("--tracking-reports")
     reports = tmp_path
     if given:
         reports = Path(given).resolve() / re.sub(r"[^\w.-]+", "_", request.node.nodeid)
-
-    def track(
-        source: str | Path,
-        *,
-        box: Box | None = None,
-        preset: str = "default",
-        parameters: Mapping[str, Any] | None = None,
-        seed: int = 0,
-        through: Way = "library",
-        stored: str | Path | None = None,
-        bag_topic: str = "",
-    ) -> TrackedRun:
-        recording = open_recording(folder / source, bag_topic=bag_topic)
-        target = choose_target(recording, box)
-        if through == "library":
-            frames = run_library(recording, target, preset, parameters or {}, seed)
-        else:
-            tunables = {**(parameters or {}), "preset": preset, "seed": seed}
-            frames = run_node(recording, target, tunables, bag_topic)
-        run = TrackedRun(
-            recording=recording,
-            frames=frames,
-            preset=preset,
-            through=through,
-            stored=None if stored is None else folder / stored,
-            reports=reports,
-        )
-        if is_update:
-            run.store()
-        return run
-
-    return track
+    is_update = bool(request.config.getoption("--update"))
+    return TrackRecording(request.path.parent, reports, is_update)

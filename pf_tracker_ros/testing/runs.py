@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-import os
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,13 +18,14 @@ import pytest
 from numpy.typing import NDArray
 
 from pf_tracker_ros.evaluation import metrics
+from pf_tracker_ros.evaluation.reports.content import Stretch, stretches
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
+from pf_tracker_ros.files import drafted
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE, is_bag, open_bag
 from pf_tracker_ros.overlay import COLORS, draw_box, draw_overlay
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.recordings.recording import Recording
-from pf_tracker_ros.recordings.report import recording_page
-from pf_tracker_ros.recordings.summaries import ABSENT, FrameSummary, summary_of
+from pf_tracker_ros.recordings.report import ABSENT, FrameSummary, recording_page, summary_of
 from pf_tracker_ros.recordings.tables import COLUMNS, LABELED_COLUMNS
 from pf_tracker_ros.recordings.target import Target
 from pf_tracker_ros.recordings.tracking import track_recording
@@ -96,7 +95,7 @@ class TrackedRun:
     @property
     def longest_loss(self) -> float:
         """Seconds of the longest time without the target, 0 if it was never lost."""
-        return max((seconds for _, _, seconds in self._losses()), default=0.0)
+        return max((seconds for seconds, _ in self._losses), default=0.0)
 
     @property
     def milliseconds(self) -> float:
@@ -128,7 +127,7 @@ class TrackedRun:
             problems.append(f"the state at the end is {self.end}, expected {ends}")
             pictured = len(self.frames) - 1
         if longest_loss is not None and self.longest_loss > longest_loss:
-            first, last, seconds = max(self._losses(), key=lambda loss: loss[2])
+            seconds, (first, last) = max(self._losses, key=lambda loss: loss[0])
             problems.append(
                 f"lost for {seconds:.3g} s in frames {first} to {last}, expected at most "
                 f"{longest_loss:g} s"
@@ -152,17 +151,13 @@ class TrackedRun:
         if self.stored is None:
             return
         self.stored.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(
-            "w", newline="", dir=self.stored.parent, prefix=".boxes_", delete=False
-        ) as file:
+        with drafted(self.stored) as draft, draft.open("w", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(COLUMNS)
             for index, each in enumerate(self.frames):
                 box = each.box or ("", "", "", "")
                 confidence = "" if math.isnan(each.confidence) else each.confidence
                 writer.writerow([index, each.stamp, 1, *box, each.state, confidence])
-        Path(file.name).chmod(0o666 & ~_umask())
-        Path(file.name).replace(self.stored)
 
     @cached_property
     def _states(self) -> list[str]:
@@ -173,17 +168,15 @@ class TrackedRun:
             states.append(last if each.state == "skipped" else each.state)
         return states
 
-    def _losses(self) -> Iterator[tuple[int, int, float]]:
-        """First and last frame of each loss, and its seconds up to the frame after it."""
-        first = None
-        for index, state in enumerate([*self._states, "tracking"]):
-            if state == "lost" and first is None:
-                first = index
-            elif state != "lost" and first is not None:
-                after = min(index, len(self.frames) - 1)
-                elapsed = self.frames[after].stamp - self.frames[first].stamp
-                yield first, index - 1, elapsed / NANOSECONDS
-                first = None
+    @property
+    def _losses(self) -> list[tuple[float, Stretch]]:
+        """Seconds of each loss up to the frame after it, and its frames."""
+        stamps = [each.stamp for each in self.frames]
+        ends = [*stamps[1:], stamps[-1]]
+        return [
+            ((ends[loss.last] - stamps[loss.first]) / NANOSECONDS, loss)
+            for loss in stretches(self._states, "lost")
+        ]
 
     def _short_overlap(self, expected: float) -> tuple[str, int | None]:
         kind = "the stored result" if self.stored else "the truth"
@@ -246,7 +239,8 @@ def run_library(
     seed: int,
 ) -> list[FrameSummary]:
     """Track a recording through the library."""
-    with closing(track_recording(recording, target, preset, parameters, seed)) as tracked:
+    tracking = track_recording(recording, target, preset=preset, parameters=parameters, seed=seed)
+    with closing(tracking) as tracked:
         return [summary_of(each) for each in tracked]
 
 
@@ -316,10 +310,3 @@ def _read_boxes(path: Path) -> NDArray[np.float64]:
     if problem:
         pytest.fail(f"{problem}; pytest --update stores one", pytrace=False)
     return np.array(boxes, dtype=np.float64).reshape(-1, 4)
-
-
-def _umask() -> int:
-    """That of this process, which the system tells only to who sets one."""
-    umask = os.umask(0)
-    os.umask(umask)
-    return umask

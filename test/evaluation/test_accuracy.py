@@ -6,8 +6,8 @@ import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation.results import mean_scores
+from pf_tracker_ros.evaluation.runs import evaluate_sequences
 from pf_tracker_ros.evaluation.sequences import read_sequences
-from pf_tracker_ros.evaluation.several import evaluate_sequences
 
 # Preset, sequences, mean success AUC.
 FLOORS = [("default", "*", 0.6), ("li2007", "*", 0.40), ("zhang2015", "*ir_*", 0.55)]

@@ -337,4 +337,4 @@ def test_a_parameter_file_says_what_could_be_typed(short_sequence, tmp_path):
     assert f"{own}: no parameter 'particels'" in said
     own.write_text(text.replace("preset", "max_targets: 4, preset"))
     said = refusal(short_sequence, "--params-file", own, directory=tmp_path)
-    assert "is for several targets (max_targets 4)" in said
+    assert f"{own}: parameter 'max_targets' is 4; allowed: 1, as a Tracker has one target" in said

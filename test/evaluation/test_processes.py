@@ -6,7 +6,7 @@ import sys
 import time
 from contextlib import closing
 
-from pf_tracker_ros.evaluation.processes import ProcessEnded, spread
+from pf_tracker_ros.evaluation.processes import WorkerEnded, spread
 
 
 def test_every_task_is_done_once():
@@ -17,7 +17,10 @@ def test_every_task_is_done_once():
 def test_processes_that_end_at_a_task_fail_at_that_one_only():
     tasks = ["1 + 1", "__import__('os')._exit(5)", "2 + 2", "__import__('os').abort()", "3 + 3"]
     answers = dict(spread(eval, tasks, 2))
-    ended = {1: ProcessEnded(5), 3: ProcessEnded(-6)}
+    ended = {
+        1: WorkerEnded("its process ended with code 5"),
+        3: WorkerEnded("its process was ended by signal 6"),
+    }
     assert answers == {0: 2, 2: 4, 4: 6, **ended}
 
 

@@ -19,8 +19,8 @@ from pf_tracker_ros.evaluation import (
     read_sequences,
 )
 from pf_tracker_ros.footage import Frame
+from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
-from pf_tracker_ros.tracking.session import Session
 
 TARGET = (10.0, 10.0, 10.0, 10.0)
 # Apart from TARGET, center 40 px away.
@@ -332,7 +332,7 @@ def test_boxes_are_those_of_a_session_to_the_bit(moving_square):
 
     session = Session(preset_parameters("default"), seed=4)
     session.request(tuple(moving_square.boxes[0]), stamps[0])
-    outcomes = [session.process(frame.image, frame.stamp) for frame in footage.frames()]
+    outcomes = [session.process(frame) for frame in footage.frames()]
     assert [outcome.frame for outcome in outcomes] == ["started"] + ["tracked"] * (len(stamps) - 1)
     assert not result.lost.any()
     boxes = np.array([outcome.estimate.box for outcome in outcomes])

@@ -14,9 +14,10 @@ import pytest
 
 import pf_tracker_ros
 from pf_tracker_ros import Detections
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.recordings.__main__ import main
-from pf_tracker_ros.targets.parameters import multi_preset_parameters
-from pf_tracker_ros.targets.session import MultiSession
+from pf_tracker_ros.targets.session import Session
+from pf_tracker_ros.tracking.presets import preset_parameters
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
@@ -259,7 +260,7 @@ class Library:
 
     def track(self, boxes=(), heard=None, seed=0):
         """The rows for boxes in the first frame, and what is heard before each frame of which."""
-        session = MultiSession(multi_preset_parameters("default"), seed)
+        session = Session(preset_parameters("default", 32), seed)
         session.history.limit(120, 64.0)
         found = []
         for number, image in enumerate(self._images):
@@ -270,7 +271,7 @@ class Library:
             found += [
                 (number, self.at(number), target.id, *target.estimate.box, target.estimate.state,
                  target.estimate.confidence)
-                for target in session.process(image, self.at(number)).targets
+                for target in session.process(Frame(image, self.at(number))).targets
             ]  # fmt: skip
         return found
 

@@ -390,7 +390,10 @@ def test_the_bag_is_logged_when_the_images_were(
     assert track(bag, "--output", tmp_path / "out", *BOX, *QUICK, "--bag")[0] == 0
     with Reader(tmp_path / "out" / "topics.mcap") as reader:
         times = {time for connection, time, _ in reader.messages()}
+        counts = {connection.topic: connection.msgcount for connection in reader.connections}
     assert times == {row[2] for row in messages}
+    names = ("box", "overlay", "particles", "status")
+    assert counts == {f"/pf_tracker/{name}": len(messages) for name in names}
 
 
 @pytest.mark.parametrize("step", [0, -10_000_000])

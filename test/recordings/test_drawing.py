@@ -171,7 +171,7 @@ def test_where_there_may_be_one_target_the_note_tells_of_no_other(
     ask_for_target, open_desk, images
 ):
     desk = ask_for_target(
-        images, "--output", images.parents[1] / "out", "--parameter", "targets.most=1"
+        images, "--output", images.parents[1] / "out", "--parameter", "max_targets=1"
     )
     note = open_desk(desk).locator("#note")
     assert note.inner_text().endswith("Enter starts, Escape drops it")
@@ -228,7 +228,6 @@ def test_another_frame_is_chosen_and_a_box_is_dropped_and_placed_by_keys(
 def test_several_targets_are_drawn_taken_back_and_tracked(
     ask_for_target, open_desk, rows, track, images
 ):
-    pytest.importorskip("scipy")
     tmp_path = images.parents[1]
     desk = ask_for_target(images, "--output", tmp_path / "out")
     page = open_desk(desk)
@@ -280,9 +279,8 @@ def test_several_targets_are_drawn_taken_back_and_tracked(
 
 
 def test_as_many_targets_are_drawn_as_there_may_be(ask_for_target, open_desk, rows, images):
-    pytest.importorskip("scipy")
     output = images.parent / "out"
-    desk = ask_for_target(images, "--output", output, "--parameter", "targets.most=2")
+    desk = ask_for_target(images, "--output", output, "--parameter", "max_targets=2")
     page = open_desk(desk)
     drag(page, (20, 30), (44, 54))
     page.keyboard.press("a")
@@ -445,7 +443,7 @@ def test_without_any_target_it_says_that_one_can_be_drawn(track, images, tmp_pat
     assert "or draw the target with --draw" in errors
 
 
-def test_without_scipy_one_target_is_drawn(track, images, monkeypatch, tmp_path):
+def test_the_page_is_told_how_many_targets_there_may_be(track, images, monkeypatch, tmp_path):
     asked = []
 
     def draw(recording, most, announce):
@@ -453,7 +451,12 @@ def test_without_scipy_one_target_is_drawn(track, images, monkeypatch, tmp_path)
         return (Target(tuple(BOX), 10**9, 0, (160, 120), "the page"),)
 
     monkeypatch.setattr(drawing, "draw_targets", draw)
-    assert track(images, "--output", tmp_path / "many", "--draw", *QUICK)[0] == 0
+    # What is drawn needs no SciPy; detections alone do.
     monkeypatch.setitem(sys.modules, "scipy", None)
-    assert track(images, "--output", tmp_path / "one", "--draw", *QUICK)[0] == 0
-    assert asked == [32, 1]
+    assert track(images, "--output", tmp_path / "many", "--draw", *QUICK)[0] == 0
+    few = ("--parameter", "max_targets=3")
+    assert track(images, "--output", tmp_path / "few", "--draw", *QUICK, *few)[0] == 0
+    assert asked == [32, 3]
+    # One that is drawn is a single target, unless it is said that there may be more.
+    heads = [(tmp_path / n / "boxes.csv").read_text().splitlines()[0] for n in ("many", "few")]
+    assert [head.endswith(",label") for head in heads] == [False, True]

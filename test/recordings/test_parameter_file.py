@@ -80,11 +80,11 @@ def test_a_file_for_several_targets_tracks_one_as_one_of_several(tracked, own):
     found = tracked(*BOX, "--params-file", own)
     # Of several targets there is a label.
     assert found[0]["label"] == ""
-    several = ("--preset", "li2007", "--seed", 3, "--parameter", "targets.most=5")
+    several = ("--preset", "li2007", "--seed", 3, "--parameter", "max_targets=5")
     cues = ("--parameter", "cues=color_histogram,hog", "--parameter", "particles=20")
     update = ("--parameter", "template.update_above=0.15")
     assert tracked(*BOX, *several, *cues, *update) == found
-    assert tracked(*BOX, "--params-file", own, "--parameter", "targets.most=7") == found
+    assert tracked(*BOX, "--params-file", own, "--parameter", "max_targets=7") == found
 
 
 def test_a_wrong_value_that_is_typed_is_not_the_files(track, moving_square_sequence, own):

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from pf_tracker_ros.evaluation.processes import WorkerEnded
 from pf_tracker_ros.recordings import RecordingError
-from pf_tracker_ros.recordings.archives.executors import WorkerEnded
 from pf_tracker_ros.recordings.archives.memory import needed_memory
 from pf_tracker_ros.recordings.archives.results import ResultsFolder
 from pf_tracker_ros.recordings.archives.tasks import make_tasks, run_tasks
@@ -48,7 +48,7 @@ def test_killed_workers_and_a_killed_driver_cost_only_what_was_under_way(
     driver = start_on_ray(output)
     for count in (1, 3):
         watch.wait_for_results(output, count)
-        watch.kill_worker(driver, "ray::_do")
+        watch.kill_worker(driver, "ray::do_task")
     watch.wait_for_results(output, 5)
     watch.assert_whole(output)
     driver.kill()

@@ -47,7 +47,7 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
     )
     output = tmp_path / "out"
     # A parameter of several targets alone.
-    few = ("--parameter", "targets.most=2", "--report", "--bag")
+    few = ("--parameter", "max_targets=2", "--report", "--bag")
     code, said, _ = track(source, "--output", output, *QUICK, *few)
     assert code == 0
     assert "(the best seen target: " in said
@@ -197,8 +197,16 @@ def test_every_output_tells_of_several_targets(
     ids = {}
     numbers = {int(row["stamp"]): int(row["frame"]) for row in found}
     with Reader(output / "topics.mcap") as reader:
+        names = ("box", "boxes", "overlay", "particles", "status")
+        assert sorted(reader.topics) == [f"/pf_tracker/{name}" for name in names]
         for connection, _, data in reader.messages():
             message = typestore.deserialize_cdr(data, connection.msgtype)
+            # Nobody has selected one of them.
+            assert connection.topic != "/pf_tracker/box"
+            if connection.topic == "/pf_tracker/status":
+                node, *targets = message.status
+                values = {pair.key: pair.value for pair in node.values}
+                assert (int(values["targets"]), values["selected"]) == (len(targets), "0")
             if connection.topic == "/pf_tracker/boxes":
                 stamp = message.markers[0].header.stamp
                 number = numbers[stamp.sec * 10**9 + stamp.nanosec]
@@ -306,12 +314,12 @@ def test_a_built_in_detector_that_finds_nothing_says_so(tracked, source, name, f
         (["--detector", "eyes"], "people"),
         (["--detector", "motion", "--detector-rate", "0"], "0.01 to 100"),
         (["--detector", "motion", "--detections", "d.csv"], "not allowed with argument"),
-        (["--detector", "motion", "--parameter", "targets.most=0"], "targets.most"),
+        (["--detector", "motion", "--parameter", "max_targets=0"], "'max_targets' is 0; allowed"),
+        (["--detector", "motion", "--parameter", "max_targets=no"], "'max_targets' is 'no'"),
         (["--detector", "motion", "--parameter", "targets.least=1"], "targets.least"),
-        (["--detector", "motion", "--parameter", "max_targets=3"], "here it is 'targets.most'"),
         (
-            ["--box", "1,2,30,40", "--box", "50,2,30,40", "--parameter", "targets.most=1"],
-            "box from --box: there is 1 target, as many as there may be",
+            ["--box", "1,2,30,40", "--box", "50,2,30,40", "--parameter", "max_targets=1"],
+            "2 targets are given, and 'max_targets' is 1; allowed: no more",
         ),
     ],
 )

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pf_tracker_ros
-from pf_tracker_ros.tracking.session import Session
+from pf_tracker_ros.targets.session import Outcome, Session
 
 PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
 QUICK = {"preset": "li2007", "parameters": {"particles": 60}}
@@ -20,15 +20,14 @@ ASKED = {"ends": "tracking", "overlap": 0.8, "longest_loss": 0.2, "milliseconds"
 
 def mutate(monkeypatch, change):
     """Let a function change each estimate that a session tells."""
-    process = Session.process_unread
+    process = Session.process
 
-    def changed(self, image, stamp):
-        outcome = process(self, image, stamp)
-        if outcome.estimate is None:
-            return outcome
-        return change_field(outcome, estimate=change(outcome.estimate))
+    def changed(self, frame, arrival=None):
+        outcome = process(self, frame, arrival)
+        targets = [change_field(one, estimate=change(one.estimate)) for one in outcome.targets]
+        return change_field(outcome, targets=tuple(targets))
 
-    monkeypatch.setattr(Session, "process_unread", changed)
+    monkeypatch.setattr(Session, "process", changed)
 
 
 def change_field(value, **fields):
@@ -183,11 +182,7 @@ def test_a_failure_leaves_the_frame_and_a_report(
 def test_a_tracker_that_never_begins_is_noticed(
     tracked_recording, moving_square_sequence, monkeypatch
 ):
-    from pf_tracker_ros.tracking.session import Outcome
-
-    monkeypatch.setattr(
-        Session, "process_unread", lambda self, read, stamp: Outcome("waiting", None)
-    )
+    monkeypatch.setattr(Session, "process", lambda self, frame, arrival: Outcome("waiting"))
     run = tracked_recording(moving_square_sequence, **QUICK)
     with pytest.raises(pytest.fail.Exception) as caught:
         run.check(**ASKED)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -59,9 +60,9 @@ class SequenceContent:
     confidence: NDArray[np.float64]
     effective_sample_size: NDArray[np.float64]
     powers: Mapping[str, NDArray[np.float64]]
-    scores: Scores | None
-    success_curve: NDArray[np.float64] | None
-    precision_curve: NDArray[np.float64] | None
+    scores: Scores | None = None
+    success_curve: NDArray[np.float64] | None = None
+    precision_curve: NDArray[np.float64] | None = None
     first: int = 0
     has_ended: bool = False
 
@@ -87,15 +88,7 @@ class SequenceContent:
 
     def stretches(self, state: str) -> list[Stretch]:
         """The frames of a state, by their numbers."""
-        found: list[Stretch] = []
-        for index, each in enumerate(self.states, start=self.first):
-            if each != state:
-                continue
-            if found and found[-1].last == index - 1:
-                found[-1] = Stretch(found[-1].first, index)
-            else:
-                found.append(Stretch(index, index))
-        return found
+        return stretches(self.states, state, self.first)
 
     @property
     def share_by_state(self) -> dict[str, float]:
@@ -134,6 +127,17 @@ class SequenceContent:
         return np.asarray(np.where(known, found, np.nan))
 
 
+def stretches(states: Sequence[str], state: str, first: int = 0) -> list[Stretch]:
+    """The frames of a state among those of all frames in a row, the first one of that number."""
+    found, begin = [], first
+    for each, frames in groupby(states):
+        end = begin + len(list(frames))
+        if each == state:
+            found.append(Stretch(begin, end - 1))
+        begin = end
+    return found
+
+
 def told_states(states: Collection[str]) -> tuple[str, ...]:
     """The states that a table has columns for, so that the shares of a row are all there.
 
@@ -148,18 +152,15 @@ def content_of(result: SequenceResult) -> SequenceContent:
     frames = len(result.true_boxes)
     unknown = np.full(frames, np.nan)
     details = result.details or FrameDetails(("",) * frames, unknown, unknown, {})
-    states = [
+    states = tuple(
         "lost" if is_lost else state or "tracking"
         for is_lost, state in zip(result.lost[0], details.states, strict=True)
-    ]
+    )
     return SequenceContent(
         name=result.name,
         boxes=result.boxes[0],
         true_boxes=result.true_boxes,
-        states=tuple(states),
-        confidence=details.confidence,
-        effective_sample_size=details.effective_sample_size,
-        powers=details.powers,
+        **vars(replace(details, states=states)),
         scores=result.scores,
         success_curve=result.success_curve,
         precision_curve=result.precision_curve,

@@ -17,7 +17,7 @@ from pf_tracker_ros.evaluation.reports.page import (
 )
 from pf_tracker_ros.evaluation.reports.pictures import take_pictures
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceResult, mean_scores
-from pf_tracker_ros.footage import Footage
+from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.plurals import counted
 
 
@@ -56,16 +56,16 @@ class EvaluationReport:
             results: Each sequence, which is read again for its pictures, and its result.
 
         Returns:
-            Why it cannot be written; None if it was.
-
-        Raises:
-            FootageError: A frame cannot be read.
+            Why it cannot be written, or a frame not be read; None if all went well.
         """
         sections = []
         for footage, result in results:
             content = content_of(result)
             images = ((index, frame.image) for index, frame in enumerate(footage.frames()))
-            sections.append(Section(content, take_pictures([content], images)[0]))
+            try:
+                sections.append(Section(content, take_pictures([content], images)[0]))
+            except FootageError as error:
+                return f"there is no report: {error}"
         seeds = len(results[0][1].seeds)
         facts = {
             "preset": preset,
@@ -83,8 +83,4 @@ class EvaluationReport:
             compared=self._compared,
         )
         page = render(report).encode("utf-8", "replace")
-
-        def write(path: Path) -> None:
-            path.write_bytes(page)
-
-        return self._file.write(write)
+        return self._file.write(lambda path: path.write_bytes(page))

@@ -9,12 +9,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PolygonStamped
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import UInt32
+from visualization_msgs.msg import Marker, MarkerArray
 
 from pf_tracker_ros.boxes import bounding_box
-from pf_tracker_ros.footage.messages import PARTICLE_FIELDS
+from pf_tracker_ros.messages import PARTICLE_FIELDS
+from pf_tracker_ros.targets.detection_messages import outline_of
 
 Json = dict[str, Any]
 
@@ -29,6 +31,11 @@ _MOST_PARTICLES = 400
 _MOST_VALUES = 200
 _MOST_PLACES = 128 * 128
 _HEAT_RANGE = 20.0
+_BOXES = "boxes"
+_MOST_TARGETS = 1000
+_LONGEST_LABEL = 200
+_LARGEST_ID = 2**32 - 1
+_DIGITS = 10
 
 
 def status_of(status: DiagnosticStatus) -> Json:
@@ -42,23 +49,86 @@ def status_of(status: DiagnosticStatus) -> Json:
     }
 
 
-def box_of(message: PolygonStamped) -> list[float] | None:
-    """The box [x, y, width, height] of a polygon, pixels; None where it has no finite corners."""
-    return box_around(message.polygon.points)
+def answer_of(message: DiagnosticArray) -> Json:
+    """The status of the node, with `targets` and the id of the `selected` one, empty without."""
+    own, *others = message.status
+    status = status_of(own)
+    status["targets"] = _targets_of(others)
+    # As a text: the node's may be larger than a number of JavaScript holds.
+    selected = next((item.value for item in own.values if item.key == "selected"), "")
+    is_there = any(target["id"] == selected for target in status["targets"])
+    return status | {"selected": selected if is_there else ""}
 
 
-def box_around(points: Sequence[Any]) -> list[float] | None:
-    """The box [x, y, width, height] around points, pixels; None where it is not finite."""
-    corners = np.array([(point.x, point.y) for point in points], np.float64)
-    if not corners.size or not np.isfinite(corners).all():
-        return None
-    box = [round(value, 3) for value in bounding_box(corners)]
-    return box if np.isfinite(box).all() else None
+def _targets_of(statuses: Sequence[DiagnosticStatus]) -> list[Json]:
+    """The targets by the statuses of each: id as a text, label, state and confidence, if known."""
+    targets = []
+    for status in statuses[:_MOST_TARGETS]:
+        # As texts: a label may be a number, too.
+        texts = {item.key: item.value[:_LONGEST_LABEL] for item in status.values[:_MOST_VALUES]}
+        confidence = status_of(status)["values"].get("confidence")
+        if _is_id(texts.get("id", "")):
+            targets.append(
+                {
+                    "id": texts["id"],
+                    "label": texts.get("label", ""),
+                    "state": texts.get("state", ""),
+                    "confidence": confidence if isinstance(confidence, float) else None,
+                }
+            )
+    return targets
+
+
+def boxes_of(message: MarkerArray) -> dict[str, Json]:
+    """Of each target that is seen, by its id, box [x, y, width, height] in pixels and color."""
+    boxes = {}
+    for marker in message.markers[: 2 * _MOST_TARGETS + 1]:
+        if marker.ns != _BOXES or marker.action != Marker.ADD:
+            continue
+        corners = np.array([(point.x, point.y) for point in marker.points], np.float64)
+        if corners.size and np.isfinite(box := bounding_box(corners)).all():
+            color = _color(marker.color)
+            boxes[str(marker.id)] = {"box": [round(value, 3) for value in box], "color": color}
+    return boxes
+
+
+def detections_of(message: Any) -> list[Json]:
+    """The boxes of a vision_msgs Detection2DArray, [x, y, width, height] in pixels, with labels."""
+    detections = []
+    for detection in message.detections[:_MOST_TARGETS]:
+        box = outline_of(detection.bbox)
+        if not all(math.isfinite(value) for value in box):
+            continue
+        scored = [one.hypothesis for one in detection.results]
+        best = max(scored, key=lambda one: one.score, default=None)
+        label = best.class_id[:_LONGEST_LABEL] if best else ""
+        detections.append({"box": [round(value, 3) for value in box], "label": label})
+    return detections
+
+
+def id_message(id: str) -> UInt32:
+    """The message that names a target, or with 0 none.
+
+    Raises:
+        ValueError: That is no id of a target.
+    """
+    if not _is_id(id):
+        raise ValueError(f"there is no target {id!r}")
+    return UInt32(data=int(id))
+
+
+def _is_id(text: str) -> bool:
+    return text.isascii() and text.isdigit() and len(text) <= _DIGITS and int(text) <= _LARGEST_ID
+
+
+def _color(color: Any) -> str:
+    parts = (color.r, color.g, color.b)
+    return "#" + "".join(f"{round(255 * min(1.0, max(0.0, part))):02x}" for part in parts)
 
 
 def particles_of(message: PointCloud2) -> list[list[float]]:
     """The heaviest particles, [x, y, weight as a share of the largest]; pixels, at most 400."""
-    # Those of several targets have one field more, at the end.
+    # There may be more fields at the end, such as the id of the target.
     fields, rest = divmod(message.point_step, 4)
     if rest or fields < len(PARTICLE_FIELDS) or message.is_bigendian:
         return []

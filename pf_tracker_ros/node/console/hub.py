@@ -36,7 +36,7 @@ _TICK = 0.1
 _LINGER = 5.0
 # What browsers may ask; each is done by the method of its name. Those of the second kind are about
 # the browser that asks.
-_REQUESTS = ("target", "click", "stop", "stop_target", "enable", "reset")
+_REQUESTS = ("target", "click", "select", "stop", "stop_target", "enable", "reset")
 _OWN_REQUESTS = ("welcomed", "shown", "view", "set", "heat")
 
 
@@ -61,7 +61,7 @@ class Hub:
         self._player: Player | None = None
         if recording:
             self._player = Player(
-                recording, link, self._picker, self._browsers.tell, lambda: self._has_several
+                recording, link, self._picker, self._browsers.tell, lambda: self._is_for_one
             )
         self._parameters: list[Json] = []
         self._reading: asyncio.Task[None] | None = None
@@ -217,8 +217,12 @@ class Hub:
         if message.get("shown") is True and browser in self._browsers:
             self._heated.add(browser)
             text = ""
+            latest = self._pairing.latest
+            status = latest.answer.get("status") if latest else None
             if self._told_health.get("state") == "idle":
                 text = "the heat comes with a target"
+            elif status and status["targets"] and not status["selected"]:
+                text = "the heat is that of the selected target; click one to select it"
             elif self._stands_still:
                 text = "the heat comes with the next frame: press N for it, or play"
             if text:
@@ -274,12 +278,19 @@ class Hub:
         await self._browsers.tell(note("stop", due or answer))
 
     async def _on_stop_target(self, message: Json) -> None:
+        await self._name_target("stop_target", message, "is to stop")
+
+    async def _on_select(self, message: Json) -> None:
+        await self._name_target("select", message, "is to be selected")
+
+    async def _name_target(self, topic: str, message: Json, what: str) -> None:
         id = str(message.get("id"))
         try:
-            self._link.stop_target(id)
+            self._link.send_id(topic, id)
         except ValueError as error:
             raise RequestError(str(error)) from error
-        await self._browsers.tell(note("stop_target", f"target {id} is to stop"))
+        named = f"target {id}" if id.strip("0") else "no target"
+        await self._browsers.tell(note(topic, f"{named} {what}"))
 
     async def _on_enable(self, message: Json) -> None:
         enabled = flag_of(message, "enabled")
@@ -288,7 +299,7 @@ class Hub:
 
     def _tell_verdict(self, verdict: Verdict) -> None:
         if self._player and verdict.outcome == "refused":
-            self._player.picked = None
+            self._player.drop_last()
         told = {"type": "verdict", "outcome": verdict.outcome, "text": verdict.text}
         self._soon(self._browsers.tell(told))
 
@@ -317,8 +328,10 @@ class Hub:
         await self._browsers.tell(note("reset", text))
 
     @property
-    def _has_several(self) -> bool:
-        return any(one["name"] == "max_targets" and one["value"] > 1 for one in self._parameters)
+    def _is_for_one(self) -> bool:
+        return not any(
+            one["name"] == "max_targets" and one["value"] > 1 for one in self._parameters
+        )
 
     def _known(self, name: Any, unless: str = "the tracker's parameters are not known yet") -> Json:
         """A parameter by its name, by default one that every tracker has."""

@@ -25,8 +25,6 @@ _FORGETTING = 0.9
 _TOGETHER = 0.2
 # A tracker that has been silent for so long is not waited for.
 _SILENCE = 1.0
-_WITH_BOX = ("tracking", "occluded")
-_OF_A_TARGET = ("tracking", "occluded", "lost")
 
 
 @dataclass(frozen=True)
@@ -38,7 +36,7 @@ class Shown:
         stamp: Of its header, nanoseconds.
         image: The message.
         parts: What the tracker said of it, and of an earlier frame of the same stamp: `status`,
-            `box`, `particles` and `likelihood`, of several targets `boxes`, as far as it did.
+            `boxes`, `particles` and `likelihood`, as far as it did.
     """
 
     number: int
@@ -55,13 +53,10 @@ class Shown:
     @property
     def answer(self) -> Json:
         """The parts that belong to the status."""
-        state = self.parts["status"]["values"].get("state") if "status" in self.parts else None
-        allowed = {"status": True, "box": state in _WITH_BOX}
-        return {
-            name: part
-            for name, part in self.parts.items()
-            if allowed.get(name, state in _OF_A_TARGET)
-        }
+        status = self.parts.get("status")
+        if status and status["targets"]:
+            return self.parts
+        return {"status": status} if status else {}
 
 
 @dataclass
@@ -80,26 +75,22 @@ class _Answer:
             return False
         since = self.times["status"] - _TOGETHER
         own = {part for part, time in self.times.items() if time >= since}
-        state = status["values"].get("state")
-        if status.get("targets") is not None:
-            # Those of several targets come in one message, particles only where there are any.
-            needed = {"boxes"} | ({"particles"} & set(wanted) if status["targets"] else set())
-            return state not in _OF_A_TARGET or own >= needed
-        if state in _WITH_BOX and "box" not in own:
-            return False
-        return state not in _OF_A_TARGET or own >= set(wanted)
+        needed = {"boxes", *wanted} if status["targets"] else set()
+        if not status["selected"]:
+            needed.discard("likelihood")
+        return own >= needed
 
 
 class Pairing:
     """Chooses the frame to show: the newest one that the tracker has answered.
 
-    So the box always belongs to the picture. Images that get no answer are shown without one, late
+    So the boxes always belong to the picture. Images that get no answer are shown without one, late
     where the tracker is there, at once where it is not. What is older than a frame that has been
     shown is not shown, unless time went back with the images.
 
     Attributes:
         latest: The frame to show; None before the first.
-        wanted: Parts of the answer that are waited for besides status and box.
+        wanted: Parts of the answer that are waited for besides status and boxes.
     """
 
     def __init__(self) -> None:
@@ -137,7 +128,7 @@ class Pairing:
 
         Args:
             stamp: Of the image that it is about.
-            part: `status`, `box`, `boxes`, `particles` or `likelihood`.
+            part: `status`, `boxes`, `particles` or `likelihood`.
             content: As in `Shown.answer`.
             now: As for `add_image`.
         """

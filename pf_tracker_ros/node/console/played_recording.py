@@ -3,43 +3,26 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage.access import is_there
 from pf_tracker_ros.node.console.answers import Json
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
 from pf_tracker_ros.node.running import spinning
 from pf_tracker_ros.recordings import open_recording
 from pf_tracker_ros.recordings.beside import target_file
-from pf_tracker_ros.recordings.target import Target, read_target_file, save_targets
+from pf_tracker_ros.recordings.target import Target, read_targets, save_targets
 
 _SETTLING = 30.0
 # A frame that is played twice is a duplicate to the tracker, and its box is gone from the page. No
 # frame is lost on the way, so a tracker that does not answer is a slow one.
 _PATIENCE = 5.0
-
-
-@dataclass(frozen=True)
-class PickedTarget:
-    """A target on a frame of the recording.
-
-    Attributes:
-        box: (x, y, width, height), pixels.
-        stamp: Of the frame, nanoseconds.
-        frame: Its index, counted from 0.
-        image_size: (width, height) of its image, None where that is unknown.
-    """
-
-    box: Box
-    stamp: int
-    frame: int
-    image_size: tuple[int, int] | None
 
 
 class PlayedRecording:
@@ -152,8 +135,8 @@ class PlayedRecording:
         (result,) = self.replay.set_parameters([Parameter("lockstep_rate", value=rate)])
         return "" if result.successful else str(result.reason)
 
-    def save(self, target: PickedTarget) -> Path:
-        """Write a target beside the recording, over one that has been saved before.
+    def save(self, targets: Sequence[Target]) -> Path:
+        """Write targets beside the recording, over what has been saved before.
 
         Returns:
             Path of the file.
@@ -161,27 +144,31 @@ class PlayedRecording:
         Raises:
             OSError: It cannot be written.
         """
-        saved = Target(target.box, target.stamp, target.frame, target.image_size)
-        path = save_targets([saved], self._path, may_replace=True)
+        path = save_targets(targets, self._path, may_replace=True)
         self._look_for_target()
         return path
 
-    def load(self) -> PickedTarget:
-        """The target of the file beside the recording, with the frame that it was drawn on.
+    def load(self) -> list[Target]:
+        """The targets of the file beside the recording, with the frames that they were drawn on.
 
-        Reads the recording up to that frame.
+        Reads the recording up to the last of these frames.
 
         Raises:
             RecordingError: The file is wrong, or of another recording.
             FootageError: The recording cannot be read that far.
         """
-        target = read_target_file(self._target_file, self._path)
+        waiting = list(read_targets(self._target_file, self._path))
+        found = []
         recording = open_recording(self._path, bag_topic=self._bag_topic)
         with contextlib.closing(recording.frames()) as frames:
             for frame in frames:
-                if box := target.box_in(frame):
-                    return PickedTarget(box, frame.stamp, frame.index, target.image_size)
-        raise target.missed()
+                for target in [*waiting]:
+                    if box := target.box_in(frame):
+                        found.append(replace(target, box=box, stamp=frame.stamp, frame=frame.index))
+                        waiting.remove(target)
+                if not waiting:
+                    return found
+        raise waiting[0].missed()
 
     def _look_for_target(self) -> None:
         self._has_target = is_there(self._target_file)

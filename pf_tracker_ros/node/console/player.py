@@ -11,11 +11,11 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.node.console.answers import Json, note
 from pf_tracker_ros.node.console.pick import Picker
-from pf_tracker_ros.node.console.played_recording import PickedTarget, PlayedRecording
+from pf_tracker_ros.node.console.played_recording import PlayedRecording
 from pf_tracker_ros.node.console.requests import RequestError, flag_of, number_of, whole_of
 from pf_tracker_ros.node.console.tracker_link import TrackerLink
 from pf_tracker_ros.node.console.tracker_services import TrackerError
-from pf_tracker_ros.recordings import RecordingError
+from pf_tracker_ros.recordings import RecordingError, Target
 from pf_tracker_ros.stamps import NANOSECONDS
 
 _FIRST_FRAME_INTERVAL = 1.0
@@ -32,14 +32,14 @@ class Player:
     """Does what browsers ask of the recording.
 
     Attributes:
-        picked: The target that is tried, None without one.
+        picked: The targets that are tried, in the order in which they were drawn.
 
     Args:
         recording: That is played.
         link: To the tracker.
         picker: Sends the target.
         tell: Tells all browsers something.
-        has_several: Whether the tracker follows several targets.
+        is_for_one: Whether there may be one target alone.
     """
 
     def __init__(
@@ -48,22 +48,22 @@ class Player:
         link: TrackerLink,
         picker: Picker,
         tell: Callable[[Json], Awaitable[None]],
-        has_several: Callable[[], bool],
+        is_for_one: Callable[[], bool],
     ) -> None:
-        self.picked: PickedTarget | None = None
+        self.picked: list[Target] = []
         self._recording = recording
         self._link = link
         self._picker = picker
         self._tell = tell
-        self._has_several = has_several
+        self._is_for_one = is_for_one
         self._told: Json = {}
         self._show_first_at = float("-inf")
         self._seeking = asyncio.Lock()
         # What is wanted once a frame that is sought has been found; until then it stands still.
         self._plays_after = False
         self._steps_after = 0
-        # The target to be sent with its frame.
-        self._due: PickedTarget | None = None
+        # The targets to be sent with their frames.
+        self._due: list[Target] = []
         self._playback = recording.replay.playback
         recording.replay.before_frame = self._send_due
 
@@ -80,8 +80,7 @@ class Player:
         """What the page shows of the recording."""
         return {
             "type": "recording",
-            # What cannot be saved is asked for all the same, to be told why.
-            "saves": self.picked is not None or self._has_several(),
+            "saves": bool(self.picked),
             "problem": self._recording.hindrance(self._link.image_topic),
             **self._recording.state,
             "playing": self._plays,
@@ -98,15 +97,19 @@ class Player:
         return self._playback.paused and not self._recording.hindrance("")
 
     def forget(self) -> str:
-        """Try the target no more.
+        """Try no target any more.
 
         Returns:
             What was forgotten where the tracker does not know of it yet; empty where it does.
         """
-        target, self.picked = self.picked, None
-        if target is None or self._recording.frame >= target.frame:
+        frames, self.picked = [_frame_of(target) for target in self.picked], []
+        if not frames or self._recording.frame >= min(frames):
             return ""
-        return f"the target of frame {target.frame} is forgotten; waiting for a target"
+        return f"the target of frame {min(frames)} is forgotten; waiting for a target"
+
+    def drop_last(self) -> None:
+        """Try the target no more that was drawn last: it was refused."""
+        self.picked = self.picked[:-1]
 
     async def look(self, now: float, *, has_picture: bool) -> None:
         """Tell the browsers what is new.
@@ -128,13 +131,13 @@ class Player:
     async def try_target(self, box: Box, stamp: int, image_size: tuple[int, int] | None) -> bool:
         """Play on from the frame that a target was drawn on.
 
-        Of several targets none is tried again, since those before it go on: where the recording
-        stands still, its frame is shown once more, and the target begins on it.
+        Where there may be several, those before it go on: where the recording stands still, its
+        frame is shown once more, and the target begins on it.
 
         Args:
             box: (x, y, width, height), pixels.
             stamp: Of the frame, nanoseconds.
-            image_size: As of `PickedTarget`.
+            image_size: (width, height) of its image, None where that is unknown.
 
         Returns:
             Whether it does.
@@ -142,11 +145,13 @@ class Player:
         frame = self._recording.replay.index_of(stamp)
         if frame is None:
             return False
-        if self._has_several():
-            return await self._begin_on_the_same_frame(box, stamp, frame)
-        self.picked = PickedTarget(box, stamp, frame, image_size)
-        await self._go_to(frame)
-        return True
+        target = Target(box, stamp, frame, image_size)
+        if self._is_for_one():
+            self.picked = [target]
+            await self._go_to(frame)
+            return True
+        self.picked.append(target)
+        return await self._begin_on_the_same_frame(box, stamp, frame)
 
     async def _begin_on_the_same_frame(self, box: Box, stamp: int, frame: int) -> bool:
         """Show a frame once more, where it stands still there, with a target for it."""
@@ -206,11 +211,7 @@ class Player:
             raise RequestError(refusal)
 
     async def _on_save(self, message: Json) -> None:
-        if self._has_several():
-            raise RequestError(
-                "several targets are not saved from here; the command track --draw saves them"
-            )
-        if self.picked is None:
+        if not self.picked:
             raise RequestError("there is no target to save; draw one first")
         try:
             path = self._recording.save(self.picked)
@@ -219,43 +220,48 @@ class Player:
         await self._tell(note("save", f"saved as {path.name}, beside the recording"))
 
     async def _on_load(self, message: Json) -> None:
-        """Take the target of the file beside the recording, and go to its frame."""
+        """Take the targets of the file beside the recording, and go to the frame of the first."""
         try:
-            target = await asyncio.to_thread(self._recording.load)
+            self.picked = await asyncio.to_thread(self._recording.load)
         except (RecordingError, FootageError) as error:
             raise RequestError(str(error)) from error
-        self.picked = target
-        await self._go_to(target.frame)
+        await self._go_to(min(map(_frame_of, self.picked)))
 
-    async def _approach(self, target: PickedTarget) -> None:
+    async def _approach(self, target: Target) -> None:
         """Bring the tracker's time near the frame of a target, if it is far before that."""
         if target.frame and target.stamp - self._recording.replay.stamp > _NEAR:
             self._playback.seek(target.frame - 1)
             await asyncio.to_thread(self._recording.settle)
 
     def _send_due(self, index: int) -> None:
-        """Send the target with the frame that it was drawn on, before that goes out.
+        """Send the targets with the frame that they were drawn on, before that goes out.
 
         Called in another thread, which plays the frame after it.
         """
-        target = self._due
-        # One that was stopped or refused meanwhile is due no more.
-        if target is None or target is not self.picked or index != target.frame:
-            return
-        self._due = None
+        due = [target for target in self._due if target.frame == index]
+        self._due = [target for target in self._due if target.frame != index]
+        for target in due:
+            # One that was stopped or refused meanwhile is due no more.
+            if target in self.picked and not self._sends(target):
+                return
+
+    def _sends(self, target: Target) -> bool:
+        """Send a target until the tracker has it; False where there is no tracker."""
+        assert target.box is not None
         for _ in range(_ATTEMPTS):
             try:
                 self._link.send_target(target.box, target.stamp)
             except TrackerError:
                 # The page tells of a tracker that is not there.
-                return
+                return False
             if self._link.await_target():
-                return
+                break
+        return True
 
     async def _go_to(self, frame: int, *, plays: bool | None = None) -> None:
         """Play a frame of the recording so that the boxes are those of a run in lockstep.
 
-        With a target, that begins on the frame that it was drawn on.
+        The targets that are tried begin on the frames that they were drawn on.
 
         Args:
             frame: Its index, counted from 0.
@@ -265,21 +271,25 @@ class Player:
             if not await asyncio.to_thread(self._recording.settle):
                 raise RequestError("the tracker does not answer the recording's last frame")
             await self._link.services.stop()
-            if self._has_several() and not self.picked:
-                text = "at another frame several targets begin anew; draw them there"
-                await self._tell(note("seek", text))
-            target, first = self.picked, frame
-            self._due = target
-            if target:
-                first = min(frame, target.frame)
-                if frame < target.frame:
-                    text = f"the target begins at frame {target.frame}, where it was drawn"
+            first, self._due = frame, list(self.picked)
+            if self.picked:
+                earliest = min(self.picked, key=_frame_of)
+                begins = _frame_of(earliest)
+                first = min(frame, begins)
+                if frame < begins:
+                    text = f"the target begins at frame {begins}, where it was drawn"
                     await self._tell(note("seek", text))
-                if first == target.frame:
-                    await self._approach(target)
-                    send = partial(self._link.send_target, target.box, target.stamp)
+                if first == begins:
+                    await self._approach(earliest)
+                    assert earliest.box is not None
+                    send = partial(self._link.send_target, earliest.box, earliest.stamp)
                     await self._picker.send(send, is_sent_later=True)
             self._playback.seek(first)
             if frame > first:
                 self._playback.step(frame - first)
             await asyncio.to_thread(self._recording.settle)
+
+
+def _frame_of(target: Target) -> int:
+    """The frame that a target was drawn on."""
+    return target.frame or 0

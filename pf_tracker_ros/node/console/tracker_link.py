@@ -20,8 +20,15 @@ from visualization_msgs.msg import MarkerArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.node.console.answered_images import AnsweredImages
-from pf_tracker_ros.node.console.answers import box_of, heat_of, particles_of, status_of
-from pf_tracker_ros.node.console.several import boxes_of, detections_of, stop_message, targets_of
+from pf_tracker_ros.node.console.answers import (
+    answer_of,
+    boxes_of,
+    detections_of,
+    heat_of,
+    id_message,
+    particles_of,
+    status_of,
+)
 from pf_tracker_ros.node.console.tracker_services import TrackerError, TrackerServices
 from pf_tracker_ros.node.graph_watch import GraphWatch
 from pf_tracker_ros.node.message_building import box_message
@@ -54,8 +61,8 @@ class TrackerLink:
         node: The console's node.
         name: Of the tracker's node, in the console's namespace unless it begins with a slash.
         receive: Called in the executor with what came, its stamp in nanoseconds (0 without one),
-            and the content: `image`, `box`, `boxes`, `particles`, `likelihood`, `status`,
-            `detections`, `health`, `parameters` for a change of these, or `fault`.
+            and the content: `image`, `boxes`, `particles`, `likelihood`, `status`, `detections`,
+            `health`, `parameters` for a change of these, or `fault`.
     """
 
     def __init__(self, node: Node, name: str, receive: Receive) -> None:
@@ -75,7 +82,7 @@ class TrackerLink:
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, DEFAULT_QOS)
         self._targets = self._advertise("target", PolygonStamped)
         self._clicks = self._advertise("click", PointStamped)
-        self._stops = self._advertise("stop_target", UInt32)
+        self._ids = {name: self._advertise(name, UInt32) for name in ("select", "stop_target")}
         self.services = TrackerServices(node, self.name, self._do)
         node.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
         self._graph = GraphWatch(node, self._report)
@@ -150,14 +157,18 @@ class TrackerLink:
         set_stamp(message.header, stamp)
         self._send(self._clicks, message)
 
-    def stop_target(self, id: str) -> None:
-        """Let a tracker of several targets forget one of them.
+    def send_id(self, topic: str, id: str) -> None:
+        """Name a target to the tracker.
+
+        Args:
+            topic: `select`, for which 0 is none, or `stop_target`.
+            id: Of the target.
 
         Raises:
             ValueError: That is no id of a target.
             TrackerError: Nobody takes it.
         """
-        self._send(self._stops, stop_message(id))
+        self._send(self._ids[topic], id_message(id))
 
     # In the executor
 
@@ -178,10 +189,8 @@ class TrackerLink:
             self._node.destroy_subscription(subscription)
         self._answers = []
         if watched:
-            box = self._handing_on("box", box_of)
             particles = self._handing_on("particles", particles_of)
             self._answers = [
-                self._subscribe(f"{self.name}/box", PolygonStamped, box),
                 self._subscribe(f"{self.name}/status", DiagnosticArray, self._on_status, _ALL),
                 self._subscribe(f"{self.name}/particles", PointCloud2, particles),
                 self._subscribe(f"{self.name}/boxes", MarkerArray, self._on_boxes),
@@ -251,11 +260,7 @@ class TrackerLink:
 
     def _on_status(self, message: DiagnosticArray) -> None:
         if message.status:
-            own, *others = message.status
-            status = status_of(own)
-            # A tracker of several targets tells how many there are.
-            status["targets"] = targets_of(others) if "targets" in status["values"] else None
-            self._receive("status", stamp_of(message.header), status)
+            self._receive("status", stamp_of(message.header), answer_of(message))
             self._images.on_answer()
 
     def _on_parameters(self, message: ParameterEvent) -> None:

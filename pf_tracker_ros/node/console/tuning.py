@@ -136,26 +136,14 @@ def parameter_file(node: str, known: Sequence[Json]) -> str:
 def _usual(values: Mapping[str, Any]) -> dict[str, Any]:
     """What each parameter has with the preset in force and nothing else."""
     usual = dict(_DEFAULTS)
-    if int(values.get("max_targets", 1)) > 1:
-        usual = {name: _DEFAULTS[name] for name in _NODE} | _of_several(str(values.get("preset")))
-    else:
-        with contextlib.suppress(ParameterError):
-            usual |= preset_parameters(str(values.get("preset")))
+    with contextlib.suppress(ParameterError):
+        usual |= preset_parameters(str(values.get("preset")), int(values.get("max_targets", 1)))
+    usual["max_targets"] = _DEFAULTS["max_targets"]
     if "preset" in values:
         usual["preset"] = values["preset"]
     return {
         name: list(value) if isinstance(value, tuple) else value for name, value in usual.items()
     }
-
-
-def _of_several(preset: str) -> dict[str, Any]:
-    """What a preset says for several targets; nothing where it or SciPy is not there."""
-    try:
-        from pf_tracker_ros.targets.parameters import multi_preset_parameters
-
-        return multi_preset_parameters(preset)
-    except (ModuleNotFoundError, ParameterError):
-        return {}
 
 
 def _group(name: str, values: Mapping[str, Any]) -> str:

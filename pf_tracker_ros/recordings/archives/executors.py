@@ -6,53 +6,15 @@ import os
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from pf_tracker_ros.evaluation.processes import ProcessEnded, spread
+from pf_tracker_ros.evaluation.processes import Answer, Task, WorkerEnded, spread
 
-Task = TypeVar("Task")
-Answer = TypeVar("Answer")
+if TYPE_CHECKING:
+    from pf_tracker_ros.recordings.archives.ray_cluster import RayCluster
 
-
-@dataclass(frozen=True)
-class WorkerEnded:
-    """Stands for the answer of a worker that ended at its work.
-
-    Attributes:
-        how: As a clause of a sentence.
-    """
-
-    how: str
-
-
-class Executor(Protocol):
-    """Does tasks in parallel."""
-
-    @property
-    def workers(self) -> int:
-        """How many tasks are done at once, each on a core of its own.
-
-        Raises:
-            RecordingError: There is nobody to do them.
-        """
-        ...
-
-    def run(
-        self, work: Callable[[Task], Answer], tasks: Sequence[Task]
-    ) -> Generator[tuple[int, Answer | WorkerEnded], None, None]:
-        """Do tasks; what is under way ends when the generator is closed.
-
-        Args:
-            work: Does one task; must be picklable, as tasks and answers must.
-            tasks: What there is to do.
-
-        Yields:
-            Number of a task and its answer, in the order in which they are done.
-
-        Raises:
-            RecordingError: There is nobody to do them.
-        """
-        ...
+Executor: TypeAlias = "Processes | RayCluster"
+"""Does tasks in parallel."""
 
 
 @dataclass(frozen=True)
@@ -67,20 +29,14 @@ class Processes:
 
     @property
     def workers(self) -> int:
-        """How many tasks are done at once, each on a core of its own; see `Executor.workers`."""
+        """How many tasks are done at once, each on a core of its own."""
         return min(self.count, os.cpu_count() or self.count)
 
     def run(
         self, work: Callable[[Task], Answer], tasks: Sequence[Task]
     ) -> Generator[tuple[int, Answer | WorkerEnded], None, None]:
-        """Do tasks, each process one at a time; see `Executor.run`."""
-        with closing(spread(work, tasks, self.count)) as answers:
-            for number, answer in answers:
-                if isinstance(answer, ProcessEnded):
-                    how = f"its process ended with code {answer.exit_code}"
-                    yield number, WorkerEnded(how)
-                else:
-                    yield number, answer
+        """Do tasks; see `spread`."""
+        return spread(work, tasks, self.count)
 
 
 def choose_executor(
@@ -100,4 +56,4 @@ def choose_executor(
         return nullcontext(Processes(jobs or 1))
     from pf_tracker_ros.recordings.archives.ray_cluster import RayCluster
 
-    return RayCluster(ray_address, jobs, memory_of)
+    return closing(RayCluster(ray_address, jobs, memory_of))

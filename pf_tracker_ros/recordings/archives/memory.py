@@ -15,8 +15,8 @@ _WORKER, _PIXEL = 250 * 10**6, 30
 # What the other outputs take besides: their libraries, pictures that wait, what is known of frames.
 _OUTPUTS, _OUTPUT_PIXEL = 70 * 10**6, 50
 _REPORT = 250 * 10**6
-# What several targets take besides: frames kept for late detections, and SciPy.
-_SEVERAL = 120 * 10**6
+# What detections take besides: frames kept for late ones, and SciPy.
+_DETECTIONS = 120 * 10**6
 # Of what does not tell: more than most have, as nothing runs in what is missing.
 _IMAGE_SIZE = (3840, 2160)
 
@@ -29,8 +29,8 @@ def needed_memory(task: ArchiveTask) -> int:
     targets = _targets(task)
     width, height = (targets[0].image_size if targets else None) or _IMAGE_SIZE
     needed = _WORKER + _PIXEL * width * height
-    if len(targets) > 1 or any(each.startswith("--detect") for each in task.arguments):
-        needed += _SEVERAL
+    if any(each.startswith("--detect") for each in task.arguments):
+        needed += _DETECTIONS
     if {"--video", "--bag", "--report"} & set(task.arguments):
         needed += _OUTPUTS + _OUTPUT_PIXEL * width * height
     return needed + (_REPORT if "--report" in task.arguments else 0)

@@ -6,17 +6,14 @@ import logging
 import os
 import signal
 import socket
-import threading
-from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import contextmanager
-from types import ModuleType, TracebackType
-from typing import Any, TypeVar
+from collections.abc import Callable, Generator, Sequence
+from itertools import islice
+from types import ModuleType
+from typing import Any
 
-from pf_tracker_ros.recordings.archives.executors import WorkerEnded
+from pf_tracker_ros.evaluation.processes import Answer, Task, WorkerEnded
 from pf_tracker_ros.recordings.errors import FAILED, REFUSED, RecordingError
-
-Task = TypeVar("Task")
-Answer = TypeVar("Answer")
+from pf_tracker_ros.signals import handled_signals
 
 LOCAL = "local"
 _LOOPBACK = ("localhost", "127.0.0.1", "[::1]", "::1")
@@ -49,20 +46,13 @@ class RayCluster:
         self._is_connected = False
         self._ray = _import_ray(stays_here=address == LOCAL or _host(address) in _LOOPBACK)
 
-    def __enter__(self) -> RayCluster:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._disconnect()
-
     @property
     def workers(self) -> int:
-        """How many tasks are done at once, each on a core; see `Executor.workers`."""
+        """How many tasks are done at once, each on a core of its own.
+
+        Raises:
+            RecordingError: There is no such cluster.
+        """
         if self._address == LOCAL:
             cores = os.cpu_count() or 1
             return min(self._jobs or cores, cores)
@@ -72,22 +62,24 @@ class RayCluster:
     def run(
         self, work: Callable[[Task], Answer], tasks: Sequence[Task]
     ) -> Generator[tuple[int, Answer | WorkerEnded], None, None]:
-        """Do tasks; see `Executor.run`."""
+        """Do tasks as `spread` does.
+
+        Raises:
+            RecordingError: There is no such cluster, or not any more.
+        """
         if not tasks:
             return
         ray = self._connected()
         # Whether a task is done again is for the caller to say.
-        remote = ray.remote(num_cpus=1, max_retries=0)(_do)
+        remote = ray.remote(num_cpus=1, max_retries=0)(work)
         waiting = iter(enumerate(tasks))
         under_way: dict[Any, int] = {}
+        most = self._jobs or _SUBMITTED_AT_ONCE
         try:
             while True:
-                while len(under_way) < (self._jobs or _SUBMITTED_AT_ONCE):
-                    number, task = next(waiting, (None, None))
-                    if number is None:
-                        break
+                for number, task in islice(waiting, most - len(under_way)):
                     placed = remote.options(memory=self._memory_for(task))
-                    under_way[placed.remote(work, task)] = number
+                    under_way[placed.remote(task)] = number
                 if not under_way:
                     return
                 for answered in ray.wait(list(under_way))[0]:
@@ -97,7 +89,7 @@ class RayCluster:
             if under_way:
                 # Their workers end with the connection. To cancel a task that answers at the same
                 # moment makes Ray end this process.
-                self._disconnect()
+                self.close()
 
     def _answer(self, answered: Any) -> Any:
         ray = self._connected()
@@ -114,12 +106,8 @@ class RayCluster:
 
     def _memory_for(self, task: Any) -> int:
         """Bytes to reserve: what no machine has would be waited for without an end."""
-        machines = [node for node in self._connected().nodes() if node["Alive"]]
-        rooms = [
-            int(machine["Resources"].get("memory", 0))
-            for machine in machines
-            if machine["Resources"].get("CPU", 0) >= 1
-        ]
+        machines = [node["Resources"] for node in self._connected().nodes() if node["Alive"]]
+        rooms = [int(each.get("memory", 0)) for each in machines if each.get("CPU", 0) >= 1]
         needed = self._memory_of(task)
         return min(needed, max(rooms)) if rooms else needed
 
@@ -129,15 +117,11 @@ class RayCluster:
             self._is_connected = True
         return self._ray
 
-    def _disconnect(self) -> None:
+    def close(self) -> None:
+        """End the connection, and a cluster of its own, with all tasks that are under way."""
         if self._is_connected:
             self._is_connected = False
             self._ray.shutdown()
-
-
-def _do(work: Callable[[Task], Answer], task: Task) -> Answer:
-    """Do a task in a worker."""
-    return work(task)
 
 
 def _how(ray: ModuleType, error: Exception) -> str:
@@ -189,7 +173,9 @@ def _connect(ray: ModuleType, address: str, jobs: int | None) -> None:
             # Ray would try for minutes.
             port = int(address.rpartition(":")[2])
             socket.create_connection((host, port), _SECONDS_TO_ANSWER).close()
-        with _own_signal_handlers():
+        # Ray would leave its own in place of what this program does on signals.
+        own = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        with handled_signals(own):
             ray.init(
                 address=address, log_to_driver=False, logging_level=logging.CRITICAL, **options
             )
@@ -201,18 +187,3 @@ def _connect(ray: ModuleType, address: str, jobs: int | None) -> None:
             "with ray start --head, or let --ray local start one on this machine",
             REFUSED,
         ) from error
-
-
-@contextmanager
-def _own_signal_handlers() -> Iterator[None]:
-    """Keep what this program does on signals; Ray would put its own in place."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = {number: signal.getsignal(number) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -13,13 +13,12 @@ import os
 import platform
 import secrets
 import shutil
-import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
+from pf_tracker_ros.files import drafted, hidden_folder
 from pf_tracker_ros.recordings.archives.scratch import scratch_folder
 from pf_tracker_ros.recordings.archives.sources import Place
 from pf_tracker_ros.recordings.archives.stores import (
@@ -39,55 +38,6 @@ _WORKPLACE = ".archive_"
 _UNFINISHED = ".track_unfinished"
 # An object comes there whole or not at all; of other stores that fsspec knows not all promise it.
 _OBJECT_STORES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss")
-
-
-class Results(Protocol):
-    """Where results go. Workers, on other machines too, are given copies of it."""
-
-    @property
-    def name(self) -> str:
-        """As it is told."""
-        ...
-
-    def alone(self) -> AbstractContextManager[Results]:
-        """Keep other runs out where that can be; what is to be used meanwhile, also by workers.
-
-        Raises:
-            RecordingError: Another run is at work there, or nothing can be written there.
-        """
-        ...
-
-    def read(self, names: Sequence[str]) -> dict[str, str]:
-        """Name to text of those files, relative, that are there and can be read.
-
-        Raises:
-            FootageError: Nothing can be read there.
-        """
-        ...
-
-    def workplace(self, recording: str) -> AbstractContextManager[Path]:
-        """A folder to make the files of a recording in; what is left in it is removed.
-
-        Raises:
-            RecordingError: It cannot be made, or in the recording's place is what are no results.
-        """
-        ...
-
-    def put(self, made: Path, recording: str) -> None:
-        """Put the files of a folder in a workplace in the place of the recording's.
-
-        Raises:
-            RecordingError: They cannot be written, or in their place is what are no results.
-        """
-        ...
-
-    def put_text(self, text: str, name: str) -> None:
-        """Put one file in place, whole.
-
-        Raises:
-            RecordingError: It cannot be written.
-        """
-        ...
 
 
 def results_at(place: Place) -> Results:
@@ -125,7 +75,14 @@ class ResultsFolder:
 
     @contextmanager
     def alone(self) -> Iterator[ResultsFolder]:
-        """Keep other runs out, and leave nothing there that is under way; see `Results.alone`."""
+        """Keep other runs out, and leave nothing there that is under way.
+
+        Yields:
+            What is to be used meanwhile, by workers too.
+
+        Raises:
+            RecordingError: Another run is at work there, or nothing can be written there.
+        """
         run = secrets.token_hex(8)
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -154,7 +111,7 @@ class ResultsFolder:
                 self._clean_up()
 
     def read(self, names: Sequence[str]) -> dict[str, str]:
-        """Name to text of the files that are there; see `Results.read`."""
+        """Name to text of those files, relative, that are there and can be read."""
         found = {}
         for name in names:
             try:
@@ -165,22 +122,28 @@ class ResultsFolder:
 
     @contextmanager
     def workplace(self, recording: str) -> Iterator[Path]:
-        """A folder beside that of the recording; see `Results.workplace`."""
+        """A folder to make the files of a recording in; what is left in it is removed.
+
+        Raises:
+            RecordingError: It cannot be made, or in the recording's place is what are no results.
+        """
         self._check_run()
         self._check_place(recording)
         folder = self.path / recording
-        try:
-            folder.parent.mkdir(parents=True, exist_ok=True)
-            made = Path(tempfile.mkdtemp(prefix=_WORKPLACE, dir=folder.parent))
-        except OSError as error:
-            raise unwritable(folder, error) from error
-        try:
+        with ExitStack() as stack:
+            try:
+                folder.parent.mkdir(parents=True, exist_ok=True)
+                made = stack.enter_context(hidden_folder(folder.parent, _WORKPLACE))
+            except OSError as error:
+                raise unwritable(folder, error) from error
             yield made
-        finally:
-            shutil.rmtree(made, ignore_errors=True)
 
     def put(self, made: Path, recording: str) -> None:
-        """Rename the folder that was made; see `Results.put`."""
+        """Put a folder that was made in a workplace in the place of the recording's.
+
+        Raises:
+            RecordingError: It cannot be put there, or in its place is what are no results.
+        """
         folder = self.path / recording
         # Workers may outlive their driver for a moment, until after the next one has begun.
         self._check_run()
@@ -193,13 +156,15 @@ class ResultsFolder:
             raise unwritable(folder, error) from error
 
     def put_text(self, text: str, name: str) -> None:
-        """Rename a draft; see `Results.put_text`."""
+        """Put one file in place, whole.
+
+        Raises:
+            RecordingError: It cannot be written.
+        """
         path = self.path / name
         try:
-            with tempfile.TemporaryDirectory(prefix=_WORKPLACE, dir=path.parent) as folder:
-                draft = Path(folder) / path.name
+            with drafted(path, prefix=_WORKPLACE) as draft:
                 draft.write_text(text, encoding="utf-8", errors="replace")
-                draft.replace(path)
         except OSError as error:
             raise unwritable(path, error) from error
 
@@ -248,12 +213,16 @@ class ResultsStore:
 
     @contextmanager
     def alone(self) -> Iterator[ResultsStore]:
-        """Find out whether anything can be written there; see `Results.alone`."""
+        """Find out whether anything can be written there; see `ResultsFolder.alone`."""
         self.put_text("", LOCK)
         yield self
 
     def read(self, names: Sequence[str]) -> dict[str, str]:
-        """Name to text of the objects that are there; see `Results.read`."""
+        """Name to text of the objects that are there; see `ResultsFolder.read`.
+
+        Raises:
+            FootageError: Nothing can be read there.
+        """
         found = {}
         with telling_unreadable(self.url):
             store, root = open_store(self.url)
@@ -268,13 +237,13 @@ class ResultsStore:
 
     @contextmanager
     def workplace(self, recording: str) -> Iterator[Path]:
-        """A folder on this machine; see `Results.workplace`."""
+        """A folder on this machine; see `ResultsFolder.workplace`."""
         self._replaceable(recording)
         with scratch_folder() as folder:
             yield folder
 
     def put(self, made: Path, recording: str) -> None:
-        """Put the objects there one by one, `done.json` last; see `Results.put`."""
+        """Put the objects there one by one, `done.json` last; see `ResultsFolder.put`."""
         before = self._replaceable(recording)
         files = sorted(
             (path for path in made.rglob("*") if path.is_file()),
@@ -294,7 +263,7 @@ class ResultsStore:
             store.rm_file(unfinished)
 
     def put_text(self, text: str, name: str) -> None:
-        """Put an object there; see `Results.put_text`."""
+        """Put an object there; see `ResultsFolder.put_text`."""
         with telling_unwritable(f"{self.url}/{name}"):
             store, root = open_store(self.url)
             store.pipe_file(f"{root}/{name}", text.encode("utf-8", "replace"))
@@ -316,6 +285,10 @@ class ResultsStore:
             if done in names and _is_of_results(store.cat_file(done).decode("utf-8", "replace")):
                 return names
         raise _taken(place)
+
+
+Results = ResultsFolder | ResultsStore
+"""Where results go. Workers, on other machines too, are given copies of it."""
 
 
 def _is_of_results(text: str) -> bool:

@@ -31,6 +31,7 @@ from pf_tracker_ros.recordings.beside import (
     target_file,
 )
 from pf_tracker_ros.recordings.errors import DISK_IS_FULL, RecordingError, unwritable
+from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
 Place = Path | str
 """A path, or a URL."""
@@ -134,19 +135,14 @@ def telling_of(source: Place, copy: Path) -> Iterator[None]:
     try:
         yield
     except (FootageError, RecordingError) as error:
-        raise told_of(error, source, copy) from error.__cause__
+        tell_of(error, source, copy)
+        raise
 
 
-def told_of(
-    error: FootageError | RecordingError, source: Place, copy: Path
-) -> FootageError | RecordingError:
-    """An error that tells of a recording where it is, and not where its copy was."""
-    if not is_url(source):
-        return error
-    text = str(error).replace(str(copy.parent), str(source).rpartition("/")[0])
-    if isinstance(error, RecordingError):
-        return RecordingError(text, error.exit_code)
-    return FootageError(text)
+def tell_of(error: FootageError | RecordingError, source: Place, copy: Path) -> None:
+    """Let an error tell of a recording where it is, and not where its copy was."""
+    if is_url(source):
+        error.args = (str(error).replace(str(copy.parent), str(source).rpartition("/")[0]),)
 
 
 def _in_folder(archive: Path, detected: DetectedRecordings | None) -> tuple[Place, list[Place]]:
@@ -223,12 +219,10 @@ def _is_targeted(path: Path) -> bool:
 
 
 def _named_in(path: Path) -> str | None:
-    import yaml
-
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except Exception:
-        # Told of when it is tracked; PyYAML raises more than its own errors.
+        document = read_yaml(path, "target file")
+    except YamlError:
+        # Told of when it is tracked.
         return None
     named = document.get("recording") if isinstance(document, dict) else None
     return named if isinstance(named, str) else None

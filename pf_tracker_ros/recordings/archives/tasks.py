@@ -20,8 +20,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from pf_tracker_ros import __version__
+from pf_tracker_ros.evaluation.processes import WorkerEnded
+from pf_tracker_ros.files import flush_to_disk
 from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.recordings.archives.executors import Executor, WorkerEnded
+from pf_tracker_ros.recordings.archives.executors import Executor
 from pf_tracker_ros.recordings.archives.results import DONE_FILE, Results
 from pf_tracker_ros.recordings.archives.sources import Place, local_copy, state_of
 from pf_tracker_ros.recordings.errors import (
@@ -33,7 +35,6 @@ from pf_tracker_ros.recordings.errors import (
     RecordingError,
     unwritable,
 )
-from pf_tracker_ros.recordings.outputs import flush_to_disk
 
 _STATES = ("tracking", "occluded", "lost", "idle", "skipped")
 MANIFEST = "archive.json"

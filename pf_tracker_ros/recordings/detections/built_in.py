@@ -6,13 +6,12 @@ from collections.abc import Iterator
 
 from pf_tracker_ros.background import UPDATE_EVERY
 from pf_tracker_ros.plurals import counted
-from pf_tracker_ros.recordings.detections.hearing import Answer
+from pf_tracker_ros.recordings.detections.hearing import Answer, Hearing
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame
-from pf_tracker_ros.recordings.tracking import SKIPPED
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 from pf_tracker_ros.targets.detecting import DetectingThread
-from pf_tracker_ros.targets.session import MultiOutcome
+from pf_tracker_ros.targets.session import DROPPED, Outcome
 
 _FINDS = {
     "people": "people who are at least 100 px high",
@@ -23,7 +22,7 @@ _FINDS = {
 }
 
 
-class BuiltInDetector:
+class BuiltInDetector(Hearing):
     """Shows a detector frames as the node does, and waits for each answer; see `Hearing`.
 
     What it finds in a frame is heard before the next one, so that it depends on no clock.
@@ -71,14 +70,11 @@ class BuiltInDetector:
                 self._found += len(found.detections)
                 yield Answer(found.detections, found.stamp)
 
-    def after(self, frame: RecordedFrame, outcome: MultiOutcome) -> None:  # noqa: D102
-        if frame.image is not None and outcome.frame not in SKIPPED:
-            is_shown = self._thread.offer(frame.image, frame.stamp)
-            if is_shown:
-                self._shown, self._last_shown = self._shown + 1, frame.index
-
-    def finish(self, frame_count: int) -> None:
-        """What it found in the last frame counts nowhere."""
+    def after(self, frame: RecordedFrame, outcome: Outcome) -> None:  # noqa: D102
+        if frame.image is None or outcome.frame in DROPPED:
+            return
+        if self._thread.offer(frame.image, frame.stamp):
+            self._shown, self._last_shown = self._shown + 1, frame.index
 
     def close(self) -> None:  # noqa: D102
         self._thread.close()

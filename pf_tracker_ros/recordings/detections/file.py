@@ -18,17 +18,16 @@ from typing import NamedTuple
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.access import check_file
-from pf_tracker_ros.recordings.detections.hearing import Answer
+from pf_tracker_ros.recordings.detections.hearing import Answer, Hearing
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS, RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame
 from pf_tracker_ros.targets.detections import Detections
-from pf_tracker_ros.targets.session import MultiOutcome
 
 _FORM = "lines frame,id,x,y,width,height,score without a heading"
 _LEAST_COLUMNS = 7
 
 
-class DetectionFile:
+class DetectionFile(Hearing):
     """Hears what a file says of each frame, as that comes; see `Hearing`.
 
     Args:
@@ -39,7 +38,6 @@ class DetectionFile:
     """
 
     def __init__(self, path: Path) -> None:
-        self.remark = ""
         self._path = path
         self._found: dict[int, list[_Line]] = defaultdict(list)
         for number, cells in _cells(path):
@@ -56,9 +54,6 @@ class DetectionFile:
             boxes, scores, labels = zip(*lines, strict=True) if lines else ((), (), ())
             yield Answer(Detections(boxes, scores, labels), frame.stamp)
 
-    def after(self, frame: RecordedFrame, outcome: MultiOutcome) -> None:
-        """All is said before the frame."""
-
     def finish(self, frame_count: int) -> None:  # noqa: D102
         last = max(self._found)
         if last > frame_count:
@@ -67,9 +62,6 @@ class DetectionFile:
                 f"{frame_count}: they are of another recording, or do not count from 1",
                 WRONG_DETECTIONS,
             )
-
-    def close(self) -> None:
-        """Nothing is open."""
 
     def _take(self, cells: Sequence[str]) -> None:
         """Take a line.

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from pf_tracker_ros.recordings.recording import RecordedFrame
 from pf_tracker_ros.targets.detections import Detections
-from pf_tracker_ros.targets.session import MultiOutcome
+from pf_tracker_ros.targets.session import Outcome
 
 
 class Answer(NamedTuple):
@@ -24,15 +24,13 @@ class Answer(NamedTuple):
     refused: str = ""
 
 
-class Hearing(Protocol):
-    """Hears what a detector says, once through a recording.
-
-    Attributes:
-        remark: What there is to tell of the detector at the end, or empty.
-    """
+class Hearing:
+    """Hears what a detector says, once through a recording; this one hears nothing."""
 
     @property
-    def remark(self) -> str: ...  # noqa: D102
+    def remark(self) -> str:
+        """What there is to tell of the detector at the end, or empty."""
+        return ""
 
     def before(self, frame: RecordedFrame) -> Iterator[Answer]:
         """What was said since the frame before this one.
@@ -40,20 +38,17 @@ class Hearing(Protocol):
         Raises:
             FootageError: The recording cannot be read any further.
         """
-        ...
+        return iter(())
 
-    def after(self, frame: RecordedFrame, outcome: MultiOutcome) -> None:
+    def after(self, frame: RecordedFrame, outcome: Outcome) -> None:
         """Take what became of a frame."""
-        ...
 
     def finish(self, frame_count: int) -> None:
-        """Take that a recording has ended, with so many frames.
+        """Take that a recording has ended, with so many frames; what was said later is not heard.
 
         Raises:
             RecordingError: What was said is of another recording.
         """
-        ...
 
     def close(self) -> None:
         """Let go of what it takes."""
-        ...

@@ -6,16 +6,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pf_tracker_ros.footage import FootageError, is_bag
-from pf_tracker_ros.footage.bags import DETECTIONS_TYPE, read_topic, topics_of_type
+from pf_tracker_ros.footage.bags import read_topic, topics_of_type
 from pf_tracker_ros.footage.cdr import read_detections
-from pf_tracker_ros.recordings.detections.hearing import Answer
+from pf_tracker_ros.messages import DETECTIONS_TYPE
+from pf_tracker_ros.recordings.detections.hearing import Answer, Hearing
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_DETECTIONS, RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame
 from pf_tracker_ros.targets.detection_messages import check_length, detections_of
-from pf_tracker_ros.targets.session import MultiOutcome
 
 
-class DetectionTopic:
+class DetectionTopic(Hearing):
     """Hears the messages of a topic as they were recorded, between the images; see `Hearing`.
 
     Args:
@@ -41,7 +41,6 @@ class DetectionTopic:
                 f"{', '.join(there) or 'none'}",
                 WRONG_DETECTIONS,
             )
-        self.remark = ""
         self._name = f"bag {path}, topic {topic}"
         self._messages = read_topic(path, topic)
         self._next = next(self._messages, None)
@@ -52,12 +51,6 @@ class DetectionTopic:
             yield self._answer(self._next[1])
             self._count += 1
             self._next = next(self._messages, None)
-
-    def after(self, frame: RecordedFrame, outcome: MultiOutcome) -> None:
-        """All is said before the frame."""
-
-    def finish(self, frame_count: int) -> None:
-        """What was recorded after the last image counts nowhere."""
 
     def close(self) -> None:  # noqa: D102
         self._messages.close()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -76,18 +76,16 @@ class _Desk:
         self._pictures = pictures
         self._most = most
         self._targets: tuple[Target, ...] = ()
-        self._error: Exception | None = None
+        self._runner: web.AppRunner | None = None
         self._is_decided = threading.Event()
-        self._is_started = threading.Event()
         self._loop = asyncio.new_event_loop()
-        self._stopping = asyncio.Event()
         self._site = Site(Access(_HOST), _PAGE)
         router = self._site.application.router
         router.add_get("/recording", self._on_recording)
         router.add_get("/frame", self._on_frame)
         router.add_post("/targets", self._on_targets)
         router.add_post("/cancel", self._on_cancel)
-        self._thread = threading.Thread(target=self._serve, name="drawing", daemon=True)
+        self._thread = threading.Thread(target=self._loop.run_forever, name="drawing", daemon=True)
 
     @property
     def address(self) -> str:
@@ -95,11 +93,10 @@ class _Desk:
 
     def start(self) -> None:
         self._thread.start()
-        self._is_started.wait()
-        if isinstance(self._error, OSError):
-            raise RecordingError(f"the page to draw on cannot be served: {self._error}")
-        if self._error:
-            raise self._error
+        try:
+            self._have_done(self._serve())
+        except OSError as error:
+            raise RecordingError(f"the page to draw on cannot be served: {error}") from error
 
     def wait(self) -> tuple[Target, ...]:
         self._is_decided.wait()
@@ -109,42 +106,32 @@ class _Desk:
 
     def close(self) -> None:
         if self._thread.is_alive():
-            self._loop.call_soon_threadsafe(self._stopping.set)
+            self._have_done(self._stop())
+            self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join()
         # Not in the thread: it may just be ending while it is told to.
         self._loop.close()
 
-    def _serve(self) -> None:
-        self._loop.run_until_complete(self._run())
+    def _have_done(self, work: Coroutine[Any, Any, None]) -> None:
+        asyncio.run_coroutine_threadsafe(work, self._loop).result()
 
-    async def _run(self) -> None:
+    async def _serve(self) -> None:
         try:
-            try:
-                runner = await self._site.serve(_HOST, _PORT)
-            except OSError:
-                runner = await self._site.serve(_HOST, 0)
-        except Exception as error:
-            # Raised where somebody waits for the start.
-            self._error = error
-            return
-        finally:
-            self._is_started.set()
-        await self._stopping.wait()
-        await runner.cleanup()
+            self._runner = await self._site.serve(_HOST, _PORT)
+        except OSError:
+            self._runner = await self._site.serve(_HOST, 0)
+
+    async def _stop(self) -> None:
+        if self._runner is not None:
+            await self._runner.cleanup()
         await self._loop.shutdown_default_executor()
 
     async def _find(self, number: int) -> FramePicture:
         return await self._loop.run_in_executor(None, self._pictures.find, number)
 
     async def _on_recording(self, request: web.Request) -> web.Response:
-        recording = self._recording
-        return web.json_response(
-            {
-                "name": recording.path.name,
-                "frames": recording.frame_count,
-                "most_targets": self._most,
-            }
-        )
+        name, frames = self._recording.path.name, self._recording.frame_count
+        return web.json_response({"name": name, "frames": frames, "most_targets": self._most})
 
     async def _on_frame(self, request: web.Request) -> web.Response:
         number = request.query.get("number", "")

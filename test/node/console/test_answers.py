@@ -7,10 +7,9 @@ from array import array
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point32, PolygonStamped
 from sensor_msgs.msg import Image, PointCloud2
 
-from pf_tracker_ros.node.console.answers import box_of, heat_of, packed, particles_of, status_of
+from pf_tracker_ros.node.console.answers import heat_of, packed, particles_of, status_of
 
 
 def cloud(rows):
@@ -42,20 +41,6 @@ def test_a_flood_of_texts_is_cut():
     value = KeyValue(key="k" * 10_000, value="v" * 10_000)
     status = DiagnosticStatus(message="m" * 100_000, values=[value] * 10_000)
     assert len(json.dumps(status_of(status))) < 10_000_000 / 2
-
-
-def test_a_box_is_the_bounding_rectangle_of_its_corners():
-    corners = [(3.0, 4.0), (13.0, 4.0), (13.0, 24.5), (3.0, 24.5)]
-    polygon = PolygonStamped()
-    polygon.polygon.points = [Point32(x=x, y=y) for x, y in corners]
-    assert box_of(polygon) == [3.0, 4.0, 10.0, 20.5]
-
-
-def test_a_polygon_without_finite_corners_is_no_box():
-    assert box_of(PolygonStamped()) is None
-    polygon = PolygonStamped()
-    polygon.polygon.points = [Point32(x=float("inf")), Point32()]
-    assert box_of(polygon) is None
 
 
 def test_weights_of_any_size_are_shares():

@@ -427,7 +427,7 @@ def test_without_a_browser_the_tracker_has_nobody_to_publish_for(
     tracker, client, start_console, open_page
 ):
     def listeners():
-        names = ("box", "particles", "status", "overlay", "likelihood")
+        names = ("box", "boxes", "particles", "status", "overlay", "likelihood")
         return {
             name: publisher.get_subscription_count()
             for publisher in tracker.publishers
@@ -443,7 +443,7 @@ def test_without_a_browser_the_tracker_has_nobody_to_publish_for(
     client.wait_for(lambda: health.get_subscription_count() == 2, "console")
     assert (listeners(), takers()) == (before, 1)
     page = open_page(console.link)
-    wanted = before | {name: before[name] + 1 for name in ("box", "particles", "status")}
+    wanted = before | {name: before[name] + 1 for name in ("boxes", "particles", "status")}
     client.wait_for(lambda: (listeners(), takers()) == (wanted, 2), "subscriptions for the page")
     page.close()
     client.wait_for(lambda: (listeners(), takers()) == (before, 1), "end of them")

@@ -6,8 +6,9 @@ import pytest
 
 from pf_tracker_ros.node.console.pairing import Pairing
 
-TRACKING = {"values": {"state": "tracking"}}
-IDLE = {"values": {"state": "idle"}}
+TRACKING = {"values": {"state": "tracking"}, "targets": [{"id": "1"}], "selected": "1"}
+IDLE = {"values": {"state": "idle"}, "targets": [], "selected": ""}
+BOXES = {"1": {"box": [1, 2, 3, 4], "color": "#ff8000"}}
 
 
 @pytest.fixture
@@ -23,15 +24,15 @@ def test_a_picture_waits_for_its_box(pairing):
     assert not pairing.choose(now=0.01)
     pairing.add_answer(2, "status", TRACKING, now=0.02)
     assert not pairing.choose(now=0.02)
-    pairing.add_answer(2, "box", [1, 2, 3, 4], now=0.03)
+    pairing.add_answer(2, "boxes", BOXES, now=0.03)
     assert pairing.choose(now=0.03)
     assert pairing.latest.stamp == 2
-    assert pairing.latest.answer == {"status": TRACKING, "box": [1, 2, 3, 4]}
+    assert pairing.latest.answer == {"status": TRACKING, "boxes": BOXES}
     assert not pairing.choose(now=0.04)
 
 
 def test_the_order_in_which_the_parts_come_does_not_matter(pairing):
-    pairing.add_answer(2, "box", [1, 2, 3, 4], now=0.0)
+    pairing.add_answer(2, "boxes", BOXES, now=0.0)
     pairing.add_answer(2, "status", TRACKING, now=0.0)
     pairing.add_image(2, "picture", now=0.0)
     assert pairing.choose(now=0.0)
@@ -41,22 +42,23 @@ def test_particles_are_waited_for_where_somebody_looks(pairing):
     pairing.wanted = {"particles"}
     pairing.add_image(2, "picture", now=0.0)
     pairing.add_answer(2, "status", TRACKING, now=0.0)
-    pairing.add_answer(2, "box", [1, 2, 3, 4], now=0.0)
+    pairing.add_answer(2, "boxes", BOXES, now=0.0)
     assert not pairing.choose(now=0.0)
     pairing.add_answer(2, "particles", [], now=0.0)
     assert pairing.choose(now=0.0)
 
 
-def test_of_several_targets_the_boxes_are_waited_for_and_no_single_one(pairing):
+def test_the_likelihood_is_waited_for_where_a_target_is_selected(pairing):
     pairing.wanted = {"particles", "likelihood"}
-    crowd = TRACKING | {"targets": [{"id": "1"}]}
-    pairing.add_image(2, "picture", now=0.0)
-    pairing.add_answer(2, "status", crowd, now=0.0)
-    pairing.add_answer(2, "particles", [], now=0.0)
-    assert not pairing.choose(now=0.0)
-    pairing.add_answer(2, "boxes", {}, now=0.0)
+    for stamp, status in ((2, TRACKING | {"selected": ""}), (3, TRACKING)):
+        pairing.add_image(stamp, "picture", now=0.0)
+        for part, content in (("status", status), ("particles", []), ("boxes", BOXES)):
+            assert not pairing.choose(now=0.0)
+            pairing.add_answer(stamp, part, content, now=0.0)
+        assert pairing.choose(now=0.0) == (stamp == 2)
+    pairing.add_answer(3, "likelihood", {}, now=0.0)
     assert pairing.choose(now=0.0)
-    assert pairing.latest.answer.keys() == {"status", "particles", "boxes"}
+    assert pairing.latest.answer.keys() == {"status", "particles", "boxes", "likelihood"}
 
 
 def test_without_a_target_there_is_nothing_to_wait_for(pairing):
@@ -108,7 +110,7 @@ def test_where_time_goes_back_the_answers_of_before_do_not_count(pairing):
         for stamp in (2, 3):
             pairing.add_image(stamp, f"picture {stamp} at {now}", now)
             assert not pairing.choose(now)
-            pairing.add_answer(stamp, "status", {"values": {"state": "idle"}, "at": now}, now)
+            pairing.add_answer(stamp, "status", IDLE | {"at": now}, now)
             assert pairing.choose(now)
             assert pairing.latest.image == f"picture {stamp} at {now}"
             assert pairing.latest.answer["status"]["at"] == now
@@ -120,11 +122,11 @@ def test_another_answer_to_the_same_frame_is_shown(pairing):
     pairing.add_image(2, "picture", now=0.0)
     pairing.add_answer(2, "status", IDLE, now=0.0)
     assert pairing.choose(now=0.0)
-    for part, content in (("box", [1, 2, 3, 4]), ("status", TRACKING)):
+    for part, content in (("boxes", BOXES), ("status", TRACKING)):
         pairing.add_answer(2, part, content, now=0.1)
         pairing.choose(now=0.1)
     assert pairing.latest.image == "picture"
-    assert pairing.latest.answer == {"status": TRACKING, "box": [1, 2, 3, 4]}
+    assert pairing.latest.answer == {"status": TRACKING, "boxes": BOXES}
     pairing.add_answer(2, "status", IDLE, now=0.2)
     assert pairing.choose(now=0.2)
     assert pairing.latest.answer == {"status": IDLE}
@@ -133,26 +135,26 @@ def test_another_answer_to_the_same_frame_is_shown(pairing):
 def test_an_image_that_comes_after_its_answer_keeps_it(pairing):
     for now in (0.0, 1.0):
         pairing.add_answer(2, "status", TRACKING, now=now)
-        pairing.add_answer(2, "box", [1, 2, 3, now], now=now)
+        pairing.add_answer(2, "boxes", [1, 2, 3, now], now=now)
         pairing.choose(now)
         pairing.add_image(2, f"picture at {now}", now=now)
         pairing.choose(now)
         # Played again, it is answered before it comes.
         pairing.choose(now + 0.5)
         assert pairing.latest.image == f"picture at {now}"
-        assert pairing.latest.answer == {"status": TRACKING, "box": [1, 2, 3, now]}
+        assert pairing.latest.answer == {"status": TRACKING, "boxes": [1, 2, 3, now]}
 
 
 def test_a_frame_that_is_played_again_has_no_box_of_before(pairing):
     pairing.add_image(2, "picture", now=0.0)
     pairing.add_answer(2, "status", TRACKING, now=0.0)
-    pairing.add_answer(2, "box", [1, 2, 3, 4], now=0.0)
+    pairing.add_answer(2, "boxes", BOXES, now=0.0)
     assert pairing.choose(now=0.0)
     pairing.add_answer(2, "status", TRACKING, now=1.0)
     assert not pairing.choose(now=1.0)
-    pairing.add_answer(2, "box", [5, 6, 7, 8], now=1.0)
+    pairing.add_answer(2, "boxes", [5, 6, 7, 8], now=1.0)
     assert pairing.choose(now=1.0)
-    assert pairing.latest.answer["box"] == [5, 6, 7, 8]
+    assert pairing.latest.answer["boxes"] == [5, 6, 7, 8]
 
 
 def test_a_part_that_is_late_is_shown_at_once(pairing):
@@ -160,16 +162,16 @@ def test_a_part_that_is_late_is_shown_at_once(pairing):
     pairing.add_image(2, "picture", now=0.0)
     pairing.add_answer(2, "status", TRACKING, now=0.0)
     assert pairing.choose(now=0.5)
-    for part in ("box", "particles"):
+    for part in ("boxes", "particles"):
         pairing.add_answer(2, part, [], now=0.6)
     assert pairing.choose(now=0.6)
-    assert pairing.latest.answer.keys() == {"status", "box", "particles"}
+    assert pairing.latest.answer.keys() == {"status", "boxes", "particles"}
 
 
 def test_a_part_that_is_late_hides_no_picture_that_has_come_since(pairing):
     pairing.wanted = {"particles"}
     pairing.add_image(2, "picture 2", now=0.0)
-    for part, content in (("status", TRACKING), ("box", [1, 2, 3, 4]), ("particles", [])):
+    for part, content in (("status", TRACKING), ("boxes", BOXES), ("particles", [])):
         pairing.add_answer(2, part, content, now=0.0)
     assert pairing.choose(now=0.0)
     pairing.add_image(3, "picture 3", now=0.1)
@@ -209,6 +211,6 @@ def test_what_waits_has_a_limit():
     pairing.add_answer(0, "status", IDLE, now=0.0)
     for stamp in range(1, 10_000):
         pairing.add_image(stamp, stamp, now=0.0)
-        pairing.add_answer(-stamp, "box", None, now=0.0)
+        pairing.add_answer(-stamp, "boxes", None, now=0.0)
     assert len(pairing._images) <= 32
     assert len(pairing._answers) <= 32

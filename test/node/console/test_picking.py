@@ -6,8 +6,9 @@ import pytest
 from geometry_msgs.msg import PointStamped, PolygonStamped
 from std_srvs.srv import SetBool
 
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
-from pf_tracker_ros.tracking.session import Session
 
 HEIGHT, WIDTH = 120, 160
 
@@ -91,7 +92,7 @@ def test_a_dragged_box_starts_the_target_on_the_frame_it_was_drawn_on(shown, cam
     for stamp, index in camera.shown:
         if stamp == status.stamp:
             session.request(box_of(target), drawn_on)
-        estimates[stamp] = session.process(camera.images[index], stamp).estimate
+        estimates[stamp] = session.process(Frame(camera.images[index].copy(), stamp)).estimate
     started = client.box_at(status.stamp)
     assert box_of(started) == pytest.approx(estimates[status.stamp].box, abs=1e-4)
     camera.show_on(shown)
@@ -103,7 +104,9 @@ def test_stop_forgets_the_target(shown, camera):
     shown.drag(camera.box_at(shown.stamp))
     camera.show_until(lambda: shown.box, "box")
     shown.keyboard.press("s")
-    shown.wait_until(lambda: shown.text("note") == "stopped; waiting for a target", "answer")
+    shown.wait_until(
+        lambda: shown.text("note") == "stopped 1 target; waiting for a target", "answer"
+    )
     camera.show_on(shown)
     assert shown.text("state") == "idle"
     assert shown.box is None

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
-from pf_tracker_ros.tracking.session import Session
 
 
 @pytest.fixture
@@ -54,7 +55,7 @@ def boxes_in_lockstep(images, box, first):
     session = Session(preset_parameters("default"), seed=0)
     session.request(box, stamp_at(first))
     return {
-        stamp_at(index): session.process(image, stamp_at(index)).estimate.box
+        stamp_at(index): session.process(Frame(image.copy(), stamp_at(index))).estimate.box
         for index, image in enumerate(images)
         if index >= first
     }
@@ -313,11 +314,10 @@ def test_several_targets_begin_on_the_frame_where_the_recording_stands(player_of
     page.keyboard.press("n")
     page.wait_until(lambda: page.stamp == stamp_at(1), "next frame")
     assert page.locator("#targets rect").count() == 2
+    # Wherever the recording goes they begin anew on their frames.
     page.locator("#back").click()
-    page.wait_until(
-        lambda: "several targets begin anew" in page.text("note"), "what becomes of them"
-    )
-    page.wait_until(lambda: page.text("target-count") == "0 of 2", "none of them")
+    page.wait_until(lambda: page.stamp == stamp_at(0), "frame before")
+    page.wait_until(lambda: page.text("target-count") == "2 of 2", "both")
 
 
 def test_heat_without_a_target_comes_with_one(player):
@@ -334,10 +334,35 @@ def test_heat_on_a_recording_that_stands_still_comes_with_the_next_frame(player,
     player.locator("#heat").wait_for()
 
 
-def test_several_targets_are_not_saved_and_that_is_told(player_of_several):
+def test_several_targets_are_saved_and_loaded(player_of_several, bag):
     page = player_of_several
-    page.locator("#save:enabled").click()
-    page.wait_until(lambda: "track --draw" in page.text("note"), "what saves them")
+    page.locator("#targets-card").wait_for()
+    assert page.locator("#save").is_disabled()
+
+    def seek(frame, count):
+        page.locator("#seek").fill(str(frame))
+        page.wait_until(lambda: page.stamp == stamp_at(frame), "frame")
+        page.wait_until(lambda: page.text("target-count") == f"{count} of 2", "targets")
+
+    for frame, x in ((0, 40.0), (2, 90.0)):
+        seek(frame, int(frame > 0))
+        page.drag((x, 30.0, 24.0, 24.0))
+        count = f"{1 + (frame > 0)} of 2"
+        page.wait_until(lambda: page.text("target-count") == count, "target")  # noqa: B023
+    page.locator("#save").click()
+    page.wait_until(lambda: "saved as drive.target.yaml" in page.text("note"), "answer")
+    saved = yaml.safe_load((bag.parent / "drive.target.yaml").read_text())
+    assert [(one["frame"], one["stamp"]) for one in saved["targets"]] == [
+        (0, stamp_at(0)),
+        (2, stamp_at(2)),
+    ]
+    assert [one["target_box"][0] for one in saved["targets"]] == pytest.approx([40, 90], abs=0.5)
+    page.keyboard.press("s")
+    page.wait_until(lambda: "stopped 2 targets" in page.text("note"), "answer")
+    page.locator("#load").click()
+    page.wait_until(lambda: page.text("target-count") == "1 of 2", "the first of them")
+    assert page.stamp == stamp_at(0)
+    seek(3, 2)
 
 
 @pytest.fixture

@@ -45,7 +45,6 @@ function bars(values) {
 export function ask() { if (on) send({ type: "heat", shown: true }); }
 
 export function toggle() {
-  if (at("heat-button").disabled) return;
   on = !on;
   at("heat-button").setAttribute("aria-pressed", on);
   at("rivals").hidden = !on;

@@ -8,7 +8,7 @@ const INTERVAL = 500;    // milliseconds from one drawing to the next
 const SVG = "http://www.w3.org/2000/svg";
 
 const plots = [
-  { id: "confidence", top: () => 1, of: (values, targets) => targets ? Object.fromEntries(targets.map((one) => [one.id, one.confidence])) : { confidence: values.confidence } },
+  { id: "confidence", top: () => 1, of: (_, targets) => Object.fromEntries(targets.map((one) => [one.id, one.confidence])) },
   { id: "effective", top: (most, values) => values.particles ?? most, of: (values) => ({ effective: values.effective_sample_size }) },
   { id: "processing", top: (most) => Math.max(10, most), of: (values) => ({ processing: values.processing_time_ms }) },
   { id: "powers", top: () => 1, of: (values) => Object.fromEntries(

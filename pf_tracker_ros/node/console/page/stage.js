@@ -15,7 +15,7 @@ let frame = null;        // as shown
 let newest = null;       // [frame, bitmap] that came while the picture is frozen
 let mode = "live";       // live, drawing (the pointer is down), editing, or sent
 let last = null;         // [x, y, width, height] of the box that was sent
-let trail = [];
+let trail = [], selected = "";  // the way of the selected target, and its id
 let paused = false;
 let blank = false;       // nothing is drawn over the picture, as nothing is known of it
 let told = "";           // the state, while it is blank
@@ -73,12 +73,13 @@ export function judge(outcome, text = "") {
 
 function drawOverlay() {
   const { stamp, width, height } = frame, known = blank ? { stamp, width, height } : frame;
-  const values = known.status?.values ?? {}, box = known.box ?? null;
+  const values = known.status?.values ?? {}, box = boxIn(known), chosen = known.status?.selected ?? "";
   // Asked for after something was drawn, it would lay out the page once more.
   const unit = frame.width / overlay.clientWidth || 1;
   overlay.dataset.state = values.state ?? (blank ? told : "");
   overlay.dataset.stamp = frame.stamp;
   overlay.dataset.box = JSON.stringify(box);
+  overlay.dataset.selected = chosen;
   place(at("box"), box);
   place(at("halo"), box);
   heat.show(known);
@@ -89,11 +90,15 @@ function drawOverlay() {
   }).join("") });
   drawCovariance(values, box);
   const seconds = Number(BigInt(frame.stamp) / 1000000n) / 1000;
-  if (values.frame === "started" || values.state === "idle") trail = [];
+  // Of a frame that was not looked at nothing is told.
+  if (values.state !== "skipped" && chosen !== selected) [trail, selected] = [[], chosen];
   trail = trail.filter(([time]) => time <= seconds && seconds - time < TRAIL_SECONDS);
   if (box) trail.push([seconds, box[0] + box[2] / 2, box[1] + box[3] / 2]);
   set(at("trail"), { points: trail.map(([, x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`).join(" ") });
 }
+
+// Of the selected target.
+const boxIn = (frame) => frame.boxes?.[frame.status?.selected]?.box ?? null;
 
 function drawCovariance({ covariance_xx: xx, covariance_xy: xy, covariance_yy: yy }, box) {
   const ellipse = at("covariance"), known = box && typeof xx === "number";
@@ -160,14 +165,16 @@ function onUp(event) {
     sendBox();
     return;
   }
-  ask({ type: "click", point: drawing.point(event), stamp: frame.stamp });
+  const place = drawing.point(event), id = targets.idAt(frame, place), chosen = frame.status?.selected ?? "";
+  if (targets.areSeveral() && (id || chosen)) { live(); targets.select(id, chosen); }
+  else ask({ type: "click", point: place, stamp: frame.stamp });
 }
 
 function startDrawing() {
   if (!frame) { note("there is no picture to draw on", false); return; }
   if (mode === "editing") { live(); return; }
   if (mode !== "live") return;
-  edit((frame.box ?? last)?.map(Math.round) ?? drawing.middle([frame.width, frame.height]));
+  edit((boxIn(frame) ?? last)?.map(Math.round) ?? drawing.middle([frame.width, frame.height]));
   note("drag a box, or move this one with the arrow keys (with shift its size, with alt by a pixel); Enter sends it", true, true);
 }
 

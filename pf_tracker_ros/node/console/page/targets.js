@@ -1,4 +1,5 @@
-// Several targets and the detections: thin boxes over the picture, and a list with a stop for each target.
+// The targets and the detections: thin boxes over the picture where there may be several, and a list to
+// select and stop each target.
 const SVG = "http://www.w3.org/2000/svg", TEXT = 14;
 const at = (id) => document.getElementById(id);
 const DETECTED = 1000;   // milliseconds for which a detection is shown
@@ -40,46 +41,60 @@ const milliseconds = (stamp) => Number(BigInt(stamp) / 1000000n);
 export function show(frame, unit) {
   const boxes = frame.boxes ?? {}, found = frame.status?.targets ?? [];
   for (const [id, { color }] of Object.entries(boxes)) colors.set(id, color);
-  draw(at("targets"), found.filter(({ id }) => boxes[id]).map((one) =>
+  draw(at("targets"), found.filter(({ id }) => boxes[id] && most > 1).map((one) =>
     ({ box: boxes[one.id].box, stroke: boxes[one.id].color, state: one.state, words: title(one) })), unit);
   const isNew = detected && Math.abs(milliseconds(frame.stamp) - milliseconds(detected.stamp)) < DETECTED;
   draw(at("detections"), (isNew ? detected.boxes : []).map(({ box, label }) => ({ box, words: label })), unit);
-  list(found);
+  list(found, frame.status?.selected);
 }
+
+// Whether a click says which of them is meant.
+export const areSeveral = () => most > 1;
+
+// The id of the smallest box around a point [x, y], "" where there is none.
+export function idAt(frame, [u, v]) {
+  const around = Object.entries(frame.boxes ?? {}).filter(([, { box: [x, y, width, height] }]) =>
+    x <= u && u < x + width && y <= v && v < y + height);
+  const area = ([, { box }]) => box[2] * box[3];
+  return around.sort((one, other) => area(one) - area(other))[0]?.[0] ?? "";
+}
+
+// Selects a target, or with the one that is selected none.
+export const select = (id, selected) => send({ type: "select", id: id === selected ? "0" : id || "0" });
 
 export function detect(message) { detected = message; }
 
-function list(found) {
+function list(found, selected) {
   const ids = new Set(found.map(({ id }) => id));
   for (const [id, { row }] of rows) if (!ids.has(id)) { row.remove(); rows.delete(id); }
   for (const one of found) {
     if (!rows.has(one.id)) add(one.id);
-    const { mark, text, stop } = rows.get(one.id);
+    const { mark, choose, stop } = rows.get(one.id);
     mark.style.background = colors.get(one.id) ?? "";
     const words = `${title(one)} · ${one.state}${typeof one.confidence === "number" ? ` ${one.confidence.toFixed(2)}` : ""}`;
-    if (text.textContent !== words) text.textContent = words;
+    if (choose.textContent !== words) choose.textContent = words;
+    choose.setAttribute("aria-pressed", one.id === selected);
+    choose.onclick = () => select(one.id, selected);
     stop.ariaLabel = `Stop ${title(one)}`;
   }
   at("target-count").textContent = `${found.length} of ${most}`;
 }
 
 function add(id) {
-  const [row, mark, text, stop] = ["li", "i", "span", "button"].map((name) => document.createElement(name));
+  const [row, mark, choose, stop] = ["li", "i", "button", "button"].map((name) => document.createElement(name));
   Object.assign(stop, { type: "button", textContent: "Stop", onclick() { send({ type: "stop_target", id }); } });
-  row.append(mark, text, stop);
+  Object.assign(choose, { type: "button", className: "choose", title: "Selects the target" });
+  row.append(mark, choose, stop);
   row.dataset.id = id;
   const list = at("target-list"), isAfter = ({ dataset }) => Number(dataset.id) > Number(id);
   list.insertBefore(row, [...list.children].find(isAfter) ?? null);  // by their ids
-  rows.set(id, { row, mark, text, stop });
+  rows.set(id, { row, mark, choose, stop });
 }
 
 // Whether there is room for more than one decides whether the list is there.
 export function allow(count) {
   most = count;
   at("targets-card").hidden = most < 2;
-  document.body.classList.toggle("several", most > 1);  // what there is of one target alone goes
-  at("heat-button").disabled = most > 1;  // there is one likelihood for one target
-  at("heat-button").title = most > 1 ? "with one target alone (max_targets 1)" : "";
 }
 
 export function begin(sender) { send = sender; }

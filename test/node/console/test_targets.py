@@ -1,4 +1,4 @@
-"""What a tracker of several targets says, and a page that shows it."""
+"""What the tracker says of its targets, and a page that shows, selects and stops them."""
 
 from types import SimpleNamespace
 
@@ -12,8 +12,13 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import ColorRGBA, UInt32
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pf_tracker_ros.node.console.answers import particles_of
-from pf_tracker_ros.node.console.several import boxes_of, detections_of, stop_message, targets_of
+from pf_tracker_ros.node.console.answers import (
+    answer_of,
+    boxes_of,
+    detections_of,
+    id_message,
+    particles_of,
+)
 
 HOSTILE = "<img src=x onerror=alert(1)>"
 LATCHED = QoSProfile(
@@ -45,10 +50,16 @@ def test_targets_have_id_label_and_state_as_they_were_told():
         status(state="tracking"),
         status(id="1e3", state="tracking"),
     ]
-    assert targets_of(told) == [
-        {"id": "1", "label": "7", "state": "tracking", "confidence": 0.75},
-        {"id": "20000001", "label": HOSTILE, "state": "lost", "confidence": None},
-    ]
+    for selected, expected in (("20000001", "20000001"), ("2", ""), ("0", ""), (HOSTILE, "")):
+        own = status("/pf_tracker", "all is well", state="tracking", selected=selected)
+        answer = answer_of(DiagnosticArray(status=[own, *told]))
+        assert (answer["message"], answer["values"]["state"]) == ("all is well", "tracking")
+        assert answer["targets"] == [
+            {"id": "1", "label": "7", "state": "tracking", "confidence": 0.75},
+            {"id": "20000001", "label": HOSTILE, "state": "lost", "confidence": None},
+        ]
+        # One that is gone is none that could be shown.
+        assert answer["selected"] == expected
 
 
 def test_boxes_are_those_of_the_markers_by_id():
@@ -95,9 +106,9 @@ def test_detections_are_upright_boxes_with_the_best_label():
 
 
 @pytest.mark.parametrize("id", ["", "-1", "1.0", "one", "²", "4294967296", "9" * 5000])
-def test_what_is_no_id_stops_nothing(id):
+def test_what_is_no_id_names_no_target(id):
     with pytest.raises(ValueError, match="there is no target"):
-        stop_message(id)
+        id_message(id)
 
 
 def test_particles_of_several_targets_have_their_ids_beside_the_weights():
@@ -112,6 +123,7 @@ class Crowd(Node):
     Attributes:
         targets: Label and state by id; those that are not lost have a box.
         stopped: Ids that it was told to stop.
+        selected: Id that it was told to select last, 0 for none.
     """
 
     def __init__(self, context):
@@ -119,12 +131,13 @@ class Crowd(Node):
         self.declare_parameter("max_targets", 4)
         self.declare_parameter("detector.labels", ["person", "car"])
         self.targets = {1: ("car", "tracking"), 2: (HOSTILE, "occluded"), 3: ("", "lost")}
-        self.stopped = []
+        self.stopped, self.selected = [], 0
         self._status = self.create_publisher(DiagnosticArray, "~/status", LATCHED)
         self._boxes = self.create_publisher(MarkerArray, "~/boxes", 10)
         self._health = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_subscription(Image, "image", self._on_image, 10)
         self.create_subscription(UInt32, "~/stop_target", self._on_stop, 10)
+        self.create_subscription(UInt32, "~/select", self._on_select, 10)
         self.create_timer(0.2, self._tell)
 
     @staticmethod
@@ -133,7 +146,8 @@ class Crowd(Node):
 
     def _on_image(self, image):
         markers = [Marker(header=image.header, action=Marker.DELETEALL)]
-        statuses = [status("/pf_tracker", state="tracking", frame="tracked", targets="3")]
+        own = {"state": "tracking", "frame": "tracked", "selected": str(self.selected)}
+        statuses = [status("/pf_tracker", **own)]
         for id, (label, state) in self.targets.items():
             name = f"/pf_tracker: target {id}"
             statuses.append(status(name, id=str(id), label=label, state=state, confidence="0.5"))
@@ -145,6 +159,9 @@ class Crowd(Node):
     def _on_stop(self, message):
         self.stopped.append(message.data)
         self.targets.pop(message.data, None)
+
+    def _on_select(self, message):
+        self.selected = message.data
 
     def _tell(self):
         told = status("pf_tracker: tracker", "tracking 3 targets", image_topic="/image")
@@ -187,21 +204,60 @@ def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, crow
     assert [rectangle(rects.nth(i)) for i in range(2)] == [crowd.box(1), crowd.box(2)]
     assert texts.all_text_contents() == ["1 car", f"2 {HOSTILE}"]
     assert {rects.nth(i).get_attribute("stroke") for i in range(2)} == {"#ff8000"}
-    rows = page.locator("#target-list li span").all_text_contents()
+    rows = page.locator("#target-list .choose").all_text_contents()
     assert rows == ["1 car · tracking 0.50", f"2 {HOSTILE} · occluded 0.50", "3 · lost 0.50"]
     assert page.text("target-count") == "3 of 4"
     # The confidence of each has its line.
     show_until(lambda: page.locator("#plot-confidence path").count() == 3, "lines")
     assert page.locator("img, script:not([src])").count() == 0
-    # There is no single one.
+    # None is selected, and there is no likelihood of any.
     assert page.box is None
-    assert page.locator("#heat-button").is_disabled()
-    assert "one target" in page.locator("#heat-button").get_attribute("title")
+    page.keyboard.press("h")
+    page.wait_until(lambda: "click one to select it" in page.text("note"), "what the heat is of")
+
+
+def test_a_click_on_a_box_selects_it_and_beside_all_none(shown, crowd):
+    page, show_until = shown
+    overlay = page.locator("#overlay")
+
+    def select_by(action, id):
+        action()
+        show_until(lambda: overlay.get_attribute("data-selected") == (str(id) if id else ""), id)
+        assert crowd.selected == id
+        # It alone is drawn stronger, and told of in its row.
+        assert page.box == (crowd.box(id) if id else None)
+        assert page.locator("#halo").is_visible() == bool(id)
+        pressed = page.locator("#target-list li", has=page.locator("[aria-pressed=true]"))
+        rows = [row.get_attribute("data-id") for row in pressed.all()]
+        assert rows == ([str(id)] if id else [])
+
+    def click(x, y):
+        return lambda: page.mouse.click(*page.to_screen(x, y))
+
+    # Where both are, the smaller or else the first one is meant; here they do not meet.
+    select_by(click(12, 7), 1)
+    select_by(click(48, 28), 2)
+    select_by(click(48, 28), 0)
+    select_by(click(12, 7), 1)
+    select_by(click(130, 100), 0)
+    # A target without a box is selected in the list, and by key.
+    row = page.locator("#target-list li[data-id='2'] .choose")
+    row.focus()
+    select_by(lambda: page.keyboard.press("Enter"), 2)
+    select_by(row.click, 0)
+    assert crowd.stopped == []
+
+
+@pytest.mark.usefixtures("crowd")
+def test_a_click_where_nothing_is_and_nothing_is_selected_asks_for_a_target(shown, client):
+    page, _ = shown
+    page.mouse.click(*page.to_screen(130, 100))
+    page.wait_until(lambda: "/pf_tracker/click" in page.text("note"), "that nobody takes it")
 
 
 def test_a_list_of_any_words_is_set_as_words(shown, crowd):
     page, _ = shown
-    page.locator("#groups summary", has_text="Others").click()
+    page.locator("#groups summary", has_text="The tracker").click()
     words = page.locator("[id='parameter-detector.labels']")
     assert words.input_value() == "person, car"
     words.fill("truck,  large van,")
@@ -209,8 +265,8 @@ def test_a_list_of_any_words_is_set_as_words(shown, crowd):
     page.wait_until(
         lambda: crowd.get_parameter("detector.labels").value == ["truck", "large van"], "words"
     )
-    # What it is without anybody's doing is not known.
-    assert page.locator(".parameter.changed", has=words).count() == 0
+    # A preset names none.
+    assert page.locator(".parameter.changed", has=words).count() == 1
 
 
 def test_each_target_is_stopped_by_its_button_also_by_key(shown, crowd):
@@ -233,5 +289,15 @@ def test_a_tracker_of_one_target_has_no_list(camera, page):
     camera.show_on(page)
     page.locator("#groups details").first.wait_for()
     assert page.locator("#targets-card").is_hidden()
-    assert page.locator("#heat-button").is_enabled()
-    assert page.locator("#heat-button").get_attribute("title") == ""
+
+
+def test_there_may_be_more_targets_while_the_tracker_runs(tracker, camera, page, client):
+    camera.show_on(page)
+    page.drag(camera.box_at(page.stamp))
+    camera.show_until(lambda: page.box, "box")
+    assert page.locator("#targets rect").count() == 0
+    assert client.set_parameters(max_targets=4).successful
+    page.locator("#targets-card").wait_for()
+    page.drag((100.0, 80.0, 30.0, 30.0))
+    camera.show_until(lambda: page.text("target-count") == "2 of 4", "second target")
+    camera.show_until(lambda: page.locator("#targets rect").count() == 2, "both boxes")

@@ -8,7 +8,7 @@ from contextlib import closing
 
 import cv2
 
-from pf_tracker_ros.evaluation.processes import ProcessEnded, spread
+from pf_tracker_ros.evaluation.processes import WorkerEnded, spread
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure, SequenceResult
 from pf_tracker_ros.evaluation.runner import MakeTracker, evaluate_sequence
 from pf_tracker_ros.footage import Footage, FootageError
@@ -44,8 +44,11 @@ def evaluate_each(
     work = functools.partial(_attempt, make_tracker=make_tracker, seeds=seeds)
     with closing(spread(work, sequences, jobs)) as answers:
         for number, answer in answers:
-            if isinstance(answer, ProcessEnded):
-                yield number, _unfinished(sequences[number].name, jobs, answer)
+            if isinstance(answer, WorkerEnded):
+                name = sequences[number].name
+                reason = f"{name}: one of {jobs} processes ended unexpectedly ({answer.how})"
+                error = EvaluationError(f"{reason}; allowed: as many as memory permits")
+                yield number, SequenceFailure(name, error)
                 continue
             if on_progress is not None and isinstance(answer, SequenceResult):
                 on_progress(answer.name, len(answer.true_boxes))
@@ -97,18 +100,3 @@ def _attempt(
     except (ValueError, OSError, MemoryError, cv2.error) as error:
         reason = str(error) or type(error).__name__
         return SequenceFailure(footage.name, EvaluationError(f"{footage.name}: {reason}"))
-
-
-def _unfinished(name: str, jobs: int, ended: ProcessEnded) -> SequenceFailure:
-    how = (
-        f"was ended by signal {-ended.exit_code}"
-        if ended.exit_code is not None and ended.exit_code < 0
-        else f"ended with code {ended.exit_code}"
-    )
-    return SequenceFailure(
-        name,
-        EvaluationError(
-            f"{name}: one of {jobs} processes ended unexpectedly (it {how}); allowed: as many as "
-            "memory permits"
-        ),
-    )

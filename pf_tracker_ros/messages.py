@@ -1,0 +1,214 @@
+"""ROS messages of images, boxes, particles and statuses, whoever makes and serializes them.
+
+Each function is given `new`, which makes a message out of the name of its type and of fields, the
+others being 0 or empty: `new("geometry_msgs/msg/Point", x=1.0)`. A node gives one that makes
+rclpy's messages, a bag writer one that makes those of its own library.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.boxes import Box, bounding_box, box_corners
+
+New = Callable[..., Any]
+"""Makes a message."""
+
+IMAGE_TYPE = "sensor_msgs/msg/Image"
+POLYGON_TYPE = "geometry_msgs/msg/PolygonStamped"
+POINTS_TYPE = "sensor_msgs/msg/PointCloud2"
+MARKERS_TYPE = "visualization_msgs/msg/MarkerArray"
+DETECTIONS_TYPE = "vision_msgs/msg/Detection2DArray"
+STATUS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
+
+PARTICLE_FIELDS = ("x", "y", "z", "width", "height", "weight")
+TEXT_HEIGHT = 16.0
+"""Of markers, pixels."""
+_STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
+_MARKER, _POINT = "visualization_msgs/msg/Marker", "geometry_msgs/msg/Point"
+# visualization_msgs/Marker and sensor_msgs/PointField have them so.
+_LINE_STRIP, _TEXT, _ADD, _DELETE_ALL = 4, 9, 0, 3
+_FIELD, _FLOAT32 = "sensor_msgs/msg/PointField", 7
+
+
+class Outline(NamedTuple):
+    """A box with a text.
+
+    Attributes:
+        id: Its own.
+        box: (x, y, width, height) in pixels.
+        text: At its upper left corner.
+        color: Red, green, blue and opacity, 0 to 1.
+        width: Of the line, pixels.
+    """
+
+    id: int
+    box: Box
+    text: str
+    color: tuple[float, float, float, float]
+    width: float
+
+
+class Status(NamedTuple):
+    """One of several statuses.
+
+    Attributes:
+        name: Of the node that tells it, or of its part.
+        level: 0 OK, 1 WARN, 2 ERROR.
+        text: One sentence for people.
+        values: What there is to know, key to value.
+    """
+
+    name: str
+    level: int
+    text: str
+    values: Mapping[str, str | float | int]
+
+
+def image_message(new: New, header: Any, image: NDArray[Any]) -> Any:
+    """An array as sensor_msgs/Image, of little-endian samples.
+
+    Args:
+        new: See above.
+        header: Of the message.
+        image: (H, W, 3) uint8 BGR, or (H, W) uint8, uint16 or float32.
+    """
+    pixels = np.ascontiguousarray(image, dtype=image.dtype.newbyteorder("<"))
+    return new(
+        IMAGE_TYPE,
+        header=header,
+        height=image.shape[0],
+        width=image.shape[1],
+        encoding=image_encoding(image),
+        step=pixels.strides[0],
+        data=pixels.reshape(-1).view(np.uint8),
+    )
+
+
+def image_encoding(image: NDArray[Any]) -> str:
+    """The encoding of sensor_msgs/Image for an array: `bgr8`, `mono8`, `mono16` or `32FC1`."""
+    if image.ndim == 3:
+        return "bgr8"
+    return {1: "mono8", 2: "mono16", 4: "32FC1"}[image.dtype.itemsize]
+
+
+def box_message(new: New, header: Any, box: Sequence[float]) -> Any:
+    """A box as geometry_msgs/PolygonStamped of its corners, clockwise from the top left.
+
+    Args:
+        new: See above.
+        header: Of the message.
+        box: (x, y, width, height) in pixels.
+    """
+    points = [new("geometry_msgs/msg/Point32", x=x, y=y) for x, y in box_corners(box)]
+    return new(POLYGON_TYPE, header=header, polygon=new("geometry_msgs/msg/Polygon", points=points))
+
+
+def box_as_sent(box: Sequence[float]) -> Box:
+    """A box (x, y, width, height) as the corners of a message, in single precision, tell it."""
+    # What is too large for single precision is infinite there, and refused where it is used.
+    with np.errstate(over="ignore"):
+        return bounding_box(np.array(box_corners(box), dtype=np.float32))
+
+
+def particles_message(
+    new: New,
+    header: Any,
+    boxes: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    ids: NDArray[np.integer[Any]],
+) -> Any:
+    """Particles as sensor_msgs/PointCloud2 of `PARTICLE_FIELDS` and `id`, each at its box's center.
+
+    Args:
+        new: See above.
+        header: Of the message.
+        boxes: (N, 4) x, y, width, height in pixels.
+        weights: (N,) their weights.
+        ids: (N,) of the targets that they are of.
+    """
+    names = (*PARTICLE_FIELDS, "id")
+    columns = np.column_stack([particle_columns(boxes, weights), ids.astype(np.float32)])
+    size, step = columns.itemsize, columns.itemsize * len(names)
+    return new(
+        POINTS_TYPE,
+        header=header,
+        height=1,
+        width=len(columns),
+        fields=[
+            new(_FIELD, name=name, offset=index * size, datatype=_FLOAT32, count=1)
+            for index, name in enumerate(names)
+        ],
+        is_bigendian=sys.byteorder == "big",
+        point_step=step,
+        row_step=step * len(columns),
+        data=columns.reshape(-1).view(np.uint8),
+        is_dense=True,
+    )
+
+
+def particle_columns(
+    boxes: NDArray[np.float64], weights: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """(N, 6) float32, a column for each of `PARTICLE_FIELDS`; z is 0. See `particles_message`."""
+    columns = np.zeros((len(boxes), len(PARTICLE_FIELDS)), dtype=np.float32)
+    columns[:, :2] = boxes[:, :2] + boxes[:, 2:] / 2
+    columns[:, 3:5] = boxes[:, 2:]
+    columns[:, 5] = weights
+    return columns
+
+
+def outlines_message(new: New, header: Any, outlines: Sequence[Outline]) -> Any:
+    """Boxes as visualization_msgs/MarkerArray, which replaces all markers before it.
+
+    The first marker deletes those; then come for each box a line (namespace `boxes`) and a text
+    (`labels`) of its id.
+
+    Args:
+        new: See above.
+        header: Of each marker.
+        outlines: What to draw.
+    """
+
+    def pose(x: float, y: float) -> Any:
+        upright = new("geometry_msgs/msg/Quaternion", w=1.0)
+        return new("geometry_msgs/msg/Pose", position=new(_POINT, x=x, y=y), orientation=upright)
+
+    markers = [new(_MARKER, header=header, action=_DELETE_ALL, pose=pose(0.0, 0.0))]
+    for outline in outlines:
+        corners = [new(_POINT, x=x, y=y) for x, y in box_corners(outline.box)]
+        color = new("std_msgs/msg/ColorRGBA", **dict(zip("rgba", outline.color, strict=True)))
+        shared = {"header": header, "id": outline.id, "action": _ADD, "color": color}
+        line = {
+            "ns": "boxes",
+            "type": _LINE_STRIP,
+            "pose": pose(0.0, 0.0),
+            "scale": new("geometry_msgs/msg/Vector3", x=outline.width),
+            "points": [*corners, corners[0]],
+        }
+        text = {
+            "ns": "labels",
+            "type": _TEXT,
+            "pose": pose(corners[0].x, corners[0].y - TEXT_HEIGHT / 2),
+            "scale": new("geometry_msgs/msg/Vector3", z=TEXT_HEIGHT),
+            "text": outline.text,
+        }
+        markers += [new(_MARKER, **shared, **line), new(_MARKER, **shared, **text)]
+    return new(MARKERS_TYPE, markers=markers)
+
+
+def status_message(new: New, header: Any, statuses: Sequence[Status]) -> Any:
+    """Statuses as diagnostic_msgs/DiagnosticArray; numbers read back to the same value."""
+    messages = []
+    for name, level, text, values in statuses:
+        pairs = [
+            new("diagnostic_msgs/msg/KeyValue", key=key, value=str(value))
+            for key, value in values.items()
+        ]
+        messages.append(new(_STATUS, level=level, name=name, message=text, values=pairs))
+    return new(STATUS_TYPE, header=header, status=messages)

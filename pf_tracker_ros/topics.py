@@ -1,0 +1,226 @@
+"""What the tracker publishes of each frame, whoever makes and serializes the messages.
+
+`OUTPUTS` has the topics with what others act on first; the status is apart, since a frame that was
+not looked at has one, too. See `pf_tracker_ros.messages` for `new`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.messages import (
+    DETECTIONS_TYPE,
+    IMAGE_TYPE,
+    MARKERS_TYPE,
+    POINTS_TYPE,
+    POLYGON_TYPE,
+    New,
+    Outline,
+    Status,
+    box_message,
+    image_message,
+    outlines_message,
+    particles_message,
+)
+from pf_tracker_ros.overlay import draw_tracked, target_color, target_text
+from pf_tracker_ros.targets.session import estimate_of
+from pf_tracker_ros.targets.statuses import common_values, severity, state_of, target_values
+from pf_tracker_ros.targets.tracked_target import TrackedTarget
+from pf_tracker_ros.tracking.estimate import Estimate
+from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
+from pf_tracker_ros.tracking.state_descriptions import DESCRIPTIONS
+
+_LINE_WIDTH = 2.0
+# The class of a target that nobody has called anything.
+_UNLABELED = "target"
+
+Values = dict[str, str | float | int]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FrameResult:
+    """What is known after a frame.
+
+    Attributes:
+        targets: All of them, in the order of their ids.
+        selected: Id of the one that a robot acts on, 0 without.
+        max_targets: How many there may be.
+        heard: Number of the answers of detectors so far.
+        image: As for `Tracker.update`; None where it is not shown.
+        likelihood: Around the selected target, None where nobody asked for it.
+    """
+
+    targets: tuple[TrackedTarget, ...] = ()
+    selected: int = 0
+    max_targets: int = 1
+    heard: int = 0
+    image: NDArray[Any] | None = None
+    likelihood: LikelihoodMap | None = None
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """Of the selected target, None without it."""
+        return estimate_of(self.targets, self.selected)
+
+    @property
+    def state(self) -> str:
+        """The state of the selected target, without one of that seen best, or `idle`."""
+        return state_of(self.targets, self.selected)
+
+    @property
+    def present(self) -> list[TrackedTarget]:
+        """The targets that are not lost."""
+        return [target for target in self.targets if target.estimate.state != "lost"]
+
+    @property
+    def values(self) -> Values:
+        """What the status tells of the frame as a whole and of the selected target."""
+        values = common_values(self.targets, self.selected, self.heard, self.estimate)
+        return values | likelihood_values(self.likelihood) if self.likelihood else values
+
+    def target_statuses(self, node: str) -> list[Status]:
+        """A status for each target.
+
+        Args:
+            node: Fully qualified name of the node.
+        """
+        return [
+            Status(
+                f"{node}: target {target.id}",
+                severity(target),
+                DESCRIPTIONS[target.estimate.state],
+                target_values(target),
+            )
+            for target in self.targets
+        ]
+
+    def draw(self) -> NDArray[np.uint8]:
+        """(H, W, 3) BGR: the image with the targets drawn into it.
+
+        Raises:
+            ValueError: There is no image.
+        """
+        if self.image is None:
+            raise ValueError("there is no image to draw into")
+        has_several = self.max_targets > 1
+        return draw_tracked(self.image, self.targets, self.selected, has_several=has_several)
+
+
+class Output(NamedTuple):
+    """A topic on which the tracker tells of frames.
+
+    Attributes:
+        name: Of the topic, below that of the node.
+        message_type: As `package/msg/Name`.
+        build: Makes the message out of `new`, a header and what is known of the frame; None where
+            there is none, such as a box while the target is lost.
+        is_for_people: Whether it is only looked at, and may come after what others act on.
+    """
+
+    name: str
+    message_type: str
+    build: Callable[[New, Any, FrameResult], Any]
+    is_for_people: bool = False
+
+
+def _box(new: New, header: Any, result: FrameResult) -> Any:
+    estimate = result.estimate
+    if estimate is None or estimate.state == "lost":
+        return None
+    return box_message(new, header, estimate.box)
+
+
+def _boxes(new: New, header: Any, result: FrameResult) -> Any:
+    outlines = []
+    for target in result.present:
+        blue, green, red = (value / 255.0 for value in target_color(target.id))
+        color = (red, green, blue, 1.0 if target.estimate.state == "tracking" else 0.5)
+        width = 2 * _LINE_WIDTH if target.id == result.selected else _LINE_WIDTH
+        box, text = target.estimate.box, target_text(target)
+        outlines.append(Outline(target.id, box, text, color, width))
+    return outlines_message(new, header, outlines)
+
+
+def _detections(new: New, header: Any, result: FrameResult) -> Any:
+    detections = [_detection(new, header, target) for target in result.present]
+    return new(DETECTIONS_TYPE, header=header, detections=detections)
+
+
+def _detection(new: New, header: Any, target: TrackedTarget) -> Any:
+    """A target as a Detection2D; its score is the confidence.
+
+    The covariance of the center stands in the first two rows and columns of the pose's.
+    """
+    estimate = target.estimate
+    x, y, width, height = estimate.box
+    center = {"x": x + width / 2, "y": y + height / 2}
+    position = new("vision_msgs/msg/Point2D", **center)
+    bbox = new(
+        "vision_msgs/msg/BoundingBox2D",
+        center=new("vision_msgs/msg/Pose2D", position=position),
+        size_x=width,
+        size_y=height,
+    )
+    covariance = np.zeros((6, 6))
+    covariance[:2, :2] = estimate.covariance
+    pose = new("geometry_msgs/msg/Pose", position=new("geometry_msgs/msg/Point", **center))
+    result = new(
+        "vision_msgs/msg/ObjectHypothesisWithPose",
+        hypothesis=new(
+            "vision_msgs/msg/ObjectHypothesis",
+            class_id=target.label or _UNLABELED,
+            score=float(estimate.confidence),
+        ),
+        pose=new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.ravel()),
+    )
+    fields = {"header": header, "bbox": bbox, "results": [result], "id": str(target.id)}
+    return new("vision_msgs/msg/Detection2D", **fields)
+
+
+def _particles(new: New, header: Any, result: FrameResult) -> Any:
+    """Those of all targets."""
+    if not result.targets:
+        return None
+    estimates = [target.estimate for target in result.targets]
+    counts = [len(estimate.weights) for estimate in estimates]
+    ids = np.repeat([target.id for target in result.targets], counts)
+    boxes = np.vstack([estimate.particle_boxes for estimate in estimates])
+    weights = np.concatenate([estimate.weights for estimate in estimates])
+    return particles_message(new, header, boxes, weights, ids)
+
+
+def _overlay(new: New, header: Any, result: FrameResult) -> Any:
+    return None if result.image is None else image_message(new, header, result.draw())
+
+
+def _likelihood(new: New, header: Any, result: FrameResult) -> Any:
+    """The fused log likelihood around the selected target, a pixel a place."""
+    if result.likelihood is None:
+        return None
+    return image_message(new, header, result.likelihood.log_likelihood.astype(np.float32))
+
+
+def likelihood_values(likelihood: LikelihoodMap) -> Values:
+    """Where the likelihood image lies, and what each cue says, under the keys of the status."""
+    x, y, side, _ = likelihood.square
+    values: Values = {"likelihood_x": x, "likelihood_y": y, "likelihood_side": side}
+    for name, cue in likelihood.cues.items():
+        values[f"at_target_{name}"] = cue.at_target
+        values[f"at_rival_{name}"] = cue.at_rival
+    return values
+
+
+OUTPUTS: Sequence[Output] = (
+    Output("box", POLYGON_TYPE, _box),
+    Output("boxes", MARKERS_TYPE, _boxes),
+    Output("detections", DETECTIONS_TYPE, _detections),
+    Output("likelihood", IMAGE_TYPE, _likelihood),
+    Output("particles", POINTS_TYPE, _particles, is_for_people=True),
+    Output("overlay", IMAGE_TYPE, _overlay, is_for_people=True),
+)
+"""The topics; `build` costs nothing worth saving but for those that people look at."""
