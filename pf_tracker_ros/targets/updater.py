@@ -248,6 +248,7 @@ class Updater:
             )
             if own is None and len(boxes):
                 is_hidden = _is_on_one(np.array(followed.estimate.box), boxes)
+                target = replace(target, look_alike=followed.look_alike)
         course, log_size = life.course, life.log_size
         if is_hidden:
             target = self._follower.steering.coast(target, frame, interval)
@@ -285,8 +286,10 @@ class Updater:
             rivals: (K, 4) boxes of what looks like it.
         """
         target, box, last = life.target, life.box, before.target
+        if last.track.state == "lost":
+            return replace(life, is_doubted=False)
         is_on_rival = overlaps(box[None], rivals).max(initial=0.0) > _ON_RIVAL
-        is_doubted = bool(is_on_rival) or _has_jumped(last, box)
+        is_doubted = bool(is_on_rival) or (target.look_alike is None and _has_jumped(last, box))
         if not is_doubted and before.is_doubted:
             variance = before.course.spread + np.square(_IMAGE_SPREAD * box[2:])
             apart = box[:2] + box[2:] / 2 - before.course.center

@@ -99,9 +99,9 @@ def test_a_lost_target_stays_lost_for_sure_when_it_is_learned_again(walkers, mak
 def test_a_camera_that_scales_its_images_keeps_the_ids(started, walkers, iou, scale):
     tracker = started()
     image = cv2.resize(walkers.images[8], None, fx=scale, fy=scale)
-    assert not tracker.fits(image)
-    assert tracker.resize(image)
-    assert tracker.fits(image)
+    assert not tracker._manager.fits(image)
+    assert tracker._manager.resize(Frame(image))
+    assert tracker._manager.fits(image)
     assert follow(tracker, walkers, range(8, 14), iou, scale) == [1, 2, 3]
 
 
@@ -109,14 +109,14 @@ def test_images_of_another_kind_are_not_scaled_to(started, walkers, as_told):
     tracker = started()
     before = as_told(tracker.targets)
     for image in (walkers.images[8][..., 0].copy(), walkers.images[8][:100]):
-        assert not tracker.resize(image)
+        assert not tracker._manager.resize(Frame(image))
     assert as_told(tracker.targets) == before
-    assert tracker.fits(walkers.images[8])
+    assert tracker._manager.fits(walkers.images[8])
 
 
 def test_ids_are_not_used_again_after_all_were_forgotten(started, walkers):
     tracker = started()
-    tracker.clear()
+    tracker._manager.clear()
     assert tracker.targets == ()
     for number in range(8, 13):
         told = tracker.update(walkers.images[number], INTERVAL, walkers.detections(number))
@@ -125,10 +125,10 @@ def test_ids_are_not_used_again_after_all_were_forgotten(started, walkers):
 
 def test_another_camera_may_send_other_images(started, walkers):
     tracker = started()
-    tracker.forget_camera()
+    tracker._manager.forget_camera()
     gray = [image[:100, :, 0].copy() for image in walkers.images]
     assert tracker.update(gray[0], INTERVAL) == ()
-    assert tracker.start_earlier(walkers.boxes[0][0]) == 4
+    assert start_earlier(tracker, walkers.boxes[0][0]) == 4
     (target,) = tracker.update(gray[1], INTERVAL)
     assert target.id == 4
 
@@ -137,7 +137,7 @@ def test_a_target_drawn_on_a_frame_gone_by_is_followed_up_to_now(walkers, make_t
     tracker = make_tracker()
     for number in range(10):
         tracker.update(walkers.images[number], INTERVAL)
-    id = tracker.start_earlier(walkers.boxes[3][1], 6 * INTERVAL, "dog")
+    id = start_earlier(tracker, walkers.boxes[3][1], 6 * INTERVAL, "dog")
     (target,) = tracker.targets
     assert (target.id, target.label) == (id, "dog")
     assert iou(target.estimate.box, walkers.boxes[9][1]) > 0.6
@@ -161,7 +161,7 @@ def test_an_earlier_target_that_cannot_be_is_refused(started, as_told, arguments
     tracker = started()
     before = as_told(tracker.targets)
     with pytest.raises(ValueError, match=message):
-        tracker.start_earlier(*arguments)
+        start_earlier(tracker, *arguments)
     assert as_told(tracker.targets) == before
 
 
@@ -196,7 +196,7 @@ def test_only_labels_that_are_asked_for_count(walkers, make_tracker):
 
 def test_a_history_of_fewer_frames_reaches_less_far(started, walkers):
     tracker = started()
-    tracker.history.limit(3, 100.0)
+    tracker._manager.frames.limit(3, 100.0)
     tracker.update(walkers.images[8], INTERVAL, walkers.detections(4, age=4 * INTERVAL))
     assert "s old" in tracker.left_out[0]
     tracker.update(walkers.images[9], INTERVAL, walkers.detections(8, age=INTERVAL))

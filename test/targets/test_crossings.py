@@ -18,7 +18,7 @@ def met(walkers, make_tracker):
     tracker = make_tracker()
     boxes = walkers.boxes[0][:2].copy()
     tracker.update(walkers.images[0], INTERVAL, walkers.detections(0, targets=[0, 1]))
-    lives = tracker._crowd.lives
+    lives = tracker._manager._crowd.lives
     image = np.full_like(walkers.images[0], 120)
     places = [(40, 60), (90, 60)]
     for (x, y), box in zip(places, boxes.astype(int), strict=True):

@@ -98,7 +98,7 @@ def test_of_ten_thousand_the_best_count(make_tracker, walkers):
     seen, reasons = found(detections)
     assert 0 < len(seen) <= 200
     assert "10000" in reasons[0]
-    tracker = make_tracker(targets__most=6)
+    tracker = make_tracker(max_targets=6)
     answer = tracker.update(walkers.images[0], 0.1, detections)
     assert len(answer) <= 6
     assert len(tracker.left_out) == 1

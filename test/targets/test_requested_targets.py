@@ -5,8 +5,8 @@ Both sessions keep the same rules, so each case is asked of both.
 
 import pytest
 
-from pf_tracker_ros.targets.parameters import multi_preset_parameters
-from pf_tracker_ros.targets.session import MultiSession
+from pf_tracker_ros.tracking.presets import preset_parameters
+from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.frame_clock import TimePolicy
 from pf_tracker_ros.tracking.presets import preset_parameters
 from pf_tracker_ros.tracking.session import Session
@@ -29,13 +29,13 @@ class Followed:
             self.session = Session({**preset_parameters("li2007"), "particles": 20}, seed=1)
             self.session.history.limit(frames=30, megabytes=10.0)
         else:
-            values = multi_preset_parameters("default")
-            self.session = MultiSession(values, 1)
+            values = preset_parameters("default", 32)
+            self.session = Session(values, 1)
         self.walkers = walkers
 
     def show(self, number, stamp=None):
         image = self.walkers.images[number]
-        return self.session.process(image, at(number) if stamp is None else stamp)
+        return self.session.process(Frame(image, at(number) if stamp is None else stamp))
 
     def ask(self, number, stamp, target=0):
         self.session.request(tuple(self.walkers.boxes[number][target]), stamp)

@@ -52,7 +52,7 @@ def test_what_is_drawn_on_a_target_of_the_detector_is_that_target(
         min(told, key=lambda one: -iou(one.estimate.box, walkers.boxes[7][place])).id
         for place in (1, 0, 2)
     )
-    assert tracker.start_earlier(walkers.boxes[7 - age][1], age * INTERVAL, label) == wanted
+    assert start_earlier(tracker, walkers.boxes[7 - age][1], age * INTERVAL, label) == wanted
     assert sorted(target.id for target in tracker.targets) == sorted([wanted, other, another])
     for number in range(8, 24):
         seen = None
@@ -68,7 +68,7 @@ def test_what_is_drawn_on_a_target_of_the_detector_is_that_target(
 
 def test_a_box_that_is_drawn_again_puts_the_target_right(walkers, make_tracker, iou):
     """With as many targets as there may be, too, on the same frame and on one gone by."""
-    tracker = make_tracker(targets__most=2)
+    tracker = make_tracker(max_targets=2)
     first = tracker.start(walkers.images[0], walkers.boxes[0][0], "mine")
     second = tracker.start(walkers.images[0], walkers.boxes[0][1])
     assert tracker.start(walkers.images[0], walkers.boxes[0][0] + (3, 2, 0, 0)) == first
@@ -76,7 +76,7 @@ def test_a_box_that_is_drawn_again_puts_the_target_right(walkers, make_tracker, 
         told = tracker.update(walkers.images[number], INTERVAL)
         assert [target.id for target in told] == [first, second]
     assert told[0].label == "mine"
-    assert tracker.start_earlier(walkers.boxes[4][1], 3 * INTERVAL, "other") == second
+    assert start_earlier(tracker, walkers.boxes[4][1], 3 * INTERVAL, "other") == second
     with pytest.raises(ValueError, match="as many as there may be"):
         tracker.start(walkers.images[7], walkers.boxes[7][2])
     late = walkers.detections(5, targets=[0], age=3 * INTERVAL)
@@ -192,7 +192,7 @@ def test_a_copy_asks_for_a_frame_before_it_starts_a_target(walkers, make_tracker
     other = copy.deepcopy(tracker)
     for start in (
         lambda: other.start(walkers.images[0], walkers.boxes[0][1]),
-        lambda: other.start_earlier(walkers.boxes[0][1]),
+        lambda: start_earlier(other, walkers.boxes[0][1]),
     ):
         with pytest.raises(ValueError, match="no frame so far, as in a fresh copy; give one to up"):
             start()
