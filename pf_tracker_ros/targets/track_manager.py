@@ -109,7 +109,8 @@ class TrackManager:
         self.left_out: tuple[str, ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"frames": self.frames.emptied()}
+        # Images would only make a copy large.
+        return self.__dict__ | {"frames": self.frames.emptied(), "_sights": {}}
 
     @property
     def parameters(self) -> dict[str, Any]:

@@ -88,8 +88,8 @@ class Updater:
     started by hand and is lost comes last and hides nothing, since nobody knows where it is. A
     detection is one more factor of the likelihood; it then brings the box along, and is learned
     from. Without any, or any more, the image has to tell the size, too, and the ground that all
-    stand on. A target without neighbors and without a detector is followed by its pixels alone, and
-    looked for all over the image once it is lost.
+    stand on. A single target without a rival near and without a detector is followed by its pixels
+    alone, and looked for all over the image once it is lost.
 
     Args:
         follower: Follows each target.
@@ -388,12 +388,9 @@ def _inside(box: NDArray[np.float64], image_size: tuple[int, int]) -> Box:
 
 
 def _are_alone(lives: Sequence[Life], predicted: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(N,) which targets have no other one near where they are expected, (N, 4) boxes."""
-    alone = np.ones(len(lives), dtype=np.bool_)
-    if len(lives) > 1:
-        for place, box in enumerate(predicted):
-            alone[place] = _are_near(predicted, box).sum() == 1
-    return alone
+    """(N,) which target is the only one, with no rival near its (4,) of the (N, 4) predictions."""
+    is_only = sum(not life.is_rival for life in lives) == 1
+    return np.array([is_only and _are_near(predicted, box).sum() == 1 for box in predicted], bool)
 
 
 def _are_near(boxes: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.keeper import CrowdKeeper
 from pf_tracker_ros.tracking.follower import Follower
 
@@ -150,7 +151,9 @@ def test_a_crowd_with_a_rival_takes_images_of_another_size(passing, make_tracker
     assert told[0].estimate.box[0] < passing.boxes[number][0][0]
 
 
-def test_targets_drawn_on_one_frame_gone_by_bring_no_rival_twice(lookalikes, make_tracker):
+def test_targets_drawn_on_one_frame_gone_by_bring_no_rival_twice(
+    lookalikes, make_tracker, start_earlier
+):
     footage, tracker = lookalikes["who comes"], make_tracker()
     for image in footage.images[:20]:
         tracker.update(image, INTERVAL)

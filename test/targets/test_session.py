@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections
-from pf_tracker_ros.tracking.presets import preset_parameters
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.targets.waiting_answers import MOST_ANSWERS
 from pf_tracker_ros.tracking.frame_clock import TimePolicy
+from pf_tracker_ros.tracking.presets import preset_parameters
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -24,7 +25,9 @@ def make_session():
     def make(seed=0, **parameters):
         named = {name.replace("__", "."): value for name, value in parameters.items()}
         values = preset_parameters("default", 32) | named
-        return Session(values, seed)
+        session = Session(values, seed)
+        session.history.limit(frames=200, megabytes=128.0)
+        return session
 
     return make
 

@@ -7,6 +7,7 @@ import weakref
 
 import numpy as np
 import pytest
+from pf_tracker_ros.tracking.scene import Scene
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.background import BackgroundModel
@@ -15,7 +16,6 @@ from pf_tracker_ros.frames.gain_control import GainControl
 from pf_tracker_ros.frames.gray_range import gray_range
 from pf_tracker_ros.frames.tiles import TiledImage
 from pf_tracker_ros.tracking.presets import PRESETS
-from pf_tracker_ros.tracking.scene import Scene
 
 INTERVAL = 0.04
 every_preset = pytest.mark.parametrize("preset", sorted(PRESETS))
