@@ -236,8 +236,9 @@ class Updater:
         if len(boxes):
             hidden = covered(predicted[None], boxes)[0]
             evidence.append(_of_others(boxes, hidden))
-            # What is only like a target hides none, which then is looked for beside it.
-            hides = np.array([not one.is_rival for one in front])
+            # What is only like a target hides it where its course is sure; else it is looked for.
+            is_sure = life.target.estimate.confidence > _FULLY_ABOVE
+            hides = np.array([is_sure or not one.is_rival for one in front])
             is_hidden = own is None and bool((hidden * hides).max() > _HIDDEN_ABOVE)
         if not is_hidden:
             if expected is None:
@@ -247,8 +248,11 @@ class Updater:
                 expected, _all_of(evidence), searches_everywhere=is_alone
             )
             if own is None and len(boxes):
-                is_hidden = _is_on_one(np.array(followed.estimate.box), boxes)
-                target = replace(target, look_alike=followed.look_alike)
+                found = np.array(followed.estimate.box)
+                is_hidden = _is_on_one(found, boxes)
+                is_on_rival = _is_on_one(found, boxes[[one.is_rival for one in front]])
+                known = followed.look_alike if is_on_rival else target.look_alike
+                target = replace(target, look_alike=known)
         course, log_size = life.course, life.log_size
         if is_hidden:
             target = self._follower.steering.coast(target, frame, interval)

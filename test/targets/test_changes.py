@@ -1,5 +1,7 @@
 """Targets that are kept, with their ids, when the parameters or the images' size change."""
 
+import copy
+
 import cv2
 import numpy as np
 import pytest
@@ -70,17 +72,35 @@ def test_a_change_that_is_refused_changes_nothing(started, walkers, as_told, val
     )
 
 
-def test_what_cannot_be_learned_again_refuses_the_change(walkers, make_tracker):
+def test_a_target_that_is_long_out_of_sight_is_learned_from_where_it_was_seen_last(
+    walkers, make_tracker, iou
+):
     tracker = make_tracker()
     tracker.start(walkers.images[0], walkers.boxes[0][0])
     blank = np.full_like(walkers.images[0], 120)
     for _ in range(40):
         (target,) = tracker.update(blank, INTERVAL)
-    assert target.estimate.state != "tracking"
+    state = target.estimate.state
+    assert state != "tracking"
+    tracker.set_parameters({"working_size": 30})
+    (target,) = tracker.targets
+    assert (target.id, target.estimate.state) == (1, state)
+    for _ in range(30):
+        (target,) = tracker.update(walkers.images[0], INTERVAL)
+    assert target.estimate.state == "tracking"
+    assert iou(target.estimate.box, walkers.boxes[0][0]) > 0.6
+
+
+def test_what_no_frame_shows_that_is_kept_refuses_the_change(started, walkers):
+    """As in a copy, which carries no frames."""
+    tracker = copy.copy(started())
     with pytest.raises(ParameterError, match="the target 1 would have to be learned again"):
-        tracker.set_parameters({"motion.model": "constant_velocity"})
+        tracker.set_parameters({"motion.model": "constant_velocity", "particles": 50})
     assert tracker.parameters["motion.model"] == "constant_velocity_and_size"
     tracker.set_parameters({"particles": 50})
+    tracker.update(walkers.images[8], INTERVAL)
+    tracker.set_parameters({"working_size": 30})
+    assert [target.id for target in tracker.targets] == [1, 2, 3]
 
 
 def test_a_lost_target_stays_lost_for_sure_when_it_is_learned_again(walkers, make_tracker):

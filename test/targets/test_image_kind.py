@@ -5,7 +5,7 @@ import pytest
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.drawn import Drawn
-from pf_tracker_ros.targets.image_kind import ImageKind, ended_for_others, ended_unseen
+from pf_tracker_ros.targets.image_kind import ImageKind, ended_for_others
 
 SECOND = 1_000_000_000
 COLOR = np.zeros((60, 80, 3), np.uint8)
@@ -83,14 +83,6 @@ def test_targets_of_the_last_second_of_misfits_begin_on_the_image_at_hand(kind):
 
 def test_targets_that_end_are_named():
     assert ended_for_others([1, 12]).startswith("ended: 1, 12; a target was drawn on images of")
-    assert ended_unseen(iter([3])) == (
-        "ended: 3; the images changed their size while it was not seen in any of the frames that "
-        "are kept; draw it again where it comes back"
-    )
-    assert ended_unseen([3, 4]).endswith(
-        "while they were not seen in any of the frames that are kept; draw them again where they "
-        "come back"
-    )
 
 
 @pytest.mark.parametrize(

@@ -163,8 +163,8 @@ def test_a_recording_in_a_loop_that_names_its_target_starts_it_in_each_pass(
 
 
 def test_after_a_jump_no_frame_of_the_old_time_is_caught_up(watching):
+    """Only the one with which the new time began, which is the nearest to the stamp."""
     watching.show(20, at(-600))
     watching.ask(10, at(-598))
     outcome = watching.show(10, at(-595))
-    assert (outcome.frame, outcome.refused) == ("started", ())
-    assert outcome.caught_up == 0
+    assert (outcome.frame, outcome.refused, outcome.caught_up) == ("started", (), 1)

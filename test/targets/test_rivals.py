@@ -7,8 +7,6 @@ import pytest
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.keeper import CrowdKeeper
-from pf_tracker_ros.tracking.follower import Follower
 
 INTERVAL = 0.1
 NOTHING = Detections(np.empty((0, 4)))
@@ -109,23 +107,6 @@ def test_rivals_keep_no_detection_from_starting_a_target(passing, make_tracker):
     told = tracker.update(passing.images[number], INTERVAL, far)
     assert [target.id for target in told] == [1, 2]
     assert told[1].estimate.box[0] > 200
-
-
-def test_no_more_rivals_begin_than_there_is_room_for(passing, make_tracker):
-    tracker = make_tracker(max_targets=1)
-    with pytest.raises(AssertionError, match="no rival began"):
-        begun(tracker, passing)
-
-
-def test_where_nothing_looks_like_a_target_it_has_the_same_bits(walkers, make_tracker, as_told):
-    parts = []
-    for has_several in (True, False):
-        tracker = make_tracker()
-        follower = Follower(tracker._parameters, has_several=has_several)
-        tracker._keeper = CrowdKeeper(follower, tracker._parameters, seed=0)
-        tracker.start(walkers.images[0], walkers.boxes[0][0])
-        parts.append([as_told(tracker.update(one, INTERVAL)) for one in walkers.images[1:]])
-    assert parts[0] == parts[1]
 
 
 def test_rivals_are_the_same_when_frames_are_worked_out_again(passing, make_tracker, as_told):

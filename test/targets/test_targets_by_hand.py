@@ -194,7 +194,7 @@ def test_a_copy_asks_for_a_frame_before_it_starts_a_target(walkers, make_tracker
         lambda: other.start(walkers.images[0], walkers.boxes[0][1]),
         lambda: start_earlier(other, walkers.boxes[0][1]),
     ):
-        with pytest.raises(ValueError, match="no frame so far, as in a fresh copy; give one to up"):
+        with pytest.raises(ValueError, match="no frame so far, as in a fresh copy; give one"):
             start()
     other.update(walkers.images[0], INTERVAL)
     other.start(walkers.images[0], walkers.boxes[0][1])
