@@ -108,15 +108,19 @@ class Moment:
 
     def joined(self, dropped: Moment) -> Moment:
         """This moment as the one after what came before another one, which is dropped."""
-        kept, then = self.kept, dropped.kept
-        one = kept.seen_as if isinstance(kept, ReducedFrame) else kept
-        other = then.seen_as if isinstance(then, ReducedFrame) else then
-        if other.camera_motion is not None:
-            known = one.camera_motion
-            one.camera_motion = (
-                other.camera_motion if known is None else known @ other.camera_motion
-            )
-        return replace(self, interval=dropped.interval + self.interval, before=dropped.before)
+        kept, motion = self.kept, dropped._seen_as.camera_motion
+        if motion is not None:
+            seen_as = self._seen_as.with_image(self._seen_as.image)
+            since = seen_as.camera_motion
+            seen_as.camera_motion = motion if since is None else since @ motion
+            is_reduced = isinstance(kept, ReducedFrame)
+            kept = replace(kept, seen_as=seen_as) if is_reduced else seen_as
+        interval = dropped.interval + self.interval
+        return replace(self, kept=kept, interval=interval, before=dropped.before)
+
+    @property
+    def _seen_as(self) -> Frame:
+        return self.kept.seen_as if isinstance(self.kept, ReducedFrame) else self.kept
 
 
 class FrameBuffer:

@@ -15,7 +15,7 @@ STRIPES = ColorStripes()
 def lives(walkers, make_tracker):
     tracker = make_tracker()
     tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
-    return sorted(tracker._crowd.lives, key=lambda life: life.box[1])
+    return sorted(tracker._manager._crowd.lives, key=lambda life: life.box[1])
 
 
 def seen(life, shift=0.0, look=None):

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.appearances.color_stripes import ColorStripes
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.crossings import tell_apart
 from pf_tracker_ros.targets.detections import sightings
 
@@ -18,7 +18,7 @@ def met(walkers, make_tracker):
     tracker = make_tracker()
     boxes = walkers.boxes[0][:2].copy()
     tracker.update(walkers.images[0], INTERVAL, walkers.detections(0, targets=[0, 1]))
-    lives = tracker._crowd.lives
+    lives = tracker._manager._crowd.lives
     image = np.full_like(walkers.images[0], 120)
     places = [(40, 60), (90, 60)]
     for (x, y), box in zip(places, boxes.astype(int), strict=True):

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections
-from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.appearances.color_stripes import ColorStripes
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.detections import sightings
 
 SIZE = (320, 200)
@@ -98,7 +98,7 @@ def test_of_ten_thousand_the_best_count(make_tracker, walkers):
     seen, reasons = found(detections)
     assert 0 < len(seen) <= 200
     assert "10000" in reasons[0]
-    tracker = make_tracker(targets__most=6)
+    tracker = make_tracker(max_targets=6)
     answer = tracker.update(walkers.images[0], 0.1, detections)
     assert len(answer) <= 6
     assert len(tracker.left_out) == 1

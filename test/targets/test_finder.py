@@ -67,7 +67,9 @@ def test_one_that_a_detector_knew_is_found_as_well_once_there_is_none(returner, 
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_one_drawn_on_a_frame_gone_by_is_not_taken_for_its_twin(twins, make_tracker, iou, seed):
+def test_one_drawn_on_a_frame_gone_by_is_not_taken_for_its_twin(
+    twins, make_tracker, iou, seed, start_earlier
+):
     images = [image.copy() for image in twins.images]
     x, y, width, height = twins.boxes[0][0].astype(int)
     for image in images[22:]:
@@ -76,7 +78,7 @@ def test_one_drawn_on_a_frame_gone_by_is_not_taken_for_its_twin(twins, make_trac
     for number, image in enumerate(images[:38]):
         seen = twins.detections(number, targets=[1]) if number % 2 == 0 else None
         tracker.update(image, INTERVAL, seen)
-    name = tracker.start_earlier(twins.boxes[20][0], 17 * INTERVAL)
+    name = start_earlier(tracker, twins.boxes[20][0], 17 * INTERVAL)
     (target,) = (one for one in tracker.targets if one.id == name)
     assert target.estimate.state == "lost"
     assert iou(twins.boxes[0][1], target.estimate.box) == 0.0

@@ -7,6 +7,7 @@ from scipy.stats import t as student
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.boxes import BoxesByAxis
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.ground import Ground, grounds_of
 
 INTERVAL = 0.1
@@ -87,7 +88,7 @@ def begun(walkers, make_tracker):
         tracker = make_tracker()
         for box, label in zip(walkers.boxes[0], labels, strict=True):
             tracker.start(image, box, label)
-        return tracker._crowd
+        return tracker._manager._crowd
 
     return begin
 
@@ -109,7 +110,7 @@ def test_what_the_border_cuts_tells_no_height(walkers, make_tracker):
     tracker = make_tracker()
     box = walkers.boxes[0][0]
     tracker.start(walkers.images[0], (0.0, box[1], box[0] + box[2], box[3]))
-    (life,) = tracker._crowd.lives
+    (life,) = tracker._manager._crowd.lives
     assert life.stood is None
 
 
@@ -119,7 +120,7 @@ def test_detections_tell_where_targets_stand_now(walkers, make_tracker):
     taller = walkers.boxes[1] + (0.0, -8.0, 0.0, 8.0)
     tracker.update(walkers.images[1], INTERVAL, Detections(taller, np.full(3, 0.95)))
     for life, box, before in zip(
-        tracker._crowd.lives, walkers.boxes[1], walkers.boxes[0], strict=True
+        tracker._manager._crowd.lives, walkers.boxes[1], walkers.boxes[0], strict=True
     ):
         assert before[3] < life.stood[3] < before[3] + 8.0
         assert life.stood[:2] + life.stood[2:] / 2 == pytest.approx(box[:2] + box[2:] / 2, abs=5.0)
@@ -128,8 +129,8 @@ def test_detections_tell_where_targets_stand_now(walkers, make_tracker):
 def test_it_goes_with_the_size_of_the_images(walkers, make_tracker):
     tracker = make_tracker()
     tracker.start(walkers.images[0], walkers.boxes[0][0])
-    assert tracker.resize(cv2.resize(walkers.images[0], None, fx=2.0, fy=2.0))
-    (life,) = tracker._crowd.lives
+    assert tracker._manager.resize(Frame(cv2.resize(walkers.images[0], None, fx=2.0, fy=2.0)))
+    (life,) = tracker._manager._crowd.lives
     assert life.stood == pytest.approx(2.0 * walkers.boxes[0][0])
 
 

@@ -42,7 +42,9 @@ def test_a_hidden_target_goes_on_as_it_went(footage, request, make_tracker, iou)
             walker = min(told, key=lambda one: one.estimate.box[0]).id
         if number > 5:
             life = next(
-                one for one in tracker._crowd.lives if tracker._names.get(one.key) == walker
+                one
+                for one in tracker._manager._crowd.lives
+                if tracker._manager._names.get(one.key) == walker
             )
             assert iou(life.box, passage.boxes[number][0]) > 0.5, number
 
@@ -80,7 +82,7 @@ def test_one_that_leaves_behind_another_is_told_in_the_image(leaving_pair, make_
         tracker.start(leaving_pair.images[0], box)
     for image in leaving_pair.images[1:]:
         tracker.update(image, INTERVAL)
-        for life in tracker._crowd.lives:
+        for life in tracker._manager._crowd.lives:
             hidden += life.is_hidden
             center = life.box[:2] + life.box[2:] / 2
             assert (center >= 0).all()

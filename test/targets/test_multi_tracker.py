@@ -75,14 +75,14 @@ def test_what_the_detector_does_not_find_again_ends(walkers, make_tracker):
 
 
 def test_no_more_targets_start_than_are_allowed(run, walkers, make_tracker):
-    assert len(run(make_tracker(targets__most=2), walkers, frames=1)[0]) == 2
+    assert len(run(make_tracker(max_targets=2), walkers, frames=1)[0]) == 2
 
 
-def test_no_more_than_are_allowed_are_started_by_hand_either(walkers, make_tracker):
-    tracker = make_tracker(targets__most=2)
+def test_no_more_than_are_allowed_are_started_by_hand_either(walkers, make_tracker, start_earlier):
+    tracker = make_tracker(max_targets=2)
     for box in walkers.boxes[0][:2]:
         tracker.start(walkers.images[0], box)
-    for start in (tracker.start_earlier, partial(tracker.start, walkers.images[0])):
+    for start in (partial(start_earlier, tracker), partial(tracker.start, walkers.images[0])):
         with pytest.raises(ValueError, match="there are 2 targets, as many as there may be"):
             start(walkers.boxes[0][2])
     tracker.stop(1)
@@ -200,7 +200,7 @@ def test_one_that_left_comes_back_with_its_id_while_it_is_remembered(run, leaver
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((np.zeros((10, 10, 3), np.uint8),), "make another tracker"),
+        ((np.zeros((10, 10, 3), np.uint8),), "start again"),
         (("image",), "image is a str"),
         ((None, -1.0), "dt is -1.0"),
         ((None, float("nan")), "dt is nan"),
@@ -237,7 +237,7 @@ def test_an_image_buffer_may_be_used_again(walkers, make_tracker, as_told):
 
 
 def test_parameters_are_those_of_the_preset_and_what_is_set(make_tracker):
-    assert make_tracker(targets__most=5).parameters["targets.most"] == 5
+    assert make_tracker(max_targets=5).parameters["max_targets"] == 5
     with pytest.raises(ParameterError, match="no preset 'none'"):
         MultiTracker.from_preset("none")
     with pytest.raises(ParameterError, match=r"track\.remember"):
@@ -290,11 +290,11 @@ def test_a_detector_that_writes_more_into_its_labels_each_time_needs_no_more_mem
 
 def test_a_copy_keeps_no_more_frames_than_it_was_allowed(walkers, make_tracker):
     tracker = make_tracker()
-    tracker.history.limit(3, 10.0)
+    tracker._manager.frames.limit(3, 10.0)
     other = copy.deepcopy(tracker)
     for image in walkers.images[:8]:
         other.update(image, INTERVAL)
-    assert len(other.history) == 3
+    assert len(other._manager.frames) == 3
 
 
 def test_what_comes_after_any_time_is_followed_on(walkers, make_tracker):

@@ -97,7 +97,7 @@ def test_a_box_around_somebody_else_is_nobody_who_was_gone(walkers, make_tracker
     by_detector, by_hand, box = make_tracker(), make_tracker(), walkers.boxes[0][0]
     by_detector.update(walkers.images[0], INTERVAL, Detections(box[None], np.ones(1)))
     by_hand.start(walkers.images[0], box + (4 + aside, 6, -8, -12))
-    (begun,), (other,) = by_detector._crowd.lives, by_hand._crowd.lives
+    (begun,), (other,) = by_detector._manager._crowd.lives, by_hand._manager._crowd.lives
     ended = replace(begun, key=begun.key._replace(frame=0), gone_for=INTERVAL)
     crowd = Crowd(lives=(begun, other), gone=(ended,))
     known, _ = Recognizer(ColorStripes()).recognize(crowd).lives
@@ -112,7 +112,7 @@ def test_one_that_has_ended_is_where_the_camera_has_taken_it(walkers, make_track
         box = walkers.boxes[0][0] + (shift, 0, 0, 0)
         image = np.roll(walkers.images[0], shift, axis=1)
         tracker.update(image, INTERVAL, Detections(box[None], np.ones(1)))
-        lives += tracker._crowd.lives
+        lives += tracker._manager._crowd.lives
     ended, begun = lives
     ended = replace(ended, key=ended.key._replace(frame=0), gone_for=INTERVAL)
     motion = np.array([[1.0, 0, turned], [0, 1, 0], [0, 0, 1]])

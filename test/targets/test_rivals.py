@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections
-from pf_tracker_ros.targets.keeper import CrowdKeeper
-from pf_tracker_ros.tracking.follower import Follower
+from pf_tracker_ros.frames import Frame
 
 INTERVAL = 0.1
 NOTHING = Detections(np.empty((0, 4)))
 
 
 def rivals(tracker):
-    return [life for life in tracker._crowd.lives if life.is_rival]
+    return [life for life in tracker._manager._crowd.lives if life.is_rival]
 
 
 def begun(tracker, drawn):
@@ -80,11 +79,11 @@ def test_a_rival_that_is_one_who_was_gone_comes_back_with_its_id(passing, make_t
             passing.images[number], INTERVAL, passing.detections(number, labels=["p", "p"])
         )
     (one,) = (one.id for one in tracker.targets if iou(one.estimate.box, passing.boxes[2][1]) > 0.5)
-    crowd = tracker._crowd
-    ended = next(life for life in crowd.lives if tracker._names[life.key] == one)
+    crowd = tracker._manager._crowd
+    ended = next(life for life in crowd.lives if tracker._manager._names[life.key] == one)
     gone = (replace(ended, gone_for=0.0),)
     lives = tuple(life for life in crowd.lives if life is not ended)
-    tracker._crowd = replace(crowd, lives=lives, gone=gone)
+    tracker._manager._crowd = replace(crowd, lives=lives, gone=gone)
     for number in range(3, 20):
         seen = passing.detections(number, targets=[1], labels=["p"]) if rivals(tracker) else None
         told = tracker.update(passing.images[number], INTERVAL, seen)
@@ -102,29 +101,12 @@ def test_a_rival_ends_once_the_detector_does_not_find_it(passing, make_tracker):
 
 
 def test_rivals_keep_no_detection_from_starting_a_target(passing, make_tracker):
-    tracker = make_tracker(targets__most=2)
+    tracker = make_tracker(max_targets=2)
     number = begun(tracker, passing) + 1
     far = Detections([[250.0, 20.0, 24.0, 40.0]])
     told = tracker.update(passing.images[number], INTERVAL, far)
     assert [target.id for target in told] == [1, 2]
     assert told[1].estimate.box[0] > 200
-
-
-def test_no_more_rivals_begin_than_there_is_room_for(passing, make_tracker):
-    tracker = make_tracker(targets__most=1)
-    with pytest.raises(AssertionError, match="no rival began"):
-        begun(tracker, passing)
-
-
-def test_where_nothing_looks_like_a_target_it_has_the_same_bits(walkers, make_tracker, as_told):
-    parts = []
-    for has_several in (True, False):
-        tracker = make_tracker()
-        follower = Follower(tracker._parameters, has_several=has_several)
-        tracker._keeper = CrowdKeeper(follower, tracker._parameters, seed=0)
-        tracker.start(walkers.images[0], walkers.boxes[0][0])
-        parts.append([as_told(tracker.update(one, INTERVAL)) for one in walkers.images[1:]])
-    assert parts[0] == parts[1]
 
 
 def test_rivals_are_the_same_when_frames_are_worked_out_again(passing, make_tracker, as_told):
@@ -144,19 +126,21 @@ def test_rivals_are_the_same_when_frames_are_worked_out_again(passing, make_trac
 def test_a_crowd_with_a_rival_takes_images_of_another_size(passing, make_tracker):
     tracker = make_tracker()
     number = begun(tracker, passing) + 1
-    assert tracker.resize(passing.images[number][::2, ::2])
+    assert tracker._manager.resize(Frame(passing.images[number][::2, ::2]))
     told = tracker.update(passing.images[number][::2, ::2], INTERVAL)
     assert [target.id for target in told] == [1]
     assert told[0].estimate.box[0] < passing.boxes[number][0][0]
 
 
-def test_targets_drawn_on_one_frame_gone_by_bring_no_rival_twice(lookalikes, make_tracker):
+def test_targets_drawn_on_one_frame_gone_by_bring_no_rival_twice(
+    lookalikes, make_tracker, start_earlier
+):
     footage, tracker = lookalikes["who comes"], make_tracker()
     for image in footage.images[:20]:
         tracker.update(image, INTERVAL)
     for _ in range(2):
-        tracker.start_earlier(footage.boxes[0][0], 19 * INTERVAL)
+        start_earlier(tracker, footage.boxes[0][0], 19 * INTERVAL)
     for number in range(20, 26):
-        keys = [life.key for life in tracker._crowd.lives]
+        keys = [life.key for life in tracker._manager._crowd.lives]
         assert len(set(keys)) == len(keys)
         tracker.update(footage.images[number], INTERVAL, footage.detections(number))

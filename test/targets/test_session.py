@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections
-from pf_tracker_ros.targets.parameters import multi_preset_parameters
-from pf_tracker_ros.targets.session import MultiSession
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.targets.waiting_answers import MOST_ANSWERS
 from pf_tracker_ros.tracking.frame_clock import TimePolicy
+from pf_tracker_ros.tracking.presets import preset_parameters
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -23,8 +24,10 @@ def at(number):
 def make_session():
     def make(seed=0, **parameters):
         named = {name.replace("__", "."): value for name, value in parameters.items()}
-        values = multi_preset_parameters("default") | named
-        return MultiSession(values, seed)
+        values = preset_parameters("default", 32) | named
+        session = Session(values, seed)
+        session.history.limit(frames=200, megabytes=128.0)
+        return session
 
     return make
 
@@ -39,7 +42,7 @@ def show(session, walkers, numbers, every=0):
     for number in numbers:
         if every and number % every == 0:
             session.add_detections(walkers.detections(number), at(number))
-        outcome = session.process(walkers.images[number], at(number))
+        outcome = session.process(Frame(walkers.images[number], at(number)))
     return outcome
 
 
@@ -58,7 +61,7 @@ def test_detections_start_targets_that_are_followed_in_between(session, walkers,
 def test_late_answers_count_in_the_frame_that_they_are_of(make_session, walkers, iou):
     late = make_session()
     for number in range(14):
-        outcome = late.process(walkers.images[number], at(number))
+        outcome = late.process(Frame(walkers.images[number], at(number)))
         if number >= 4 and number % 4 == 0:
             late.add_detections(walkers.detections(number - 3), at(number - 3))
     assert ids(outcome) == [1, 2, 3]
@@ -84,7 +87,7 @@ def test_the_same_in_the_same_order_gives_the_same_bits(make_session, walkers, a
                 session.add_detections(walkers.detections(number - 3), at(number - 3))
             if number == 4:
                 session.request(tuple(walkers.boxes[2][0]), at(2))
-            told.append(as_told(session.process(walkers.images[number], at(number)).targets))
+            told.append(as_told(session.process(Frame(walkers.images[number], at(number))).targets))
         answers.append(told)
     assert answers[0] == answers[1]
 
@@ -138,7 +141,7 @@ def test_a_target_drawn_on_a_frame_gone_by_is_one_more_or_the_one_there(
             session.add_detections(
                 walkers.detections(number, None if is_known else [1, 2]), at(number)
             )
-        outcome = session.process(walkers.images[number], at(number))
+        outcome = session.process(Frame(walkers.images[number], at(number)))
     assert ids(outcome) == ([1, 2, 3] if is_known else [1, 2])
     there = {target.id: target.estimate.box for target in outcome.targets}
     wanted = next((id for id in there if iou(there[id], walkers.boxes[9][0]) > 0.5), 3)
@@ -164,7 +167,7 @@ def test_a_target_that_waits_for_its_frame_is_named(session, walkers):
 
 
 def test_when_it_is_full_one_more_is_refused_at_once(make_session, walkers):
-    session = make_session(targets__most=2)
+    session = make_session(max_targets=2)
     for place in (0, 1):
         session.request(tuple(walkers.boxes[0][place]))
     with pytest.raises(ValueError, match="there are 2 targets, as many as there may be"):
@@ -202,7 +205,7 @@ def test_an_answer_that_was_under_way_at_the_stop_is_no_fault(session, walkers):
     show(session, walkers, range(6), every=2)
     session.stop()
     session.add_detections(walkers.detections(4), at(4))
-    outcome = session.process(walkers.images[6], at(6))
+    outcome = session.process(Frame(walkers.images[6], at(6)))
     assert (outcome.targets, outcome.left_out) == ((), ())
     assert ids(show(session, walkers, range(7, 12), every=2)) == [4, 5, 6]
 
@@ -218,7 +221,7 @@ def test_what_was_said_before_the_stop_starts_nothing_after_it(session, walkers)
 def test_doubled_and_late_frames_are_dropped(session, walkers, as_told):
     before = as_told(show(session, walkers, range(6), every=2).targets)
     for number, frame in ((5, "duplicate"), (3, "late")):
-        outcome = session.process(walkers.images[number], at(number))
+        outcome = session.process(Frame(walkers.images[number], at(number)))
         assert (outcome.frame, as_told(outcome.targets)) == (frame, before)
     assert show(session, walkers, [6]).frame == "tracked"
 
@@ -234,10 +237,10 @@ def test_a_jump_back_in_time(session, walkers, policy, kept):
     assert len(show(session, walkers, [6]).targets) == 4
     # Of the time before: it starts nothing once time has begun anew.
     session.add_detections(walkers.detections(6), at(6))
-    outcome = session.process(walkers.images[7], at(7) - 100 * SECOND)
+    outcome = session.process(Frame(walkers.images[7], at(7) - 100 * SECOND))
     assert outcome.jumped_back == pytest.approx(99.9)
     assert ids(outcome) == kept
-    after = session.process(walkers.images[8], at(8) - 100 * SECOND)
+    after = session.process(Frame(walkers.images[8], at(8) - 100 * SECOND))
     assert (after.jumped_back, ids(after)) == (0.0, kept)
 
 
@@ -246,9 +249,9 @@ def test_a_jump_with_an_image_that_is_refused_changes_nothing(session, walkers, 
     session.time_policy = TimePolicy(policy)
     before = as_told(show(session, walkers, range(6), every=2).targets)
     with pytest.raises(ValueError, match="float64"):
-        session.process(walkers.images[6].astype(float), at(6) - 100 * SECOND)
+        session.process(Frame(walkers.images[6].astype(float), at(6) - 100 * SECOND))
     assert as_told(session.targets) == before
-    assert session.process(walkers.images[6], at(6) - 100 * SECOND).jumped_back > 99
+    assert session.process(Frame(walkers.images[6], at(6) - 100 * SECOND)).jumped_back > 99
 
 
 @pytest.mark.parametrize("policy", ["keep", "restart", "wait"])
@@ -257,12 +260,12 @@ def test_answers_of_the_time_before_a_jump_make_no_ghosts(session, walkers, poli
     ghost = Detections([[200.0, 10.0, 40.0, 60.0]], [0.95], ["ghost"])
     show(session, walkers, range(20), every=4)
     session.add_detections(ghost, at(20))
-    assert session.process(walkers.images[19], at(1)).jumped_back == pytest.approx(1.8)
+    assert session.process(Frame(walkers.images[19], at(1))).jumped_back == pytest.approx(1.8)
     for number in range(2, 24):
         if number in (2, 6, 8):
             with pytest.raises(ValueError, match="from before time went back"):
                 session.add_detections(ghost, at(18))
-        outcome = session.process(walkers.images[19], at(number))
+        outcome = session.process(Frame(walkers.images[19], at(number)))
         assert "ghost" not in {target.label for target in outcome.targets}
         assert outcome.left_out == ()
 
@@ -273,7 +276,7 @@ def test_after_a_jump_a_detector_may_be_ahead_of_the_images(session, walkers, pa
     for number in [*range(20), *range(24)]:
         # Those of the frame at the jump are dropped, for all that is known they are of before.
         session.add_detections(walkers.detections(number), at(pace * number))
-        outcome = session.process(walkers.images[number], at(pace * number))
+        outcome = session.process(Frame(walkers.images[number], at(pace * number)))
         assert outcome.left_out == ()
     assert {target.unconfirmed_for for target in outcome.targets} == {0.0}
     session.add_detections(walkers.detections(24), at(pace * 23) + 30 * SECOND)
@@ -287,7 +290,7 @@ def test_a_target_drawn_before_a_jump_is_refused_and_one_for_the_next_image_begi
     show(session, walkers, range(20))
     session.request(tuple(walkers.boxes[0][0]), at(20))
     session.request(tuple(walkers.boxes[0][1]))
-    outcome = session.process(walkers.images[0], at(0))
+    outcome = session.process(Frame(walkers.images[0], at(0)))
     assert outcome.started == (1,)
     (reason,) = outcome.refused
     assert reason.startswith("target refused: it was drawn on a frame from before time went back")
@@ -307,7 +310,7 @@ def test_frames_that_are_passed_over_move_the_clock_on(session, walkers):
     session.add_detections(walkers.detections(7), now - SECOND)
     session.add_detections(walkers.detections(8), now)
     session.request(tuple(walkers.boxes[8][0]), now)
-    outcome = session.process(walkers.images[8], now)
+    outcome = session.process(Frame(walkers.images[8], now))
     assert (len(outcome.started), outcome.left_out, outcome.refused) == (1, (), ())
     assert 0.0 in [target.unconfirmed_for for target in outcome.targets]
 
@@ -325,7 +328,7 @@ def test_what_was_said_of_a_frame_that_was_passed_over_starts_nothing(session, w
 def test_without_stamps_frames_and_answers_are_of_now(session, walkers):
     for number in range(6):
         session.add_detections(walkers.detections(number), 0)
-        outcome = session.process(walkers.images[number], 0)
+        outcome = session.process(Frame(walkers.images[number], 0))
     assert ids(outcome) == [1, 2, 3]
     assert outcome.left_out == ()
 
@@ -335,7 +338,7 @@ def test_a_camera_that_comes_back_with_another_size(session, walkers, iou, scale
     show(session, walkers, range(8), every=4)
     for number in range(8, 12):
         image = cv2.resize(walkers.images[number], None, fx=scale, fy=scale)
-        outcome = session.process(image, at(number))
+        outcome = session.process(Frame(image, at(number)))
     assert ids(outcome) == [1, 2, 3]
     for target in outcome.targets:
         assert max(iou(target.estimate.box, scale * box) for box in walkers.boxes[11]) > 0.5
@@ -346,10 +349,10 @@ def test_what_is_of_images_of_another_size_counts_nowhere(session, walkers, rate
     step = SECOND // rate
     stamps = [START + number * step for number in range(6)]
     for image, stamp in zip(walkers.images[:3], stamps, strict=False):
-        session.process(image, stamp)
+        session.process(Frame(image, stamp))
     larger = cv2.resize(walkers.images[3], None, fx=2.0, fy=2.0)
     session.request(tuple(walkers.boxes[2][0]), stamps[2])
-    outcome = session.process(larger, stamps[3])
+    outcome = session.process(Frame(larger, stamps[3]))
     assert (outcome.started, outcome.targets) == ((), ())
     assert outcome.refused == (
         "target refused: it was drawn on an image of another size or kind than the last one, "
@@ -357,13 +360,13 @@ def test_what_is_of_images_of_another_size_counts_nowhere(session, walkers, rate
     )
     session.add_detections(walkers.detections(2), stamps[2])
     session.add_detections(walkers.detections(1), stamps[1])
-    outcome = session.process(larger, stamps[4])
+    outcome = session.process(Frame(larger, stamps[4]))
     assert outcome.targets == ()
     assert outcome.left_out == (
         "2 answers of the detector left out, of images of another size or kind than those of now",
     )
     session.request(tuple(2.0 * walkers.boxes[3][0]), stamps[3])
-    assert session.process(larger, stamps[5]).started == (1,)
+    assert session.process(Frame(larger, stamps[5])).started == (1,)
 
 
 def test_images_of_another_kind_are_refused_until_it_is_clear_that_they_stay(session, walkers):
@@ -371,11 +374,11 @@ def test_images_of_another_kind_are_refused_until_it_is_clear_that_they_stay(ses
     gray = [image[..., 0].copy() for image in walkers.images]
     for number in range(8, 17):
         with pytest.raises(ValueError, match="image is"):
-            session.process(gray[number], at(number))
+            session.process(Frame(gray[number], at(number)))
     assert len(session.targets) == 3
-    assert session.process(gray[17], at(17)).targets == ()
+    assert session.process(Frame(gray[17], at(17))).targets == ()
     session.add_detections(walkers.detections(18), at(18))
-    session.process(gray[18], at(18))
+    session.process(Frame(gray[18], at(18)))
 
 
 def test_a_target_that_somebody_drew_is_not_given_up_for_other_images(session, walkers):
@@ -383,7 +386,7 @@ def test_a_target_that_somebody_drew_is_not_given_up_for_other_images(session, w
     show(session, walkers, range(3))
     for number in range(3, 20):
         with pytest.raises(ValueError, match="image is"):
-            session.process(walkers.images[number][..., 0].copy(), at(number))
+            session.process(Frame(walkers.images[number][..., 0].copy(), at(number)))
     assert ids(show(session, walkers, [20])) == [1]
 
 
@@ -395,24 +398,24 @@ def gray(walkers, number):
 def test_a_target_drawn_on_images_of_another_kind_begins_anew_with_them(
     make_session, walkers, iou, behind
 ):
-    session = make_session(targets__most=2)
+    session = make_session(max_targets=2)
     for place in (0, 1):
         session.request(tuple(walkers.boxes[0][place]))
     show(session, walkers, range(4))
     for number in range(4, 10):
         with pytest.raises(ValueError, match="but those that the targets were followed in were"):
-            session.process(gray(walkers, number), at(number))
+            session.process(Frame(gray(walkers, number), at(number)))
     drawn_on = 10 if behind is None else 10 - behind
     session.request(tuple(walkers.boxes[drawn_on][2]), 0 if behind is None else at(drawn_on), "new")
-    outcome = session.process(gray(walkers, 10), at(10))
+    outcome = session.process(Frame(gray(walkers, 10), at(10)))
     assert (outcome.frame, outcome.started, ids(outcome)) == ("started", (3,), [3])
     (told,) = outcome.ended
     assert told.startswith("ended: 1, 2; a target was drawn on images of another size or kind")
     for number in range(11, 16):
-        outcome = session.process(gray(walkers, number), at(number))
+        outcome = session.process(Frame(gray(walkers, number), at(number)))
     assert (ids(outcome), outcome.ended, outcome.targets[0].label) == ([3], (), "new")
     session.request(tuple(walkers.boxes[14][0]), at(14))
-    assert session.process(gray(walkers, 16), at(16)).started == (4,)
+    assert session.process(Frame(gray(walkers, 16), at(16))).started == (4,)
 
 
 @pytest.mark.parametrize("number", [2, 3, 9])
@@ -422,7 +425,7 @@ def test_a_target_drawn_on_an_image_that_fits_gives_none_up(session, walkers, nu
     session.request(tuple(walkers.boxes[2][1]), 0 if number == 3 else at(number))
     for other in range(3, 6):
         with pytest.raises(ValueError, match="image is"):
-            session.process(gray(walkers, other), at(other))
+            session.process(Frame(gray(walkers, other), at(other)))
     assert ids(show(session, walkers, range(6, 10))) == [1, 2]
 
 
@@ -433,28 +436,32 @@ def hide_first(walkers, number, scale=1.0):
 
 
 @pytest.mark.parametrize(("hidden_for", "scales"), [(24, [2.0]), (5, [2.0, 1.0])])
-def test_a_drawn_target_that_no_frame_shows_in_another_size_is_told_of(
-    session, walkers, hidden_for, scales
+def test_a_drawn_target_that_was_not_seen_for_long_is_found_in_another_size(
+    session, walkers, iou, hidden_for, scales
 ):
     session.request(tuple(walkers.boxes[0][0]))
     session.request(tuple(walkers.boxes[0][1]))
     show(session, walkers, range(3))
     for number in range(3, 3 + hidden_for):
-        outcome = session.process(hide_first(walkers, number), at(number))
+        outcome = session.process(Frame(hide_first(walkers, number), at(number)))
     assert ids(outcome) == [1, 2]
     assert outcome.targets[0].estimate.state != "tracking"
-    told = []
     for later, scale in enumerate(scales, start=3 + hidden_for):
-        outcome = session.process(hide_first(walkers, later, scale), at(later))
-        told += outcome.ended
-    assert ids(outcome) == [2]
-    (sentence,) = told
-    assert sentence.startswith("ended: 1; the images changed their size while it was not seen")
+        outcome = session.process(Frame(hide_first(walkers, later, scale), at(later)))
+    assert (ids(outcome), outcome.ended) == ([1, 2], ())
+    assert outcome.targets[0].estimate.state != "tracking"
+    # Where it was seen last, of which it was learned again, it is known.
+    shown = cv2.resize(walkers.images[2], None, fx=scale, fy=scale)
+    for later in range(28, 60):
+        outcome = session.process(Frame(shown, at(later)))
+    first = outcome.targets[0].estimate
+    assert first.state == "tracking"
+    assert iou(first.box, scale * walkers.boxes[2][0]) > 0.5
 
 
 def test_fewer_targets_allowed_than_there_are_says_how_many_there_are(session, walkers):
     show(session, walkers, range(6), every=2)
-    values = multi_preset_parameters("default") | {"targets.most": 2}
+    values = preset_parameters("default", 32) | {"max_targets": 2}
     session.configure(values, 0)
     with pytest.raises(ValueError, match="there are 3 targets, and there may be 2; stop 2 first"):
         session.request((4.0, 4.0, 12.0, 12.0))
@@ -466,7 +473,7 @@ def test_fewer_targets_allowed_than_there_are_says_how_many_there_are(session, w
 
 def test_parameters_change_at_run_time_and_the_ids_stay(session, walkers):
     show(session, walkers, range(8), every=4)
-    values = multi_preset_parameters("li2007") | {"detector.score_above": 0.2}
+    values = preset_parameters("li2007", 32) | {"detector.score_above": 0.2}
     session.check(values, 3)
     session.configure(values, 3)
     assert ids(show(session, walkers, [8])) == [1, 2, 3]
@@ -479,5 +486,5 @@ def test_a_class_that_changes_is_called_what_it_was_called_most(session, walkers
     for number in range(12):
         labels = ["person" if number % 3 else "dog"] * 3
         session.add_detections(walkers.detections(number, labels=labels), at(number))
-        outcome = session.process(walkers.images[number], at(number))
+        outcome = session.process(Frame(walkers.images[number], at(number)))
     assert {target.label for target in outcome.targets} == {"person"}

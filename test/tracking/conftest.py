@@ -58,12 +58,20 @@ def couple():
     return Couple(tuple(images), first, second, hidden)
 
 
+class FollowerOfOne(Follower):
+    """Follows a single target from frame to frame."""
+
+    def follow(self, target, frame, interval):
+        (expected,) = self.predict([(target, True)], frame, interval)
+        return self.step(expected)
+
+
 @pytest.fixture
 def make_follower():
     """A follower of a preset, with other values of some parameters."""
 
     def make(preset, parameters=None):
         values = preset_parameters(preset) | (parameters or {})
-        return Follower(build(TrackerParameters, values))
+        return FollowerOfOne(build(TrackerParameters, values))
 
     return make

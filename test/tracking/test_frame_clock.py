@@ -2,7 +2,7 @@
 
 import pytest
 
-from pf_tracker_ros.tracking.frame_clock import LATE_WITHIN, FrameClock, age_of, is_due
+from pf_tracker_ros.tracking.frame_clock import LATE_WITHIN, FrameClock, is_due
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -47,15 +47,6 @@ def is_refused(clock, seconds):
 )
 def test_what_is_said_of_a_frame_is_due_with_it_or_a_later_one(said_of, stamp, due):
     assert is_due(said_of, stamp) is due
-
-
-@pytest.mark.parametrize(("said_of", "stamp"), [(0, at(1)), (at(1), 0), (0, 0)])
-def test_where_no_stamp_is_known_there_is_no_age(said_of, stamp):
-    assert age_of(said_of, stamp) == 0.0
-
-
-def test_an_age_is_in_seconds():
-    assert age_of(at(1), at(3.5)) == 2.5
 
 
 def test_the_time_since_the_last_frame_is_known_where_both_stamps_are(clock):

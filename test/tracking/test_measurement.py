@@ -58,9 +58,8 @@ def prediction_for(target):
 
 
 def measure(measurer, target, frame, prediction, draw=None):
-    return measurer.measure(
-        measurer.expect(target, frame, INTERVAL, prediction, draw or generator())
-    )
+    expected = measurer.expect(target, frame, INTERVAL, prediction, draw or generator())
+    return measurer.estimate(measurer.weigh(expected))
 
 
 def generator():
