@@ -58,22 +58,23 @@ class CrowdKeeper:
         if frame.camera_motion is not None:
             crowd = crowd.carried(frame.camera_motion)
         lives = tuple(life.predicted(interval) for life in crowd.lives)
-        given = self._associator.assign(lives, seen or ())
-        own = [
-            seen[given[place]] if seen is not None and place in given else None
-            for place in range(len(lives))
-        ]
-        lives = tell_apart(lives, own, self.appearance)
+        own: list[Sighting | None] = [None] * len(lives)
+        if seen:
+            for place, number in self._associator.assign(lives, seen).items():
+                own[place] = seen[number]
+            lives = tell_apart(lives, own, self.appearance)
         lives = self._updater.update(lives, frame, interval, own, idle_for)
         if seen is not None:
             lives = self._updater.count_misses(lives, own, rhythm)
         crowd = self.initiator.adopt(replace(crowd, lives=lives), own)
-        crowd = self._rivals.move(self._deleter.end(crowd, frame.size, interval), interval)
+        crowd = self._deleter.end(crowd, frame.size, interval)
+        crowd = self._rivals.move(crowd, interval)
         if seen is not None:
-            taken = set(given.values())
-            rest = [(place, one) for place, one in enumerate(seen) if place not in taken]
+            taken = {id(one) for one in own}
+            rest = [(place, one) for place, one in enumerate(seen) if id(one) not in taken]
             crowd = self.initiator.start(crowd, frame, rest)
             crowd = self._recognizer.recognize(crowd)
             crowd = self.initiator.confirm(crowd, frame.size)
-        crowd = self._finder.find(crowd, frame)
+        if len(crowd.lives) > 1:
+            crowd = self._finder.find(crowd, frame)
         return self._rivals.start(crowd, frame, interval, is_seen=seen is not None)

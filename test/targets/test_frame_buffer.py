@@ -19,7 +19,7 @@ FIRST = 1_234_567_890_123_456_789
 SHAPES = {"1080p": (1080, 1920, 3), "4K": (2160, 3840, 3)}
 
 
-def moment(image, stamp, interval=0.0, number=0, seen=None, motion=None):
+def moment(image, stamp, *, interval=0.0, number=0, seen=None, motion=None):
     frame = Frame(image, stamp)
     frame.camera_motion = motion
     return Moment(frame, interval, Crowd(frame=number), seen)
@@ -29,7 +29,7 @@ def add(buffer, image, stamp):
     buffer.add(moment(image, stamp))
 
 
-def filled(image, count, rate=30.0, frames=120, megabytes=64.0, seen=()):
+def filled(image, count, rate=30.0, *, frames=120, megabytes=64.0, seen=()):
     """A buffer that has seen copies of an image, and their stamps.
 
     A detector has said of some of these frames, by their numbers, that nothing is in them.

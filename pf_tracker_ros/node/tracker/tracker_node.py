@@ -106,7 +106,7 @@ class TrackerNode(ManagedNode):
         if has_process:
             self._real_time = RealTimePriority(self._reporter.report)
             self._real_time.ask(self._values["realtime_priority"])
-        self._preset = PresetInForce.of(self._values)
+        self._take_preset()
         self._decoder = ImageDecoder(self._values["largest_image"])
         self._images = ImageInput(self, self._on_image, self._reporter.report)
         self._diagnostics = Diagnostics(
@@ -122,6 +122,11 @@ class TrackerNode(ManagedNode):
     @property
     def _values(self) -> Values:
         return self._binding.values
+
+    def _take_preset(self) -> None:
+        """Compare the values in force with their preset."""
+        self._preset = PresetInForce.of(self._values)
+        self._summary = self._preset.summary
 
     # Transitions
 
@@ -193,7 +198,7 @@ class TrackerNode(ManagedNode):
             self._tracking.check(values)
 
     def _apply(self, changes: Values) -> None:
-        self._preset = PresetInForce.of(self._values)
+        self._take_preset()
         if changes.keys() & {"preset", "max_targets"}:
             self._log.info(f"preset {self._preset.described}")
         if self._real_time and "realtime_priority" in changes:
@@ -400,7 +405,7 @@ class TrackerNode(ManagedNode):
             skipped=self._skipped.last,
             obstacle=self._obstacle,
             enabled=self._enabled,
-            preset=self._preset.summary,
+            preset=self._summary,
             lost_share=self._diagnostics.lost_share,
         )
 
