@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.detections import Sighting
-from pf_tracker_ros.targets.life import Life
+from pf_tracker_ros.targets.tracks import Crowd, Life
 
 # How long an operator may take to draw a target, with some reserve for the way there and back.
 _REACH = NANOSECONDS * 11 // 5

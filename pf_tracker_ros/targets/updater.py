@@ -23,11 +23,11 @@ from pf_tracker_ros.boxes import (
     sides_apart,
 )
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.associator import CENTER_SPREAD
+from pf_tracker_ros.targets.association import CENTER_SPREAD
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.ground import Ground, grounds_of
-from pf_tracker_ros.targets.life import Life
+from pf_tracker_ros.targets.tracks import Life
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.measurement import Evidence, Expectation
 from pf_tracker_ros.tracking.target import Target

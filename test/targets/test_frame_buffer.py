@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.frame_buffer import FrameBuffer, Moment, ReducedFrame, thinned
+from pf_tracker_ros.targets.tracks import Crowd
 
 IMAGE = np.zeros((10, 100), np.uint8)
 # No whole number of tenths of a second.

@@ -6,8 +6,8 @@ import pytest
 from pf_tracker_ros.background import BackgroundModel
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames import frame as frame_module
-from pf_tracker_ros.frames.gain_control import GainControl
-from pf_tracker_ros.frames.tiles import TiledImage
+from pf_tracker_ros.frames.exposure import GainControl
+from pf_tracker_ros.frames.frame import TiledImage
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.targets.track_manager import NotKeptError, TrackManager
 from pf_tracker_ros.tracking.parameters import TrackerParameters

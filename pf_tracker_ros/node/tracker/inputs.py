@@ -18,7 +18,7 @@ from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, subscribe, take_waiting
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 from pf_tracker_ros.node.tracker.reporter import Throttle
 from pf_tracker_ros.stamps import stamp_of
-from pf_tracker_ros.targets.detection_messages import check_length, detections_of
+from pf_tracker_ros.targets.detections import check_length, detections_of
 from pf_tracker_ros.targets.session import Session
 
 DETECTIONS_TOPIC = "detections"

@@ -32,15 +32,23 @@ from pf_tracker_ros.node.tracker.inputs import DETECTIONS_TOPIC, NOT_INSTALLED, 
 from pf_tracker_ros.node.tracker.outputs import Looked, Outputs
 from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter, Throttle
 from pf_tracker_ros.node.tracker.services import Services
-from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED, SkippedFrames
-from pf_tracker_ros.node.tracker.state_log import StateLog, TargetsLog
-from pf_tracker_ros.node.tracker.status import PAUSED, Known, Status, StatusOutput, stamp_text
+from pf_tracker_ros.node.tracker.status import (
+    PAUSED,
+    SKIPPED,
+    Known,
+    SkippedFrames,
+    StateLog,
+    Status,
+    StatusOutput,
+    TargetsLog,
+    stamp_text,
+)
 from pf_tracker_ros.node.tracker.tracking import Tracking
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.session import DROPPED, Outcome, Session
-from pf_tracker_ros.targets.statuses import common_values
+from pf_tracker_ros.targets.tracked_target import common_values
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PresetInForce, preset_parameters
 

@@ -11,7 +11,7 @@ from std_msgs.msg import Header
 
 from pf_tracker_ros import Estimate, TrackedTarget
 from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE, detections_message
-from pf_tracker_ros.targets.detection_messages import detections_of
+from pf_tracker_ros.targets.detections import detections_of
 
 
 # The definitions of vision_msgs 4, for machines without it: what is not in them cannot be set.
