@@ -1,4 +1,20 @@
-"""Products of matrices that leave the other processors alone."""
+"""Correlation filters that are kept inside the target and near their past.
+
+A filter f is trained so that its correlation with the features x of a window around the target is
+a given peak y. Found in the Fourier domain, it would also use the window's surroundings and its
+periodic repetition; a weight on its values outside the target forbids that, and a weight on its
+change from frame to frame lets it adapt without forgetting.
+
+    f = argmin |y - sum_k x_k * f_k|^2 + sum_k |w f_k|^2 + mu |f - f_before|^2
+
+Source: Li, Tian, Zuo, Zhang, Yang 2018, "Learning spatial-temporal regularized correlation filters
+for visual tracking", section 3; Danelljan et al. 2015, "Learning spatially regularized correlation
+filters for visual tracking" (w).
+
+Windows of a few dozen points a side are transformed by products of matrices, which take less time
+than a fast transform; whatever else is done to rows and columns, such as a window or a stretch, is
+in the matrices. A response map is what the filter answers to windows of a frame.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sums over boxes, read from an integral image at their corners."""
+"""What every cue can do; and sums over boxes, read from an integral image at their corners."""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""What keeps a state sane: centers inside the image, sizes to look at, times to predict over."""
+"""Motion models: how the state goes on from one frame to the next, and which box it stands for.
+
+Times are real: a model is told the seconds since the last frame, and its noise is a random walk
+whose variance grows with them, so a tracker set up at 30 frames a second also works at 10. Noise
+is given in box sizes, a box size being sqrt(width * height), so it suits near and far targets.
+
+Each model registers itself in `MOTION_MODELS`, with the parameters that it reads.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A source of random numbers as a value."""
+"""The weighted particles that stand for the posterior distribution; random numbers as a value."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which gray values an image of more than 8 bits shows: its 8-bit view spans them."""
+"""How a frame becomes 8 bits: gain control of more than 8 bits, changes of light of 8 bits."""
 
 from __future__ import annotations
 

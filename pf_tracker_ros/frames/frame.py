@@ -1,4 +1,4 @@
-"""Images that are computed where they are looked at, and there only once."""
+"""One image of a camera, and what is made of it, where it is looked at, and there once."""
 
 from __future__ import annotations
 

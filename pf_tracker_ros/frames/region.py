@@ -1,7 +1,11 @@
-"""Gradients of 8-bit gray levels by tables: the differences of a pixel's neighbors as one number.
+"""What the cues read around the particles, each map computed once.
 
-Reading a gradient's magnitude and direction is faster than working them out, and exact on the
-borders between two directions, where many gradients of whole numbers lie.
+N particles overlap heavily, so pixels are turned into what a cue needs once a frame, and each
+particle then only reads. A map is computed when a cue first asks for it.
+
+Gradients of 8-bit gray levels are read from tables of the differences of a pixel's neighbors, which
+is faster than working them out, and exact on the borders between two directions. Windows are parts
+of a frame, brought to a number of pixels whatever their size.
 """
 
 from __future__ import annotations

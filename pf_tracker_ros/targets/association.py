@@ -1,4 +1,9 @@
-"""Which of some belong to which of others, at the least cost over all of them."""
+"""Which detection is of which target, and whether targets are still who they were.
+
+1. Detections are assigned to targets, all at once, at the least cost (`Associator`).
+2. Targets that came out of a crossing as each other are exchanged (`tell_apart`).
+3. Targets that a detector has started are compared with those that are missing (`Recognizer`).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a detector says of a frame."""
+"""What a detector says of a frame, and how its messages say it."""
 
 from __future__ import annotations
 

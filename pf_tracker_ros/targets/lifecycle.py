@@ -1,4 +1,4 @@
-"""When a target begins."""
+"""When a target begins, by hand or by detections, and when it ends."""
 
 from __future__ import annotations
 

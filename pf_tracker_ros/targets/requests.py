@@ -1,4 +1,4 @@
-"""A target that somebody drew, and the image that it was drawn on."""
+"""What waits for frames: targets that were drawn, detections; and the kind of images that come."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is told of a target."""
+"""What is told of a target, and what statuses say of all of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""A target and its life: where it came from, what speaks for it, what it has been called."""
+"""Tracks: what is known of each target beside the filter, all of them after a frame, their ids.
+
+A track (`Life`) is a value: where it came from, what speaks for it, what it has been called. All of
+a frame are one value, too (`Crowd`), so that the past can be processed again. Ids count from 1 in
+the order in which targets are reported, and are never used again.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tracker knows about the target after one frame."""
+"""What the tracker knows about the target after one frame, and its state over time."""
 
 from __future__ import annotations
 

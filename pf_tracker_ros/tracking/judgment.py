@@ -1,4 +1,4 @@
-"""What a frame's measurement is worth, and so what is told of the target."""
+"""What a frame's measurement is worth: how sure it is that the target is in the box."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a target begins with at a box, and begins anew with: motion, particles, foresight."""
+"""What a target begins with at a box; and what is done with it that is known beside the pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""How many frames got lost on the way, estimated from the rhythm of the stamps that came."""
+"""The node's health on `/diagnostics`, once a second, whether images come or not.
+
+How many frames got lost on the way is estimated from the rhythm of the stamps that came.
+"""
 
 from __future__ import annotations
 

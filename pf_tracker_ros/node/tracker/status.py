@@ -1,4 +1,7 @@
-"""Frames that are answered but not looked at: since when, how many, and in the log."""
+"""The status of a frame: what is known of the targets, and what stands in the way.
+
+Frames that are answered but not looked at are counted, and the log has each new state soon.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from pf_tracker_ros.topics import FrameResult
 from pf_tracker_ros.tracking.estimate import Estimate
 
 if TYPE_CHECKING:
     from pf_tracker_ros.targets.tracked_target import TrackedTarget
-from collections.abc import Mapping
-from dataclasses import field
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
@@ -26,7 +28,6 @@ from pf_tracker_ros.targets.tracked_target import (
     TrackedTarget,
     description,
     severity,
-    state_of,
     target_values,
 )
 from pf_tracker_ros.tracking.estimate import DESCRIPTIONS, SEVERITIES
@@ -187,40 +188,14 @@ def stamp_text(stamp: int) -> str:
     return f"{seconds}.{nanoseconds:09d}"
 
 
-StatusValues = Mapping[str, str | float | int]
-
-
-@dataclass(frozen=True)
-class Known:
-    """What is known after the last frame that was looked at.
-
-    Attributes:
-        targets: All that there are.
-        selected: Id of the target that a robot acts on, 0 without.
-        values: What is known of them together and of that one, key to value; of no frame but that.
-        of_frame: More of it for the status of that frame.
-        requested_stamp: Stamp of the frame that a requested target waits for, None or 0 without.
-    """
-
-    targets: Sequence[TrackedTarget] = ()
-    selected: int = 0
-    values: StatusValues = field(default_factory=dict)
-    of_frame: StatusValues = field(default_factory=dict)
-    requested_stamp: int | None = None
-
-    @property
-    def state(self) -> str:
-        """`idle`, or the state of the selected target, without one of that seen best."""
-        return state_of(self.targets, self.selected)
-
-
 @dataclass(frozen=True)
 class Status:
     """How the node is after a frame.
 
     Attributes:
         frame: What became of the frame, empty where it is not about one.
-        known: What is known after the last frame that was looked at.
+        result: What is known after the last frame that was looked at.
+        requested_stamp: Stamp of the frame that a requested target waits for, None or 0 without.
         skipped: The frames since, None if that is this one.
         obstacle: What keeps the node from tracking at all, or empty.
         enabled: Whether it looks at images.
@@ -229,7 +204,8 @@ class Status:
     """
 
     frame: str
-    known: Known
+    result: FrameResult
+    requested_stamp: int | None
     skipped: Skipped | None
     obstacle: str
     enabled: bool
@@ -244,7 +220,7 @@ class Status:
     @property
     def last_state(self) -> str:
         """`idle`, or the state of the track, in the last frame that was looked at."""
-        return self.known.state
+        return self.result.state
 
     @property
     def state(self) -> str:
@@ -270,10 +246,10 @@ class Status:
             return self.skipped.described
         if not self.enabled:
             return PAUSED
-        if self.known.requested_stamp:
-            stamp = stamp_text(self.known.requested_stamp)
+        if self.requested_stamp:
+            stamp = stamp_text(self.requested_stamp)
             return f"{self.state}; a target waits for an image stamped {stamp} s"
-        return description(self.known.targets, self.known.selected)
+        return description(self.result.targets, self.result.selected)
 
     @property
     def values(self) -> dict[str, str | float | int]:
@@ -287,15 +263,13 @@ class Status:
         if self.skipped and self.skipped.last_stamp:
             values["last_stamp"] = stamp_text(self.skipped.last_stamp)
         if not self.is_skipped:
-            values |= self.known.values
-        if self.frame:
-            values |= self.known.of_frame
+            values |= self.result.values
         return values
 
     @property
     def targets(self) -> Sequence[TrackedTarget]:
         """The targets one by one; none where the image was not looked at."""
-        return () if self.is_skipped else self.known.targets
+        return () if self.is_skipped else self.result.targets
 
 
 class StatusOutput:
