@@ -11,7 +11,7 @@ from visualization_msgs.msg import MarkerArray
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
+from pf_tracker_ros.node.tracker.inputs import DETECTIONS_TYPE
 from pf_tracker_ros.recordings.__main__ import main
 from pf_tracker_ros.targets import association
 from pf_tracker_ros.targets.session import Session
