@@ -114,25 +114,9 @@ class ImageKind:
 def ended_for_others(ids: Iterable[int]) -> str:
     """What is told of targets that end because another was drawn on images that fit none."""
     return (
-        f"ended: {_joined(ids)}; a target was drawn on images of another size or kind, and all "
-        "begins anew with them"
+        f"ended: {', '.join(map(str, ids))}; a target was drawn on images of another size or kind, "
+        "and all begins anew with them"
     )
-
-
-def ended_unseen(ids: Iterable[int]) -> str:
-    """What is told of targets that could not be learned in another size of the images."""
-    unseen = list(ids)
-    were, them, come = ("it was", "it", "it comes")
-    if len(unseen) > 1:
-        were, them, come = ("they were", "them", "they come")
-    return (
-        f"ended: {_joined(unseen)}; the images changed their size while {were} not seen in any of "
-        f"the frames that are kept; draw {them} again where {come} back"
-    )
-
-
-def _joined(ids: Iterable[int]) -> str:
-    return ", ".join(str(id) for id in ids)
 
 
 def _name_of(image: NDArray[np.generic]) -> str:

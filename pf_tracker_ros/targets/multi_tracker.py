@@ -25,9 +25,9 @@ _MOST_TARGETS = 32
 # Frames that are kept for late detections, and most memory for their images, in units of 10^6
 # bytes.
 _KEPT = (1000, 128.0)
-# Of the first frame, nanoseconds; those after it are stamped by the time since the frame before. No
-# detection is so old, in seconds, that its stamp would be none.
-_FIRST_STAMP, _OLDEST = 10**18, 1e8
+# Of the first frame, nanoseconds; those after it are stamped by the time since the frame before.
+# Nothing is further apart, in seconds: of an endless time there is no stamp.
+_FIRST_STAMP, _LONGEST = 10**18, 1e8
 
 
 class MultiTracker:
@@ -199,9 +199,9 @@ class MultiTracker:
         stamp = _FIRST_STAMP
         if self._stamp:
             # Two frames at once are one after the other.
-            stamp = self._stamp + max(round(interval * NANOSECONDS), 1)
+            stamp = self._stamp + max(round(min(interval, _LONGEST) * NANOSECONDS), 1)
         stamped = [
-            StampedDetections(stamp - round(min(one.age, _OLDEST) * NANOSECONDS), one)
+            StampedDetections(stamp - round(min(one.age, _LONGEST) * NANOSECONDS), one)
             for one in answers
         ]
         self._manager.update(Frame(image.copy(), stamp), interval, stamped)

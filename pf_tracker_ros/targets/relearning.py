@@ -17,7 +17,7 @@ from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.life import Key, Life
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.scaling import box_within, scaled_box, scaled_to, size_of
+from pf_tracker_ros.tracking.scaling import box_within, scaled_box, scaled_to
 
 
 class Sight(NamedTuple):
@@ -93,7 +93,7 @@ def resized(
     sights: Mapping[Key, Sight],
     follower: Follower,
     last: Frame,
-    like: NDArray[np.generic],
+    opened: Frame,
 ) -> tuple[Crowd, dict[Key, Sight]]:
     """The crowd in images of another size, without those that were never seen.
 
@@ -102,17 +102,17 @@ def resized(
         sights: Where its targets were last seen.
         follower: Learns them.
         last: The last frame.
-        like: An image of that size, of the same kind and aspect ratio.
+        opened: The same in that size, and what the image front end knows of it.
 
     Returns:
         The crowd, and where its targets were last seen, scaled as well.
     """
-    frames: dict[int, Frame] = {}
-    before, after = last.size, size_of(like)
+    frames = {id(last): opened}
+    before, after = last.size, opened.size
     factors = np.divide(after, before)
     scaled: dict[Key, Sight] = {}
     for key, sight in sights.items():
-        image = scaled_to(sight.frame.image, like)
+        image = scaled_to(sight.frame.image, opened.image)
         if image is not None:
             frame = frames.setdefault(id(sight.frame), Frame(image, sight.frame.stamp))
             scaled[key] = Sight(frame, scaled_box(sight.box, sight.frame.size, after))

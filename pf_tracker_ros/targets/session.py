@@ -21,7 +21,7 @@ from pf_tracker_ros.targets.assignment import check_installed
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.drawn import Drawn
 from pf_tracker_ros.targets.frame_buffer import FrameBuffer
-from pf_tracker_ros.targets.image_kind import ImageKind, ended_for_others, ended_unseen
+from pf_tracker_ros.targets.image_kind import ImageKind, ended_for_others
 from pf_tracker_ros.targets.track_manager import NotKeptError, Started, TrackManager
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.targets.waiting_answers import WaitingAnswers
@@ -431,12 +431,8 @@ class Session:
         Raises:
             ValueError: The image fits no target, and they are kept.
         """
-        if self._manager.fits(frame.image):
+        if self._manager.fits(frame.image) or self._manager.resize(frame):
             self._kind.fit()
-            return False
-        if self._manager.resize(frame):
-            self._kind.fit()
-            self._tell_unseen()
             return False
         self._kind.misfit(frame.stamp)
         is_drawn_on = any(self._kind.is_of_misfits(one, frame.stamp) for one in self._requested)
@@ -451,10 +447,3 @@ class Session:
         self._answers.clear()
         self._kind.fit()
         return True
-
-    def _tell_unseen(self) -> None:
-        """Tell of targets that somebody drew and that could not be learned in another size."""
-        there = {target.id for target in self.targets}
-        unseen = [id for id in self._drawn if id not in there]
-        if unseen:
-            self._ended.append(ended_unseen(unseen))

@@ -47,7 +47,7 @@ from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.input_checks import check_box, check_seed
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.scaling import scaled_to
+from pf_tracker_ros.tracking.scaling import scaled_box, scaled_to
 
 NOMINAL_INTERVAL = 0.04
 """Seconds from one frame to the next where nobody tells."""
@@ -109,7 +109,8 @@ class TrackManager:
         self.left_out: tuple[str, ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"frames": self.frames.emptied()}
+        # Images would only make a copy large.
+        return self.__dict__ | {"frames": self.frames.emptied(), "_sights": {}}
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -315,20 +316,22 @@ class TrackManager:
             frame: One of that size, to be given to `update` next.
 
         Returns:
-            Whether it could be done: the image is of the same kind and aspect ratio. If not, all is
-            as before.
+            Whether it could be done: the image is of the same kind and aspect ratio, and no target
+            in it is smaller than a pixel. If not, all is as before.
         """
         known = self._camera.frame
         last = scaled_to(known.image, frame.image) if known else None
         if known is None or last is None:
             return False
+        camera, opened = self._new_camera(), Frame(last, known.stamp)
+        boxes = [scaled_box(box, known.size, opened.size) for box in self._crowd.boxes]
+        if any(min(box[2:]) < 1.0 for box in boxes):
+            return False
         with usual_arithmetic():
-            crowd, sights = resized(self._crowd, self._sights, self._follower, known, frame.image)
-            self._camera = self._new_camera()
-            opened = Frame(last, known.stamp)
-            self._open(self._camera, opened, 0.0, crowd.boxes)
-            self._camera.keep(opened)
-        self._crowd, self._sights = crowd, sights
+            self._open(camera, opened, 0.0, boxes)
+            crowd, sights = resized(self._crowd, self._sights, self._follower, known, opened)
+        camera.keep(opened)
+        self._camera, self._crowd, self._sights = camera, crowd, sights
         self.frames.clear()
         return True
 

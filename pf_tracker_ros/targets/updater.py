@@ -88,8 +88,8 @@ class Updater:
     started by hand and is lost comes last and hides nothing, since nobody knows where it is. A
     detection is one more factor of the likelihood; it then brings the box along, and is learned
     from. Without any, or any more, the image has to tell the size, too, and the ground that all
-    stand on. A target without neighbors and without a detector is followed by its pixels alone, and
-    looked for all over the image once it is lost.
+    stand on. A single target without a rival near and without a detector is followed by its pixels
+    alone, and looked for all over the image once it is lost.
 
     Args:
         follower: Follows each target.
@@ -236,8 +236,9 @@ class Updater:
         if len(boxes):
             hidden = covered(predicted[None], boxes)[0]
             evidence.append(_of_others(boxes, hidden))
-            # What is only like a target hides none, which then is looked for beside it.
-            hides = np.array([not one.is_rival for one in front])
+            # What is only like a target hides it where its course is sure; else it is looked for.
+            is_sure = life.target.estimate.confidence > _FULLY_ABOVE
+            hides = np.array([is_sure or not one.is_rival for one in front])
             is_hidden = own is None and bool((hidden * hides).max() > _HIDDEN_ABOVE)
         if not is_hidden:
             if expected is None:
@@ -247,8 +248,11 @@ class Updater:
                 expected, _all_of(evidence), searches_everywhere=is_alone
             )
             if own is None and len(boxes):
-                is_hidden = _is_on_one(np.array(followed.estimate.box), boxes)
-                target = replace(target, look_alike=followed.look_alike)
+                found = np.array(followed.estimate.box)
+                is_hidden = _is_on_one(found, boxes)
+                is_on_rival = _is_on_one(found, boxes[[one.is_rival for one in front]])
+                known = followed.look_alike if is_on_rival else target.look_alike
+                target = replace(target, look_alike=known)
         course, log_size = life.course, life.log_size
         if is_hidden:
             target = self._follower.steering.coast(target, frame, interval)
@@ -388,12 +392,9 @@ def _inside(box: NDArray[np.float64], image_size: tuple[int, int]) -> Box:
 
 
 def _are_alone(lives: Sequence[Life], predicted: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(N,) which targets have no other one near where they are expected, (N, 4) boxes."""
-    alone = np.ones(len(lives), dtype=np.bool_)
-    if len(lives) > 1:
-        for place, box in enumerate(predicted):
-            alone[place] = _are_near(predicted, box).sum() == 1
-    return alone
+    """(N,) which target is the only one, with no rival near its (4,) of the (N, 4) predictions."""
+    is_only = sum(not life.is_rival for life in lives) == 1
+    return np.array([is_only and _are_near(predicted, box).sum() == 1 for box in predicted], bool)
 
 
 def _are_near(boxes: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues.features import FEATURES
 from pf_tracker_ros.parameters import ParameterError, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
-from pf_tracker_ros.tracking.tracker import Tracker
 
 ADDED = {"package": "pf_tracker_ros.cues.features", "examples": "features"}
 NAME = "correlation_response.features"
@@ -61,6 +61,7 @@ def test_windows_have_as_many_pixels_as_the_features_ask_for(extended):
     """40 cells of 8 pixels; three colors or one gray level, and two edges."""
     code = """
 from pf_tracker_ros.cues import CUES
+from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues.features import FEATURES
 from pf_tracker_ros.frames import Frame, Region
 
@@ -89,6 +90,7 @@ print(json.dumps([asked, [template.filter.shape for template in templates]]))
 def test_the_channels_hold_what_they_say(extended):
     """Means of 8 x 8 pixels; a ramp across is steep across, and not down."""
     code = """
+from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues.features import FEATURES
 
 window = np.random.default_rng(0).integers(0, 256, (24, 24, 3), dtype=np.uint8)

@@ -245,6 +245,17 @@ def make_tracker():
     return make
 
 
+@pytest.fixture(scope="session")
+def start_earlier():
+    """Starts a target that somebody saw in a frame so many seconds before the last one."""
+
+    def start(tracker, box, age=0.0, label=""):
+        stamp = tracker._stamp - round(age * 1e9)
+        return tracker._manager.start(tuple(box), stamp, label).id
+
+    return start
+
+
 def run_through(tracker, drawn, every=10, frames=None, labels=None):
     """What is told in each frame, with a detector that sees every so many."""
     answers = []

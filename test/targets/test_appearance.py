@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.appearances.color_stripes import ColorStripes
+from pf_tracker_ros.frames import Frame
 
 BOX = np.array([100.0, 60.0, 24.0, 40.0])
 STRIPES = ColorStripes()

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.appearances.color_stripes import ColorStripes
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.crossings import tell_apart
 from pf_tracker_ros.targets.detections import sightings
 

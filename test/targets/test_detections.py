@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections
-from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.appearances.color_stripes import ColorStripes
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.detections import sightings
 
 SIZE = (320, 200)

@@ -67,7 +67,9 @@ def test_one_that_a_detector_knew_is_found_as_well_once_there_is_none(returner, 
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_one_drawn_on_a_frame_gone_by_is_not_taken_for_its_twin(twins, make_tracker, iou, seed):
+def test_one_drawn_on_a_frame_gone_by_is_not_taken_for_its_twin(
+    twins, make_tracker, iou, seed, start_earlier
+):
     images = [image.copy() for image in twins.images]
     x, y, width, height = twins.boxes[0][0].astype(int)
     for image in images[22:]:

@@ -7,6 +7,7 @@ from scipy.stats import t as student
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.boxes import BoxesByAxis
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.ground import Ground, grounds_of
 
 INTERVAL = 0.1

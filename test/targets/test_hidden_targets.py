@@ -42,7 +42,9 @@ def test_a_hidden_target_goes_on_as_it_went(footage, request, make_tracker, iou)
             walker = min(told, key=lambda one: one.estimate.box[0]).id
         if number > 5:
             life = next(
-                one for one in tracker._manager._crowd.lives if tracker._manager._names.get(one.key) == walker
+                one
+                for one in tracker._manager._crowd.lives
+                if tracker._manager._names.get(one.key) == walker
             )
             assert iou(life.box, passage.boxes[number][0]) > 0.5, number
 

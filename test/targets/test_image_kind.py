@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.drawn import Drawn
-from pf_tracker_ros.targets.image_kind import ImageKind, ended_for_others, ended_unseen
+from pf_tracker_ros.targets.image_kind import ImageKind, ended_for_others
 
 SECOND = 1_000_000_000
 COLOR = np.zeros((60, 80, 3), np.uint8)
@@ -19,7 +20,7 @@ def drawn(stamp, on_misfits=False):
 def kind():
     """Of color images, after three others at 2 s, 3 s and 4 s."""
     kind = ImageKind()
-    kind.accept(COLOR, SECOND)
+    kind.accept(Frame(COLOR, SECOND))
     for seconds in (2, 3, 4):
         kind.misfit(seconds * SECOND)
     return kind
@@ -82,14 +83,6 @@ def test_targets_of_the_last_second_of_misfits_begin_on_the_image_at_hand(kind):
 
 def test_targets_that_end_are_named():
     assert ended_for_others([1, 12]).startswith("ended: 1, 12; a target was drawn on images of")
-    assert ended_unseen(iter([3])) == (
-        "ended: 3; the images changed their size while it was not seen in any of the frames that "
-        "are kept; draw it again where it comes back"
-    )
-    assert ended_unseen([3, 4]).endswith(
-        "while they were not seen in any of the frames that are kept; draw them again where they "
-        "come back"
-    )
 
 
 @pytest.mark.parametrize(
@@ -103,13 +96,15 @@ def test_targets_that_end_are_named():
 )
 def test_what_is_drawn_again_is_scaled_where_the_image_is(size, shape, box):
     one = drawn(5 * SECOND, on_misfits=True)._replace(image_size=size)
-    assert one.redraw(np.zeros(shape, np.uint8)) == Drawn(box, "new", 0)
+    for is_selected in (False, True):
+        drawn_again = one.redraw(np.zeros(shape, np.uint8), is_selected=is_selected)
+        assert drawn_again == Drawn(box, "new", 0, is_selected=is_selected)
 
 
 def test_what_was_drawn_on_images_of_another_kind_is_told_apart_to_the_nanosecond():
     kind = ImageKind()
     for image, stamp in ((COLOR, 7), (COLOR, 8), (DEEP, 9), (DEEP, 10)):
-        kind.accept(image, stamp)
+        kind.accept(Frame(image, stamp))
     assert [kind.is_of_others(stamp) for stamp in (0, 7, 8, 9, 10, 11)] == [
         *(False, True, True),
         *(False, False, False),
@@ -125,5 +120,5 @@ def test_what_was_drawn_on_images_of_another_kind_is_told_apart_to_the_nanosecon
 def test_where_time_goes_back_nobody_knows_of_images_before():
     kind = ImageKind()
     for image, stamp in ((COLOR, 7), (DEEP, 9), (DEEP, 5)):
-        kind.accept(image, stamp)
+        kind.accept(Frame(image, stamp))
     assert not kind.is_of_others(6)

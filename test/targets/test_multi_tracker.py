@@ -78,11 +78,11 @@ def test_no_more_targets_start_than_are_allowed(run, walkers, make_tracker):
     assert len(run(make_tracker(max_targets=2), walkers, frames=1)[0]) == 2
 
 
-def test_no_more_than_are_allowed_are_started_by_hand_either(walkers, make_tracker):
+def test_no_more_than_are_allowed_are_started_by_hand_either(walkers, make_tracker, start_earlier):
     tracker = make_tracker(max_targets=2)
     for box in walkers.boxes[0][:2]:
         tracker.start(walkers.images[0], box)
-    for start in (tracker.start_earlier, partial(tracker.start, walkers.images[0])):
+    for start in (partial(start_earlier, tracker), partial(tracker.start, walkers.images[0])):
         with pytest.raises(ValueError, match="there are 2 targets, as many as there may be"):
             start(walkers.boxes[0][2])
     tracker.stop(1)
@@ -200,7 +200,7 @@ def test_one_that_left_comes_back_with_its_id_while_it_is_remembered(run, leaver
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((np.zeros((10, 10, 3), np.uint8),), "make another tracker"),
+        ((np.zeros((10, 10, 3), np.uint8),), "start again"),
         (("image",), "image is a str"),
         ((None, -1.0), "dt is -1.0"),
         ((None, float("nan")), "dt is nan"),

@@ -1,15 +1,14 @@
 """What becomes of a target that somebody asks for, by the frame that comes: one target or several.
 
-Both sessions keep the same rules, so each case is asked of both.
+The rules are the same, so each case is asked of both.
 """
 
 import pytest
 
-from pf_tracker_ros.tracking.presets import preset_parameters
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.frame_clock import TimePolicy
 from pf_tracker_ros.tracking.presets import preset_parameters
-from pf_tracker_ros.tracking.session import Session
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -22,15 +21,14 @@ def at(number):
 
 
 class Followed:
-    """A session of either kind, and frames of `walkers` for it."""
+    """A session for one target or for several, and frames of `walkers` for it."""
 
     def __init__(self, kind, walkers):
         if kind == "one":
             self.session = Session({**preset_parameters("li2007"), "particles": 20}, seed=1)
-            self.session.history.limit(frames=30, megabytes=10.0)
         else:
-            values = preset_parameters("default", 32)
-            self.session = Session(values, 1)
+            self.session = Session(preset_parameters("default", 32), seed=1)
+        self.session.history.limit(frames=30, megabytes=10.0)
         self.walkers = walkers
 
     def show(self, number, stamp=None):
@@ -39,12 +37,6 @@ class Followed:
 
     def ask(self, number, stamp, target=0):
         self.session.request(tuple(self.walkers.boxes[number][target]), stamp)
-
-    def refusals(self, outcome):
-        refused = getattr(outcome, "refused", None)
-        if refused is None:
-            return (outcome.refused_target,) if outcome.refused_target else ()
-        return refused
 
     @property
     def waits(self):
@@ -100,7 +92,7 @@ def test_what_becomes_of_a_requested_target(watching, case):
     outcome = watching.show(number, stamp)
     otherwise = "tracked" if watching.follows else "waiting"
     assert outcome.frame == {"-": otherwise, "refused": otherwise}.get(expected, expected)
-    assert watching.refusals(outcome) == ((BEFORE_JUMP,) if expected == "refused" else ())
+    assert outcome.refused == ((BEFORE_JUMP,) if expected == "refused" else ())
     assert watching.waits == (expected not in ("started", "refused"))
     is_jump = (number, stamp) == JUMP or case in ("next frame, late", "this frame, late")
     assert (outcome.jumped_back > 0) == is_jump
@@ -129,7 +121,7 @@ def test_after_a_stop_one_may_go_back_by_however_little(followed, back):
     first = 19 - back
     followed.ask(first, at(first))
     outcome = followed.show(first)
-    assert (outcome.frame, followed.refusals(outcome)) == ("started", ())
+    assert (outcome.frame, outcome.refused) == ("started", ())
     assert outcome.jumped_back == pytest.approx(back / 10)
     assert followed.show(first + 1).frame == "tracked"
 
@@ -171,8 +163,8 @@ def test_a_recording_in_a_loop_that_names_its_target_starts_it_in_each_pass(
 
 
 def test_after_a_jump_no_frame_of_the_old_time_is_caught_up(watching):
+    """Only the one with which the new time began, which is the nearest to the stamp."""
     watching.show(20, at(-600))
     watching.ask(10, at(-598))
     outcome = watching.show(10, at(-595))
-    assert (outcome.frame, watching.refusals(outcome)) == ("started", ())
-    assert getattr(outcome, "caught_up", 0) == 0
+    assert (outcome.frame, outcome.refused, outcome.caught_up) == ("started", (), 1)

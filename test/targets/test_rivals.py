@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections
-from pf_tracker_ros.targets.keeper import CrowdKeeper
-from pf_tracker_ros.tracking.follower import Follower
+from pf_tracker_ros.frames import Frame
 
 INTERVAL = 0.1
 NOTHING = Detections(np.empty((0, 4)))
@@ -110,23 +109,6 @@ def test_rivals_keep_no_detection_from_starting_a_target(passing, make_tracker):
     assert told[1].estimate.box[0] > 200
 
 
-def test_no_more_rivals_begin_than_there_is_room_for(passing, make_tracker):
-    tracker = make_tracker(max_targets=1)
-    with pytest.raises(AssertionError, match="no rival began"):
-        begun(tracker, passing)
-
-
-def test_where_nothing_looks_like_a_target_it_has_the_same_bits(walkers, make_tracker, as_told):
-    parts = []
-    for has_several in (True, False):
-        tracker = make_tracker()
-        follower = Follower(tracker._parameters, has_several=has_several)
-        tracker._keeper = CrowdKeeper(follower, tracker._parameters, seed=0)
-        tracker.start(walkers.images[0], walkers.boxes[0][0])
-        parts.append([as_told(tracker.update(one, INTERVAL)) for one in walkers.images[1:]])
-    assert parts[0] == parts[1]
-
-
 def test_rivals_are_the_same_when_frames_are_worked_out_again(passing, make_tracker, as_told):
     answers = []
     for late in (0, 3):
@@ -150,7 +132,9 @@ def test_a_crowd_with_a_rival_takes_images_of_another_size(passing, make_tracker
     assert told[0].estimate.box[0] < passing.boxes[number][0][0]
 
 
-def test_targets_drawn_on_one_frame_gone_by_bring_no_rival_twice(lookalikes, make_tracker):
+def test_targets_drawn_on_one_frame_gone_by_bring_no_rival_twice(
+    lookalikes, make_tracker, start_earlier
+):
     footage, tracker = lookalikes["who comes"], make_tracker()
     for image in footage.images[:20]:
         tracker.update(image, INTERVAL)

@@ -1,6 +1,7 @@
 """Targets by hand: started and stopped by a call, with and without a detector beside them."""
 
 import copy
+import itertools
 
 import numpy as np
 import pytest
@@ -38,13 +39,12 @@ def test_what_was_stopped_stays_so_when_a_late_detection_comes(walkers, make_tra
     assert number not in [target.id for target in answer]
 
 
-@pytest.mark.parametrize("late", [False, True])
-@pytest.mark.parametrize("drawn", [("mine", 0), ("mine", 3), ("", 0), ("", 3)])
+@pytest.mark.parametrize("drawn", itertools.product(("mine", ""), (0, 3), (False, True)))
 def test_what_is_drawn_on_a_target_of_the_detector_is_that_target(
-    walkers, make_tracker, iou, drawn, late
+    walkers, make_tracker, iou, drawn, start_earlier
 ):
     """It keeps its id, and is no longer the detector's to end; also where frames are redone."""
-    tracker, (label, age) = make_tracker(), drawn
+    tracker, (label, age, late) = make_tracker(), drawn
     for number in range(8):
         seen = walkers.detections(number, labels=["person"] * 3) if number in (0, 4) else None
         told = tracker.update(walkers.images[number], INTERVAL, seen)
@@ -66,7 +66,7 @@ def test_what_is_drawn_on_a_target_of_the_detector_is_that_target(
     assert iou(told[wanted].estimate.box, walkers.boxes[23][1]) > 0.5
 
 
-def test_a_box_that_is_drawn_again_puts_the_target_right(walkers, make_tracker, iou):
+def test_a_box_that_is_drawn_again_puts_the_target_right(walkers, make_tracker, iou, start_earlier):
     """With as many targets as there may be, too, on the same frame and on one gone by."""
     tracker = make_tracker(max_targets=2)
     first = tracker.start(walkers.images[0], walkers.boxes[0][0], "mine")
@@ -186,7 +186,7 @@ def test_an_image_with_pixels_that_are_no_numbers_is_the_one_that_was_given(walk
     assert len(tracker.targets) == 3
 
 
-def test_a_copy_asks_for_a_frame_before_it_starts_a_target(walkers, make_tracker):
+def test_a_copy_asks_for_a_frame_before_it_starts_a_target(walkers, make_tracker, start_earlier):
     tracker = make_tracker()
     tracker.start(walkers.images[0], walkers.boxes[0][0])
     other = copy.deepcopy(tracker)
@@ -194,7 +194,7 @@ def test_a_copy_asks_for_a_frame_before_it_starts_a_target(walkers, make_tracker
         lambda: other.start(walkers.images[0], walkers.boxes[0][1]),
         lambda: start_earlier(other, walkers.boxes[0][1]),
     ):
-        with pytest.raises(ValueError, match="no frame so far, as in a fresh copy; give one to up"):
+        with pytest.raises(ValueError, match="no frame so far, as in a fresh copy; give one"):
             start()
     other.update(walkers.images[0], INTERVAL)
     other.start(walkers.images[0], walkers.boxes[0][1])

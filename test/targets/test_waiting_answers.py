@@ -22,28 +22,29 @@ def answer(number):
 
 
 def due(answers, seconds):
-    return [(one.labels, one.age) for one in answers.due(round(seconds * SECOND))]
+    found = answers.due(round(seconds * SECOND))
+    return [(*one.detections.labels, one.stamp // SECOND) for one in found]
 
 
-def test_answers_are_due_with_their_frame_or_a_later_one_and_have_their_age_in_it(answers):
-    assert due(answers, 2.5) == [(("of 1",), 1.5), (("of 2",), 0.5), (("of 0",), 0.0)]
+def test_answers_are_due_with_their_frame_or_a_later_one(answers):
+    assert due(answers, 2.5) == [("of 1", 1), ("of 2", 2), ("of 0", 0)]
 
 
 def test_what_was_found_stays_as_it_was(answers):
     (first, *_) = answers.due(SECOND)
-    assert first.boxes.tolist() == [[1, 0, 10, 20]]
-    assert first.scores.tolist() == [0.5]
+    assert first.detections.boxes.tolist() == [[1, 0, 10, 20]]
+    assert first.detections.scores.tolist() == [0.5]
 
 
 def test_they_wait_until_they_are_forgotten(answers):
     assert due(answers, 2) == due(answers, 2)
     answers.forget_due(2 * SECOND)
     assert due(answers, 2) == []
-    assert due(answers, 4) == [(("of 4",), 0.0)]
+    assert due(answers, 4) == [("of 4", 4)]
 
 
 def test_with_a_frame_without_a_stamp_all_are_of_now(answers):
-    assert due(answers, 0) == [((f"of {number}",), 0.0) for number in (1, 2, 4, 0)]
+    assert due(answers, 0) == [(f"of {number}", number) for number in (1, 2, 4, 0)]
     answers.forget_due(0)
     assert due(answers, 9) == []
 
@@ -71,5 +72,5 @@ def test_those_that_came_last_are_the_ones_that_stay():
     answers = WaitingAnswers()
     for number in range(MOST_ANSWERS + 3):
         answers.add(answer(number), (50 - number) * SECOND)
-    labels = [label for (label,), _ in due(answers, 50)]
+    labels = [label for label, _ in due(answers, 50)]
     assert labels == [f"of {number}" for number in range(3, MOST_ANSWERS + 3)]

@@ -39,4 +39,4 @@ def test_of_parts_that_the_preset_does_not_choose_the_default_is_usual():
 
 def test_an_unknown_preset_names_those_there_are():
     with pytest.raises(ParameterError, match="no preset 'fast'; there are: default, li2007"):
-        PresetInForce.of({"preset": "fast"})
+        PresetInForce.of({"preset": "fast", "max_targets": 1})

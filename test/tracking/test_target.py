@@ -8,10 +8,10 @@ from dataclasses import fields, is_dataclass
 import numpy as np
 import pytest
 
+from pf_tracker_ros import Tracker
 from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.presets import PRESETS
-from pf_tracker_ros.tracking.scene import Scene
 
 INTERVAL = 0.04
 every_preset = pytest.mark.parametrize("preset", sorted(PRESETS))
@@ -93,16 +93,21 @@ def test_a_follower_holds_nothing_of_a_target(preset, make_follower, couple):
         assert all(same(*pair) for pair in zip(targets, expected, strict=True))
 
 
-def test_a_target_of_a_scene_stays_as_it_was(make_follower, couple):
-    scene = Scene(make_follower("zhang_bo"), seed=3)
-    number = scene.start(couple.images[0], tuple(couple.first[0]))
-    held = [scene.targets[number]]
-    kept = [copy.deepcopy(held[0])]
+def test_a_target_of_a_tracker_stays_as_it_was(couple):
+    tracker = Tracker.from_preset("zhang_bo", seed=3)
+    tracker.start(couple.images[0], couple.first[0])
+    held, kept = [], []
+
+    def hold():
+        (life,) = tracker._manager._crowd.lives
+        held.append(life.target)
+        kept.append(copy.deepcopy(life.target))
+
+    hold()
     for image in couple.images[1:6]:
-        scene.update(image, INTERVAL)
-        held.append(scene.targets[number])
-        kept.append(copy.deepcopy(held[-1]))
-    scene.reconfigure(make_follower("zhang_bo", {"motion.position_noise": 3.0, "cues": ("hog",)}))
-    scene.update(couple.images[6], INTERVAL)
-    scene.stop(number)
+        tracker.update(image)
+        hold()
+    tracker.set_parameters({"motion.position_noise": 3.0, "cues": ("hog",)})
+    tracker.update(couple.images[6])
+    tracker.stop()
     assert all(same(*pair) for pair in zip(held, kept, strict=True))

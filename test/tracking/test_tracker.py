@@ -1,6 +1,10 @@
 """The tracker on generated images: follows, repeats itself, coasts, refuses."""
 
+import copy
+import gc
 import itertools
+import pickle
+import weakref
 
 import cv2
 import numpy as np
@@ -9,12 +13,13 @@ import pytest
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.filter import MOTION_MODELS
+from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.frames.gray_range import gray_range
 from pf_tracker_ros.parameters import ParameterError, build
-from pf_tracker_ros.tracking.follower import Follower
+from pf_tracker_ros.targets.track_manager import TrackManager
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS
-from pf_tracker_ros.tracking.scene import Scene
 
 WIDTH, HEIGHT, SIDE = 320, 240, 36
 every_preset = pytest.mark.parametrize("preset", sorted(PRESETS))
@@ -93,14 +98,14 @@ def test_li2007_keeps_the_size_of_the_first_box():
         assert estimate.box[2:] == pytest.approx((SIDE, SIDE))
 
 
-def test_zhang2015_renews_its_template_above_a_similarity_of_065():
+def test_zhang2015_renews_its_template_above_a_similarity_of_065(make_follower):
     """The target turns, by a share found for it, into something else, and is as like as said."""
-    follower = Follower(build(TrackerParameters, PRESETS["zhang2015"]))
+    follower = make_follower("zhang2015")
     image, box = frame(100, 120)
     left, top, side, _ = box
     other = texture(9, (SIDE, SIDE), 0, 250)
-    scene = Scene(follower)
-    target = scene.targets[scene.start(image, tuple(map(float, box)))]
+    draw = Randomness.of(np.random.default_rng(0))
+    target = follower.begin(Frame(image), tuple(map(float, box)), draw)
 
     def followed(share):
         changed = image.copy()
@@ -142,19 +147,21 @@ def test_same_seed_same_bits_another_seed_other_bits(preset):
 
 
 @every_preset
-def test_a_tracker_is_a_scene_of_one_target(preset):
+def test_a_tracker_is_a_track_manager_of_one_target(preset):
     frames = walk(24)
     images = [image for image, _ in frames[1:16]] + [BACKGROUND] * 4
     images += [image for image, _ in frames[20:]]
     tracker = Tracker.from_preset(preset, seed=5)
-    scene = Scene(Follower(build(TrackerParameters, PRESETS[preset])), seed=5)
-    number = scene.start(frames[0][0], tuple(map(float, frames[0][1])))
-    assert tracker.start(*frames[0]) == scene.targets[number].estimate
+    manager = TrackManager(build(TrackerParameters, PRESETS[preset]), seed=5)
+    started = manager.start_on(Frame(frames[0][0]), tuple(map(float, frames[0][1])))
+    assert (started.id, started.caught_up) == (1, 0)
+    assert tracker.start(*frames[0]) == manager.targets[0].estimate
     states = []
     for image in images:
-        scene.update(image, 0.04)
+        manager.update(Frame(image), 0.04)
         estimate = tracker.update(image)
-        assert estimate == scene.targets[number].estimate
+        (target,) = manager.targets
+        assert (target.id, target.estimate) == (1, estimate)
         states.append(estimate.state)
     assert {*states} == {"tracking", "occluded"}
 
@@ -467,18 +474,32 @@ def test_refused_parameters_change_nothing():
         ("proposal.method", "transition"),
     ],
 )
-def test_a_read_only_parameter_changes_only_without_a_target(name, value):
+def test_what_describes_a_target_otherwise_learns_it_again_where_it_was_seen(name, value):
     tracker = Tracker.from_preset("default")
     tracker.start(*frame(100, 100))
-    before = tracker.parameters
-    with pytest.raises(ParameterError, match=f"'{name}' can't change .*; stop first"):
-        tracker.set_parameters({name: value})
-    assert tracker.parameters == before
-    tracker.stop()
+    before = tracker.update(frame(102, 100)[0])
     tracker.set_parameters({name: value})
     assert tracker.parameters[name] == value
+    assert tracker.estimate.box == before.box
+    assert tracker.estimate.state == "tracking"
+    told = tracker.update(frame(104, 100)[0])
+    assert told.state == "tracking"
+    assert overlap(told.box, frame(104, 100)[1]) > 0.6
+    # It is as if it had been started there, with the random numbers that come next.
+    assert len(tracker._manager.targets) == 1
+
+
+def test_a_copy_learns_no_target_again_before_it_has_seen_it():
+    """It carries no image that shows it."""
+    tracker = Tracker.from_preset("default")
     tracker.start(*frame(100, 100))
-    assert overlap(tracker.update(frame(102, 100)[0]).box, frame(102, 100)[1]) > 0.6
+    twin = copy.copy(tracker)
+    with pytest.raises(ParameterError, match="no frame that is still kept shows it; stop it first"):
+        twin.set_parameters({"working_size": 60})
+    assert twin.parameters == tracker.parameters
+    twin.update(frame(102, 100)[0])
+    twin.set_parameters({"working_size": 60})
+    assert overlap(twin.update(frame(104, 100)[0]).box, frame(104, 100)[1]) > 0.6
 
 
 def test_motion_noise_changes_while_tracking():
@@ -517,3 +538,55 @@ def test_an_image_that_is_reused_by_the_caller_does_no_harm():
 def test_the_name_of_a_preset_is_no_set_of_parameters():
     with pytest.raises(TypeError, match=r"parameters is 'default'; .* Tracker\.from_preset"):
         Tracker("default")
+
+
+def test_a_copied_tracker_does_not_carry_its_images():
+    image = np.random.default_rng(0).integers(0, 256, (1000, 1000, 3), dtype=np.uint8)
+    tracker = Tracker.from_preset("default", seed=5)
+    tracker.start(image, (400.0, 400.0, 40.0, 40.0))
+    tracker.update(image)
+    for copied in (copy.copy(tracker), copy.deepcopy(tracker), pickle.loads(pickle.dumps(tracker))):
+        assert len(pickle.dumps(copied)) < image.nbytes / 3
+
+
+# Sensors that drift
+
+
+def test_a_target_is_held_while_the_sensor_drifts_beyond_the_first_range(moving_square):
+    gray = 7000 + 4 * moving_square.images[0].mean(axis=2)
+    first_range = gray_range(gray.astype(np.uint16))
+    tracker = Tracker.from_preset("zhang2015")
+    tracker.start(gray.astype(np.uint16), moving_square.boxes[0])
+    for drift in range(0, 1200, 2):
+        estimate = tracker.update((gray + drift).astype(np.uint16), 0.5)
+    assert gray.min() + drift > first_range[1]
+    assert estimate.state == "tracking"
+    assert estimate.box == pytest.approx(moving_square.boxes[0], abs=10)
+
+
+def sixteen_bit(image):
+    return image.mean(axis=2).astype(np.uint16) * 30 + 7000
+
+
+@pytest.mark.parametrize("kind", ["color", "sixteen bit", "reduced"])
+@every_preset
+def test_a_frame_that_has_gone_by_is_let_go_at_once(preset, kind, couple):
+    """Its image is large, and the garbage collector does not see how large."""
+    images = couple.images[:6]
+    if kind == "sixteen bit":
+        images = [sixteen_bit(image) for image in images]
+    if kind == "reduced":
+        images = [np.repeat(np.repeat(image, 4, 0), 4, 1) for image in images]
+    box = tuple(4.0 * side for side in couple.first[0]) if kind == "reduced" else couple.first[0]
+    tracker = Tracker.from_preset(preset)
+    tracker.start(images[0], box)
+    seen = []
+    gc.collect()
+    gc.disable()
+    try:
+        for image in images[1:]:
+            tracker.update(image)
+            seen.append(weakref.ref(tracker._manager.last_frame))
+        assert sum(one() is not None for one in seen) == 1
+    finally:
+        gc.enable()

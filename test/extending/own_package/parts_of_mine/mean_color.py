@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.appearances import APPEARANCES, Appearance, Descriptor
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.tiles import Part
 from pf_tracker_ros.parameters import declared
-from pf_tracker_ros.appearances import APPEARANCES, Appearance, Descriptor
 
 
 # The full name is `appearance.mean_color.scale`.
