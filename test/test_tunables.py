@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros import Tracker
+from pf_tracker_ros import Detections, MultiTracker, Tracker
 from pf_tracker_ros.parameters import ParameterError, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
@@ -22,6 +22,15 @@ BESIDE = {
     ("li2007", "proposal.method"): {"motion.model": "affine"},
     # A single cue has all of the power.
     ("zhang2015", "hog.power"): {"cues": ("hog", "color_histogram")},
+}
+
+# What counts where a detector finds targets, and another value of it.
+OF_DETECTIONS = {
+    "max_targets": 1,
+    "track.remember": 0.0,
+    "detector.labels": ("square",),
+    "detector.score_above": 0.8,
+    "detector.recall": 0.1,
 }
 
 
@@ -102,11 +111,34 @@ def test_the_scene_has_it_all(scene, preset):
         (preset, name)
         for preset in PRESETS
         for name, one in KNOWN.items()
-        if one.counts(preset_parameters(preset))
+        if one.counts(preset_parameters(preset)) and name not in OF_DETECTIONS
     ],
 )
 def test_a_tunable_makes_a_difference(makes_a_difference, preset, name):
     assert makes_a_difference(preset, KNOWN[name], BESIDE.get((preset, name), {}))
+
+
+def told_of_detections(scene, preset, parameters):
+    """Ids and boxes frame by frame: the square, and what the detector does not find for a while."""
+    pytest.importorskip("scipy")
+    tracker = MultiTracker.from_preset(preset, 0, {"max_targets": 4, **parameters})
+    told = []
+    for index, image in enumerate(scene):
+        x, y = (20 + 2 * index, 30 + index) if index < GONE.stop else (2 * index - 102, 70)
+        found = [] if index in GONE else [((x, y, 24, 24), 0.95, "square")]
+        if index not in range(15, 36):
+            found.append(((20, 84, 24, 24), 0.6, "other"))
+        seen = Detections(*zip(*found, strict=True)) if found else Detections([])
+        answer = tracker.update(image, INTERVAL, seen if index % 3 == 0 else None)
+        told.append([(target.id, target.estimate.box) for target in answer])
+    return told
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_tunable_of_detections_makes_a_difference(scene, preset):
+    usual = told_of_detections(scene, preset, {})
+    for name, value in OF_DETECTIONS.items():
+        assert told_of_detections(scene, preset, {name: value}) != usual, name
 
 
 @pytest.mark.parametrize(("preset", "name"), BESIDE)
