@@ -113,8 +113,7 @@ class Moment:
             seen_as = self._seen_as.with_image(self._seen_as.image)
             since = seen_as.camera_motion
             seen_as.camera_motion = motion if since is None else since @ motion
-            is_reduced = isinstance(kept, ReducedFrame)
-            kept = replace(kept, seen_as=seen_as) if is_reduced else seen_as
+            kept = replace(kept, seen_as=seen_as) if isinstance(kept, ReducedFrame) else seen_as
         interval = dropped.interval + self.interval
         return replace(self, kept=kept, interval=interval, before=dropped.before)
 
