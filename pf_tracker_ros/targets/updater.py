@@ -281,8 +281,9 @@ class Updater:
     def _doubt(self, life: Life, before: Life, rivals: NDArray[np.float64]) -> Life:
         """A target that may be another one by now, without its course moved, and not told as seen.
 
-        It is doubted from when it jumps to what was seen beside it, or is on what looks like it,
-        until it is where its course leads.
+        It is doubted from when it jumps to what was seen beside it, and the filter does not know
+        that as something else, or from when it is on what looks like it. That ends where its course
+        leads, and once it is lost: where it is found again is where it is.
 
         Args:
             life: In this frame.
