@@ -66,6 +66,8 @@ _SIZE_EVERY = 2
 _LEARN_EVERY = 0.4
 # Seconds without a detector's answer after which the image tells the sizes again.
 _SILENT_AFTER = 2.0
+# A target that overlaps what looks like it by more than this may be that. It is itself again within
+# so many squared standard deviations of its course.
 _ON_RIVAL, _DOUBT_GATE = 0.3, 6.0
 # Seconds without a detector's answer after which there is none.
 _ON_THEIR_OWN_AFTER = 10.0
