@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues import Match
 from pf_tracker_ros.cues.fusion import Templates
-from pf_tracker_ros.tracking.confidence import Confidence
 from pf_tracker_ros.tracking.judge import Judge
+from pf_tracker_ros.tracking.judgment import Confidence
 from pf_tracker_ros.tracking.target import Target
 
 # It only speaks against the target, and hardly ever does; it was set by hand.

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.frames.gray_range import range_of, sample, to_8_bit
+from pf_tracker_ros.frames.exposure import range_of, sample, to_8_bit
 from pf_tracker_ros.tracking.estimate import Estimate
 
 if TYPE_CHECKING:

@@ -29,11 +29,15 @@ from pf_tracker_ros.messages import (
 )
 from pf_tracker_ros.overlay import draw_tracked, target_color, target_text
 from pf_tracker_ros.targets.session import estimate_of
-from pf_tracker_ros.targets.statuses import common_values, severity, state_of, target_values
-from pf_tracker_ros.targets.tracked_target import TrackedTarget
-from pf_tracker_ros.tracking.estimate import Estimate
+from pf_tracker_ros.targets.tracked_target import (
+    TrackedTarget,
+    common_values,
+    severity,
+    state_of,
+    target_values,
+)
+from pf_tracker_ros.tracking.estimate import DESCRIPTIONS, Estimate
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
-from pf_tracker_ros.tracking.state_descriptions import DESCRIPTIONS
 
 _LINE_WIDTH = 2.0
 # The class of a target that nobody has called anything.

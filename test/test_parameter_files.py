@@ -82,7 +82,8 @@ def test_every_value_of_a_preset_comes_back(file, preset):
         for name, value in values.items()
     ]
     text = "/**:\n  ros__parameters:\n" + "\n".join(lines).replace("True", "true")
-    assert read_parameter_file(file(text.replace("False", "false"))).parameters == values
+    settings = read_parameter_file(file(text.replace("False", "false")))
+    assert settings.parameters == values
     assert values.keys() <= declarations(TrackerParameters).keys()
 
 

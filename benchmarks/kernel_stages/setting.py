@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.frames import Frame, Region
-from pf_tracker_ros.frames.gray_range import gray_range
+from pf_tracker_ros.frames.exposure import gray_range
 
 SIZES = ((320, 240), (768, 576), (1920, 1080))
 SIDES = (20, 40, 80, 120, 200)

@@ -20,8 +20,8 @@ from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.cues.correlation_filter import response, spectra_of, train
 from pf_tracker_ros.cues.features import FEATURES
 from pf_tracker_ros.frames import Foreground
-from pf_tracker_ros.frames.gray_range import gray_range, to_8_bit
-from pf_tracker_ros.frames.windows import read_window
+from pf_tracker_ros.frames.exposure import gray_range, to_8_bit
+from pf_tracker_ros.frames.region import read_window
 from pf_tracker_ros.tracking.presets import PRESETS
 
 # As the correlation response of `default` looks at a target.

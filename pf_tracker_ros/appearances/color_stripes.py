@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.appearances.appearance import APPEARANCES, Appearance, Descriptor
 from pf_tracker_ros.boxes import BoxesByAxis, overlaps
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.frames.tiles import Part
+from pf_tracker_ros.frames.frame import Part
 
 # From top to bottom: clothes differ along a body, whatever its pose.
 _STRIPES = 4

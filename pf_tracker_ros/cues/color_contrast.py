@@ -20,8 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxGrid
-from pf_tracker_ros.cues.cue import CUES, CueParameters, Match, SearchableCue, declared_keep
-from pf_tracker_ros.cues.integral_image import sums, sums_on_grid
+from pf_tracker_ros.cues.cue import (
+    CUES,
+    CueParameters,
+    Match,
+    SearchableCue,
+    declared_keep,
+    sums,
+    sums_on_grid,
+)
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
 

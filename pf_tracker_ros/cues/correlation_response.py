@@ -20,25 +20,23 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxGrid
 from pf_tracker_ros.cues.correlation_filter import (
-    response,
-    response_at_center,
-    spectra_of,
-    train,
-)
-from pf_tracker_ros.cues.cue import CUES, CueParameters, Match, Prospect, SearchableCue
-from pf_tracker_ros.cues.features import FEATURES
-from pf_tracker_ros.cues.response_map import (
     SMALLEST_RESPONSE,
     Answers,
+    Spectrum,
     Windows,
     deviation_of,
     mean_of,
     peak_near,
+    response,
+    response_at_center,
+    spectra_of,
     standing_out,
+    train,
 )
-from pf_tracker_ros.cues.square_transform import Spectrum
+from pf_tracker_ros.cues.cue import CUES, CueParameters, Match, Prospect, SearchableCue
+from pf_tracker_ros.cues.features import FEATURES
 from pf_tracker_ros.frames import Frame, Region
-from pf_tracker_ros.frames.windows import read_window
+from pf_tracker_ros.frames.region import read_window
 from pf_tracker_ros.parameters import declared, parts
 
 Value = TypeVar("Value", bound=np.generic)
@@ -386,3 +384,38 @@ def _of_the_best(
 
 def _reference(trained: Spectrum, seen: Spectrum) -> float:
     return max(response_at_center(trained, seen), SMALLEST_RESPONSE)
+
+
+@dataclass(frozen=True)
+class CoarseCorrelationResponseParameters(CorrelationResponseParameters):
+    """The coarse correlation response cue."""
+
+    window: float = declared(
+        2.5,
+        "Side of the square window around the target that the filter is trained in; a larger one "
+        "sees faster targets, and more of what is not the target.",
+        unit="box sizes",
+        minimum=2.0,
+        maximum=8.0,
+        read_only=True,
+    )
+
+
+@CUES.register("coarse_correlation_response", CoarseCorrelationResponseParameters)
+class CoarseCorrelationResponse(CorrelationResponse):
+    """The correlation response in fewer, larger cells, and in sizes further apart.
+
+    Args:
+        parameters: Features, window and sharpness.
+        cells: Along each side of the window, even.
+        settling_frames: As for `CorrelationResponse`.
+    """
+
+    def __init__(
+        self,
+        parameters: CoarseCorrelationResponseParameters,
+        *,
+        cells: int = 24,
+        settling_frames: int = 1,
+    ) -> None:
+        super().__init__(parameters, cells=cells, size_span=1.1, settling_frames=settling_frames)

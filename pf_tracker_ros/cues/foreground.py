@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxGrid
-from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, declared_power
-from pf_tracker_ros.cues.integral_image import sums, sums_on_grid
+from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, declared_power, sums, sums_on_grid
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.parameters import declared
 

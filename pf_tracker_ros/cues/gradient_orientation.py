@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.cues.correlation_filter import ONE_THREAD
 from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, Match, declared_keep, declared_power
-from pf_tracker_ros.cues.matrix_product import ONE_THREAD
 from pf_tracker_ros.cues.repeats import WORTHWHILE, distinct
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, Match, declared_keep
 from pf_tracker_ros.frames import Region
-from pf_tracker_ros.frames.differences import all_gradients
+from pf_tracker_ros.frames.region import all_gradients
 from pf_tracker_ros.parameters import declared
 
 # Cells along each side of a block, and in it; neighboring blocks share half of theirs.

@@ -3,8 +3,8 @@
 from pf_tracker_ros.filter.affine_motion import AffineMotion
 from pf_tracker_ros.filter.foresight import KalmanForesight
 from pf_tracker_ros.filter.gaussian import DegenerateError, Gaussian
-from pf_tracker_ros.filter.limits import LONGEST_PREDICTION
 from pf_tracker_ros.filter.motion import (
+    LONGEST_PREDICTION,
     MOTION_MODELS,
     ForeseenMotion,
     MotionModel,

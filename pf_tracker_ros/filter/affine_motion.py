@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.filter.foresight import SMALLEST_SPREAD, KalmanForesight, LinearStep
 from pf_tracker_ros.filter.gaussian import Gaussian
-from pf_tracker_ros.filter.limits import MODEL_STEP, SMALLEST_SIDE, model_steps
 from pf_tracker_ros.filter.motion import (
+    MODEL_STEP,
     MOTION_MODELS,
     PRIOR_POSITION,
+    SMALLEST_SIDE,
     declared_position_noise,
     declared_size_noise,
     declared_velocity_noise,
+    model_steps,
 )
 from pf_tracker_ros.filter.proposals import Transition, propose_from_transition
 from pf_tracker_ros.parameters import declared

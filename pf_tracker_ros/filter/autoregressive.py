@@ -10,19 +10,17 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.filter.foresight import SMALLEST_SPREAD, KalmanForesight, LinearStep
 from pf_tracker_ros.filter.gaussian import Gaussian
-from pf_tracker_ros.filter.limits import (
-    MODEL_STEP,
-    limit_centers,
-    limit_sizes,
-    model_steps,
-)
 from pf_tracker_ros.filter.motion import (
+    MODEL_STEP,
     MOTION_MODELS,
     PRIOR_POSITION,
     PRIOR_VELOCITY,
     declared_aspect_noise,
     declared_position_noise,
     declared_size_noise,
+    limit_centers,
+    limit_sizes,
+    model_steps,
 )
 from pf_tracker_ros.filter.proposals import Transition
 from pf_tracker_ros.parameters import declared

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.filter.foresight import SMALLEST_SPREAD
-from pf_tracker_ros.filter.limits import limit_centers, limit_sizes
 from pf_tracker_ros.filter.motion import (
     MOTION_MODELS,
     PRIOR_POSITION,
@@ -19,6 +18,8 @@ from pf_tracker_ros.filter.motion import (
     declared_position_noise,
     declared_size_noise,
     declared_velocity_noise,
+    limit_centers,
+    limit_sizes,
 )
 from pf_tracker_ros.filter.proposals import CenterPrior
 

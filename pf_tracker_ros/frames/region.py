@@ -2,6 +2,10 @@
 
 N particles overlap heavily, so pixels are turned into what a cue needs once a frame, and each
 particle then only reads. A map is computed when a cue first asks for it.
+
+Gradients of 8-bit gray levels are read from tables of the differences of a pixel's neighbors, which
+is faster than working them out, and exact on the borders between two directions. Windows are parts
+of a frame, brought to a number of pixels whatever their size.
 """
 
 from __future__ import annotations
@@ -15,9 +19,80 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.frames.differences import NO_GRADIENT, all_gradients, paired_differences
-from pf_tracker_ros.frames.frame import Frame
-from pf_tracker_ros.frames.tiles import Part
+from pf_tracker_ros.frames.frame import Frame, Part
+
+_LARGEST = 255
+_VALUES = 2 * _LARGEST + 1
+NO_GRADIENT = _LARGEST * _VALUES + _LARGEST
+"""The number of two differences of 0."""
+# The gradient of the smallest possible window. All such numbers are exact in single precision.
+_KERNEL = np.array([[0, -_VALUES, 0], [-1, 0, 1], [0, _VALUES, 0]], dtype=np.float32)
+
+
+def paired_differences(gray: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """(H, W) whole numbers for (H, W) gray levels, the rows of tables over `all_gradients`.
+
+    That of a pixel is (down + 255) * 511 + right + 255, with the differences of its neighbors below
+    and above, and of those to the right and to the left, both from -255 to 255.
+    """
+    return cv2.filter2D(gray, cv2.CV_32F, _KERNEL, delta=NO_GRADIENT)
+
+
+def all_gradients() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(511 * 511,) magnitudes, gray levels, and angles, -pi to pi, of any two differences."""
+    values = np.arange(-_LARGEST, _LARGEST + 1)
+    magnitudes = np.hypot(values[:, None], values[None])
+    angles = np.arctan2(values[:, None], values[None])
+    return magnitudes.ravel(), angles.ravel()
+
+
+# How many image pixels one pixel of a window may stand for before they are averaged first.
+_UNREDUCED = 1.75
+
+
+def read_window(
+    frame: Frame, center: NDArray[np.float64], side: float, pixels: int, gray: bool = False
+) -> NDArray[np.uint8]:
+    """A square part of a frame, with as many pixels as asked for.
+
+    Where that is fewer than the image has, the image's are averaged, not skipped.
+
+    Args:
+        frame: To look at.
+        center: (2,) x and y of the middle, image pixels; may be outside the image.
+        side: Image pixels.
+        pixels: Along each side of the window.
+        gray: Whether colors are of no interest.
+
+    Returns:
+        (pixels, pixels, 3) or (pixels, pixels); what is outside repeats the image's border.
+    """
+    reduction = max(int(side / pixels + 2.0 - _UNREDUCED), 1)
+    # From here on in pixels of the reduced view.
+    center, side = center / reduction, side / reduction
+    (left, right), (top, bottom) = (
+        _inside(middle - side / 2, middle + side / 2, -(-length // reduction))
+        for middle, length in zip(center, frame.size, strict=True)
+    )
+    crop = frame.view(Part(top, bottom, left, right), reduction)
+    if gray and crop.ndim == 3:
+        crop = cv2.cvtColor(crop, cv2.COLOR_BGR2GRAY)
+    step = side / pixels
+    first = center - side / 2 + step / 2 - (left, top) - 0.5
+    return cv2.warpAffine(
+        crop,
+        np.array([[step, 0.0, first[0]], [0.0, step, first[1]]]),
+        (pixels, pixels),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+
+
+def _inside(start: float, end: float, length: int) -> tuple[int, int]:
+    """The whole pixels from before the start to behind the end, at least one, inside a length."""
+    first = min(max(math.floor(start) - 1, 0), length - 1)
+    return first, max(min(math.ceil(end) + 1, length), first + 1)
+
 
 Map = TypeVar("Map")
 Value = TypeVar("Value", bound=np.generic)

@@ -8,9 +8,9 @@ from pathlib import Path
 from pf_tracker_ros.footage.bag_writing import BagWriter
 from pf_tracker_ros.messages import STATUS_TYPE, Status, status_message
 from pf_tracker_ros.recordings.tracking import TrackedFrame
-from pf_tracker_ros.targets.statuses import description
+from pf_tracker_ros.targets.tracked_target import description
 from pf_tracker_ros.topics import OUTPUTS, Values
-from pf_tracker_ros.tracking.state_descriptions import SEVERITIES
+from pf_tracker_ros.tracking.estimate import SEVERITIES
 
 NODE = "/pf_tracker"
 _STATUS = f"{NODE}/status"

@@ -1,18 +1,18 @@
-"""What a detector says of a frame."""
+"""What a detector says of a frame, and how its messages say it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.appearances import Appearance, Descriptor
-from pf_tracker_ros.boxes import overlaps
+from pf_tracker_ros.boxes import Box, box_around_turned, overlaps
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.plurals import counted
 
@@ -213,3 +213,45 @@ def _floats(values: ArrayLike, name: str) -> NDArray[np.float64]:
     if array.dtype.kind not in "iuf" and array.size > 0:
         raise ValueError(f"{name} are {values!r:.100}; expected numbers")
     return np.array(array, dtype=np.float64) if array.size else np.zeros(array.shape)
+
+
+# Bytes of a message: a thousand detections, each of which becomes objects of Python.
+_LARGEST = 500_000
+
+
+def check_length(octets: bytes) -> None:
+    """Refuse a serialized message that would take too long to read.
+
+    Raises:
+        ValueError: It is longer than about a thousand detections.
+    """
+    if len(octets) > _LARGEST:
+        raise ValueError(
+            f"the message has {len(octets)} bytes; allowed: up to {_LARGEST}, about a "
+            "thousand detections; let the detector leave out those with low scores"
+        )
+
+
+def detections_of(message: Any) -> Detections:
+    """The detections of a vision_msgs Detection2DArray.
+
+    The label and the score are those of the hypothesis with the best score; without one there is no
+    label, and the score is 1. A box that is turned counts as its upright outline.
+    """
+    boxes, scores, labels = [], [], []
+    for detection in message.detections:
+        boxes.append(outline_of(detection.bbox))
+        best = max(
+            (one.hypothesis for one in detection.results), key=lambda one: one.score, default=None
+        )
+        scores.append(1.0 if best is None else best.score)
+        labels.append("" if best is None else best.class_id)
+    return Detections(boxes, scores, labels)
+
+
+def outline_of(box: Any) -> Box:
+    """The box around a vision_msgs BoundingBox2D, which may be turned."""
+    center = box.center
+    return box_around_turned(
+        (center.position.x, center.position.y), (box.size_x, box.size_y), center.theta
+    )

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from pf_tracker_ros.appearances import Appearance
 from pf_tracker_ros.boxes import are_at, as_box
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.associator import CENTER_SPREAD
+from pf_tracker_ros.targets.association import CENTER_SPREAD
 from pf_tracker_ros.targets.course import Course
-from pf_tracker_ros.targets.crowd import Crowd
-from pf_tracker_ros.targets.life import Life
+from pf_tracker_ros.targets.tracks import Crowd, Life
 from pf_tracker_ros.tracking.follower import Follower
 
 # Every how many frames it is the turn of a target, and how many places are looked at then.

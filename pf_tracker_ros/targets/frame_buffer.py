@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.detections import Sighting
-from pf_tracker_ros.targets.life import Life
+from pf_tracker_ros.targets.tracks import Crowd, Life
 
 # How long an operator may take to draw a target, with some reserve for the way there and back.
 _REACH = NANOSECONDS * 11 // 5
@@ -113,10 +112,7 @@ class Moment:
             seen_as = self._seen_as.with_image(self._seen_as.image)
             since = seen_as.camera_motion
             seen_as.camera_motion = motion if since is None else since @ motion
-            if isinstance(kept, ReducedFrame):
-                kept = replace(kept, seen_as=seen_as)
-            else:
-                kept = seen_as
+            kept = replace(kept, seen_as=seen_as) if isinstance(kept, ReducedFrame) else seen_as
         interval = dropped.interval + self.interval
         return replace(self, kept=kept, interval=interval, before=dropped.before)
 

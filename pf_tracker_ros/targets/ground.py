@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxesByAxis
-from pf_tracker_ros.targets.life import Life
+from pf_tracker_ros.targets.tracks import Life
 
 # Fewer targets of a kind say nothing of the ground.
 _LEAST_TARGETS = 3

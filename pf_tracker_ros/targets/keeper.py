@@ -7,15 +7,12 @@ from dataclasses import replace
 
 from pf_tracker_ros.appearances import build_appearance
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.associator import Associator
-from pf_tracker_ros.targets.crossings import tell_apart
-from pf_tracker_ros.targets.crowd import Crowd
-from pf_tracker_ros.targets.deleter import Deleter
+from pf_tracker_ros.targets.association import Associator, Recognizer, tell_apart
 from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.finder import Finder
-from pf_tracker_ros.targets.initiator import Initiator
-from pf_tracker_ros.targets.recognizer import Recognizer
+from pf_tracker_ros.targets.lifecycle import Deleter, Initiator
 from pf_tracker_ros.targets.rivals import Rivals
+from pf_tracker_ros.targets.tracks import Crowd
 from pf_tracker_ros.targets.updater import Updater
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.parameters import TrackerParameters

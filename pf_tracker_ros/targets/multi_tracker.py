@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.assignment import check_installed
+from pf_tracker_ros.targets.association import check_installed
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.out_of_sequence import StampedDetections
 from pf_tracker_ros.targets.track_manager import NOMINAL_INTERVAL, TrackManager

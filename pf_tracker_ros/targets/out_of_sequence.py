@@ -18,11 +18,10 @@ import numpy as np
 from pf_tracker_ros.boxes import overlaps
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.detections import DOUBLED_ABOVE, Detections, Sighting
 from pf_tracker_ros.targets.frame_buffer import FrameBuffer, Moment
 from pf_tracker_ros.targets.keeper import CrowdKeeper
-from pf_tracker_ros.targets.life import Life
+from pf_tracker_ros.targets.tracks import Crowd, Life
 
 # How late a detection may be, in nanoseconds.
 _LATEST = 2 * NANOSECONDS

@@ -13,8 +13,7 @@ from pf_tracker_ros.appearances import Appearance
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declarations
-from pf_tracker_ros.targets.crowd import Crowd
-from pf_tracker_ros.targets.life import Key, Life
+from pf_tracker_ros.targets.tracks import Crowd, Key, Life
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.scaling import box_within, scaled_box, scaled_to

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import as_box, is_cut, overlaps
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.associator import CENTER_SPREAD
+from pf_tracker_ros.targets.association import CENTER_SPREAD
 from pf_tracker_ros.targets.course import Course
-from pf_tracker_ros.targets.crowd import Crowd
-from pf_tracker_ros.targets.initiator import Initiator
-from pf_tracker_ros.targets.life import Glimpse, Key, Life
+from pf_tracker_ros.targets.lifecycle import Initiator
+from pf_tracker_ros.targets.tracks import Crowd, Glimpse, Key, Life
 from pf_tracker_ros.tracking.steering import Steering
 
 # Seconds for which it is seen, so that it is no flicker, and how far it may be from where it was

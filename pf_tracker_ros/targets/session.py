@@ -17,14 +17,12 @@ from typing import Any, Literal
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import build
-from pf_tracker_ros.targets.assignment import check_installed
+from pf_tracker_ros.targets.association import check_installed
 from pf_tracker_ros.targets.detections import Detections
-from pf_tracker_ros.targets.drawn import Drawn
 from pf_tracker_ros.targets.frame_buffer import FrameBuffer
-from pf_tracker_ros.targets.image_kind import ImageKind, ended_for_others
+from pf_tracker_ros.targets.requests import Drawn, ImageKind, WaitingAnswers, ended_for_others
 from pf_tracker_ros.targets.track_manager import NotKeptError, Started, TrackManager
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
-from pf_tracker_ros.targets.waiting_answers import WaitingAnswers
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.frame_clock import FrameClock, TimePolicy, is_due
 from pf_tracker_ros.tracking.input_checks import check_box, check_image

@@ -20,13 +20,10 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import ParameterError, flatten
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.detections import Detections, Sighting, sightings, usable
 from pf_tracker_ros.targets.frame_buffer import FrameBuffer, Moment, thinned
-from pf_tracker_ros.targets.initiator import is_on
 from pf_tracker_ros.targets.keeper import CrowdKeeper
-from pf_tracker_ros.targets.life import Key, Life
-from pf_tracker_ros.targets.names import Names
+from pf_tracker_ros.targets.lifecycle import is_on
 from pf_tracker_ros.targets.out_of_sequence import (
     StampedDetections,
     insert_late,
@@ -42,6 +39,7 @@ from pf_tracker_ros.targets.relearning import (
     resized,
 )
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
+from pf_tracker_ros.targets.tracks import Crowd, Key, Life, Names
 from pf_tracker_ros.tracking.camera import Camera
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.input_checks import check_box, check_seed

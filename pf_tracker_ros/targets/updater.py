@@ -23,11 +23,11 @@ from pf_tracker_ros.boxes import (
     sides_apart,
 )
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.associator import CENTER_SPREAD
+from pf_tracker_ros.targets.association import CENTER_SPREAD
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.ground import Ground, grounds_of
-from pf_tracker_ros.targets.life import Life
+from pf_tracker_ros.targets.tracks import Life
 from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.measurement import Evidence, Expectation
 from pf_tracker_ros.tracking.target import Target
@@ -281,8 +281,9 @@ class Updater:
     def _doubt(self, life: Life, before: Life, rivals: NDArray[np.float64]) -> Life:
         """A target that may be another one by now, without its course moved, and not told as seen.
 
-        It is doubted from when it jumps to what was seen beside it, or is on what looks like it,
-        until it is where its course leads.
+        It is doubted from when it jumps to what was seen beside it, and the filter does not know
+        that as something else, or from when it is on what looks like it. That ends where its course
+        leads, and once it is lost: where it is found again is where it is.
 
         Args:
             life: In this frame.

@@ -13,8 +13,7 @@ from pf_tracker_ros.background import BackgroundModel
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Foreground, Frame
 from pf_tracker_ros.frames.ego_motion import EgoMotion
-from pf_tracker_ros.frames.gain_control import GainControl
-from pf_tracker_ros.frames.light import UNCHANGED
+from pf_tracker_ros.frames.exposure import UNCHANGED, GainControl
 
 # Which child of the seed the background model draws from.
 _BACKGROUND_KEY = 0

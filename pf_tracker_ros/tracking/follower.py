@@ -15,14 +15,12 @@ from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.cues.fusion import Templates
 from pf_tracker_ros.filter import KalmanForesight, ParticleSet, build_resampler
-from pf_tracker_ros.filter.randomness import Randomness
+from pf_tracker_ros.filter.particles import Randomness
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.beginning import Beginning
-from pf_tracker_ros.tracking.confidence import Confidence
-from pf_tracker_ros.tracking.estimate import TrackState
+from pf_tracker_ros.tracking.estimate import Track, TrackState
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
 from pf_tracker_ros.tracking.judge import Judge
-from pf_tracker_ros.tracking.judgment import Judgment
+from pf_tracker_ros.tracking.judgment import Confidence, Judgment
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap, map_likelihood
 from pf_tracker_ros.tracking.measurement import (
     Evidence,
@@ -35,9 +33,8 @@ from pf_tracker_ros.tracking.parameter_checks import check_proposal
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.prediction import KalmanPredictor, Prediction, Predictor
 from pf_tracker_ros.tracking.redetection import Found, Redetector
-from pf_tracker_ros.tracking.steering import Steering
+from pf_tracker_ros.tracking.steering import Beginning, Steering
 from pf_tracker_ros.tracking.target import BeforeJump, Target
-from pf_tracker_ros.tracking.track_state import Track
 
 # Seconds after which light that has jumped is there to stay.
 _LASTS = 2.0

@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from pf_tracker_ros.boxes import are_at, as_box, sides_apart
-from pf_tracker_ros.tracking.beginning import Beginning
-from pf_tracker_ros.tracking.confidence import Confidence
+from pf_tracker_ros.tracking.estimate import Track, TrackThresholds
 from pf_tracker_ros.tracking.hiding import WhileHidden
-from pf_tracker_ros.tracking.judgment import Judgment
+from pf_tracker_ros.tracking.judgment import Confidence, Judgment
 from pf_tracker_ros.tracking.measurement import Measurement
 from pf_tracker_ros.tracking.redetection import Found, Redetector
+from pf_tracker_ros.tracking.steering import Beginning
 from pf_tracker_ros.tracking.target import Target
-from pf_tracker_ros.tracking.track_state import Track, TrackThresholds
 
 # Confidence that a frame alone must give for anything to be learned of it, however the cues' own
 # similarity is.

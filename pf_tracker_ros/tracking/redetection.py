@@ -14,8 +14,7 @@ from pf_tracker_ros.boxes import Box, are_at, as_box, sides_apart
 from pf_tracker_ros.cues import CueFusion
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declared
-from pf_tracker_ros.tracking.confidence import Confidence
-from pf_tracker_ros.tracking.judgment import Judgment
+from pf_tracker_ros.tracking.judgment import Confidence, Judgment
 from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 from pf_tracker_ros.tracking.target import Target
 

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.cues.fusion import Distraction, Templates
 from pf_tracker_ros.filter import KalmanForesight, MotionModel, ParticleSet
-from pf_tracker_ros.filter.randomness import Randomness
-from pf_tracker_ros.tracking.estimate import Estimate
-from pf_tracker_ros.tracking.track_state import Track
+from pf_tracker_ros.filter.particles import Randomness
+from pf_tracker_ros.tracking.estimate import Estimate, Track
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pf_tracker_ros.parameters import declared
+from pf_tracker_ros.tracking.estimate import TrackThresholds
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
-from pf_tracker_ros.tracking.track_state import TrackThresholds
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,10 @@ import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues.correlation_response import (
-    CorrelationResponse,
-    CorrelationResponseParameters,
-)
-from pf_tracker_ros.cues.correlation_response_coarse import (
     CoarseCorrelationResponse,
     CoarseCorrelationResponseParameters,
+    CorrelationResponse,
+    CorrelationResponseParameters,
 )
 from pf_tracker_ros.cues.cue import Prospect
 from pf_tracker_ros.cues.features.gradients_and_colors import GradientsAndColors

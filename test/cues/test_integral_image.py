@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros.cues.integral_image import sums, sums_on_grid
+from pf_tracker_ros.cues.cue import sums, sums_on_grid
 
 DRAW = np.random.default_rng(5)
 PIXELS = DRAW.integers(0, 256, (40, 60)).astype(np.uint8)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pf_tracker_ros.cues.matrix_product import product
+from pf_tracker_ros.cues.correlation_filter import product
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pf_tracker_ros.cues.square_transform import SquareTransform, invert, transform
+from pf_tracker_ros.cues.correlation_filter import SquareTransform, invert, transform
 
 
 def squares(n, *many):

@@ -9,7 +9,7 @@ from pf_tracker_ros.filter.constant_velocity import (
     ConstantVelocityAndSizeParameters,
     ConstantVelocityParameters,
 )
-from pf_tracker_ros.filter.limits import SMALLEST_SIDE
+from pf_tracker_ros.filter.motion import SMALLEST_SIDE
 
 BOX = (100.0, 50.0, 40.0, 10.0)
 BOX_SIZE = 20.0

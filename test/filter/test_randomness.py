@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 
-from pf_tracker_ros.filter.randomness import Randomness
+from pf_tracker_ros.filter.particles import Randomness
 
 SEEDS = [0, 7, 2**40]
 

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from pf_tracker_ros.frames import Foreground, Frame, Region
 from pf_tracker_ros.frames import frame as frame_module
-from pf_tracker_ros.frames.gray_range import gray_range, to_8_bit
-from pf_tracker_ros.frames.tiles import Part
+from pf_tracker_ros.frames.exposure import gray_range, to_8_bit
+from pf_tracker_ros.frames.frame import Part
 
 # How far beyond a part more may be made, for others who look there.
 TILE = 32

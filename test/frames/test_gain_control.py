@@ -5,8 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from pf_tracker_ros.frames.gain_control import GainControl
-from pf_tracker_ros.frames.gray_range import gray_range, to_8_bit
+from pf_tracker_ros.frames.exposure import GainControl, gray_range, to_8_bit
 
 INTERVAL = 0.04
 SIZE = (60, 80)

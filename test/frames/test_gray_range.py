@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.frames.gain_control import GainControl
-from pf_tracker_ros.frames.gray_range import adapt_range, gray_range, sample, to_8_bit
+from pf_tracker_ros.frames.exposure import GainControl, adapt_range, gray_range, sample, to_8_bit
 
 
 def thermal(low, high, seed=0):

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.frames.light import Light, relit_levels
-from pf_tracker_ros.frames.tiles import Part
+from pf_tracker_ros.frames.exposure import Light, relit_levels
+from pf_tracker_ros.frames.frame import Part
 
 INTERVAL = 0.04
 SIZE = (120, 160)

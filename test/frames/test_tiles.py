@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pf_tracker_ros.frames.tiles import Part, TiledImage
+from pf_tracker_ros.frames.frame import Part, TiledImage
 
 SIDE = 16
 

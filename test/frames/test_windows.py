@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.frames.windows import read_window
+from pf_tracker_ros.frames.region import read_window
 
 
 @pytest.fixture

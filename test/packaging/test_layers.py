@@ -11,8 +11,8 @@ PACKAGE = "pf_tracker_ros"
 # Each may import what stands above it or beside it; docs/architecture.md tells what is in them.
 LAYERS = (
     {"parameters", "registry"},
-    {"boxes", "stamps", "plurals"},
-    {"ros_arguments", "signals", "opencv", "progress", "ros_domains"},
+    {"boxes", "stamps", "plurals", "messages"},
+    {"ros_arguments", "signals", "opencv", "progress", "ros_domains", "files", "command_lines"},
     {"filter"},
     {"background"},
     {"frames"},
@@ -23,6 +23,7 @@ LAYERS = (
     {"footage"},
     {"yaml_files", "node_parameters", "parameter_files"},
     {"decoding", "overlay"},
+    {"topics"},
     {"evaluation"},
     {"pages"},
     {"recordings"},

@@ -37,7 +37,7 @@ class Drawn:
         return Detections(boxes, np.full(len(boxes), 0.95), labels, age)
 
 
-def draw(paths, colors=None, textures=(10, 11, 12)):
+def draw_paths(paths, colors=None, textures=(10, 11, 12)):
     """Sprites of 24 x 40 px along paths of (frames, 2) centers, a later one in front."""
     ground = texture(1, HEIGHT, WIDTH, 100, 150)
     sprites = [
@@ -70,10 +70,15 @@ def draw(paths, colors=None, textures=(10, 11, 12)):
 
 
 @pytest.fixture(scope="session")
+def draw():
+    return draw_paths
+
+
+@pytest.fixture(scope="session")
 def walkers():
     """Three targets far from each other that walk for 30 frames."""
     steps = np.arange(30)
-    return draw(
+    return draw_paths(
         [
             np.stack([40 + 3 * steps, 50 + 0 * steps], 1),
             np.stack([280 - 3 * steps, 100 + 0 * steps], 1),
@@ -86,7 +91,7 @@ def walkers():
 def crossing():
     """Two targets that cross; the second is nearer and hides the first for some frames."""
     steps = np.arange(40)
-    return draw(
+    return draw_paths(
         [
             np.stack([60 + 4 * steps, 90 + 0 * steps], 1),
             np.stack([240 - 4 * steps, 100 + 0 * steps], 1),
@@ -98,7 +103,7 @@ def crossing():
 def passage():
     """One that passes behind another, who stands."""
     steps = np.arange(36)
-    return draw(
+    return draw_paths(
         [
             np.stack([60 + 4 * steps, 90 + 0 * steps], 1),
             np.stack([140 + 0 * steps, 96 + 0 * steps], 1),
@@ -126,7 +131,7 @@ def lookalikes():
             np.stack([start + speed * steps, 90 + 0 * steps], 1),
             np.stack([150 - of_other * (steps - 20), 94 + 0 * steps], 1),
         ]
-        return draw(ways, colors=[(20, 20, 230)] * 2, textures=(10, 10))
+        return draw_paths(ways, colors=[(20, 20, 230)] * 2, textures=(10, 10))
 
     return {"who stands": drawn(80, 4, 0), "who comes": drawn(110, 2, 2)}
 
@@ -136,7 +141,7 @@ def pair():
     """One that comes to stand behind another and stays there."""
     steps = np.arange(24)
     gap = np.maximum(40 - 5 * steps, 6)
-    return draw(
+    return draw_paths(
         [
             np.stack([160 - gap, 90 + 0 * steps], 1),
             np.stack([160 + 0 * steps, 94 + 0 * steps], 1),
@@ -150,7 +155,7 @@ def leaving_pair():
     steps = np.arange(50)
     x = 200 + 4 * steps
     behind = np.minimum(4 * steps, 32) - 40
-    return draw(
+    return draw_paths(
         [np.stack([x, 90 + 0 * steps], 1), np.stack([x + behind, 92 + 0 * steps], 1)],
         colors=[(20, 20, 230), (220, 60, 20)],
     )
@@ -162,7 +167,7 @@ def vanisher():
     steps = np.arange(70)
     stands = np.stack([160 + 0.0 * steps, 104 + 0 * steps], 1)
     stands[steps >= 8] = np.nan
-    return draw([stands, np.stack([300 - 4 * steps, 98 + 0 * steps], 1)])
+    return draw_paths([stands, np.stack([300 - 4 * steps, 98 + 0 * steps], 1)])
 
 
 @pytest.fixture(scope="session")
@@ -172,7 +177,7 @@ def leaver():
     x = np.where(steps < 30, 240 + 6 * steps, 240 + 6 * (54 - steps)).astype(float)
     path = np.stack([x, 90 + 0 * steps], 1)
     path[x > WIDTH + 4] = np.nan
-    return draw([path, np.stack([60 + 0 * steps, 120 + 0 * steps], 1)])
+    return draw_paths([path, np.stack([60 + 0 * steps, 120 + 0 * steps], 1)])
 
 
 @pytest.fixture(scope="session")
@@ -218,14 +223,14 @@ def returner():
     path = np.stack([60.0 + 0 * steps, 90.0 + 0 * steps], 1)
     path[(steps >= 10) & (steps < 40)] = np.nan
     path[steps >= 40] = (250.0, 120.0)
-    return draw([path])
+    return draw_paths([path])
 
 
 @pytest.fixture(scope="session")
 def jumper():
     """A target that stands, and from one frame to the next stands elsewhere."""
     steps = np.arange(60)
-    return draw([np.stack([np.where(steps < 12, 80.0, 150.0), 90.0 + 0 * steps], 1)])
+    return draw_paths([np.stack([np.where(steps < 12, 80.0, 150.0), 90.0 + 0 * steps], 1)])
 
 
 @pytest.fixture(scope="session")
@@ -233,7 +238,7 @@ def twins():
     """Two that look alike and stand far from each other."""
     steps = np.arange(70)
     places = [np.stack([x + 0 * steps, 90.0 + 0 * steps], 1) for x in (60.0, 250.0)]
-    return draw(places, colors=[(20, 20, 230)] * 2, textures=(10, 10))
+    return draw_paths(places, colors=[(20, 20, 230)] * 2, textures=(10, 10))
 
 
 @pytest.fixture

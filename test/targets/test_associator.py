@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.appearances.color_stripes import ColorStripes
-from pf_tracker_ros.targets.associator import Associator
+from pf_tracker_ros.targets.association import Associator
 from pf_tracker_ros.targets.detections import Sighting
 
 INTERVAL = 0.1

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections
-from pf_tracker_ros.targets.built_in_detectors import MotionDetector, PeopleDetector
-from pf_tracker_ros.targets.detecting import DetectingThread
+from pf_tracker_ros.targets.built_in_detectors import (
+    DetectingThread,
+    MotionDetector,
+    PeopleDetector,
+)
 
 SECOND = 1_000_000_000
 DEADLINE = 30.0

@@ -5,7 +5,7 @@ import pytest
 
 from pf_tracker_ros.appearances.color_stripes import ColorStripes
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.crossings import tell_apart
+from pf_tracker_ros.targets.association import tell_apart
 from pf_tracker_ros.targets.detections import sightings
 
 INTERVAL = 0.1

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.crowd import Crowd
 from pf_tracker_ros.targets.frame_buffer import FrameBuffer, Moment, ReducedFrame, thinned
+from pf_tracker_ros.targets.tracks import Crowd
 
 IMAGE = np.zeros((10, 100), np.uint8)
 # No whole number of tenths of a second.
@@ -19,7 +19,7 @@ FIRST = 1_234_567_890_123_456_789
 SHAPES = {"1080p": (1080, 1920, 3), "4K": (2160, 3840, 3)}
 
 
-def moment(image, stamp, *, interval=0.0, number=0, seen=None, motion=None):
+def moment(image, stamp, interval=0.0, number=0, *, seen=None, motion=None):
     frame = Frame(image, stamp)
     frame.camera_motion = motion
     return Moment(frame, interval, Crowd(frame=number), seen)
@@ -38,7 +38,7 @@ def filled(image, count, rate=30.0, *, frames=120, megabytes=64.0, seen=()):
     for index in range(count):
         stamps.append(FIRST + round(index * NANOSECONDS / rate))
         found = () if index in seen else None
-        buffer.add(moment(image.copy(), stamps[-1], 1.0 / rate, index, found))
+        buffer.add(moment(image.copy(), stamps[-1], 1.0 / rate, index, seen=found))
     return buffer, stamps
 
 
@@ -201,7 +201,7 @@ def test_whatever_the_images_and_bounds_the_newest_is_kept_and_the_bounds_hold(
 ):
     image = np.zeros(shape, np.uint8)
     megabytes = images_worth * image.nbytes / 1e6 * (1 + 1e-9)
-    buffer, stamps = filled(image, 160, rate, frames, megabytes, seen)
+    buffer, stamps = filled(image, 160, rate, frames=frames, megabytes=megabytes, seen=seen)
     assert buffer.stamps == sorted(set(buffer.stamps))
     assert buffer.stamps[-1] == stamps[-1]
     assert buffer.last.frame.image.nbytes == image.nbytes

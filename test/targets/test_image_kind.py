@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.drawn import Drawn
-from pf_tracker_ros.targets.image_kind import ImageKind, ended_for_others
+from pf_tracker_ros.targets.requests import Drawn, ImageKind, ended_for_others
 
 SECOND = 1_000_000_000
 COLOR = np.zeros((60, 80, 3), np.uint8)

@@ -7,7 +7,7 @@ import pytest
 
 from pf_tracker_ros import Detections, MultiTracker
 from pf_tracker_ros.background import BackgroundModel
-from pf_tracker_ros.frames.tiles import TiledImage
+from pf_tracker_ros.frames.frame import TiledImage
 from pf_tracker_ros.parameters import ParameterError
 
 INTERVAL = 0.1

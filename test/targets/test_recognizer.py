@@ -7,8 +7,8 @@ import pytest
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.appearances.color_stripes import ColorStripes
-from pf_tracker_ros.targets.crowd import Crowd
-from pf_tracker_ros.targets.recognizer import Recognizer
+from pf_tracker_ros.targets.association import Recognizer
+from pf_tracker_ros.targets.tracks import Crowd
 
 INTERVAL, EVERY = 0.1, 5
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pf_tracker_ros import Detections
+from pf_tracker_ros import Detections, Tracker
 from pf_tracker_ros.frames import Frame
 
 INTERVAL = 0.1
@@ -144,3 +144,48 @@ def test_targets_drawn_on_one_frame_gone_by_bring_no_rival_twice(
         keys = [life.key for life in tracker._manager._crowd.lives]
         assert len(set(keys)) == len(keys)
         tracker.update(footage.images[number], INTERVAL, footage.detections(number))
+
+
+# A single target
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("other", ["who stands", "who comes"])
+def test_a_single_target_passes_its_like_and_is_not_told_where_that_is(
+    lookalikes, iou, other, seed
+):
+    drawn, tracker = lookalikes[other], Tracker.from_preset("default", seed)
+    tracker.start(drawn.images[0], drawn.boxes[0][0])
+    told = [tracker.update(image, INTERVAL) for image in drawn.images[1:]]
+    for estimate, (own, others) in zip(told, drawn.boxes[1:], strict=True):
+        assert estimate.state != "tracking" or iou(estimate.box, own) >= iou(estimate.box, others)
+    assert (told[-1].state, len(tracker._manager.targets)) == ("tracking", 1)
+    assert iou(told[-1].box, drawn.boxes[-1][0]) > 0.6
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_single_target_that_sits_on_its_like_is_told_as_occluded(draw, iou, seed):
+    """It is gone where the two cross, and the other one goes on."""
+    steps = np.arange(50)
+    own = np.stack([60.0 + 3 * steps, 90.0 + 0 * steps], 1)
+    own[steps > 28] = np.nan
+    other = np.stack([230 - 3 * steps, 92 + 0 * steps], 1)
+    drawn = draw([own, other], colors=[(20, 20, 230)] * 2, textures=(10, 10))
+    tracker, on_other = Tracker.from_preset("default", seed), 0
+    tracker.start(drawn.images[0], drawn.boxes[0][0])
+    for number, image in enumerate(drawn.images[1:], 1):
+        estimate = tracker.update(image, INTERVAL)
+        if number <= 20:
+            assert estimate.state == "tracking"
+        elif number > 28:
+            assert estimate.state == "occluded"
+            on_other += iou(estimate.box, drawn.boxes[number][1]) > 0.5
+    assert on_other > 10
+
+
+def test_without_a_search_nothing_is_followed_beside_a_single_target(passing):
+    tracker = Tracker.from_preset("li2007")
+    tracker.start(passing.images[0], passing.boxes[0][0])
+    for image in passing.images[1:]:
+        tracker.update(image, INTERVAL)
+        assert len(tracker._manager._crowd.lives) == 1

@@ -6,8 +6,8 @@ import pytest
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.targets.requests import MOST_ANSWERS
 from pf_tracker_ros.targets.session import Session
-from pf_tracker_ros.targets.waiting_answers import MOST_ANSWERS
 from pf_tracker_ros.tracking.frame_clock import TimePolicy
 from pf_tracker_ros.tracking.presets import preset_parameters
 

@@ -121,6 +121,24 @@ def test_a_withdrawn_target_is_not_started(session, images, box):
     assert session.process(Frame(images[0], START)).frame == "waiting"
 
 
+def test_a_frame_is_known_by_its_stamp_before_its_image_is(started, images):
+    """So that nobody decodes what is dropped; a target makes a duplicate worth looking at."""
+    stamp = START + SECOND
+    assert started.classify(stamp) == "next"
+    told = started.process(Frame(images[1], stamp), "next").estimate
+    for arrival, other in (("duplicate", stamp), ("late", stamp - SECOND // 2)):
+        assert started.classify(other) == arrival
+        dropped = started.drop(arrival)
+        assert (dropped.frame, dropped.estimate) == (arrival, told)
+        assert (dropped.started, dropped.refused, dropped.jumped_back) == ((), (), 0.0)
+    started.request((0.0, 0.0, 30.0, 30.0))
+    assert started.classify(stamp) == "again"
+    outcome = started.process(Frame(images[1], stamp), "again")
+    assert (outcome.frame, outcome.estimate.box) == ("started", (0.0, 0.0, 30.0, 30.0))
+    assert started.classify(stamp - 5 * SECOND) == "jump"
+    assert started.process(Frame(images[2], stamp - 5 * SECOND), "jump").jumped_back == 5.0
+
+
 def test_a_refused_target_leaves_the_last_one_tracked(started, images, box):
     started.request((1000.0, 0.0, 10.0, 10.0))
     outcome = started.process(Frame(images[1], START + 40_000_000))

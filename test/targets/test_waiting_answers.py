@@ -3,7 +3,7 @@
 import pytest
 
 from pf_tracker_ros import Detections
-from pf_tracker_ros.targets.waiting_answers import MOST_ANSWERS, WaitingAnswers
+from pf_tracker_ros.targets.requests import MOST_ANSWERS, WaitingAnswers
 
 SECOND = 1_000_000_000
 

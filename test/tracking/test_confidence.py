@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.cues import Match
-from pf_tracker_ros.filter.randomness import Randomness
+from pf_tracker_ros.filter.particles import Randomness
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.confidence import Confidence
+from pf_tracker_ros.tracking.judgment import Confidence
 from pf_tracker_ros.tracking.track_parameters import TrackParameters
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pf_tracker_ros.filter.randomness import Randomness
+from pf_tracker_ros.filter.particles import Randomness
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.frames.light import Light
+from pf_tracker_ros.frames.exposure import Light
 
 INTERVAL = 0.04
 

@@ -9,12 +9,12 @@ import pytest
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues import Match
 from pf_tracker_ros.filter import ParticleSet
-from pf_tracker_ros.filter.randomness import Randomness
+from pf_tracker_ros.filter.particles import Randomness
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.tracking.estimate import Track
 from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN, Coast, FollowLikeliest
 from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.measurement import Measurement
-from pf_tracker_ros.tracking.track_state import Track
 
 HIDDEN = (Track("occluded", 0.2), Track("lost", 3.0))
 

@@ -8,13 +8,13 @@ import pytest
 
 from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters
-from pf_tracker_ros.filter.randomness import Randomness
+from pf_tracker_ros.filter.particles import Randomness
 from pf_tracker_ros.frames import Foreground, Frame
+from pf_tracker_ros.tracking.estimate import Track
 from pf_tracker_ros.tracking.judgment import Judgment
 from pf_tracker_ros.tracking.measurement import Measurer, SearchingMeasurer
 from pf_tracker_ros.tracking.prediction import Prediction
 from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
-from pf_tracker_ros.tracking.track_state import Track
 
 INTERVAL = 0.04
 WORKING_SIZE = 40

@@ -7,11 +7,11 @@ import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.filter import LONGEST_PREDICTION, Gaussian, propose_from_prediction
+from pf_tracker_ros.filter.particles import Randomness
 from pf_tracker_ros.filter.proposals import ProposalParameters
-from pf_tracker_ros.filter.randomness import Randomness
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.tracking.estimate import Track
 from pf_tracker_ros.tracking.prediction import KalmanPredictor, Predictor
-from pf_tracker_ros.tracking.track_state import Track
 
 SIZE = (240, 160)
 INTERVAL = 0.08

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.filter.randomness import Randomness
+from pf_tracker_ros.filter.particles import Randomness
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.presets import PRESETS
 

@@ -1,6 +1,6 @@
 """The track's state over time."""
 
-from pf_tracker_ros.tracking.track_state import Track, TrackThresholds
+from pf_tracker_ros.tracking.estimate import Track, TrackThresholds
 
 THRESHOLDS = TrackThresholds(occluded_below=0.2, recovered_above=0.4, lost_after=1.0)
 

@@ -13,9 +13,9 @@ import pytest
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.filter import MOTION_MODELS
-from pf_tracker_ros.filter.randomness import Randomness
+from pf_tracker_ros.filter.particles import Randomness
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.frames.gray_range import gray_range
+from pf_tracker_ros.frames.exposure import gray_range
 from pf_tracker_ros.parameters import ParameterError, build
 from pf_tracker_ros.targets.track_manager import TrackManager
 from pf_tracker_ros.tracking.parameters import TrackerParameters

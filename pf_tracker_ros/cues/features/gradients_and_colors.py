@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.cues.correlation_filter import product
 from pf_tracker_ros.cues.features.features import FEATURES, Calibration
-from pf_tracker_ros.cues.matrix_product import product
-from pf_tracker_ros.frames.differences import all_gradients, paired_differences
+from pf_tracker_ros.frames.region import all_gradients, paired_differences
 
 _CELL_PIXELS = 4
 # Over 180 degrees; and the blocks of four cells that each cell is in.

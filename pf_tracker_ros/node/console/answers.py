@@ -16,7 +16,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from pf_tracker_ros.boxes import bounding_box
 from pf_tracker_ros.messages import PARTICLE_FIELDS
-from pf_tracker_ros.targets.detection_messages import outline_of
+from pf_tracker_ros.targets.detections import outline_of
 
 Json = dict[str, Any]
 

@@ -9,7 +9,7 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from pf_tracker_ros.decoding.decoder import ImageDecoder
 from pf_tracker_ros.decoding.image_decoding import ImageError
-from pf_tracker_ros.frames.gray_range import range_of, sample, to_8_bit
+from pf_tracker_ros.frames.exposure import range_of, sample, to_8_bit
 
 # Wider pictures show no more on a screen, and take their time on the way.
 _WIDEST = 1920

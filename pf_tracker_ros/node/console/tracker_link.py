@@ -19,6 +19,7 @@ from std_msgs.msg import UInt32
 from visualization_msgs.msg import MarkerArray
 
 from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.messages import box_message
 from pf_tracker_ros.node.console.answered_images import AnsweredImages
 from pf_tracker_ros.node.console.answers import (
     answer_of,
@@ -31,9 +32,9 @@ from pf_tracker_ros.node.console.answers import (
 )
 from pf_tracker_ros.node.console.tracker_services import TrackerError, TrackerServices
 from pf_tracker_ros.node.graph_watch import GraphWatch
-from pf_tracker_ros.node.message_building import box_message
+from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, advertise, subscribe
-from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
+from pf_tracker_ros.node.tracker.inputs import DETECTIONS_TYPE
 from pf_tracker_ros.stamps import set_stamp, stamp_of
 
 Receive = Callable[[str, int, Any], None]
@@ -127,7 +128,7 @@ class TrackerLink:
         Raises:
             TrackerError: Nobody takes targets.
         """
-        message = box_message(box, PolygonStamped().header)
+        message = box_message(new_message, PolygonStamped().header, box)
         set_stamp(message.header, stamp)
         self._send(self._targets, message)
 

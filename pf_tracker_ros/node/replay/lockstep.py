@@ -19,7 +19,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.node.message_building import box_message, box_of_polygon
+from pf_tracker_ros.messages import box_message
+from pf_tracker_ros.node.message_building import box_of_polygon
+from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
 from pf_tracker_ros.node.replay.replay_source import make_header
 from pf_tracker_ros.node.running import spinning
@@ -136,7 +138,7 @@ class _Listener(Node):
 
     def send(self, box: Box, stamp: int) -> None:
         """Send the target, and wait until the tracker has it."""
-        self._targets.publish(box_message(box, make_header(stamp, "camera")))
+        self._targets.publish(box_message(new_message, make_header(stamp, "camera"), box))
         if not self._targets.wait_for_all_acked(Duration(seconds=_MEETING_TIMEOUT)):
             raise LockstepError("the tracker did not take its target")
 

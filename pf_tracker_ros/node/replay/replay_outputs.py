@@ -12,8 +12,9 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CompressedImage
 
 from pf_tracker_ros.boxes import as_box
+from pf_tracker_ros.messages import box_message
 from pf_tracker_ros.node.image_topics import where_images_are_taken
-from pf_tracker_ros.node.message_building import box_message
+from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.replay.playback import Playback
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.node.replay.replay_source import ReplayItem, ReplaySource, make_header
@@ -96,7 +97,7 @@ class ReplayOutputs:
         target: PolygonStamped | bytes | None = item.ground_truth
         if box := self._parameters.target_box:
             header = make_header(item.stamp, self._parameters.frame_id)
-            target = box_message(as_box(box), header)
+            target = box_message(new_message, header, as_box(box))
         if target is None or self._targets is None:
             return False
         self._targets.publish(target)

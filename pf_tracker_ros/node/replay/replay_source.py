@@ -23,7 +23,8 @@ from pf_tracker_ros.footage import (
 )
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE
 from pf_tracker_ros.footage.cdr import read_compressed_image, read_image
-from pf_tracker_ros.node.message_building import box_message, image_message
+from pf_tracker_ros.messages import box_message, image_message
+from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.stamps import set_stamp
 
@@ -137,8 +138,8 @@ def _items_of_footage(footage: Footage, frame_id: str) -> Generator[ReplayItem, 
         ground_truth = None
         # A target that is absent from a frame has no box there.
         if boxes is not None and np.isfinite(boxes[index]).all():
-            ground_truth = box_message(as_box(boxes[index]), header)
-        image = image_message(frame.image, header)
+            ground_truth = box_message(new_message, header, as_box(boxes[index]))
+        image = image_message(new_message, header, frame.image)
         yield ReplayItem(frame.stamp, frame.stamp, image, ground_truth)
 
 

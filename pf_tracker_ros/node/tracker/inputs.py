@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -13,13 +14,19 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import UInt32
 
 from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.messages import DETECTIONS_TYPE as DETECTIONS_MESSAGE
 from pf_tracker_ros.node.message_building import box_of_polygon
+from pf_tracker_ros.node.messages import message_class
 from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, subscribe, take_waiting
-from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 from pf_tracker_ros.node.tracker.reporter import Throttle
 from pf_tracker_ros.stamps import stamp_of
-from pf_tracker_ros.targets.detection_messages import check_length, detections_of
+from pf_tracker_ros.targets.detections import check_length, detections_of
 from pf_tracker_ros.targets.session import Session
+
+# Not a dependency: a robot without it loses this topic alone.
+DETECTIONS_TYPE: Any = None
+with contextlib.suppress(ModuleNotFoundError):
+    DETECTIONS_TYPE = message_class(DETECTIONS_MESSAGE)
 
 DETECTIONS_TOPIC = "detections"
 NOT_INSTALLED = (

@@ -2,112 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection
 from functools import partial
-from typing import Any, NamedTuple
 
-from geometry_msgs.msg import PolygonStamped
-from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import Header
-from visualization_msgs.msg import MarkerArray
 
-from pf_tracker_ros.node.message_building import (
-    box_message,
-    boxes_message,
-    image_message,
-    likelihood_message,
-    particles_message,
-)
+from pf_tracker_ros.node.messages import message_class, new_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, advertise
-from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE, detections_message
 from pf_tracker_ros.node.tracker.drawing import DrawingThread
-from pf_tracker_ros.overlay import draw_tracked
-from pf_tracker_ros.targets.tracked_target import TrackedTarget
-from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
+from pf_tracker_ros.topics import OUTPUTS, FrameResult, Output
 
-
-class Looked(NamedTuple):
-    """A frame that was looked at, and what was made of it.
-
-    Attributes:
-        header: Of the image.
-        image: As for `Tracker.update`.
-        targets: All that there are.
-        selected: The target that a robot acts on, and that one topic is about; None without.
-        has_several: Whether there may be several targets.
-    """
-
-    header: Header
-    image: NDArray[Any]
-    targets: Sequence[TrackedTarget]
-    selected: TrackedTarget | None
-    has_several: bool
-
-    @property
-    def present(self) -> list[TrackedTarget]:
-        """The targets that are not lost."""
-        return [target for target in self.targets if target.estimate.state != "lost"]
-
-
-@dataclass(frozen=True)
-class Output:
-    """One topic.
-
-    Attributes:
-        topic: Its name.
-        type: Of its messages.
-        message: Makes the message of a frame; None where there is none to be published.
-    """
-
-    topic: str
-    type: Any
-    message: Callable[[Looked], Any]
-
-
-def _box(looked: Looked) -> PolygonStamped | None:
-    target = looked.selected
-    if target is None or target.estimate.state == "lost":
-        return None
-    return box_message(target.estimate.box, looked.header)
-
-
-def _particles(looked: Looked) -> PointCloud2 | None:
-    return particles_message(looked.targets, looked.header) if looked.targets else None
-
-
-def _overlay(looked: Looked) -> Image:
-    drawn = draw_tracked(looked.image, looked.targets, has_several=looked.has_several)
-    return image_message(drawn, looked.header)
-
-
-# What others act on, which goes out before the status, ...
-ACTED_ON = (
-    Output("~/box", PolygonStamped, _box),
-    Output("~/boxes", MarkerArray, lambda looked: boxes_message(looked.present, looked.header)),
-    *(
-        [
-            Output(
-                "~/detections",
-                DETECTIONS_TYPE,
-                lambda looked: detections_message(looked.present, looked.header),
-            )
-        ]
-        if DETECTIONS_TYPE
-        else []
-    ),
-)
-# ... and what people look at, which goes out after it.
-LOOKED_AT = (Output("~/particles", PointCloud2, _particles),)
+ACTED_ON = tuple(output.name for output in OUTPUTS if not output.is_for_people)
+# Made in a thread of its own: it takes as long as tracking does.
+_DRAWN = "overlay"
 
 
 class Outputs:
-    """The publishers of one configured node; closed, they are gone.
+    """The publishers of `OUTPUTS` of one configured node; closed, they are gone.
 
-    A message is made only where somebody listens.
+    A message is made only where somebody listens. Without vision_msgs, a robot loses the topic
+    `~/detections` alone.
 
     Args:
         node: The node that publishes.
@@ -116,40 +32,55 @@ class Outputs:
 
     def __init__(self, node: Node, report: Report) -> None:
         self._node = node
-        make = partial(advertise, node, profile=DEFAULT_QOS, report=report)
-        self._publishers: dict[str, Publisher] = {
-            output.topic: make(output.type, output.topic) for output in (*ACTED_ON, *LOOKED_AT)
-        }
-        self._overlay = make(Image, "~/overlay")
-        self._drawing = DrawingThread(self._overlay, report)
-        self._likelihood = make(Image, "~/likelihood")
+        self._publishers: dict[Output, Publisher] = {}
+        for output in OUTPUTS:
+            try:
+                message_type = message_class(output.message_type)
+            except ModuleNotFoundError:
+                continue
+            self._publishers[output] = advertise(
+                node, message_type, f"~/{output.name}", profile=DEFAULT_QOS, report=report
+            )
+        (drawn,) = (one for output, one in self._publishers.items() if output.name == _DRAWN)
+        self._drawing = DrawingThread(drawn, report)
 
-    def publish(self, looked: Looked, outputs: Sequence[Output] = ACTED_ON) -> None:
-        """Publish what there is to say of a frame on some topics."""
-        for output in outputs:
-            publisher = self._publishers[output.topic]
-            if publisher.get_subscription_count():
-                message = output.message(looked)
-                if message is not None:
-                    publisher.publish(message)
+    def wants(self, name: str) -> bool:
+        """Whether somebody listens to a topic."""
+        return any(output.name == name for output, _ in self._wanted())
 
-    def show(self, looked: Looked) -> None:
-        """Publish what people look at, particles and overlay."""
-        self.publish(looked, LOOKED_AT)
-        if self._overlay.get_subscription_count():
-            self._drawing.draw(partial(_overlay, looked))
+    def publish(
+        self, header: Header, result: FrameResult, names: Collection[str] = ACTED_ON
+    ) -> None:
+        """Publish some topics, by default what others act on.
 
-    @property
-    def wants_likelihood(self) -> bool:
-        """Whether somebody listens to the likelihood around the target."""
-        return bool(self._likelihood.get_subscription_count())
+        Args:
+            header: Of the image.
+            result: What is known after its frame.
+            names: Of the topics.
+        """
+        for output, publisher in self._wanted():
+            if output.name in names:
+                _publish(publisher, output, header, result)
 
-    def publish_likelihood(self, likelihood: LikelihoodMap, header: Header) -> None:
-        """Publish the likelihood around the target."""
-        self._likelihood.publish(likelihood_message(likelihood, header))
+    def show(self, header: Header, result: FrameResult) -> None:
+        """Publish what people look at; arguments as of `publish`."""
+        for output, publisher in self._wanted():
+            if output.name == _DRAWN:
+                self._drawing.draw(partial(output.build, new_message, header, result))
+            elif output.is_for_people:
+                _publish(publisher, output, header, result)
 
     def close(self) -> None:
         """Withdraw the topics."""
         self._drawing.close()
-        for publisher in (*self._publishers.values(), self._overlay, self._likelihood):
+        for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
+
+    def _wanted(self) -> list[tuple[Output, Publisher]]:
+        return [one for one in self._publishers.items() if one[1].get_subscription_count()]
+
+
+def _publish(publisher: Publisher, output: Output, header: Header, result: FrameResult) -> None:
+    message = output.build(new_message, header, result)
+    if message is not None:
+        publisher.publish(message)

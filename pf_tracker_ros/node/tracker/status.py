@@ -1,9 +1,20 @@
-"""The status of a frame: what is known of the targets, and what stands in the way."""
+"""The status of a frame: what is known of the targets, and what stands in the way.
+
+Frames that are answered but not looked at are counted, and the log has each new state soon.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from pf_tracker_ros.topics import FrameResult
+from pf_tracker_ros.tracking.estimate import Estimate
+
+if TYPE_CHECKING:
+    from pf_tracker_ros.targets.tracked_target import TrackedTarget
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
@@ -12,11 +23,161 @@ from std_msgs.msg import Header
 from pf_tracker_ros.node.message_building import fill_status
 from pf_tracker_ros.node.qos import LATCHED_QOS, Report, advertise
 from pf_tracker_ros.node.tracker.reporter import Reporter
-from pf_tracker_ros.node.tracker.skipped_frames import Skipped
 from pf_tracker_ros.stamps import parts
-from pf_tracker_ros.targets.statuses import description, severity, state_of, target_values
-from pf_tracker_ros.targets.tracked_target import TrackedTarget
-from pf_tracker_ros.tracking.state_descriptions import DESCRIPTIONS, SEVERITIES
+from pf_tracker_ros.targets.tracked_target import (
+    TrackedTarget,
+    description,
+    severity,
+    target_values,
+)
+from pf_tracker_ros.tracking.estimate import DESCRIPTIONS, SEVERITIES
+
+# What becomes of a frame that is not looked at.
+SKIPPED = ("refused", "duplicate", "late", "paused")
+
+# One frame may come twice or broken; so many seconds of such frames are told of.
+TOLD_AFTER = 1.0
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """The frames in a row, up to the last one, that were not looked at.
+
+    Attributes:
+        count: How many.
+        seconds: From the first of them to the last one, by arrival, in whole milliseconds.
+        cause: Of the last one: why, and what to do.
+        last_stamp: Of the last frame that was looked at, nanoseconds; 0 if it had none, or if there
+            was none.
+    """
+
+    count: int
+    seconds: float
+    cause: str
+    last_stamp: int
+
+    @property
+    def is_lasting(self) -> bool:
+        """Whether it has lasted for so long that people should know."""
+        return self.seconds >= TOLD_AFTER
+
+    @property
+    def described(self) -> str:
+        """The cause, and since when if that is long ago."""
+        if not self.is_lasting:
+            return self.cause
+        return f"{self.cause}; no frame has been looked at for {self.seconds:.1f} s"
+
+
+class SkippedFrames:
+    """Follows which frames are looked at; the log has one line when that ends, one when it goes on.
+
+    A pause is none of its business there, as whoever asked for it is told; and the log has the
+    error of a frame that is refused.
+
+    Args:
+        logger: Of the node.
+    """
+
+    def __init__(self, logger: Any) -> None:
+        self._logger = logger
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin again, as after an activation."""
+        self.last: Skipped | None = None
+        self._began = 0.0
+        self._last_stamp = 0
+        self._is_logged = False
+
+    def look_at(self, stamp: int) -> None:
+        """Take a frame that was looked at.
+
+        Args:
+            stamp: Of its header, nanoseconds.
+        """
+        if self.last and self._is_logged:
+            self._logger.info(
+                f"frames are looked at again, after {self.last.count} in "
+                f"{time.monotonic() - self._began:.1f} s that were not"
+            )
+        self.last, self._is_logged, self._last_stamp = None, False, stamp
+
+    def skip(self, frame: str, cause: str) -> None:
+        """Take a frame that was not.
+
+        Args:
+            frame: What became of it, one of `SKIPPED`.
+            cause: Why, and what to do.
+        """
+        now = time.monotonic()
+        if self.last is None:
+            self._began = now
+        count = self.last.count + 1 if self.last else 1
+        self.last = Skipped(count, round(now - self._began, 3), cause, self._last_stamp)
+        if self.last.is_lasting and not self._is_logged and frame != "paused":
+            self._is_logged = True
+            if frame != "refused":
+                self._logger.warning(self.last.described)
+
+
+# A target that flickers at the frame rate is told of once in so long, with the state it is then in.
+_INTERVAL = 1.0
+
+
+class StateLog:
+    """Logs changes of the selected target's state, the last of them always, within a second.
+
+    Another target counts as tracked before.
+
+    Args:
+        logger: Of the node.
+    """
+
+    def __init__(self, logger: Any) -> None:
+        self._logger = logger
+        self._id = 0
+        self._told = "tracking"
+        self._told_at = -_INTERVAL
+
+    def tell(self, id: int, estimate: Estimate) -> None:
+        """Log the state after a frame if it is another than the last one that was told.
+
+        Args:
+            id: Of the target.
+            estimate: What is known of it.
+        """
+        if id != self._id:
+            self._id, self._told = id, "tracking"
+        now = time.monotonic()
+        if estimate.state == self._told or now - self._told_at < _INTERVAL:
+            return
+        self._logger.info(f"{self._told} -> {estimate.state}, confidence {estimate.confidence:.2f}")
+        self._told, self._told_at = estimate.state, now
+
+
+class TargetsLog:
+    """Logs which targets there are, once they are others, the last of them within a second.
+
+    Args:
+        logger: Of the node.
+    """
+
+    def __init__(self, logger: Any) -> None:
+        self._logger = logger
+        self._told: tuple[int, ...] = ()
+        self._told_at = -_INTERVAL
+
+    def tell(self, targets: Sequence[TrackedTarget]) -> None:
+        """Log the targets after a frame if they are others than the last ones that were told."""
+        now = time.monotonic()
+        ids = tuple(target.id for target in targets)
+        if ids == self._told or now - self._told_at < _INTERVAL:
+            return
+        listed = ", ".join(f"{target.id} {target.label}".rstrip() for target in targets)
+        self._logger.info(f"targets: {listed or 'none'}")
+        self._told, self._told_at = ids, now
+
 
 PAUSED = "paused; the service ~/enable lets it go on"
 
@@ -27,40 +188,14 @@ def stamp_text(stamp: int) -> str:
     return f"{seconds}.{nanoseconds:09d}"
 
 
-StatusValues = Mapping[str, str | float | int]
-
-
-@dataclass(frozen=True)
-class Known:
-    """What is known after the last frame that was looked at.
-
-    Attributes:
-        targets: All that there are.
-        selected: Id of the target that a robot acts on, 0 without.
-        values: What is known of them together and of that one, key to value; of no frame but that.
-        of_frame: More of it for the status of that frame.
-        requested_stamp: Stamp of the frame that a requested target waits for, None or 0 without.
-    """
-
-    targets: Sequence[TrackedTarget] = ()
-    selected: int = 0
-    values: StatusValues = field(default_factory=dict)
-    of_frame: StatusValues = field(default_factory=dict)
-    requested_stamp: int | None = None
-
-    @property
-    def state(self) -> str:
-        """`idle`, or the state of the selected target, without one of that seen best."""
-        return state_of(self.targets, self.selected)
-
-
 @dataclass(frozen=True)
 class Status:
     """How the node is after a frame.
 
     Attributes:
         frame: What became of the frame, empty where it is not about one.
-        known: What is known after the last frame that was looked at.
+        result: What is known after the last frame that was looked at.
+        requested_stamp: Stamp of the frame that a requested target waits for, None or 0 without.
         skipped: The frames since, None if that is this one.
         obstacle: What keeps the node from tracking at all, or empty.
         enabled: Whether it looks at images.
@@ -69,7 +204,8 @@ class Status:
     """
 
     frame: str
-    known: Known
+    result: FrameResult
+    requested_stamp: int | None
     skipped: Skipped | None
     obstacle: str
     enabled: bool
@@ -84,7 +220,7 @@ class Status:
     @property
     def last_state(self) -> str:
         """`idle`, or the state of the track, in the last frame that was looked at."""
-        return self.known.state
+        return self.result.state
 
     @property
     def state(self) -> str:
@@ -110,10 +246,10 @@ class Status:
             return self.skipped.described
         if not self.enabled:
             return PAUSED
-        if self.known.requested_stamp:
-            stamp = stamp_text(self.known.requested_stamp)
+        if self.requested_stamp:
+            stamp = stamp_text(self.requested_stamp)
             return f"{self.state}; a target waits for an image stamped {stamp} s"
-        return description(self.known.targets, self.known.selected)
+        return description(self.result.targets, self.result.selected)
 
     @property
     def values(self) -> dict[str, str | float | int]:
@@ -127,15 +263,13 @@ class Status:
         if self.skipped and self.skipped.last_stamp:
             values["last_stamp"] = stamp_text(self.skipped.last_stamp)
         if not self.is_skipped:
-            values |= self.known.values
-        if self.frame:
-            values |= self.known.of_frame
+            values |= self.result.values
         return values
 
     @property
     def targets(self) -> Sequence[TrackedTarget]:
         """The targets one by one; none where the image was not looked at."""
-        return () if self.is_skipped else self.known.targets
+        return () if self.is_skipped else self.result.targets
 
 
 class StatusOutput:

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple, TypeVar
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
+from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage, Image
 
 from pf_tracker_ros.decoding.decoder import ImageDecoder
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.node.graph_watch import GraphWatch
 from pf_tracker_ros.node.managed_node import ManagedNode
-from pf_tracker_ros.node.message_building import likelihood_values
 from pf_tracker_ros.node.override_sources import files_superseded_by
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.parameter_group import Values
@@ -25,22 +25,33 @@ from pf_tracker_ros.node.parameter_requests import take_whole_requests
 from pf_tracker_ros.node.qos import given_overrides, is_overridden
 from pf_tracker_ros.node.real_time import RealTimePriority
 from pf_tracker_ros.node.running import run
-from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
 from pf_tracker_ros.node.tracker.diagnostics import Diagnostics, Health
 from pf_tracker_ros.node.tracker.image_input import RELIABILITY_CURE, ImageInput
-from pf_tracker_ros.node.tracker.inputs import DETECTIONS_TOPIC, NOT_INSTALLED, Inputs
-from pf_tracker_ros.node.tracker.outputs import Looked, Outputs
+from pf_tracker_ros.node.tracker.inputs import (
+    DETECTIONS_TOPIC,
+    DETECTIONS_TYPE,
+    NOT_INSTALLED,
+    Inputs,
+)
+from pf_tracker_ros.node.tracker.outputs import Outputs
 from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter, Throttle
 from pf_tracker_ros.node.tracker.services import Services
-from pf_tracker_ros.node.tracker.skipped_frames import SKIPPED, SkippedFrames
-from pf_tracker_ros.node.tracker.state_log import StateLog, TargetsLog
-from pf_tracker_ros.node.tracker.status import PAUSED, Known, Status, StatusOutput, stamp_text
+from pf_tracker_ros.node.tracker.status import (
+    PAUSED,
+    SKIPPED,
+    SkippedFrames,
+    StateLog,
+    Status,
+    StatusOutput,
+    TargetsLog,
+    stamp_text,
+)
 from pf_tracker_ros.node.tracker.tracking import Tracking
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.session import DROPPED, Outcome, Session
-from pf_tracker_ros.targets.statuses import common_values
+from pf_tracker_ros.topics import FrameResult
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PresetInForce, preset_parameters
 
@@ -72,7 +83,7 @@ class TrackerNode(ManagedNode):
         self._enabled = True
         self._has_target = False
         self._tracking = Tracking()
-        self._known = Known()
+        self._result = FrameResult()
         self._states, self._listed = StateLog(self._log), TargetsLog(self._log)
         self._throttle = Throttle()
         self._status: StatusOutput | None = None
@@ -176,7 +187,7 @@ class TrackerNode(ManagedNode):
                 taken.close()
         self._offered = self._status = self._outputs = None
         self._tracking.forget()
-        self._known = Known()
+        self._result = FrameResult()
         self._obstacle = ""
         self._enabled = True
 
@@ -252,7 +263,7 @@ class TrackerNode(ManagedNode):
     def _stop(self) -> str:
         self._has_target = False
         outcome = self._tracking.stop()
-        self._known = self._what_is_known()
+        self._result = self._known()
         self._listed.tell(())
         return self._told(outcome)
 
@@ -286,8 +297,10 @@ class TrackerNode(ManagedNode):
             status = self._current_status(frame)
             self._status.publish(message.header, status, self._reporter, elapsed)
             self._has_target = status.last_state != "idle"
-        if self._outputs and result.looked:
-            self._try(partial(self._outputs.show, result.looked))
+        if self._outputs and result.known and frame not in SKIPPED:
+            self._try(partial(self._outputs.show, message.header, result.known))
+        # What was only of this frame.
+        self._result = replace(self._result, image=None, likelihood=None)
         self._diagnostics.count(frame, stamp, time.perf_counter() - began)
 
     def _try(self, step: Callable[[], Given]) -> Given | None:
@@ -321,30 +334,32 @@ class TrackerNode(ManagedNode):
         frame = Frame(self._decoder.decode(message), stamp)
         outcome = session.process(frame, arrival)
         self._tracking.offer(frame.image, stamp, jumped_back=bool(outcome.jumped_back))
-        self._known = self._what_is_known()
+        result = self._known(frame.image)
         for error in (*outcome.refused, *outcome.ended, *self._throttle.pick(outcome.left_out)):
             self._reporter.report(error)
         self._log_progress(outcome)
-        looked = None
         # A duplicate that a target could have started on says nothing new.
         if self._outputs and outcome.frame not in SKIPPED:
-            selected = next((one for one in outcome.targets if one.id == outcome.selected), None)
-            several = _has_several(self._values) or len(outcome.targets) > 1
-            looked = Looked(message.header, frame.image, outcome.targets, selected, several)
-            self._outputs.publish(looked)
-            likelihood = session.map_likelihood() if self._outputs.wants_likelihood else None
-            if likelihood:
-                self._outputs.publish_likelihood(likelihood, message.header)
-                self._known = replace(self._known, of_frame=likelihood_values(likelihood))
-        return _Result(outcome.frame, looked)
+            self._outputs.publish(message.header, result)
+            if self._outputs.wants("likelihood"):
+                result = replace(result, likelihood=session.map_likelihood())
+                self._outputs.publish(message.header, result, ("likelihood",))
+        self._result = result
+        return _Result(outcome.frame, result)
 
-    def _what_is_known(self) -> Known:
+    def _known(self, image: NDArray[Any] | None = None) -> FrameResult:
+        """What is known after a frame that was looked at, of which there may be the image."""
         session = self._tracking.session
         if session is None:
-            return Known()
-        targets, selected = session.targets, session.selected
-        values = common_values(targets, selected, session.heard, session.estimate)
-        return Known(targets, selected, values)
+            return FrameResult()
+        targets = session.targets
+        return FrameResult(
+            targets=targets,
+            selected=session.selected,
+            max_targets=max(self._values["max_targets"], len(targets)),
+            heard=session.heard,
+            image=image,
+        )
 
     def _log_progress(self, outcome: Outcome) -> None:
         """Log which targets there are, and how the selected one is."""
@@ -399,21 +414,17 @@ class TrackerNode(ManagedNode):
         )
 
     def _current_status(self, frame: str) -> Status:
+        session = self._tracking.session
         return Status(
             frame=frame,
-            known=self._known_now(frame),
+            result=self._result,
+            requested_stamp=session.requested_stamp if session else None,
             skipped=self._skipped.last,
             obstacle=self._obstacle,
             enabled=self._enabled,
             preset=self._summary,
             lost_share=self._diagnostics.lost_share,
         )
-
-    def _known_now(self, frame: str) -> Known:
-        """What is known, with what was requested since; of another frame, less of that one."""
-        session = self._tracking.session
-        known = self._known if frame not in SKIPPED else replace(self._known, of_frame={})
-        return replace(known, requested_stamp=session.requested_stamp if session else None)
 
     def _health(self) -> Health:
         status = self._current_status("")
@@ -458,11 +469,11 @@ class _Result(NamedTuple):
 
     Attributes:
         frame: As in the status.
-        looked: The frame where it was looked at; None where it was not, or nobody could be shown.
+        known: What is known after it; None where it was not looked at.
     """
 
     frame: str
-    looked: Looked | None = None
+    known: FrameResult | None = None
 
 
 def _has_several(values: Values) -> bool:

@@ -9,8 +9,7 @@ from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import build, declarations
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.built_in_detectors import DETECTORS, Detector
-from pf_tracker_ros.targets.detecting import DetectingThread
+from pf_tracker_ros.targets.built_in_detectors import DETECTORS, DetectingThread, Detector
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.frame_clock import TimePolicy
 from pf_tracker_ros.tracking.parameters import TrackerParameters

@@ -9,8 +9,7 @@ from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.recordings.detections.hearing import Answer, Hearing
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame
-from pf_tracker_ros.targets.built_in_detectors import DETECTORS
-from pf_tracker_ros.targets.detecting import DetectingThread
+from pf_tracker_ros.targets.built_in_detectors import DETECTORS, DetectingThread
 from pf_tracker_ros.targets.session import DROPPED, Outcome
 
 _FINDS = {

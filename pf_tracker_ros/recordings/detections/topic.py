@@ -12,7 +12,7 @@ from pf_tracker_ros.messages import DETECTIONS_TYPE
 from pf_tracker_ros.recordings.detections.hearing import Answer, Hearing
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_DETECTIONS, RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame
-from pf_tracker_ros.targets.detection_messages import check_length, detections_of
+from pf_tracker_ros.targets.detections import check_length, detections_of
 
 
 class DetectionTopic(Hearing):

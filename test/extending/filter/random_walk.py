@@ -17,8 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.filter.limits import limit_centers
-from pf_tracker_ros.filter.motion import MOTION_MODELS, PRIOR_POSITION, declared_position_noise
+from pf_tracker_ros.filter.motion import (
+    MOTION_MODELS,
+    PRIOR_POSITION,
+    declared_position_noise,
+    limit_centers,
+)
 from pf_tracker_ros.parameters import declared
 
 

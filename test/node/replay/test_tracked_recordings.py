@@ -9,7 +9,7 @@ import pytest
 from pf_tracker_ros.footage import write_footage
 from pf_tracker_ros.footage.opening import open_footage
 from pf_tracker_ros.recordings.__main__ import main
-from pf_tracker_ros.tracking.state_descriptions import DESCRIPTIONS
+from pf_tracker_ros.tracking.estimate import DESCRIPTIONS
 
 DEADLINE = 240.0
 # What depends on the moment, not on the recording.

@@ -11,7 +11,7 @@ from std_msgs.msg import UInt32
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.node.tracker import inputs, tracker_node
-from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
+from pf_tracker_ros.node.tracker.inputs import DETECTIONS_TYPE
 
 FRAMES = 16
 

@@ -9,7 +9,7 @@ import pytest
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.node.tracker import tracking
-from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
+from pf_tracker_ros.node.tracker.inputs import DETECTIONS_TYPE
 from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 

@@ -1,17 +1,15 @@
-"""Targets as vision_msgs detections."""
+"""Detections of vision_msgs, as a detector says them and as the node does."""
 
 import math
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovariance
 from std_msgs.msg import Header
 
-from pf_tracker_ros import Estimate, TrackedTarget
-from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE, detections_message
-from pf_tracker_ros.targets.detection_messages import detections_of
+from pf_tracker_ros.node.tracker.inputs import DETECTIONS_TYPE
+from pf_tracker_ros.targets.detections import detections_of
 
 
 # The definitions of vision_msgs 4, for machines without it: what is not in them cannot be set.
@@ -58,61 +56,6 @@ class Detection2D:
 class Detection2DArray:
     header: Header = field(default_factory=Header)
     detections: list = field(default_factory=list)
-
-
-DEFINITIONS = SimpleNamespace(
-    Detection2D=Detection2D,
-    Detection2DArray=Detection2DArray,
-    ObjectHypothesisWithPose=ObjectHypothesisWithPose,
-)
-
-
-@pytest.fixture
-def estimate():
-    return Estimate(
-        box=(10.0, 20.0, 30.0, 40.0),
-        state="tracking",
-        confidence=0.75,
-        covariance=np.array([[1.0, 2.0], [2.0, 5.0]]),
-        particles=np.zeros((1, 4)),
-        particle_boxes=np.zeros((1, 4)),
-        weights=np.ones(1),
-        effective_sample_size=1.0,
-        powers={"color_histogram": 0.75, "gradient_orientation": 0.25},
-    )
-
-
-def test_a_target_is_a_detection_with_its_id(estimate):
-    header = Header(frame_id="camera")
-    array = detections_message([TrackedTarget(3, "", estimate, 1.0, 0.5)], header, DEFINITIONS)
-    (detection,) = array.detections
-    assert array.header == detection.header == header
-    assert detection.id == "3"
-    center = detection.bbox.center.position
-    assert (center.x, center.y) == (25.0, 40.0)
-    assert (detection.bbox.size_x, detection.bbox.size_y) == (30.0, 40.0)
-    (result,) = detection.results
-    assert (result.hypothesis.class_id, result.hypothesis.score) == ("target", 0.75)
-    assert (result.pose.pose.position.x, result.pose.pose.position.y) == (25.0, 40.0)
-    covariance = np.reshape(result.pose.covariance, (6, 6))
-    assert covariance[:2, :2].tolist() == [[1.0, 2.0], [2.0, 5.0]]
-    assert covariance.sum() == 10.0
-
-
-def test_without_a_target_there_is_no_detection():
-    assert detections_message([], Header(), DEFINITIONS).detections == []
-
-
-def test_each_of_several_targets_has_its_id_and_label(estimate):
-    targets = [
-        TrackedTarget(3, "person", estimate, 1.0, 0.5),
-        TrackedTarget(7, "", estimate, 1.0, 0.5),
-    ]
-    array = detections_message(targets, Header(frame_id="camera"), DEFINITIONS)
-    assert [one.id for one in array.detections] == ["3", "7"]
-    assert [one.results[0].hypothesis.class_id for one in array.detections] == ["person", "target"]
-    (back, _) = detections_of(array).boxes.tolist()
-    assert tuple(back) == estimate.box
 
 
 def detection(box=(30.0, 40.0, 20.0, 10.0), theta=0.0, hypotheses=()):

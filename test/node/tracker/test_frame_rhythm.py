@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pf_tracker_ros.node.tracker.frame_rhythm import Rhythm, loss_message, rhythm
+from pf_tracker_ros.node.tracker.diagnostics import Rhythm, loss_message, rhythm
 
 START = 1_700_000_000_000_000_000
 

@@ -14,11 +14,11 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from pf_tracker_ros import MultiTracker
+from pf_tracker_ros import MultiTracker, topics
 from pf_tracker_ros.node.tracker import outputs
+from pf_tracker_ros.topics import FrameResult
 
 DEADLINE = 60.0
-BUILDERS = ("box_message", "boxes_message", "particles_message", "draw_tracked")
 
 
 @dataclass
@@ -87,9 +87,9 @@ def one(speaker, images, box):
 
     def show(name):
         header = Header(frame_id=name)
-        looked = outputs.Looked(header, images[0], [target], target, has_several=False)
-        made.publish(looked)
-        made.show(looked)
+        result = FrameResult(targets=(target,), selected=target.id, image=images[0])
+        made.publish(header, result)
+        made.show(header, result)
 
     yield Speaker(made, show, errors)
     made.close()
@@ -107,45 +107,42 @@ def built(monkeypatch):
     """Names of what was built, in order."""
     names = []
 
-    def watch(name):
-        make = getattr(outputs, name)
+    def watch(output):
+        def build(*arguments):
+            names.append(output.name)
+            return output.build(*arguments)
 
-        def build(*arguments, **options):
-            names.append(name)
-            return make(*arguments, **options)
+        return output._replace(build=build)
 
-        monkeypatch.setattr(outputs, name, build)
-
-    for name in BUILDERS:
-        watch(name)
+    monkeypatch.setattr(outputs, "OUTPUTS", [watch(output) for output in topics.OUTPUTS])
     return names
 
 
-def test_nothing_is_built_for_nobody(one, built):
+def test_nothing_is_built_for_nobody(built, one):
     one.show("camera")
     assert built == []
 
 
-def test_whoever_listens_hears_the_boxes_alone(speaker, listener, one, built):
+def test_whoever_listens_hears_the_boxes_alone(built, speaker, listener, one):
     (publisher,) = (one for one in speaker.publishers if one.topic.endswith("boxes"))
     heard = listener.hear(publisher, MarkerArray)
     one.show("camera")
     listener.wait_for(lambda: heard)
-    assert built == ["boxes_message"]
+    assert built == ["boxes"]
 
 
 @pytest.fixture
 def slow(monkeypatch):
     """Lets pictures be drawn one by one: (begun, go on)."""
     begun, go_on = threading.Semaphore(0), threading.Semaphore(0)
-    draw = outputs.draw_tracked
+    draw = topics.draw_tracked
 
     def wait_and_draw(*arguments, **options):
         begun.release()
         assert go_on.acquire(timeout=5.0)
         return draw(*arguments, **options)
 
-    monkeypatch.setattr(outputs, "draw_tracked", wait_and_draw)
+    monkeypatch.setattr(topics, "draw_tracked", wait_and_draw)
     return begun, go_on
 
 
@@ -186,14 +183,14 @@ def test_what_waits_is_published_before_the_topic_goes(one, listener, overlays, 
 
 
 def test_an_overlay_that_fails_is_told_with_the_next_one(one, listener, overlays, monkeypatch):
-    draw, failed = outputs.draw_tracked, threading.Event()
+    draw, failed = topics.draw_tracked, threading.Event()
 
     def fail(*arguments, **options):
-        monkeypatch.setattr(outputs, "draw_tracked", draw)
+        monkeypatch.setattr(topics, "draw_tracked", draw)
         failed.set()
         raise ValueError("no ink")
 
-    monkeypatch.setattr(outputs, "draw_tracked", fail)
+    monkeypatch.setattr(topics, "draw_tracked", fail)
     one.show("failing")
     assert failed.wait(DEADLINE)
     one.show("next")

@@ -11,9 +11,9 @@ from visualization_msgs.msg import MarkerArray
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.node.tracker.detections import DETECTIONS_TYPE
+from pf_tracker_ros.node.tracker.inputs import DETECTIONS_TYPE
 from pf_tracker_ros.recordings.__main__ import main
-from pf_tracker_ros.targets import assignment
+from pf_tracker_ros.targets import association
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
 
@@ -322,7 +322,7 @@ def test_without_scipy_detections_are_refused_and_targets_tracked(
     client, detected, walkers, monkeypatch
 ):
     images, boxes = walkers
-    monkeypatch.setattr(assignment, "find_spec", lambda name: None)
+    monkeypatch.setattr(association, "find_spec", lambda name: None)
     detector, _ = detected()
     for box in boxes[0]:
         client.point_at(box)

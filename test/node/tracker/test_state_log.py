@@ -4,15 +4,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from pf_tracker_ros.node.tracker import state_log
-from pf_tracker_ros.node.tracker.state_log import StateLog
+from pf_tracker_ros.node.tracker import status
+from pf_tracker_ros.node.tracker.status import StateLog
 
 
 @pytest.fixture
 def log(monkeypatch):
     """A log of states with a clock that the test sets, and the lines that it wrote."""
     lines, clock = [], SimpleNamespace(now=100.0)
-    monkeypatch.setattr(state_log.time, "monotonic", lambda: clock.now)
+    monkeypatch.setattr(status.time, "monotonic", lambda: clock.now)
     states = StateLog(SimpleNamespace(info=lines.append))
 
     def tell(seconds, *names, id=1):

@@ -9,7 +9,7 @@ from visualization_msgs.msg import MarkerArray
 
 from pf_tracker_ros.recordings import open_recording
 from pf_tracker_ros.recordings.__main__ import main
-from pf_tracker_ros.targets.detecting import DetectingThread
+from pf_tracker_ros.targets.built_in_detectors import DetectingThread
 
 # As many as `track` follows at most by default.
 SEVERAL = {"max_targets": 32, "image_reliability": "reliable", "seed": 3}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import APPEARANCES, Appearance, Descriptor
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.frames.tiles import Part
+from pf_tracker_ros.frames.frame import Part
 from pf_tracker_ros.parameters import declared
 
 

@@ -1,8 +1,14 @@
-"""A target and its life: where it came from, what speaks for it, what it has been called."""
+"""Tracks: what is known of each target beside the filter, all of them after a frame, their ids.
+
+A track (`Life`) is a value: where it came from, what speaks for it, what it has been called. All of
+a frame are one value, too (`Crowd`), so that the past can be processed again. Ids count from 1 in
+the order in which targets are reported, and are never used again.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -10,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance, Descriptor
-from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.boxes import Box, overlaps
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.tracking.target import Target
@@ -191,3 +197,150 @@ class Life:
             varies=self.varies + rate * (differs - self.varies),
             views=views,
         )
+
+
+SAME_ABOVE = 0.5
+"""A target that a late detection has started is the one that was there before if they overlap by
+more than this."""
+
+
+@dataclass(frozen=True, eq=False)
+class Crowd:
+    """All targets after a frame, a value.
+
+    Attributes:
+        frame: Number of that frame.
+        lives: The targets that are followed, told or not.
+        gone: Those that have ended and are remembered.
+        idle_for: Seconds since the detector saw a frame.
+        rhythm: Seconds between the last two frames that it saw; infinite before the second.
+    """
+
+    frame: int = 0
+    lives: tuple[Life, ...] = ()
+    gone: tuple[Life, ...] = ()
+    idle_for: float = math.inf
+    rhythm: float = math.inf
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether a detector has ever said something."""
+        return self.idle_for < math.inf
+
+    @property
+    def boxes(self) -> list[Box]:
+        """Where the targets are, pixels."""
+        return [life.target.estimate.box for life in self.lives]
+
+    def carried(self, camera_motion: NDArray[np.float64]) -> Crowd:
+        """The same after the camera has moved, see `Life.carried`."""
+        return replace(
+            self,
+            lives=tuple(life.carried(camera_motion) for life in self.lives),
+            gone=tuple(life.carried(camera_motion) for life in self.gone),
+        )
+
+    def without(self, stopped: Life) -> Crowd:
+        """The same, without one of them, followed or gone.
+
+        Where a late detection has started another one in its place, without that.
+
+        Args:
+            stopped: As it was when it was to be forgotten.
+        """
+        everybody = (*self.lives, *self.gone)
+        key = stopped.key
+        if all(one.key != key for one in everybody):
+            key = _in_place_of(stopped, everybody)
+        return replace(
+            self,
+            lives=tuple(one for one in self.lives if one.key != key),
+            gone=tuple(one for one in self.gone if one.key != key),
+        )
+
+
+def _in_place_of(stopped: Life, others: Sequence[Life]) -> Key:
+    """The key of the target that a detector started where another one was; else that one's own."""
+    started = [one for one in others if not one.by_hand]
+    if not started:
+        return stopped.key
+    same = overlaps(stopped.box[None], np.array([one.box for one in started]))[0]
+    best = int(same.argmax())
+    return started[best].key if same[best] > SAME_ABOVE else stopped.key
+
+
+# Names of targets that are remembered beyond those that there are.
+_MOST_NAMES = 10_000
+
+
+class Names:
+    """Key of a target to its id."""
+
+    def __init__(self) -> None:
+        self._ids: dict[Key, int] = {}
+        self._last = 0
+
+    def __contains__(self, key: Key) -> bool:
+        return key in self._ids
+
+    def __getitem__(self, key: Key) -> int:
+        return self._ids[key]
+
+    def get(self, key: Key) -> int | None:
+        """The id of a target, None while it has none."""
+        return self._ids.get(key)
+
+    def name(self, life: Life) -> int:
+        """The id of a target, which gets one if it has none."""
+        if life.key not in self._ids:
+            self._last += 1
+            self._ids[life.key] = self._last
+        return self._ids[life.key]
+
+    def told(self, lives: Sequence[Life]) -> dict[int, Life]:
+        """Id to target, of those that are told."""
+        return {self._ids[life.key]: life for life in lives if life.is_told and life.key in self}
+
+    def next_by_hand(self, frame: int) -> Key:
+        """A key for a target that is asked for in a frame."""
+        before = sum(key.place < 0 and key.frame == frame for key in self._ids)
+        return Key(frame, -1 - before)
+
+    def hand_over(self, before: Sequence[Key], now: Key) -> None:
+        """Let a target be called as the first of some that it takes over, which are no more."""
+        names = [name for key in before if (name := self._ids.pop(key, None)) is not None]
+        if names:
+            self._ids[now] = names[0]
+
+    def pass_on(self, told: Mapping[int, Life], crowd: Crowd) -> None:
+        """Let targets that took the places of others, when those were worked out again, be them.
+
+        Args:
+            told: Id to target, as told before.
+            crowd: As worked out again.
+        """
+        there = {life.key for life in (*crowd.lives, *crowd.gone)}
+        lost = [(name, life) for name, life in told.items() if life.key not in there]
+        for life in crowd.lives:
+            if not lost or not life.is_told or life.key in self._ids:
+                continue
+            same = overlaps(life.box[None], np.array([one.box for _, one in lost]))[0]
+            best = int(same.argmax())
+            if same[best] > SAME_ABOVE:
+                name, before = lost.pop(best)
+                # Worked out once more, that one may be back, as another one.
+                del self._ids[before.key]
+                self._ids[life.key] = name
+
+    def forget(self, crowd: Crowd, oldest: int) -> None:
+        """Forget those that no frame can bring back.
+
+        Args:
+            crowd: All targets that there are.
+            oldest: Number of the oldest frame that may be worked out again.
+        """
+        if len(self._ids) > _MOST_NAMES:
+            there = {life.key for life in (*crowd.lives, *crowd.gone)}
+            self._ids = {
+                key: name for key, name in self._ids.items() if key in there or key.frame >= oldest
+            }
