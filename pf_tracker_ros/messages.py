@@ -27,9 +27,11 @@ DETECTIONS_TYPE = "vision_msgs/msg/Detection2DArray"
 STATUS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 
 PARTICLE_FIELDS = ("x", "y", "z", "width", "height", "weight")
-TEXT_HEIGHT = 16.0
-"""Of markers, pixels."""
+# Bytes of a sample to an encoding.
+_GRAY = {1: "mono8", 2: "mono16", 4: "32FC1"}
 _STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
+# Of markers, pixels.
+_TEXT_HEIGHT = 16.0
 _MARKER, _POINT = "visualization_msgs/msg/Marker", "geometry_msgs/msg/Point"
 # visualization_msgs/Marker and sensor_msgs/PointField have them so.
 _LINE_STRIP, _TEXT, _ADD, _DELETE_ALL = 4, 9, 0, 3
@@ -79,22 +81,16 @@ def image_message(new: New, header: Any, image: NDArray[Any]) -> Any:
         image: (H, W, 3) uint8 BGR, or (H, W) uint8, uint16 or float32.
     """
     pixels = np.ascontiguousarray(image, dtype=image.dtype.newbyteorder("<"))
+    encoding = "bgr8" if image.ndim == 3 else _GRAY[image.dtype.itemsize]
     return new(
         IMAGE_TYPE,
         header=header,
         height=image.shape[0],
         width=image.shape[1],
-        encoding=image_encoding(image),
+        encoding=encoding,
         step=pixels.strides[0],
         data=pixels.reshape(-1).view(np.uint8),
     )
-
-
-def image_encoding(image: NDArray[Any]) -> str:
-    """The encoding of sensor_msgs/Image for an array: `bgr8`, `mono8`, `mono16` or `32FC1`."""
-    if image.ndim == 3:
-        return "bgr8"
-    return {1: "mono8", 2: "mono16", 4: "32FC1"}[image.dtype.itemsize]
 
 
 def box_message(new: New, header: Any, box: Sequence[float]) -> Any:
@@ -133,7 +129,8 @@ def particles_message(
         ids: (N,) of the targets that they are of.
     """
     names = (*PARTICLE_FIELDS, "id")
-    columns = np.column_stack([particle_columns(boxes, weights), ids.astype(np.float32)])
+    centers, depths = boxes[:, :2] + boxes[:, 2:] / 2, np.zeros(len(boxes))
+    columns = np.column_stack([centers, depths, boxes[:, 2:], weights, ids]).astype(np.float32)
     size, step = columns.itemsize, columns.itemsize * len(names)
     return new(
         POINTS_TYPE,
@@ -150,17 +147,6 @@ def particles_message(
         data=columns.reshape(-1).view(np.uint8),
         is_dense=True,
     )
-
-
-def particle_columns(
-    boxes: NDArray[np.float64], weights: NDArray[np.float64]
-) -> NDArray[np.float32]:
-    """(N, 6) float32, a column for each of `PARTICLE_FIELDS`; z is 0. See `particles_message`."""
-    columns = np.zeros((len(boxes), len(PARTICLE_FIELDS)), dtype=np.float32)
-    columns[:, :2] = boxes[:, :2] + boxes[:, 2:] / 2
-    columns[:, 3:5] = boxes[:, 2:]
-    columns[:, 5] = weights
-    return columns
 
 
 def outlines_message(new: New, header: Any, outlines: Sequence[Outline]) -> Any:
@@ -194,8 +180,8 @@ def outlines_message(new: New, header: Any, outlines: Sequence[Outline]) -> Any:
         text = {
             "ns": "labels",
             "type": _TEXT,
-            "pose": pose(corners[0].x, corners[0].y - TEXT_HEIGHT / 2),
-            "scale": new("geometry_msgs/msg/Vector3", z=TEXT_HEIGHT),
+            "pose": pose(corners[0].x, corners[0].y - _TEXT_HEIGHT / 2),
+            "scale": new("geometry_msgs/msg/Vector3", z=_TEXT_HEIGHT),
             "text": outline.text,
         }
         markers += [new(_MARKER, **shared, **line), new(_MARKER, **shared, **text)]
