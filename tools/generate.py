@@ -76,9 +76,8 @@ def _parameter_tables() -> str:
         "## The node `pf_tracker`",
         "A wrong value at start-up keeps the node from tracking, not from running: the log and "
         "`~/status` say what is wrong, and it goes on as soon as every such parameter, also one "
-        "that is otherwise fixed, has been set rightly. A name that there is no more does the "
-        "same, until its new name or a preset is set; where it has none, start the node without "
-        "it.",
+        "that is otherwise fixed, has been set rightly. A name that there is not is told of, and "
+        "has no effect.",
         _table(_NODE),
         "## The tracker",
         "The same names in the node and in the library (`Tracker.from_preset`); one column for "

@@ -63,7 +63,7 @@ class ParameterBinding:
         values: Full name to checked value, in the declared type. What was refused at start-up has
             its default.
         refused: Full name to the reason, for each parameter that was given a wrong value at
-            start-up, or given by a name that it has no more, and has not been set rightly since.
+            start-up and has not been set rightly since.
 
     Args:
         node: The node that gets the parameters.
