@@ -106,8 +106,8 @@ class NodeParameters(TargetCountParameters):
         64.0,
         "Most memory for the images of these frames. Where those of 2.2 s need more, the newest "
         "are kept in full, and of the others ten a second, halved in size until they fit. An image "
-        "that needs more by itself is not kept. Several targets need about 0.1 MB a frame, "
-        "and as much for each target, beside them.",
+        "that needs more by itself is not kept. Beside them each frame needs about 0.1 MB for each "
+        "target.",
         unit="MB",
         minimum=0.0,
         maximum=100_000.0,

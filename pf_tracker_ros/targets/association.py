@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from importlib.util import find_spec
+from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +26,15 @@ def check_installed() -> None:
     """Make sure that there is SciPy, which is imported with the first detections.
 
     Raises:
-        ValueError: It is not installed; the message says how to get it.
+        ValueError: It cannot be imported; the message says why, and how to get it.
     """
-    if find_spec("scipy") is None:
+    try:
+        import_module("scipy.optimize")
+    except ImportError as error:
         raise ValueError(
-            "detections need SciPy: pip install scipy (with ROS from apt: apt install "
+            f"detections need SciPy ({error}): pip install scipy (with ROS from apt: apt install "
             "python3-scipy)"
-        )
+        ) from error
 
 
 def assign(costs: NDArray[np.float64], most: float) -> dict[int, int]:

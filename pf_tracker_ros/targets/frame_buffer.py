@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.detections import Sighting
-from pf_tracker_ros.targets.tracks import Crowd, Life
+from pf_tracker_ros.targets.tracks import Crowd, Key, Life
 
 # How long an operator may take to draw a target, with some reserve for the way there and back.
 _REACH = NANOSECONDS * 11 // 5
@@ -83,6 +83,15 @@ class Moment:
     seen: tuple[Sighting, ...] | None = None
     begun: tuple[Life, ...] = ()
     stopped: tuple[Life, ...] = ()
+
+    def without(self, keys: Collection[Key]) -> Moment:
+        """The same, where some of the targets before it had not been there."""
+        lives = tuple(life for life in self.before.lives if life.key not in keys)
+        return replace(self, before=replace(self.before, lives=lives))
+
+    def without_targets(self) -> Moment:
+        """The same, where nobody had been there, and nobody had said anything of it."""
+        return Moment(self.kept, self.interval, replace(self.before, lives=(), gone=()))
 
     @property
     def frame(self) -> Frame:
@@ -225,14 +234,15 @@ class FrameBuffer:
         self.dropped_until = 0
 
     def put(self, moments: Sequence[Moment]) -> None:
-        """Keep these, in the same order, in the place of all."""
-        dropped_until = self.dropped_until
+        """Keep these, in the same order, in the place of all; without any, all were dropped."""
+        dropped_until = self.last.stamp if len(self) and not moments else self.dropped_until
         self.clear()
         self.dropped_until = dropped_until
-        for moment in moments:
-            is_full = isinstance(moment.kept, Frame)
-            (self._full if is_full else self._thinned).append(moment)
-            self._bytes += _bytes_of(moment)
+        reduced = [i for i, one in enumerate(moments) if isinstance(one.kept, ReducedFrame)]
+        thinned_out = reduced[-1] + 1 if reduced else 0
+        self._thinned.extend(moments[:thinned_out])
+        self._full.extend(moments[thinned_out:])
+        self._bytes = sum(map(_bytes_of, moments))
 
     def revise(self, moments: Sequence[Moment]) -> None:
         """Put moments in the place of all from the first of their stamps on."""

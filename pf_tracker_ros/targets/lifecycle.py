@@ -37,7 +37,7 @@ class Initiator:
     Args:
         follower: Follows each target.
         seed: Seeds all randomness.
-        most: Targets at a time that detections start.
+        most: Targets at a time.
         appearance: Describes them.
     """
 
@@ -100,31 +100,44 @@ class Initiator:
     def join(self, crowd: Crowd, drawn: Sequence[Life]) -> Crowd:
         """The crowd with targets that somebody drew on its frame.
 
-        They take over those that a detector has started there.
+        They take over those that a detector has started there, and have room before them.
 
         Args:
             crowd: In that frame.
             drawn: As they begin in it.
         """
-        lives = (
+        if not drawn:
+            return crowd
+        lives = [
             life
             for life in crowd.lives
             if life.by_hand or not any(is_on(life, one.box) for one in drawn)
-        )
-        return replace(crowd, lives=(*lives, *drawn))
+        ]
+        lives += drawn
+        surplus = self.surplus(lives)
+        return replace(crowd, lives=tuple(life for life in lives if life.key not in surplus))
+
+    def surplus(self, lives: Sequence[Life]) -> set[Key]:
+        """Those that detectors have started beyond the number that there may be, the unsurest."""
+        followed = [life for life in lives if not life.is_rival]
+        started = [life for life in followed if not life.by_hand]
+        started.sort(key=lambda life: (life.is_told, life.belief))
+        return {life.key for life in started[: max(len(followed) - self._most, 0)]}
 
     def adopt(self, crowd: Crowd, own: Sequence[Sighting | None]) -> Crowd:
-        """The crowd in which the rivals that detections show are targets.
+        """The crowd in which the rivals that detections show are targets, while there is room.
 
         Args:
             crowd: In this frame.
             own: The detection of each, None where there is none.
         """
-        lives = tuple(
-            replace(life, host=None) if one and life.is_rival else life
-            for life, one in zip(crowd.lives, own, strict=True)
-        )
-        return replace(crowd, lives=lives)
+        lives = []
+        room = self._most - sum(not life.is_rival for life in crowd.lives)
+        for life, one in zip(crowd.lives, own, strict=True):
+            is_adopted = one is not None and life.is_rival and room > 0
+            room -= is_adopted
+            lives.append(replace(life, host=None) if is_adopted else life)
+        return replace(crowd, lives=tuple(lives))
 
     def confirm(self, crowd: Crowd, image_size: tuple[int, int]) -> Crowd:
         """The crowd with those targets confirmed that were so often enough.

@@ -344,8 +344,10 @@ class Session:
             self._manager.forget_past()
         else:
             drawn = self._drawn if policy == "restart" else {}
-            if self._manager.max_targets == 1 and any(is_due(one.stamp, stamp) for one in waiting):
-                drawn = {}
+            if self._manager.max_targets == 1:
+                drawn = self._only_of(drawn)
+                if any(is_due(one.stamp, stamp) for one in waiting):
+                    drawn = {}
             redrawn = [
                 one.redraw(frame.image, is_selected=id == self._selected)
                 for id, one in drawn.items()
@@ -354,6 +356,11 @@ class Session:
             waiting = [*redrawn, *waiting]
         self._requested = waiting
         return self._track(frame, None, seconds)
+
+    def _only_of(self, drawn: Mapping[int, Drawn]) -> dict[int, Drawn]:
+        """Of those that were drawn the selected one, or else the last, where only one may be."""
+        last = list(drawn)[-1:]
+        return {id: drawn[id] for id in ([self._selected] if self._selected in drawn else last)}
 
     def _track(self, frame: Frame, interval: float | None, jumped_back: float = 0.0) -> Outcome:
         """Follow the targets into a frame, and start those that were asked for.
@@ -423,7 +430,8 @@ class Session:
                     self._selected = begun.id
                 elif self._manager.max_targets == 1:
                     self._selected = 0
-        return started
+        there = {target.id for target in self.targets}
+        return [one for one in started if one.id in there]
 
     def _takes_the_place(self, drawn: Drawn, frame: Frame) -> bool:
         """Whether a target will be the only one with a frame, whatever images the others are of."""

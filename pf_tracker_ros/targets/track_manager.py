@@ -188,7 +188,7 @@ class TrackManager:
         self._crowd, self._seed = crowd, other._seed
         self._parameters, self._follower = other._parameters, other._follower
         self._keeper = other._keeper
-        self._camera.tell_motion(self.max_targets > 1)
+        self._camera.serve(several=self.max_targets > 1)
 
     def _adapted(self, other: TrackManager) -> tuple[Crowd, Sequence[Moment]]:
         """The targets, and the moments to be kept, for the parameters of another manager."""
@@ -253,6 +253,8 @@ class TrackManager:
             self._camera = self._new_camera(frame)
             self.frames.add(Moment(frame, interval, self._crowd))
             return
+        if not self._camera.fits(frame.image):
+            self.forget_camera()
         with usual_arithmetic():
             told = self._names.told(self._crowd.lives)
             self._open(self._camera, frame, interval, self._crowd.boxes)
@@ -277,8 +279,8 @@ class TrackManager:
         for life in crowd.lives:
             if life.is_told:
                 self._names.name(life)
-        if len(self.frames):
-            self._names.forget(crowd, self.frames.first.before.frame)
+        oldest = self.frames.first.before if len(self.frames) else crowd
+        self._names.forget(crowd, oldest.frame)
 
     @property
     def _is_waiting(self) -> bool:
@@ -427,11 +429,11 @@ class TrackManager:
         first = moments[0].stamp if moments else last.stamp
         behind = first - stamp
         # What was dropped before time went back says nothing of the frames since.
-        is_dropped = stamp <= self.frames.dropped_until < last.stamp
+        is_dropped = stamp <= self.frames.dropped_until <= last.stamp
         if behind > _SUBSTITUTE_WITHIN or is_dropped:
             raise NotKeptError(
                 f"it was drawn on a frame from {behind / NANOSECONDS:.3f} s before the oldest one "
-                f"here; allowed: one of the last {counted(len(moments), 'frame')}, back to "
+                f"here; allowed: one of the last {counted(max(len(moments), 1), 'frame')}, back to "
                 f"{(last.stamp - first) / NANOSECONDS:.3f} s ago (parameters 'history_frames' and "
                 "'history_megabytes'), or stamp 0 for the next one"
             )
@@ -443,22 +445,28 @@ class TrackManager:
         """Take the only target there may be; all begins anew with its frame."""
         camera, keeper = self._new_camera(), self._keeper
         self._open(camera, frame, 0.0, [box])
-        key = self._names.next_by_hand(self._crowd.frame)
+        then = moments[1].before if len(moments) > 1 else self._crowd
+        key = self._names.next_by_hand(then.frame)
         randomness = np.random.default_rng(np.random.SeedSequence(self._seed))
         life = keeper.initiator.begin(frame, box, key, label, randomness)
-        crowd = replace(self._crowd, lives=(life,), gone=())
+        crowd = replace(then, lives=(life,), gone=())
         sights = {key: Sight(frame, box)}
+        earlier = [
+            one.without_targets()
+            for one in self.frames.moments
+            if moments and one.stamp < moments[0].stamp
+        ]
         revised = [Moment(frame, 0.0, replace(crowd, lives=()), begun=(life,))]
         for moment in moments[1:]:
             camera.keep(frame)
             frame = moment.frame
             self._open(camera, frame, moment.interval, crowd.boxes)
-            revised.append(replace(moment, kept=frame, before=crowd))
+            revised.append(Moment(frame, moment.interval, crowd, moment.seen))
             crowd = keeper.advance(crowd, frame, moment.interval, moment.seen)
             sights = _sights_after(frame, crowd, sights)
         camera.keep(frame)
         self._camera, self._crowd, self._sights = camera, crowd, sights
-        self.frames.put(revised if frame.stamp else ())
+        self.frames.put([*earlier, *revised] if frame.stamp else ())
         return Started(self._names.name(life), len(revised) - 1)
 
     def _start_beside(
@@ -473,11 +481,17 @@ class TrackManager:
         life = self._keeper.initiator.begin(frame, box, key, label)
         if same and not label:
             life = replace(life, votes=same[0].votes)
-        keys = [one.key for one in same]
+        revised: list[Moment] = []
         if moments:
             life, revised = replay_track(self._keeper, life, moments, same)
-            self.frames.revise(revised)
-        others = (one for one in self._crowd.lives if one.key not in keys)
+        keys = [one.key for one in same]
+        others = [one for one in self._crowd.lives if one.key not in keys]
+        # What a detector has started since, where the target is by now, is the target.
+        keys += [one.key for one in others if not one.by_hand and _are_the_same(one, life)]
+        others = [one for one in others if one.key not in keys]
+        surplus = self._keeper.initiator.surplus([*others, life])
+        others = [one for one in others if one.key not in surplus]
+        self.frames.revise([one.without([*keys, *surplus]) for one in revised])
         self._crowd = replace(self._crowd, lives=(*others, life))
         sights = {**self._sights, key: Sight(frame, box)}
         self._sights = _sights_after(self._camera.frame or frame, self._crowd, sights)
@@ -517,14 +531,9 @@ class TrackManager:
 
         Their ids are not used again. The frames stay, for a target that was drawn on one of them.
         """
-        self._crowd = nobody = replace(self._crowd, lives=(), gone=())
+        self._crowd = replace(self._crowd, lives=(), gone=())
         self._sights = {}
-        self.frames.put(
-            [
-                Moment(one.kept, one.interval, replace(nobody, frame=one.before.frame))
-                for one in self.frames.moments
-            ]
-        )
+        self.frames.put([one.without_targets() for one in self.frames.moments])
 
     def forget_camera(self) -> None:
         """Forget all targets, and take images of any size and kind."""
@@ -561,3 +570,7 @@ def _is_of_now(stamp: int, now: int, interval: float) -> bool:
 def _is_shown_in(life: Life, box: Box) -> bool:
     """Whether a box is on a target; where a lost one is, nobody knows."""
     return life.target.estimate.state != "lost" and is_on(life, np.array(box))
+
+
+def _are_the_same(one: Life, other: Life) -> bool:
+    return other.target.estimate.state != "lost" and _is_shown_in(one, other.target.estimate.box)

@@ -98,7 +98,8 @@ class Tracker:
             values: Full parameter name to value.
 
         Raises:
-            ParameterError: A name or value is not allowed, or values contradict each other.
+            ParameterError: A name or value is not allowed, or values contradict each other; or the
+                target would have to be learned again and was not seen since, as in a fresh copy.
         """
         values = {**self.parameters, **values}
         other = type(self)(build(TrackerParameters, values), self._manager.seed)

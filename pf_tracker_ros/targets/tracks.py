@@ -167,7 +167,7 @@ class Life:
     def is_told(self) -> bool:
         """Whether it is sure enough, and seen well enough, to be told."""
         is_seen = self.belief > 0.0 and self.target.estimate.state != "lost"
-        is_seen = is_seen and not self.is_doubled
+        is_seen = is_seen and not (self.is_doubled or self.is_rival)
         return self.by_hand or (self.is_confirmed and is_seen)
 
     def voted(self, label: str, score: float) -> Life:
@@ -303,8 +303,9 @@ class Names:
 
     def next_by_hand(self, frame: int) -> Key:
         """A key for a target that is asked for in a frame."""
-        before = sum(key.place < 0 and key.frame == frame for key in self._ids)
-        return Key(frame, -1 - before)
+        places = (key.place for key in self._ids if key.frame == frame)
+        # Not by their number: one that was taken over has left its place.
+        return Key(frame, min(0, min(places, default=0)) - 1)
 
     def hand_over(self, before: Sequence[Key], now: Key) -> None:
         """Let a target be called as the first of some that it takes over, which are no more."""

@@ -53,9 +53,10 @@ class Camera:
         self.frame = frame
         self._kind = _kind_of(frame) if frame else None
 
-    def tell_motion(self, tells_motion: bool) -> None:
-        """Change whether the frames to come tell how the camera has moved."""
-        self._ego_motion = (self._ego_motion or EgoMotion()) if tells_motion else None
+    def serve(self, *, several: bool) -> None:
+        """Change whether it tells its motion, and lays ghosts from the next background model on."""
+        self._ego_motion = (self._ego_motion or EgoMotion()) if several else None
+        self._lays_ghosts = several
 
     def fits(self, image: NDArray[np.generic]) -> bool:
         """Whether an image has the size and kind of the last one; any has before the first."""
