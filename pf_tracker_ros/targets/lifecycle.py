@@ -140,7 +140,7 @@ class Initiator:
         return replace(crowd, lives=tuple(lives))
 
     def confirm(self, crowd: Crowd, image_size: tuple[int, int]) -> Crowd:
-        """The crowd with those targets confirmed that were so often enough.
+        """The crowd with those targets confirmed that were so often enough, while there is room.
 
         A fast detector has to say it in as many answers as a moment holds; a slow one is believed
         at once, since the next word would come too late. What the border cuts has to be said once
@@ -152,13 +152,16 @@ class Initiator:
         """
         answers = math.ceil(_CONFIRMED_WITHIN / max(crowd.rhythm, 1e-3) - 1e-6)
         needed = max(answers, 1)
-        lives = tuple(
-            replace(life, is_confirmed=True)
-            if life.confirmations >= needed + is_cut(life.box, image_size)
-            else life
-            for life in crowd.lives
-        )
-        return replace(crowd, lives=lives)
+        lives = []
+        # Those that began before fewer targets were allowed may be too many.
+        room = self._most - sum(life.by_hand or life.is_confirmed for life in crowd.lives)
+        for life in crowd.lives:
+            is_sure = life.confirmations >= needed + is_cut(life.box, image_size)
+            if is_sure and not (life.is_confirmed or life.by_hand):
+                is_sure = room > 0
+                room -= is_sure
+            lives.append(replace(life, is_confirmed=life.is_confirmed or is_sure))
+        return replace(crowd, lives=tuple(lives))
 
     def _life(
         self,

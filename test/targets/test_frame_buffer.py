@@ -282,6 +282,25 @@ def test_moments_that_were_put_in_place_count_for_the_bounds():
     assert held(buffer) == 2 * IMAGE.nbytes
 
 
+def test_frames_stay_in_order_when_some_are_reduced_after_others_were_thinned_out_in_full():
+    image = np.zeros((200, 320, 3), np.uint8)
+    megabytes = image.nbytes / 1e6
+    buffer, stamps = filled(image, 200, 50.0, frames=1000, megabytes=60 * megabytes)
+    buffer.limit(1000, 20 * megabytes)
+    for index in range(30):
+        buffer.add(moment(image.copy(), stamps[-1] + (index + 1) * NANOSECONDS // 50, 0.02))
+    assert {is_reduced(one) for one in buffer.moments[:15]} == {False, True}
+    before = buffer.stamps
+    buffer.put(buffer.moments)
+    assert buffer.stamps == before == sorted(before)
+
+
+def test_where_all_are_dropped_it_tells_until_when():
+    buffer, stamps = filled(IMAGE, 5)
+    buffer.put([])
+    assert (len(buffer), buffer.dropped_until) == (0, stamps[-1])
+
+
 def motion(across, down, scale=1.0):
     return np.array([[scale, 0.0, across], [0.0, scale, down], [0.0, 0.0, 1.0]])
 

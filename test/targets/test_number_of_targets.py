@@ -270,6 +270,111 @@ def test_a_single_target_takes_late_detections_by_their_stamps(make_session, wal
     assert told[0] == told[1]
 
 
+@pytest.mark.parametrize("preset", ["default", "li2007"])
+def test_a_late_answer_of_the_frame_that_it_was_drawn_on_starts_no_other(walkers, iou, preset):
+    """The detector has seen that frame before anybody drew on it, and tells of another first."""
+    session = Session(preset_parameters(preset), seed=0)
+    session.history.limit(frames=200, megabytes=128.0)
+    show(session, walkers, range(3))
+    session.request(tuple(walkers.boxes[3][0]), at(3))
+    show(session, walkers, range(3, 5))
+    session.add_detections(walkers.detections(3, [1, 0]), at(3))
+    for number in range(5, 12):
+        outcome = show(session, walkers, [number])
+        assert ids(outcome) == [outcome.selected] == [1]
+        assert iou(walkers.boxes[number][0], outcome.estimate.box) > 0.5
+
+
+def test_one_that_looks_like_the_single_target_is_no_second_one_though_detections_show_it(draw):
+    steps = np.arange(60)
+    twins = draw(
+        [
+            np.stack([60 + 2 * steps, 100 + 0 * steps], 1),
+            np.stack([200 - 2 * steps, 104 + 0 * steps], 1),
+        ],
+        colors=[(20, 20, 230)] * 2,
+        textures=(10, 10),
+    )
+    session, told = Session(preset_parameters("default"), seed=0), 0
+    session.history.limit(frames=200, megabytes=128.0)
+    session.request(tuple(twins.boxes[0][0]))
+    for number, image in enumerate(twins.images):
+        stamp = START + number * STEP * 2 // 5
+        if any(life.is_rival for life in session._manager._crowd.lives):
+            session.add_detections(twins.detections(number), stamp)
+            told += 1
+        assert ids(session.process(Frame(image, stamp))) == [1]
+    assert told > 5
+
+
+def test_what_the_last_target_took_the_place_of_stays_gone_when_an_answer_comes_late(
+    make_session, walkers
+):
+    session = make_session(5)
+    show(session, walkers, range(5))
+    session.request(tuple(walkers.boxes[5][0]), at(5))
+    show(session, walkers, range(5, 8))
+    configure(session, 1)
+    session.request(tuple(walkers.boxes[3][1]), at(3))
+    assert ids(show(session, walkers, [8])) == [2]
+    session.add_detections(walkers.detections(4, [0]), at(4))
+    outcome = show(session, walkers, [9])
+    assert ids(outcome) == [outcome.selected] == [2]
+
+
+def test_a_target_on_an_older_frame_than_the_last_one_began_on_is_followed_from_there(
+    make_session, walkers, iou
+):
+    session = make_session(1)
+    show(session, walkers, range(12))
+    session.request(tuple(walkers.boxes[12][0]), at(12))
+    show(session, walkers, range(12, 20))
+    session.request(tuple(walkers.boxes[5][0]), at(5))
+    outcome = show(session, walkers, [20])
+    assert outcome.caught_up == 15
+    assert iou(walkers.boxes[20][0], outcome.estimate.box) > 0.5
+
+
+@pytest.mark.parametrize("most", [1, 5])
+def test_a_target_on_a_frame_from_before_it_was_learned_again_is_refused(
+    make_session, walkers, most
+):
+    session = make_session(most)
+    session.request(tuple(walkers.boxes[0][0]))
+    show(session, walkers, range(15))
+    session.configure(preset_parameters("default", most) | {"working_size": 60}, seed=0)
+    session.request(tuple(walkers.boxes[8][1]), at(8))
+    (reason,) = show(session, walkers, [15]).refused
+    assert "before the oldest one here; allowed: one of the last 1 frame" in reason
+
+
+@pytest.mark.parametrize(("selected", "place"), [(1, 0), (2, 1), (0, 2)])
+def test_of_several_drawn_ones_the_selected_or_the_last_begins_again_where_one_may_be(
+    make_session, walkers, iou, selected, place
+):
+    session = make_session(5)
+    session.time_policy = TimePolicy("restart")
+    for box in walkers.boxes[0]:
+        session.request(tuple(box))
+    show(session, walkers, range(5))
+    session.select(selected)
+    configure(session, 1)
+    outcome = session.process(Frame(walkers.images[0], START - 100 * SECOND))
+    assert ids(outcome) == list(outcome.started) == [outcome.selected]
+    assert iou(walkers.boxes[0][place], outcome.estimate.box) > 0.5
+
+
+def test_scipy_that_cannot_be_imported_is_told_with_the_first_detections(
+    make_session, walkers, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "scipy.optimize", None)
+    session = make_session(5)
+    show(session, walkers, range(2))
+    with pytest.raises(ValueError, match=r"detections need SciPy .*pip install scipy"):
+        session.add_detections(walkers.detections(1), at(1))
+    assert show(session, walkers, [2]).frame == "waiting"
+
+
 def test_scipy_is_not_imported_before_the_first_detections():
     """It takes a third of a second and 30 MB, which a single target does without."""
     code = """

@@ -199,3 +199,38 @@ def test_a_copy_asks_for_a_frame_before_it_starts_a_target(walkers, make_tracker
     other.update(walkers.images[0], INTERVAL)
     other.start(walkers.images[0], walkers.boxes[0][1])
     assert len(other.targets) == 2
+
+
+def test_targets_that_are_put_right_on_one_frame_are_told_apart(walkers, make_tracker, iou):
+    tracker = make_tracker()
+    tracker.update(walkers.images[0], INTERVAL)
+    x, y, width, height = walkers.boxes[0][0]
+    first = [
+        tracker.start(walkers.images[0], (x + shift, y, width, height)) for shift in (-3, -1, 0)
+    ]
+    second = tracker.start(walkers.images[0], walkers.boxes[0][1])
+    assert first == [1, 1, 1]
+    assert second == 2
+    for number in range(1, 8):
+        late = walkers.detections(0, age=6 * INTERVAL) if number == 6 else None
+        answer = tracker.update(walkers.images[number], INTERVAL, late)
+        boxes = {target.id: target.estimate.box for target in answer}
+        for id in (1, 2):
+            assert iou(walkers.boxes[number][id - 1], boxes[id]) > 0.5
+
+
+def test_what_a_detector_has_started_since_the_frame_that_it_was_drawn_on_is_it(
+    walkers, make_tracker, start_earlier
+):
+    tracker = make_tracker()
+    for number in range(12):
+        seen = walkers.detections(number) if number in (7, 9, 11) else None
+        told = tracker.update(walkers.images[number], INTERVAL, seen)
+    known = {target.id for target in told}
+    id = start_earlier(tracker, walkers.boxes[5][0], 6 * INTERVAL, "")
+    assert {target.id for target in tracker.targets} == known
+    assert id in known
+    for number in range(12, 16):
+        late = walkers.detections(number - 3, age=3 * INTERVAL)
+        tracker.update(walkers.images[number], INTERVAL, late)
+        assert {target.id for target in tracker.targets} == known
