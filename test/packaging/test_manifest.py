@@ -17,12 +17,14 @@ PACKAGE = "pf_tracker_ros"
 # Imported only where an extra of setup.py has brought it, as the build farm takes no package of
 # pip, or, for the plugin of pytest, by pytest.
 OPTIONAL = {"fsspec", "playwright", "pyarrow", "pytest", "ray", "rosbags"}
-# What reads bags where ROS is, imported or found by name once a bag is opened.
+# What no import statement names: what reads bags where ROS is, found once a bag is opened, and the
+# messages that only `node.messages.new_message` makes, by the names of their types.
 FOUND_AT_RUN_TIME = {
     "rosbag2_compression_zstd",
     "rosbag2_py",
     "rosbag2_storage_default_plugins",
     "rosbag2_storage_mcap",
+    "vision_msgs",
 }
 # Of the benchmarks, which have an environment of their own.
 NOT_PINNED = {"particles"}

@@ -18,16 +18,56 @@ def last_boxes(tracker, drawn, frames):
     )
 
 
+GONE, BACK = 10, 40
+# A turn of a lost one comes every five frames.
+SOON = BACK + 5
+# In windows, one after another, it takes so many frames to have looked everywhere.
+WINDOWS = 77
+PLACES = [(250.0, 120.0), (290.0, 40.0), (40.0, 170.0)]
+
+
+@pytest.fixture(params=PLACES)
+def comes_back(draw, request):
+    """One that is gone for 3 s and then stands elsewhere; by how many others that stand still."""
+
+    def drawn(others):
+        steps = np.arange(BACK + WINDOWS + 1)
+        path = np.stack([60.0 + 0 * steps, 90.0 + 0 * steps], 1)
+        path[GONE:BACK] = np.nan
+        path[BACK:] = request.param
+        stands = np.stack([150.0 + 0 * steps, 40.0 + 0 * steps], 1)
+        return draw([path, *[stands] * others])
+
+    return drawn
+
+
 @pytest.mark.parametrize("seed", range(3))
-def test_a_lost_one_is_found_within_a_moment_wherever_it_is(returner, make_tracker, iou, seed):
-    """In windows, one after another, it takes up to 77 frames to have looked everywhere."""
-    (box,) = last_boxes(make_tracker(seed), returner, 46)[-1]
-    assert iou(returner.boxes[45][0], box) > 0.5
+def test_a_lost_one_is_found_within_a_moment_wherever_it_is(comes_back, make_tracker, iou, seed):
+    drawn = comes_back(others=1)
+    boxes = last_boxes(make_tracker(seed), drawn, SOON + 1)
+    assert all(iou(drawn.boxes[0][0], box) > 0.5 for box, _ in boxes[: GONE - 1])
+    assert iou(drawn.boxes[SOON][0], boxes[-1][0]) > 0.5
+    assert all(iou(drawn.boxes[0][1], other) > 0.5 for _, other in boxes)
 
 
-def test_where_nothing_is_looked_for_elsewhere_it_stays_lost(returner, make_tracker, iou):
-    (box,) = last_boxes(make_tracker(redetection__windows=0), returner, 46)[-1]
-    assert iou(returner.boxes[45][0], box) == 0.0
+def test_where_nothing_is_looked_for_elsewhere_it_stays_lost(comes_back, make_tracker, iou):
+    drawn = comes_back(others=1)
+    tracker = make_tracker(redetection__windows=0)
+    boxes = last_boxes(tracker, drawn, len(drawn.images))
+    assert all(iou(drawn.boxes[-1][0], box) == 0.0 for box, _ in boxes[BACK - 1 :])
+    assert [target.estimate.state for target in tracker.targets] == ["lost", "tracking"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_only_one_is_found_by_when_all_windows_are_looked_at(
+    comes_back, make_tracker, iou, seed
+):
+    drawn = comes_back(others=0)
+    tracker = make_tracker(seed)
+    ((box,),) = last_boxes(tracker, drawn, len(drawn.images))[-1:]
+    assert iou(drawn.boxes[-1][0], box) > 0.5
+    (target,) = tracker.targets
+    assert target.estimate.state == "tracking"
 
 
 def test_one_that_is_gone_is_not_taken_for_its_twin(twins, make_tracker, iou):

@@ -20,6 +20,8 @@ KEPT = {
     f"qos_overrides./pf_tracker/{topic}.publisher.depth": 1000
     for topic in ("status", "box", "particles", "overlay")
 }
+# Of diagnostic_msgs/DiagnosticStatus, by their numbers.
+LEVELS = ("OK", "WARN", "ERROR")
 REAL = ("otb_bolt", "otb_jogging_1", "pets_t15", "tir_birds", "ir_drone_074")
 
 
@@ -197,14 +199,20 @@ def test_the_bag_holds_the_messages_that_the_node_publishes(
         assert found[topic].keys() == published.keys()
         for stamp, message in published.items():
             assert_equal_fields(found[topic][stamp], message)
-    for stamp, status in told(client).items():
-        (recorded,) = found["/pf_tracker/status"][stamp].status
-        values = {pair.key: pair.value for pair in recorded.values}
-        assert recorded.message == status.message == DESCRIPTIONS[values["state"]]
-        assert recorded.name == status.name
-        assert values.keys() == status.values.keys()
-        differing = {key for key in values if values[key] != status.values[key]}
-        assert differing <= TIMES
+    statuses = told(client)
+    assert found["/pf_tracker/status"].keys() == statuses.keys()
+    for stamp, status in statuses.items():
+        # One of the node, and one of each target.
+        recorded = found["/pf_tracker/status"][stamp].status
+        names = ["/pf_tracker", "/pf_tracker: target 1"]
+        assert [one.name for one in recorded] == names
+        for one, other in zip(recorded, (status, *status.targets), strict=True):
+            values = {pair.key: pair.value for pair in one.values}
+            assert one.name == other.name
+            assert LEVELS[one.level] == other.level
+            assert one.message == other.message == DESCRIPTIONS[values["state"]]
+            assert values.keys() == other.values.keys()
+            assert {key for key in values if values[key] != other.values[key]} <= TIMES
 
 
 @pytest.mark.parametrize("name", REAL)

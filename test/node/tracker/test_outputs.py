@@ -199,12 +199,16 @@ def test_an_overlay_that_fails_is_told_with_the_next_one(one, listener, overlays
     assert one.errors == ["the overlay of a frame was not published: no ink"]
 
 
-def test_a_box_is_heard_by_those_who_listen(speaker, listener, one, built):
+def test_a_box_is_heard_by_those_who_listen(built, speaker, listener, one, box):
     (publisher,) = (one for one in speaker.publishers if one.topic.endswith("/box"))
     heard = listener.hear(publisher, PolygonStamped)
     one.show("camera")
     listener.wait_for(lambda: heard)
-    assert built == ["box_message"]
+    assert built == ["box"]
+    (message,) = heard
+    assert message.header.frame_id == "camera"
+    corner = message.polygon.points[0]
+    assert (corner.x, corner.y) == pytest.approx(box[:2])
 
 
 def test_what_is_acted_on_is_out_before_what_is_looked_at(graph, images, box, monkeypatch):

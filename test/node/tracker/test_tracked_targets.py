@@ -102,7 +102,10 @@ def test_drawn_targets_and_the_bag_are_those_of_the_node(
             message = typestore.deserialize_cdr(data, connection.msgtype)
             name = connection.topic.removeprefix("/pf_tracker/")
             recorded.setdefault(name, []).append(message)
-    for name in ("particles", "overlay", "boxes"):
+    # The box is that of the selected target, and of several that were drawn none is.
+    assert recorded.keys() == {*heard, "status"}
+    assert client.boxes == []
+    for name in heard:
         count = len(recorded[name])
         client.wait_for(lambda name=name, n=count: len(heard[name]) >= n, f"all of {name}")
         assert len(heard[name]) == count
