@@ -17,7 +17,7 @@ from rich.table import Table
 
 from pf_tracker_ros.decoding.image_decoding import decode
 from pf_tracker_ros.footage import BagWriter
-from pf_tracker_ros.node.message_building import box_of_polygon
+from pf_tracker_ros.messages import box_of_polygon
 
 Picture = NDArray[np.uint8]
 

@@ -7,6 +7,7 @@ rclpy's messages, a bag writer one that makes those of its own library.
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box, bounding_box, box_corners
+from pf_tracker_ros.plurals import counted
 
 New = Callable[..., Any]
 """Makes a message."""
@@ -25,6 +27,9 @@ POINTS_TYPE = "sensor_msgs/msg/PointCloud2"
 MARKERS_TYPE = "visualization_msgs/msg/MarkerArray"
 DETECTIONS_TYPE = "vision_msgs/msg/Detection2DArray"
 STATUS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
+
+OK, WARN, ERROR = 0, 1, 2
+"""Levels of diagnostic_msgs/DiagnosticStatus."""
 
 PARTICLE_FIELDS = ("x", "y", "z", "width", "height", "weight")
 # Bytes of a sample to an encoding.
@@ -61,7 +66,7 @@ class Status(NamedTuple):
 
     Attributes:
         name: Of the node that tells it, or of its part.
-        level: 0 OK, 1 WARN, 2 ERROR.
+        level: `OK`, `WARN` or `ERROR`.
         text: One sentence for people.
         values: What there is to know, key to value.
     """
@@ -110,6 +115,30 @@ def box_as_sent(box: Sequence[float]) -> Box:
     # What is too large for single precision is infinite there, and refused where it is used.
     with np.errstate(over="ignore"):
         return bounding_box(np.array(box_corners(box), dtype=np.float32))
+
+
+def box_of_polygon(message: Any) -> Box:
+    """The bounding rectangle (x, y, width, height) of a geometry_msgs/PolygonStamped in pixels.
+
+    Raises:
+        ValueError: A point is not finite, or the points span no area.
+    """
+    points = [(point.x, point.y) for point in message.polygon.points]
+    count = len(points)
+    if count < 2:
+        raise ValueError(
+            f"its polygon has {counted(count, 'point')}; allowed: at least two, "
+            "such as opposite corners of the box in pixels"
+        )
+    if not all(math.isfinite(value) for point in points for value in point):
+        raise ValueError("a point of its polygon is not finite")
+    box = bounding_box(points)
+    if not all(box[2:]):
+        raise ValueError(
+            f"its {count} points span {box[2]:g} x {box[3]:g} px; "
+            "allowed: points that differ in both x and y"
+        )
+    return box
 
 
 def particles_message(

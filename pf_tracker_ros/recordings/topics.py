@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pf_tracker_ros.footage.bag_writing import BagWriter
-from pf_tracker_ros.messages import STATUS_TYPE, Status, status_message
+from pf_tracker_ros.messages import ERROR, STATUS_TYPE, WARN, Status, status_message
 from pf_tracker_ros.recordings.tracking import TrackedFrame
 from pf_tracker_ros.targets.tracked_target import description
 from pf_tracker_ros.topics import OUTPUTS, Values
@@ -14,7 +14,6 @@ from pf_tracker_ros.tracking.estimate import SEVERITIES
 
 NODE = "/pf_tracker"
 _STATUS = f"{NODE}/status"
-_WARN, _ERROR = 1, 2
 
 
 class TopicBag:
@@ -75,7 +74,7 @@ class TopicBag:
         problems += tracked.remarks
         level = SEVERITIES[self._last_state]
         if problems:
-            level = max(level, _ERROR if tracked.problem else _WARN)
+            level = max(level, ERROR if tracked.problem else WARN)
         text = "; ".join(problems) or description(tracked.targets, tracked.selected)
         values: Values = {"frame": tracked.outcome, "state": tracked.state}
         if tracked.state == "skipped":

@@ -19,8 +19,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.messages import box_message
-from pf_tracker_ros.node.message_building import box_of_polygon
+from pf_tracker_ros.messages import box_message, box_of_polygon
 from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
 from pf_tracker_ros.node.replay.replay_source import make_header

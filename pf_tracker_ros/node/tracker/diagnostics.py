@@ -11,15 +11,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from std_msgs.msg import Header
 
+from pf_tracker_ros.messages import WARN, Status, status_message
 from pf_tracker_ros.node.image_topics import where_images_are
-from pf_tracker_ros.node.message_building import status_message
+from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, advertise
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.frame_clock import LATE_WITHIN
@@ -168,7 +169,7 @@ class Health:
     """What the node knows of itself apart from its frames.
 
     Attributes:
-        level: `DiagnosticStatus.OK`, `WARN` or `ERROR`.
+        level: `OK`, `WARN` or `ERROR` of `pf_tracker_ros.messages`.
         message: One sentence for people.
         expects_images: Whether it is a fault if none come.
         image_topic: Of the images, empty while they are not subscribed to.
@@ -177,7 +178,7 @@ class Health:
         values: More to know, key to value.
     """
 
-    level: bytes
+    level: int
     message: str
     expects_images: bool
     image_topic: str
@@ -269,16 +270,16 @@ class Diagnostics:
         is_lossy = was_lossy and self._was_lossy
         level, message = health.level, health.message
         if self._is_overloaded():
-            level = max(level, DiagnosticStatus.WARN)
+            level = max(level, WARN)
             message = f"{message}; {overload_message(self._processing())}"
         elif found and is_lossy:
-            level = max(level, DiagnosticStatus.WARN)
+            level = max(level, WARN)
             loss = loss_message(found, health.image_topic, health.image_reliability)
             message = f"{message}; {loss}"
         silent = now - (self._last_arrival or self._began)
         is_silent = health.expects_images and silent > self._stale_after()
         if is_silent:
-            level = max(level, DiagnosticStatus.WARN)
+            level = max(level, WARN)
             where = where_images_are(
                 self._node, health.image_topic, compressed=health.is_compressed
             )
@@ -290,7 +291,8 @@ class Diagnostics:
         else:
             self._said_missing = None
         values = self._figures(now, found) | health.values
-        self._publisher.publish(status_message(header, name, level, message, values))
+        status = Status(name, level, message, values)
+        self._publisher.publish(status_message(new_message, header, [status]))
 
     def _rhythm(self, health: Health) -> Rhythm | None:
         """That of the only camera; the stamps of several would be taken for one's."""

@@ -15,7 +15,7 @@ from std_msgs.msg import UInt32
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.messages import DETECTIONS_TYPE as DETECTIONS_MESSAGE
-from pf_tracker_ros.node.message_building import box_of_polygon
+from pf_tracker_ros.messages import box_of_polygon
 from pf_tracker_ros.node.messages import message_class
 from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, subscribe, take_waiting
 from pf_tracker_ros.node.tracker.reporter import Throttle

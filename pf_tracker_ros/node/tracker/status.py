@@ -8,29 +8,23 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from pf_tracker_ros.topics import FrameResult
-from pf_tracker_ros.tracking.estimate import Estimate
-
-if TYPE_CHECKING:
-    from pf_tracker_ros.targets.tracked_target import TrackedTarget
-
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from pf_tracker_ros.node.message_building import fill_status
+from pf_tracker_ros.messages import ERROR, WARN, Status, status_message
+from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.qos import LATCHED_QOS, Report, advertise
 from pf_tracker_ros.node.tracker.reporter import Reporter
 from pf_tracker_ros.stamps import parts
 from pf_tracker_ros.targets.tracked_target import (
     TrackedTarget,
     description,
-    severity,
-    target_values,
 )
-from pf_tracker_ros.tracking.estimate import DESCRIPTIONS, SEVERITIES
+from pf_tracker_ros.topics import FrameResult
+from pf_tracker_ros.tracking.estimate import SEVERITIES, Estimate
 
 # What becomes of a frame that is not looked at.
 SKIPPED = ("refused", "duplicate", "late", "paused")
@@ -189,7 +183,7 @@ def stamp_text(stamp: int) -> str:
 
 
 @dataclass(frozen=True)
-class Status:
+class NodeStatus:
     """How the node is after a frame.
 
     Attributes:
@@ -228,13 +222,13 @@ class Status:
         return "skipped" if self.is_skipped else self.last_state
 
     @property
-    def level(self) -> bytes:
+    def level(self) -> int:
         """How bad it is."""
         if self.obstacle or self.frame == "refused":
-            return DiagnosticStatus.ERROR
-        level = bytes([SEVERITIES[self.last_state]])
+            return ERROR
+        level = SEVERITIES[self.last_state]
         if self.skipped and self.skipped.is_lasting:
-            level = max(level, DiagnosticStatus.WARN)
+            level = max(level, WARN)
         return level
 
     @property
@@ -266,11 +260,6 @@ class Status:
             values |= self.result.values
         return values
 
-    @property
-    def targets(self) -> Sequence[TrackedTarget]:
-        """The targets one by one; none where the image was not looked at."""
-        return () if self.is_skipped else self.result.targets
-
 
 class StatusOutput:
     """The topic `~/status`.
@@ -285,9 +274,10 @@ class StatusOutput:
         self._publisher = advertise(
             node, DiagnosticArray, "~/status", profile=LATCHED_QOS, report=report
         )
-        self._message = DiagnosticArray()
 
-    def publish(self, header: Header, status: Status, reporter: Reporter, elapsed: float) -> None:
+    def publish(
+        self, header: Header, status: NodeStatus, reporter: Reporter, elapsed: float
+    ) -> None:
         """Publish the status of a frame, with all errors since the last one.
 
         Args:
@@ -299,7 +289,7 @@ class StatusOutput:
         level = status.level
         errors = [error for error in reporter.take_unshown() if error not in status.obstacle]
         if errors:
-            level = max(level, DiagnosticStatus.WARN)
+            level = max(level, WARN)
         if status.obstacle or not errors:
             errors.insert(0, status.description)
         values: dict[str, str | float | int] = {"frame": status.frame}
@@ -309,25 +299,10 @@ class StatusOutput:
         values["preset"] = status.preset
         values |= reporter.values()
         name = self._node.get_fully_qualified_name()
-        statuses = self._statuses(1 + len(status.targets))
-        fill_status(statuses[0], name, level, "; ".join(errors), values)
-        for each, target in zip(statuses[1:], status.targets, strict=True):
-            fill_status(
-                each,
-                f"{name}: target {target.id}",
-                bytes([severity(target)]),
-                DESCRIPTIONS[target.estimate.state],
-                target_values(target),
-            )
-        self._message.header = header
-        self._publisher.publish(self._message)
-
-    def _statuses(self, count: int) -> list[DiagnosticStatus]:
-        """So many statuses of the message, to be filled."""
-        statuses = self._message.status
-        statuses += [DiagnosticStatus() for _ in range(count - len(statuses))]
-        del statuses[count:]
-        return statuses
+        statuses = [Status(name, level, "; ".join(errors), values)]
+        if not status.is_skipped:
+            statuses += status.result.target_statuses(name)
+        self._publisher.publish(status_message(new_message, header, statuses))
 
     def close(self) -> None:
         """Withdraw the topic."""

@@ -10,12 +10,12 @@ from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import cv2
-from diagnostic_msgs.msg import DiagnosticStatus
 from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage, Image
 
 from pf_tracker_ros.decoding.decoder import ImageDecoder
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.messages import ERROR, OK, WARN
 from pf_tracker_ros.node.graph_watch import GraphWatch
 from pf_tracker_ros.node.managed_node import ManagedNode
 from pf_tracker_ros.node.override_sources import files_superseded_by
@@ -39,9 +39,9 @@ from pf_tracker_ros.node.tracker.services import Services
 from pf_tracker_ros.node.tracker.status import (
     PAUSED,
     SKIPPED,
+    NodeStatus,
     SkippedFrames,
     StateLog,
-    Status,
     StatusOutput,
     TargetsLog,
     stamp_text,
@@ -413,9 +413,9 @@ class TrackerNode(ManagedNode):
             "recording that begins again"
         )
 
-    def _current_status(self, frame: str) -> Status:
+    def _current_status(self, frame: str) -> NodeStatus:
         session = self._tracking.session
-        return Status(
+        return NodeStatus(
             frame=frame,
             result=self._result,
             requested_stamp=session.requested_stamp if session else None,
@@ -431,16 +431,16 @@ class TrackerNode(ManagedNode):
         level, message = status.level, status.description
         active = bool(self._images.topic)
         if not active:
-            level, message = DiagnosticStatus.OK, f"{self.lifecycle_state}, not tracking"
+            level, message = OK, f"{self.lifecycle_state}, not tracking"
             if self._binding.refused:
-                level = DiagnosticStatus.ERROR
+                level = ERROR
                 message += f": {'; '.join(self._binding.refused.values())}"
         for fault in self._graph.lasting:
-            level, message = max(level, DiagnosticStatus.WARN), f"{fault}; {message}"
+            level, message = max(level, WARN), f"{fault}; {message}"
         errors = self._reporter.count - self._errors_in_health
         self._errors_in_health = self._reporter.count
-        if errors and level == DiagnosticStatus.OK:
-            level, message = DiagnosticStatus.WARN, self._reporter.last_error
+        if errors and level == OK:
+            level, message = WARN, self._reporter.last_error
         values: dict[str, str | float | int] = {
             f"refused_{cause}": count for cause, count in self._reporter.failures.items()
         }

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point32, PolygonStamped
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,8 +13,14 @@ from std_msgs.msg import Header
 from pf_tracker_ros import Estimate
 from pf_tracker_ros.background import BackgroundState
 from pf_tracker_ros.decoding.image_decoding import decode
-from pf_tracker_ros.messages import box_message, image_message
-from pf_tracker_ros.node.message_building import box_of_polygon, fill_status, status_message
+from pf_tracker_ros.messages import (
+    WARN,
+    Status,
+    box_message,
+    box_of_polygon,
+    image_message,
+    status_message,
+)
 from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.tracking.estimate import estimate_values
 
@@ -118,7 +123,8 @@ def test_a_message_holds_the_only_copy_of_an_image(header, noise):
 def test_numbers_in_a_status_read_back_to_the_same_values(header):
     estimate = make_estimate([(0, 0, 1, 1)] * 3, [0.2, 0.3, 0.5])
     values = estimate_values(estimate)
-    status = status_message(header, "/pf_tracker", DiagnosticStatus.WARN, "text", values).status[0]
+    made = Status("/pf_tracker", WARN, "text", values)
+    (status,) = status_message(new_message, header, [made]).status
     read = {item.key: float(item.value) for item in status.values}
     assert read == {
         "confidence": 0.1,
@@ -131,17 +137,6 @@ def test_numbers_in_a_status_read_back_to_the_same_values(header):
         "particles": 3,
     }
     assert (status.name, status.level, status.message) == ("/pf_tracker", b"\x01", "text")
-
-
-@pytest.mark.parametrize(
-    "before", [{}, {"state": "idle", "particles": 3}, {"particles": 3, "state": "idle"}, {"a": 1}]
-)
-def test_a_status_that_is_written_again_is_as_new(header, before):
-    values = {"state": "tracking", "particles": 60}
-    status = status_message(header, "/other", DiagnosticStatus.WARN, "text", before).status[0]
-    fill_status(status, "/pf_tracker", DiagnosticStatus.OK, "tracking", values)
-    new = status_message(header, "/pf_tracker", DiagnosticStatus.OK, "tracking", values)
-    assert status == new.status[0]
 
 
 def test_the_status_has_the_background_model_s_state_where_there_is_a_model():
