@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues import Match
 from pf_tracker_ros.cues.fusion import Templates
-from pf_tracker_ros.tracking.judge import Judge
-from pf_tracker_ros.tracking.judgment import Confidence
-from pf_tracker_ros.tracking.target import Target
+from pf_tracker_ros.tracking.assessment import Confidence
+from pf_tracker_ros.tracking.filter_state import FilterState
+from pf_tracker_ros.tracking.track_assessor import TrackAssessor
 
 # It only speaks against the target, and hardly ever does; it was set by hand.
 _VETO = "correlation_response.level"
@@ -51,12 +51,12 @@ class HeardConfidence:
         self._confidence = confidence
         self.odds: list[Odds] = []
 
-    def judge(
-        self, target: Target, seen: Templates, match: Match, spread: Callable[[], float]
+    def assess(
+        self, target: FilterState, seen: Templates, match: Match, spread: Callable[[], float]
     ) -> float:
-        """See `Confidence.judge`."""
+        """See `Confidence.assess`."""
         self.odds.append(self._confidence.log_odds(target, seen, spread))
-        return self._confidence.judge(target, seen, match, spread)
+        return self._confidence.assess(target, seen, match, spread)
 
     def update(self, before: float, now: float) -> float:
         """See `Confidence.update`."""
@@ -67,11 +67,11 @@ def heard_tracker(preset: str, seed: int) -> tuple[Tracker, HeardConfidence]:
     """A tracker and the confidence in its boxes; looks elsewhere are not heard."""
     heard: list[HeardConfidence] = []
 
-    def judge(confidence: Confidence, *others: object) -> Judge:
+    def assess(confidence: Confidence, *others: object) -> TrackAssessor:
         heard.append(HeardConfidence(confidence))
-        return Judge(heard[-1], *others)
+        return TrackAssessor(heard[-1], *others)
 
-    with patch("pf_tracker_ros.tracking.follower.Judge", judge):
+    with patch("pf_tracker_ros.tracking.target_filter.TrackAssessor", assess):
         tracker = Tracker.from_preset(preset, seed)
     return tracker, heard[-1]
 
@@ -81,11 +81,11 @@ def fitted_tracker(preset: str, weights: Weights, seed: int) -> Tracker:
 
     class Fitted(Confidence):
         def log_odds(
-            self, target: Target, seen: Templates, spread: Callable[[], float]
+            self, target: FilterState, seen: Templates, spread: Callable[[], float]
         ) -> dict[str, float]:
             return weights.weigh(super().log_odds(target, seen, spread))
 
-    with patch("pf_tracker_ros.tracking.follower.Confidence", Fitted):
+    with patch("pf_tracker_ros.tracking.target_filter.Confidence", Fitted):
         return Tracker.from_preset(preset, seed)
 
 

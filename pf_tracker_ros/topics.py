@@ -211,11 +211,11 @@ def _likelihood(new: New, header: Any, result: FrameResult) -> Any:
 
 def likelihood_values(likelihood: LikelihoodMap) -> Values:
     """Where the likelihood image lies, and what each cue says, under the keys of the status."""
-    x, y, side, _ = likelihood.square
+    x, y, side, _ = likelihood.extent
     values: Values = {"likelihood_x": x, "likelihood_y": y, "likelihood_side": side}
     for name, cue in likelihood.cues.items():
         values[f"at_target_{name}"] = cue.at_target
-        values[f"at_rival_{name}"] = cue.at_rival
+        values[f"at_rival_{name}"] = cue.at_second_peak
     return values
 
 

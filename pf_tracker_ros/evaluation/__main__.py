@@ -29,7 +29,7 @@ from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.signals import handled_signals
 from pf_tracker_ros.targets.tracker import Tracker
-from pf_tracker_ros.tracking.presets import PresetInForce
+from pf_tracker_ros.tracking.presets import ActivePreset
 
 SUCCESS, INCOMPLETE, REFUSED, INTERRUPTED, NO_READER, TERMINATED = 0, 1, 2, 130, 141, 143
 
@@ -74,7 +74,7 @@ def _run(options: argparse.Namespace) -> int:
     make_tracker = functools.partial(Tracker.from_preset, options.preset, parameters=parameters)
     with telling_of_file(options):
         values = make_tracker(0).parameters
-    summary = PresetInForce.of({"preset": options.preset, **values}).summary
+    summary = ActivePreset.of({"preset": options.preset, **values}).summary
     outputs = Outputs(options.output, options.plot, options.preset, parameters, summary)
     sequences, unopened = open_sequences(options.sequences)
     if not sequences:

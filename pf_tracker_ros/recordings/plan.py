@@ -32,7 +32,7 @@ from pf_tracker_ros.recordings.tracking import (
     tracker_parameters,
 )
 from pf_tracker_ros.targets.session import Session
-from pf_tracker_ros.tracking.presets import PresetInForce
+from pf_tracker_ros.tracking.presets import ActivePreset
 
 BESIDE = Path()
 """What an option stands for that is given without its file or folder: the one beside.
@@ -69,7 +69,7 @@ class Plan:
     @property
     def summary(self) -> str:
         """The preset, and how many values differ from it."""
-        return PresetInForce.of({"preset": self.preset, **self.parameters}).summary
+        return ActivePreset.of({"preset": self.preset, **self.parameters}).summary
 
     def track(self) -> Generator[TrackedFrame, None, None]:
         """Track; see `track_recording`."""

@@ -18,7 +18,7 @@ from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.track_manager import NOMINAL_INTERVAL, usual_arithmetic
-from pf_tracker_ros.tracking.camera import Camera
+from pf_tracker_ros.tracking.image_front_end import ImageFrontEnd
 from pf_tracker_ros.tracking.input_checks import check_image
 
 # The window of the people detector has a margin around the person: shares of its width and height
@@ -88,7 +88,7 @@ class PeopleDetector:
 
     def detect(self, image: NDArray[np.generic], interval: float = NOMINAL_INTERVAL) -> Detections:
         """See `Detector.detect`; the label is "person"."""
-        frame = self._eye.open(image, interval)
+        frame = self._eye.prepare(image, interval)
         width, height = self._hog.winSize
         if frame.size[0] < width or frame.size[1] < height:
             return Detections([])
@@ -125,7 +125,7 @@ class MotionDetector:
         self, image: NDArray[np.generic], interval: float = NOMINAL_INTERVAL
     ) -> Detections | None:
         """See `Detector.detect`; the label is "moving", the score the share of it that moves."""
-        frame = self._eye.open(image, interval)
+        frame = self._eye.prepare(image, interval)
         if self._eye.is_new:
             self._last, self._found = None, np.zeros((0, 4))
         if frame.foreground is None or frame.background is None or frame.background.name != "ready":
@@ -179,18 +179,18 @@ class _Eye:
 
     def __init__(self, seed: int, needs_foreground: bool) -> None:
         self._seed, self._needs_foreground = seed, needs_foreground
-        self._camera = Camera(seed, lays_ghosts=True)
+        self._front_end = ImageFrontEnd(seed, lays_ghosts=True)
         self.is_new = False
 
-    def open(self, image: NDArray[np.generic], interval: float) -> Frame:
+    def prepare(self, image: NDArray[np.generic], interval: float) -> Frame:
         check_image(image)
-        self.is_new = self._camera.frame is None or not self._camera.fits(image)
+        self.is_new = self._front_end.frame is None or not self._front_end.accepts_image(image)
         if self.is_new:
-            self._camera = Camera(self._seed, lays_ghosts=True)
+            self._front_end = ImageFrontEnd(self._seed, lays_ghosts=True)
         frame = Frame(image)
         with usual_arithmetic():
-            self._camera.open(frame, interval, (), self._needs_foreground, follow_light=False)
-        self._camera.keep(frame)
+            self._front_end.prepare(frame, interval, (), self._needs_foreground, follow_light=False)
+        self._front_end.commit(frame)
         return frame
 
 

@@ -14,7 +14,7 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.association import CENTER_SPREAD
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.targets.tracks import Crowd, Life
-from pf_tracker_ros.tracking.follower import Follower
+from pf_tracker_ros.tracking.target_filter import TargetFilter
 
 # Every how many frames it is the turn of a target, and how many places are looked at then.
 _EVERY, _PLACES = 5, 6
@@ -32,12 +32,12 @@ class Finder:
     the image is most like it, and none of the other targets is, the filter is asked.
 
     Args:
-        follower: Knows the targets.
+        target_filter: Knows the targets.
         appearance: Describes them.
     """
 
-    def __init__(self, follower: Follower, appearance: Appearance) -> None:
-        self._follower = follower
+    def __init__(self, target_filter: TargetFilter, appearance: Appearance) -> None:
+        self._target_filter = target_filter
         self._appearance = appearance
 
     def find(self, crowd: Crowd, frame: Frame) -> Crowd:
@@ -69,7 +69,7 @@ class Finder:
         self, life: Life, frame: Frame, known: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
         """(4,) box where a target is seen, None if nowhere."""
-        box, size = life.box, np.array(life.target.seen_box[2:])
+        box, size = life.box, np.array(life.target.last_seen_box[2:])
         center = box[:2] + box[2:] / 2
         is_inside = bool(((center >= 0.0) & (center < frame.size)).all())
         here = self._distances(life, frame, [box])[0] if is_inside else 1.0
@@ -77,7 +77,7 @@ class Finder:
         places = self._appearance.find(frame, life.descriptor, size, known, _PLACES)
         for place, differs in zip(places, self._distances(life, frame, places), strict=True):
             if differs < least:
-                found = self._follower.look_elsewhere(life.target, frame, place)
+                found = self._target_filter.search_around(life.target, frame, place)
                 is_there = found is not None and are_at(found.box, as_box(place))
                 if found is not None and is_there and found.confidence > _CONFIDENT_ABOVE:
                     best, least = found.box, differs
@@ -94,7 +94,7 @@ class Finder:
         """A target that was found in a (4,) box."""
         return replace(
             life,
-            target=self._follower.steering.move(life.target, as_box(box)),
+            target=self._target_filter.operations.move_to(life.target, as_box(box)),
             course=Course.begin(box, CENTER_SPREAD * box[2:]),
         )
 

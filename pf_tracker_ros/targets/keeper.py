@@ -14,28 +14,30 @@ from pf_tracker_ros.targets.lifecycle import Deleter, Initiator
 from pf_tracker_ros.targets.rivals import Rivals
 from pf_tracker_ros.targets.tracks import Crowd
 from pf_tracker_ros.targets.updater import Updater
-from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.target_filter import TargetFilter
 
 
 class CrowdKeeper:
     """Makes the crowd of a frame out of the one before; holds the roles, and nothing of a target.
 
     Args:
-        follower: Follows each target.
+        target_filter: Follows each target.
         parameters: Every tunable.
         seed: Seeds all randomness.
     """
 
-    def __init__(self, follower: Follower, parameters: TrackerParameters, seed: int) -> None:
+    def __init__(
+        self, target_filter: TargetFilter, parameters: TrackerParameters, seed: int
+    ) -> None:
         self.appearance = build_appearance(parameters.appearance)
         self._associator = Associator(self.appearance)
-        self._updater = Updater(follower, parameters.detector.recall, self.appearance)
-        self.initiator = Initiator(follower, seed, parameters.max_targets, self.appearance)
+        self._updater = Updater(target_filter, parameters.detector.recall, self.appearance)
+        self.initiator = Initiator(target_filter, seed, parameters.max_targets, self.appearance)
         self._deleter = Deleter(parameters.track.remember)
         self._recognizer = Recognizer(self.appearance)
-        self._finder = Finder(follower, self.appearance)
-        self._rivals = Rivals(self.initiator, follower.steering)
+        self._finder = Finder(target_filter, self.appearance)
+        self._rivals = Rivals(self.initiator, target_filter.operations)
 
     def advance(
         self, crowd: Crowd, frame: Frame, interval: float, seen: Sequence[Sighting] | None

@@ -17,7 +17,7 @@ from pf_tracker_ros.targets.association import CENTER_SPREAD
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.tracks import Crowd, Key, Life
-from pf_tracker_ros.tracking.follower import Follower
+from pf_tracker_ros.tracking.target_filter import TargetFilter
 
 # A detection that overlaps a target without one by more than this is taken for a bad one of it.
 _TAKEN_ABOVE = 0.45
@@ -35,14 +35,16 @@ class Initiator:
     """Starts targets: by hand, or on detections of none that there is.
 
     Args:
-        follower: Follows each target.
+        target_filter: Follows each target.
         seed: Seeds all randomness.
         most: Targets at a time.
         appearance: Describes them.
     """
 
-    def __init__(self, follower: Follower, seed: int, most: int, appearance: Appearance) -> None:
-        self._follower = follower
+    def __init__(
+        self, target_filter: TargetFilter, seed: int, most: int, appearance: Appearance
+    ) -> None:
+        self._target_filter = target_filter
         self._seed = seed
         self._most = most
         self._appearance = appearance
@@ -179,7 +181,7 @@ class Initiator:
             generator = np.random.default_rng(
                 np.random.SeedSequence(self._seed, spawn_key=spawn_key)
             )
-        target = self._follower.begin(frame, as_box(box), Randomness.of(generator))
+        target = self._target_filter.initialize(frame, as_box(box), Randomness.of(generator))
         course = Course.begin(box, CENTER_SPREAD * box[2:])
         stood = None if is_cut(box, frame.size) else box
         return Life(key, target, descriptor, course, np.log(box[2:]), _FIRST_BELIEF, stood=stood)

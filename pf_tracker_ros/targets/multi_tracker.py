@@ -139,7 +139,7 @@ class MultiTracker:
             raise ValueError(f"label is {label!r}; allowed: a text")
         first_box = check_box(box, (image.shape[1], image.shape[0]))
         manager, last = self._manager, self._manager.last_frame
-        if not manager.fits(image):
+        if not manager.accepts_image(image):
             raise ValueError(manager.misfit(image))
         if last is None and self._stamp:
             raise ValueError(
@@ -191,7 +191,7 @@ class MultiTracker:
                 good state is kept.
         """
         check_image(image)
-        if not self._manager.fits(image):
+        if not self._manager.accepts_image(image):
             raise ValueError(self._manager.misfit(image))
         answers = _answers(detections)
         if answers:

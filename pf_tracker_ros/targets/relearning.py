@@ -14,9 +14,9 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.targets.tracks import Crowd, Key, Life
-from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.scaling import box_within, scaled_box, scaled_to
+from pf_tracker_ros.tracking.scaling import clamp_box, scaled_box, scaled_to
+from pf_tracker_ros.tracking.target_filter import TargetFilter
 
 
 class Sight(NamedTuple):
@@ -48,16 +48,16 @@ def needs_learning(
     return not all(knowing & life.target.templates.keys() for life in lives)
 
 
-def reconfigured(crowd: Crowd, follower: Follower) -> Crowd:
+def reconfigured(crowd: Crowd, target_filter: TargetFilter) -> Crowd:
     """The crowd for other parameters, which need nothing learned again."""
-    lives = (replace(life, target=follower.reconfigure(life.target)) for life in crowd.lives)
+    lives = (replace(life, target=target_filter.reconfigure(life.target)) for life in crowd.lives)
     return replace(crowd, lives=tuple(lives))
 
 
 def learned_again(
     crowd: Crowd,
     sights: Mapping[Key, Sight],
-    follower: Follower,
+    target_filter: TargetFilter,
     appearance: Appearance | None = None,
 ) -> tuple[Crowd, tuple[Life, ...]]:
     """The crowd with every target learned again; one that is hidden is so until it is seen.
@@ -65,7 +65,7 @@ def learned_again(
     Args:
         crowd: After the last frame.
         sights: Where its targets were last seen.
-        follower: Learns them.
+        target_filter: Learns them.
         appearance: Describes them anew, and those that have ended are forgotten; None where the
             descriptors stay.
 
@@ -79,8 +79,10 @@ def learned_again(
         if sight is None:
             unseen.append(life)
             continue
-        box, before = box_within(sight.box, sight.frame.image), life.target
-        target = follower.begin(sight.frame, box, before.randomness, before.estimate.state)
+        box, before = clamp_box(sight.box, sight.frame.image), life.target
+        target = target_filter.initialize(
+            sight.frame, box, before.randomness, before.estimate.state
+        )
         learned = replace(life, target=target, learned_for=0.0)
         lives.append(learned.described(sight.frame, box, appearance) if appearance else learned)
     gone = () if appearance else crowd.gone
@@ -90,7 +92,7 @@ def learned_again(
 def resized(
     crowd: Crowd,
     sights: Mapping[Key, Sight],
-    follower: Follower,
+    target_filter: TargetFilter,
     last: Frame,
     opened: Frame,
 ) -> tuple[Crowd, dict[Key, Sight]]:
@@ -99,7 +101,7 @@ def resized(
     Args:
         crowd: After the last frame.
         sights: Where its targets were last seen.
-        follower: Learns them.
+        target_filter: Learns them.
         last: The last frame.
         opened: The same in that size, and what the image front end knows of it.
 
@@ -115,7 +117,7 @@ def resized(
         if image is not None:
             frame = frames.setdefault(id(sight.frame), Frame(image, sight.frame.stamp))
             scaled[key] = Sight(frame, scaled_box(sight.box, sight.frame.size, after))
-    crowd, _ = learned_again(crowd, scaled, follower)
+    crowd, _ = learned_again(crowd, scaled, target_filter)
     lives = [_scaled(life, factors) for life in crowd.lives]
     gone = []
     for life in crowd.gone:

@@ -15,7 +15,7 @@ from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.out_of_sequence import StampedDetections
 from pf_tracker_ros.tracking.frame_clock import is_due
-from pf_tracker_ros.tracking.scaling import is_scaled, scaled_box, size_of
+from pf_tracker_ros.tracking.scaling import same_aspect_ratio, scaled_box, size_of
 
 
 class Drawn(NamedTuple):
@@ -42,7 +42,7 @@ class Drawn(NamedTuple):
     def redraw(self, image: NDArray[np.generic], *, is_selected: bool) -> Drawn:
         """The same, drawn on another image; its box is scaled if that has the same aspect ratio."""
         size, box = self.image_size, self.box
-        if size is not None and is_scaled(size, size_of(image)):
+        if size is not None and same_aspect_ratio(size, size_of(image)):
             box = scaled_box(box, size, size_of(image))
         return Drawn(box, self.label, 0, is_selected=is_selected)
 

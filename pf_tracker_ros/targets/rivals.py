@@ -14,7 +14,7 @@ from pf_tracker_ros.targets.association import CENTER_SPREAD
 from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.targets.lifecycle import Initiator
 from pf_tracker_ros.targets.tracks import Crowd, Glimpse, Key, Life
-from pf_tracker_ros.tracking.steering import Steering
+from pf_tracker_ros.tracking.state_operations import StateOperations
 
 # Seconds for which it is seen, so that it is no flicker, and how far it may be from where it was
 # expected, in its sides.
@@ -48,12 +48,12 @@ class Rivals:
 
     Args:
         initiator: Begins them.
-        steering: Moves them.
+        operations: Moves them.
     """
 
-    def __init__(self, initiator: Initiator, steering: Steering) -> None:
+    def __init__(self, initiator: Initiator, operations: StateOperations) -> None:
         self._initiator = initiator
-        self._steering = steering
+        self._operations = operations
 
     def start(self, crowd: Crowd, frame: Frame, interval: float, *, is_seen: bool) -> Crowd:
         """The crowd with what was seen beside the targets for a moment.
@@ -107,7 +107,7 @@ class Rivals:
 
     def _moved(self, rival: Life, host: Life, interval: float) -> Life:
         """A rival where its course takes it, corrected by what its host sees of it."""
-        course, seen, unseen_for = rival.course, host.target.rival, 0.0
+        course, seen, unseen_for = rival.course, host.target.distractor_box, 0.0
         if seen is not None and _are_within(rival.expected, seen, _NEAR):
             center, deviation = seen[:2] + seen[2:] / 2, CENTER_SPREAD * seen[2:]
             course = course.correct(center, deviation)
@@ -117,13 +117,13 @@ class Rivals:
         rival = replace(
             rival, course=course, age=rival.age + interval, glimpse=None, unseen_for=unseen_for
         )
-        target = self._steering.move(rival.target, as_box(rival.expected))
+        target = self._operations.move_to(rival.target, as_box(rival.expected))
         return replace(rival, target=target)
 
 
 def _glimpsed(life: Life, interval: float) -> Life:
     """A target with what was seen beside it lately, this frame included."""
-    box, before = life.target.rival, life.glimpse
+    box, before = life.target.distractor_box, life.glimpse
     if box is None or life.is_rival or life.is_hidden:
         return life if before is None else replace(life, glimpse=None)
     center, deviation = box[:2] + box[2:] / 2, CENTER_SPREAD * box[2:]

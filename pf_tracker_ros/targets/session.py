@@ -223,7 +223,7 @@ class Session:
         self.heard += 1
         self._clock.check_ahead(stamp)
         self._clock.check_behind(stamp)
-        if not self._clock.was_passed_over(stamp):
+        if not self._clock.was_skipped(stamp):
             self._answers.add(detections, stamp)
 
     def select(self, id: int) -> None:
@@ -245,7 +245,7 @@ class Session:
         """Forget all targets, requested ones, and what detectors have said so far."""
         self.withdraw()
         self._forget_targets()
-        self._clock.begin_anew()
+        self._clock.expect_jump()
 
     def _forget_targets(self) -> None:
         self._answers.clear()
@@ -290,7 +290,7 @@ class Session:
             not needed; "again" where it is a duplicate that a target starts on.
         """
         requested = [one.stamp for one in self._requested]
-        place = self._clock.place(stamp, self.time_policy.late_within, requested)
+        place = self._clock.classify(stamp, self.time_policy.late_within, requested)
         if place == "duplicate" and any(is_due(one, stamp) for one in requested):
             return "again"
         return place
@@ -330,12 +330,12 @@ class Session:
     def _jump_back(self, frame: Frame) -> Outcome:
         """Go on in a time that began anew, without what waits for frames of the old one."""
         policy, stamp = self.time_policy.on_jump, frame.stamp
-        are_of_since = self._clock.begins_anew
+        are_of_since = self._clock.expects_jump
         seconds = self._clock.jump_back(stamp)
         waiting = [
             one
             for one in self._requested
-            if are_of_since or not self._clock.is_of_before(one.stamp, stamp)
+            if are_of_since or not self._clock.is_from_before_jump(one.stamp, stamp)
         ]
         if len(waiting) < len(self._requested):
             self._refused.append(_DRAWN_BEFORE_JUMP)
@@ -455,7 +455,7 @@ class Session:
         Raises:
             ValueError: The image fits no target, and they are kept.
         """
-        if self._manager.fits(frame.image) or self._manager.resize(frame):
+        if self._manager.accepts_image(frame.image) or self._manager.resize(frame):
             self._kind.fit()
             return False
         self._kind.misfit(frame.stamp)

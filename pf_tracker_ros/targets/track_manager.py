@@ -40,12 +40,12 @@ from pf_tracker_ros.targets.relearning import (
 )
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.targets.tracks import Crowd, Key, Life, Names
-from pf_tracker_ros.tracking.camera import Camera
-from pf_tracker_ros.tracking.follower import Follower
+from pf_tracker_ros.tracking.image_front_end import ImageFrontEnd
 from pf_tracker_ros.tracking.input_checks import check_box, check_seed
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.scaling import scaled_box, scaled_to
+from pf_tracker_ros.tracking.target_filter import TargetFilter
 
 NOMINAL_INTERVAL = 0.04
 """Seconds from one frame to the next where nobody tells."""
@@ -97,9 +97,9 @@ class TrackManager:
         self._parameters = parameters
         self._seed = check_seed(seed)
         with usual_arithmetic():
-            self._follower = Follower(parameters)
-        self._keeper = CrowdKeeper(self._follower, parameters, self._seed)
-        self._camera = self._new_camera()
+            self._target_filter = TargetFilter(parameters)
+        self._keeper = CrowdKeeper(self._target_filter, parameters, self._seed)
+        self._front_end = self._new_front_end()
         self._crowd = Crowd()
         self.frames = FrameBuffer()
         self._names = Names()
@@ -128,7 +128,7 @@ class TrackManager:
     @property
     def last_frame(self) -> Frame | None:
         """The one that was given last; None before the first, and in a fresh copy."""
-        return self._camera.frame
+        return self._front_end.frame
 
     @property
     def targets(self) -> tuple[TrackedTarget, ...]:
@@ -150,11 +150,11 @@ class TrackManager:
 
         Nothing is tracked by it. None where there is no such target, or no frame as in a copy.
         """
-        life, frame = self._names.told(self._crowd.lives).get(id), self._camera.frame
+        life, frame = self._names.told(self._crowd.lives).get(id), self._front_end.frame
         if life is None or frame is None:
             return None
         with usual_arithmetic():
-            return self._follower.map_likelihood(life.target, frame)
+            return self._target_filter.map_likelihood(life.target, frame)
 
     # Parameters
 
@@ -183,30 +183,30 @@ class TrackManager:
         with usual_arithmetic():
             crowd, moments = self._adapted(other)
         self.frames.put(moments)
-        if other._follower.needs_foreground != self._follower.needs_foreground:
-            self._camera.forget_background()
+        if other._target_filter.needs_foreground != self._target_filter.needs_foreground:
+            self._front_end.reset_background()
         self._crowd, self._seed = crowd, other._seed
-        self._parameters, self._follower = other._parameters, other._follower
+        self._parameters, self._target_filter = other._parameters, other._target_filter
         self._keeper = other._keeper
-        self._camera.serve(several=self.max_targets > 1)
+        self._front_end.configure(several=self.max_targets > 1)
 
     def _adapted(self, other: TrackManager) -> tuple[Crowd, Sequence[Moment]]:
         """The targets, and the moments to be kept, for the parameters of another manager."""
-        moments, follower = self.frames.moments, other._follower
+        moments, target_filter = self.frames.moments, other._target_filter
         before = (one for moment in moments for one in moment.before.lives)
         lives = [*self._crowd.lives, *self._crowd.gone, *before]
         if not needs_learning(lives, self.parameters, other.parameters):
-            return reconfigured(self._crowd, follower), [
+            return reconfigured(self._crowd, target_filter), [
                 replace(
                     moment,
-                    before=reconfigured(moment.before, follower),
-                    begun=reconfigured(Crowd(lives=moment.begun), follower).lives,
+                    before=reconfigured(moment.before, target_filter),
+                    begun=reconfigured(Crowd(lives=moment.begun), target_filter).lives,
                 )
                 for moment in moments
             ]
         is_same = other._parameters.appearance == self._parameters.appearance
         appearance = None if is_same else other._keeper.appearance
-        crowd, unseen = learned_again(self._crowd, self._sights, follower, appearance)
+        crowd, unseen = learned_again(self._crowd, self._sights, target_filter, appearance)
         for life in unseen:
             if life.is_told and life.key in self._names:
                 raise ParameterError(
@@ -217,14 +217,14 @@ class TrackManager:
 
     # Frames
 
-    def fits(self, image: NDArray[np.generic]) -> bool:
+    def accepts_image(self, image: NDArray[np.generic]) -> bool:
         """Whether an image has the size and kind of those before; any does before the first."""
-        return self._is_waiting or self._camera.fits(image)
+        return self._is_waiting or self._front_end.accepts_image(image)
 
     def misfit(self, image: NDArray[np.generic]) -> str:
         """Why an image that does not fit is refused."""
         return (
-            f"image is {image.shape} {image.dtype}, but the others were {self._camera.image_kind}; "
+            f"image is {image.shape} {image.dtype}, but the others were {self._front_end.image_format}; "
             "start again to change the image's size or kind"
         )
 
@@ -245,19 +245,19 @@ class TrackManager:
         Raises:
             ValueError: The image does not fit; the last good state is kept.
         """
-        if not self.fits(frame.image):
+        if not self.accepts_image(frame.image):
             raise ValueError(self.misfit(frame.image))
         interval = NOMINAL_INTERVAL if interval is None else interval
         self.left_out = ()
         if not detections and self._is_waiting:
-            self._camera = self._new_camera(frame)
+            self._front_end = self._new_front_end(frame)
             self.frames.add(Moment(frame, interval, self._crowd))
             return
-        if not self._camera.fits(frame.image):
+        if not self._front_end.accepts_image(frame.image):
             self.forget_camera()
         with usual_arithmetic():
             told = self._names.told(self._crowd.lives)
-            self._open(self._camera, frame, interval, self._crowd.boxes)
+            self._open(self._front_end, frame, interval, self._crowd.boxes)
             of_now = [one for one in detections if _is_of_now(one.stamp, frame.stamp, interval)]
             late = [one for one in detections if one not in of_now]
             moments, left_out = insert_late(self.frames, late, frame.stamp, self._sightings)
@@ -269,7 +269,7 @@ class TrackManager:
                 left_out += reasons
             moment = Moment(frame, interval, crowd, seen)
             crowd = self._keeper.advance(crowd, frame, interval, seen)
-        self._camera.keep(frame)
+        self._front_end.commit(frame)
         self.frames.revise(revised)
         self.frames.add(moment)
         self.left_out = tuple(dict.fromkeys(left_out))
@@ -287,9 +287,11 @@ class TrackManager:
         """Whether nothing depends on a frame: a single target, which is not there yet, is all."""
         return self.max_targets == 1 and not self._crowd.lives and not self._crowd.is_heard
 
-    def _open(self, camera: Camera, frame: Frame, interval: float, boxes: Sequence[Box]) -> None:
-        follower, follow_light = self._follower, self._parameters.follow_light
-        camera.open(frame, interval, boxes, follower.needs_foreground, follow_light)
+    def _open(
+        self, front_end: ImageFrontEnd, frame: Frame, interval: float, boxes: Sequence[Box]
+    ) -> None:
+        target_filter, follow_light = self._target_filter, self._parameters.follow_light
+        front_end.prepare(frame, interval, boxes, target_filter.needs_foreground, follow_light)
 
     def _sightings(
         self, detections: Detections, frame: Frame
@@ -302,9 +304,9 @@ class TrackManager:
         # None of the boxes makes sense: that does not say that nothing is there.
         return None, reasons
 
-    def _new_camera(self, frame: Frame | None = None) -> Camera:
+    def _new_front_end(self, frame: Frame | None = None) -> ImageFrontEnd:
         several = self.max_targets > 1
-        return Camera(self._seed, frame, lays_ghosts=several, tells_motion=several)
+        return ImageFrontEnd(self._seed, frame, lays_ghosts=several, estimates_motion=several)
 
     def resize(self, frame: Frame) -> bool:
         """Go on with images of another size, keeping the targets with their ids.
@@ -319,19 +321,19 @@ class TrackManager:
             Whether it could be done: the image is of the same kind and aspect ratio, and no target
             in it is smaller than a pixel. If not, all is as before.
         """
-        known = self._camera.frame
+        known = self._front_end.frame
         last = scaled_to(known.image, frame.image) if known else None
         if known is None or last is None:
             return False
-        camera, opened = self._new_camera(), Frame(last, known.stamp)
+        front_end, opened = self._new_front_end(), Frame(last, known.stamp)
         boxes = [scaled_box(box, known.size, opened.size) for box in self._crowd.boxes]
         if any(min(box[2:]) < 1.0 for box in boxes):
             return False
         with usual_arithmetic():
-            self._open(camera, opened, 0.0, boxes)
-            crowd, sights = resized(self._crowd, self._sights, self._follower, known, opened)
-        camera.keep(opened)
-        self._camera, self._crowd, self._sights = camera, crowd, sights
+            self._open(front_end, opened, 0.0, boxes)
+            crowd, sights = resized(self._crowd, self._sights, self._target_filter, known, opened)
+        front_end.commit(opened)
+        self._front_end, self._crowd, self._sights = front_end, crowd, sights
         self.frames.clear()
         return True
 
@@ -383,8 +385,8 @@ class TrackManager:
             with usual_arithmetic():
                 return self._start_alone(frame, box, label, ())
         with usual_arithmetic():
-            self._open(self._camera, frame, 0.0, [box])
-            self._camera.keep(frame)
+            self._open(self._front_end, frame, 0.0, [box])
+            self._front_end.commit(frame)
             self.frames.add(Moment(frame, 0.0, self._crowd))
             self._crowd = self._keeper.advance(self._crowd, frame, 0.0, None)
             return self._start_beside(frame, box, label, self.frames.moments)
@@ -405,7 +407,7 @@ class TrackManager:
             NotKeptError: The frame is not kept any more.
         """
         moments = self._moments_from(stamp)
-        frame = moments[0].frame if moments else self._camera.frame
+        frame = moments[0].frame if moments else self._front_end.frame
         if frame is None:
             raise ValueError("there is no frame so far, as in a fresh copy; give one first")
         first_box = check_box(box, frame.size)
@@ -422,7 +424,7 @@ class TrackManager:
         Raises:
             ValueError: They are not kept any more, or are of another size.
         """
-        last = self._camera.frame
+        last = self._front_end.frame
         if last is None or stamp in (0, last.stamp) or last.stamp == 0:
             return self.frames.moments[-1:]
         moments = self.frames.since(stamp)
@@ -443,8 +445,8 @@ class TrackManager:
         self, frame: Frame, box: Box, label: str, moments: Sequence[Moment]
     ) -> Started:
         """Take the only target there may be; all begins anew with its frame."""
-        camera, keeper = self._new_camera(), self._keeper
-        self._open(camera, frame, 0.0, [box])
+        front_end, keeper = self._new_front_end(), self._keeper
+        self._open(front_end, frame, 0.0, [box])
         then = moments[1].before if len(moments) > 1 else self._crowd
         key = self._names.next_by_hand(then.frame)
         randomness = np.random.default_rng(np.random.SeedSequence(self._seed))
@@ -458,14 +460,14 @@ class TrackManager:
         ]
         revised = [Moment(frame, 0.0, replace(crowd, lives=()), begun=(life,))]
         for moment in moments[1:]:
-            camera.keep(frame)
+            front_end.commit(frame)
             frame = moment.frame
-            self._open(camera, frame, moment.interval, crowd.boxes)
+            self._open(front_end, frame, moment.interval, crowd.boxes)
             revised.append(Moment(frame, moment.interval, crowd, moment.seen))
             crowd = keeper.advance(crowd, frame, moment.interval, moment.seen)
             sights = _sights_after(frame, crowd, sights)
-        camera.keep(frame)
-        self._camera, self._crowd, self._sights = camera, crowd, sights
+        front_end.commit(frame)
+        self._front_end, self._crowd, self._sights = front_end, crowd, sights
         self.frames.put([*earlier, *revised] if frame.stamp else ())
         return Started(self._names.name(life), len(revised) - 1)
 
@@ -494,7 +496,7 @@ class TrackManager:
         self.frames.revise([one.without([*keys, *surplus]) for one in revised])
         self._crowd = replace(self._crowd, lives=(*others, life))
         sights = {**self._sights, key: Sight(frame, box)}
-        self._sights = _sights_after(self._camera.frame or frame, self._crowd, sights)
+        self._sights = _sights_after(self._front_end.frame or frame, self._crowd, sights)
         self._names.hand_over(keys, life.key)
         return Started(self._names.name(life), max(len(moments) - 1, 0))
 
@@ -539,7 +541,7 @@ class TrackManager:
         """Forget all targets, and take images of any size and kind."""
         self.clear()
         self.frames.clear()
-        self._camera = self._new_camera()
+        self._front_end = self._new_front_end()
 
 
 def usual_arithmetic() -> np.errstate:

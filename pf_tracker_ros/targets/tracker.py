@@ -146,7 +146,7 @@ class Tracker:
         if not self.started:
             raise RuntimeError("no target: call start(image, box) first")
         check_image(image)
-        if not self._manager.fits(image):
+        if not self._manager.accepts_image(image):
             raise ValueError(self._manager.misfit(image))
         self._manager.update(Frame(image.copy()), None if dt is None else check_interval(dt))
         return self._manager.targets[0].estimate

@@ -19,7 +19,7 @@ from pf_tracker_ros.appearances import Appearance, Descriptor
 from pf_tracker_ros.boxes import Box, overlaps
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.course import Course
-from pf_tracker_ros.tracking.target import Target
+from pf_tracker_ros.tracking.filter_state import FilterState
 
 # How far a target usually is from its own descriptor, before it is known, and how many detections
 # that is worth.
@@ -91,7 +91,7 @@ class Life:
     """
 
     key: Key
-    target: Target
+    target: FilterState
     descriptor: Descriptor
     course: Course
     log_size: NDArray[np.float64]

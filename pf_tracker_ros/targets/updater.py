@@ -28,9 +28,9 @@ from pf_tracker_ros.targets.course import Course
 from pf_tracker_ros.targets.detections import Sighting
 from pf_tracker_ros.targets.ground import Ground, grounds_of
 from pf_tracker_ros.targets.tracks import Life
-from pf_tracker_ros.tracking.follower import Follower
-from pf_tracker_ros.tracking.measurement import Evidence, Expectation
-from pf_tracker_ros.tracking.target import Target
+from pf_tracker_ros.tracking.filter_state import FilterState
+from pf_tracker_ros.tracking.measurement import ExternalLikelihood, FramePrediction
+from pf_tracker_ros.tracking.target_filter import TargetFilter
 
 # Probability that a detection is not of its target, so that it says nothing of the place.
 _WRONG = 0.02
@@ -94,13 +94,13 @@ class Updater:
     alone, and looked for all over the image once it is lost.
 
     Args:
-        follower: Follows each target.
+        target_filter: Follows each target.
         recall: Share of the visible targets that the detector finds.
         appearance: Describes the targets.
     """
 
-    def __init__(self, follower: Follower, recall: float, appearance: Appearance) -> None:
-        self._follower = follower
+    def __init__(self, target_filter: TargetFilter, recall: float, appearance: Appearance) -> None:
+        self._target_filter = target_filter
         self._appearance = appearance
         self._log_miss = math.log(1.0 - recall)
 
@@ -136,7 +136,9 @@ class Updater:
         for place in np.lexsort((-lower, guessed, unseen)).tolist():
             life = lives[place]
             if life.is_rival and own[place] is None:
-                target = self._follower.steering.move(life.target, as_box(predicted[place]))
+                target = self._target_filter.operations.move_to(
+                    life.target, as_box(predicted[place])
+                )
                 life = replace(life, target=target)
             else:
                 life = self._follow(
@@ -168,7 +170,7 @@ class Updater:
         alone: NDArray[np.bool_],
         *,
         is_silent: bool,
-    ) -> dict[int, Expectation]:
+    ) -> dict[int, FramePrediction]:
         """Place of each target that will be followed to where it is expected.
 
         Those that others hid in the last frame are left out: most of them will be hidden again.
@@ -181,7 +183,7 @@ class Updater:
             places.append(place)
             asks_for_size = bool(alone[place]) or _asks_for_size(life, one, is_silent)
             targets.append((life.target, asks_for_size))
-        return dict(zip(places, self._follower.predict(targets, frame, interval), strict=True))
+        return dict(zip(places, self._target_filter.predict(targets, frame, interval), strict=True))
 
     def count_misses(
         self, lives: Sequence[Life], own: Sequence[Sighting | None], rhythm: float
@@ -212,7 +214,7 @@ class Updater:
         interval: float,
         *,
         own: Sighting | None,
-        expected: Expectation | None,
+        expected: FramePrediction | None,
         front: Sequence[Life],
         ground: Ground | None,
         is_alone: bool,
@@ -223,7 +225,7 @@ class Updater:
             return self._begin_anew(life, frame, interval, own)
         target, is_hidden = life.target, False
         is_sized = _is_sized(life, own, is_silent)
-        evidence: list[Evidence] = []
+        evidence: list[ExternalLikelihood] = []
         if own:
             evidence.append(_of_detection(own.box))
         elif not is_alone:
@@ -245,20 +247,20 @@ class Updater:
         if not is_hidden:
             if expected is None:
                 asked = (target, is_alone or _asks_for_size(life, own, is_silent))
-                (expected,) = self._follower.predict([asked], frame, interval)
-            followed = self._follower.step(
+                (expected,) = self._target_filter.predict([asked], frame, interval)
+            followed = self._target_filter.step(
                 expected, _all_of(evidence), searches_everywhere=is_alone
             )
             if own is None and len(boxes):
                 found = np.array(followed.estimate.box)
                 is_hidden = _is_on_one(found, boxes)
                 is_on_rival = _is_on_one(found, boxes[[one.is_rival for one in front]])
-                known = followed.look_alike if is_on_rival else target.look_alike
-                target = replace(target, look_alike=known)
+                known = followed.known_distractor if is_on_rival else target.known_distractor
+                target = replace(target, known_distractor=known)
         course, log_size = life.course, life.log_size
         if is_hidden:
-            target = self._follower.steering.coast(target, frame, interval)
-            target = self._follower.steering.move(target, _inside(predicted, frame.size))
+            target = self._target_filter.operations.coast(target, frame, interval)
+            target = self._target_filter.operations.move_to(target, _inside(predicted, frame.size))
         else:
             target = followed
             if own is None:
@@ -293,10 +295,12 @@ class Updater:
             rivals: (K, 4) boxes of what looks like it.
         """
         target, box, last = life.target, life.box, before.target
-        if last.track.state == "lost":
+        if last.status.state == "lost":
             return replace(life, is_doubted=False)
         is_on_rival = overlaps(box[None], rivals).max(initial=0.0) > _ON_RIVAL
-        is_doubted = bool(is_on_rival) or (target.look_alike is None and _has_jumped(last, box))
+        is_doubted = bool(is_on_rival) or (
+            target.known_distractor is None and _has_jumped(last, box)
+        )
         if not is_doubted and before.is_doubted:
             variance = before.course.spread + np.square(_IMAGE_SPREAD * box[2:])
             apart = box[:2] + box[2:] / 2 - before.course.center
@@ -309,7 +313,7 @@ class Updater:
 
     def _begin_anew(self, life: Life, frame: Frame, interval: float, own: Sighting) -> Life:
         """A target that a detection shows after a pause, where its motion tells of no place."""
-        target = self._follower.begin(frame, as_box(own.box), life.target.randomness)
+        target = self._target_filter.initialize(frame, as_box(own.box), life.target.randomness)
         life = replace(
             life,
             target=target,
@@ -332,10 +336,12 @@ class Updater:
         size = np.exp(log_size)
         center, seen = box[:2] + box[2:] / 2, own.box[:2] + own.box[2:] / 2
         center = center + (1.0 if goes_over else _GAIN) * (seen - center)
-        target = self._follower.steering.move(life.target, as_box([*(center - size / 2), *size]))
+        target = self._target_filter.operations.move_to(
+            life.target, as_box([*(center - size / 2), *size])
+        )
         learns = goes_over or (life.learned_for >= _LEARN_EVERY and not is_doubted)
         if learns:
-            target = self._follower.steering.relearn(target, frame)
+            target = self._target_filter.operations.relearn(target, frame)
         life = life.viewed(own.descriptor, self._appearance) if own.is_clear else life
         return replace(
             life.voted(own.label, own.score),
@@ -350,14 +356,14 @@ class Updater:
         )
 
 
-def _corrected_by_image(life: Life, target: Target) -> tuple[Course, NDArray[np.float64]]:
+def _corrected_by_image(life: Life, target: FilterState) -> tuple[Course, NDArray[np.float64]]:
     """The course and the (2,) log size of a target, corrected by where the image shows it."""
     log_size, box = life.log_size, np.array(target.estimate.box)
     deviation = _IMAGE_SPREAD * box[2:]
     if life.is_on_its_own:
         count = min(target.estimate.confidence / _FULLY_ABOVE, 1.0)
         deviation = deviation / max(count, _LEAST_COUNT)
-        if target.track.state == "tracking":
+        if target.status.state == "tracking":
             log_size = np.log(box[2:])
     return life.course.correct(box[:2] + box[2:] / 2, deviation), log_size
 
@@ -378,11 +384,11 @@ def _asks_for_size(life: Life, own: Sighting | None, is_silent: bool) -> bool:
     return is_due and _is_sized(life, own, is_silent)
 
 
-def _has_jumped(last: Target, box: NDArray[np.float64]) -> bool:
+def _has_jumped(last: FilterState, box: NDArray[np.float64]) -> bool:
     """Whether a target has jumped to a (4,) box, where something was seen beside it before."""
     return (
-        last.runner_up is not None
-        and bool(are_at(box, last.runner_up))
+        last.second_peak is not None
+        and bool(are_at(box, last.second_peak))
         and bool(sides_apart(box, last.estimate.box) >= 1.0)
     )
 
@@ -412,7 +418,7 @@ def _is_on_one(box: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
     return bool(overlaps(box[None], others).max(initial=0.0) > _SAME_ABOVE)
 
 
-def _of_detection(box: NDArray[np.float64]) -> Evidence:
+def _of_detection(box: NDArray[np.float64]) -> ExternalLikelihood:
     """The factor of a detection: near it a box is likelier, up to that it may be wrong."""
     center, spread = box[:2] + box[2:] / 2, CENTER_SPREAD * box[2:]
 
@@ -425,7 +431,7 @@ def _of_detection(box: NDArray[np.float64]) -> Evidence:
     return log_likelihood
 
 
-def _of_course(life: Life) -> Evidence:
+def _of_course(life: Life) -> ExternalLikelihood:
     """The factor of how a target has moved: it seldom jumps aside."""
     center, size = life.course.center, life.box[2:]
     variance = life.course.spread + np.square(_IMAGE_SPREAD * size)
@@ -439,7 +445,7 @@ def _of_course(life: Life) -> Evidence:
     return log_likelihood
 
 
-def _of_others(front: NDArray[np.float64], expected: NDArray[np.float64]) -> Evidence:
+def _of_others(front: NDArray[np.float64], expected: NDArray[np.float64]) -> ExternalLikelihood:
     """The factor of (K, 4) boxes in front: what is in them is explained by others.
 
     Args:
@@ -470,7 +476,7 @@ def _shared(
     return np.maximum(end - np.maximum(start, other_start), 0.0)
 
 
-def _all_of(evidence: Sequence[Evidence]) -> Evidence | None:
+def _all_of(evidence: Sequence[ExternalLikelihood]) -> ExternalLikelihood | None:
     if not evidence:
         return None
 

@@ -177,19 +177,19 @@ class TrackThresholds:
 
 
 @dataclass(frozen=True)
-class Track:
+class TrackStatus:
     """The state of a track and for how long the target has been out of sight.
 
     Attributes:
         state: As in `Estimate.state`.
-        hidden_for: Seconds since the target was last seen, 0 while tracking.
+        time_since_seen: Seconds since the target was last seen, 0 while tracking.
         probation: Seconds, counted from when it is tracked again, for which it may yet turn out
             that something else was found instead of the target that was lost; nothing is learned of
             it in them.
     """
 
     state: TrackState = "tracking"
-    hidden_for: float = 0.0
+    time_since_seen: float = 0.0
     probation: float = 0.0
 
     @property
@@ -197,13 +197,13 @@ class Track:
         """Whether the target is seen, and was not lost a short time ago."""
         return self.state == "tracking" and self.probation == 0.0
 
-    def lose(self, thresholds: TrackThresholds) -> Track:
+    def as_lost(self, thresholds: TrackThresholds) -> TrackStatus:
         """The track if what is followed was something else all the time."""
-        return Track("lost", thresholds.lost_after)
+        return TrackStatus("lost", thresholds.lost_after)
 
     def advance(
         self, confidence: float, similarity: float, interval: float, thresholds: TrackThresholds
-    ) -> Track:
+    ) -> TrackStatus:
         """The track one frame later.
 
         Args:
@@ -219,12 +219,12 @@ class Track:
         was_lost = self.state == "lost" or self.probation > 0.0
         if confidence >= needed:
             if self.state == "tracking":
-                return Track(probation=max(self.probation - interval, 0.0))
-            return Track(probation=_PROBATION if was_lost else 0.0)
+                return TrackStatus(probation=max(self.probation - interval, 0.0))
+            return TrackStatus(probation=_PROBATION if was_lost else 0.0)
         is_glimpsed = similarity >= needed
-        hidden_for = interval + (0.0 if is_glimpsed else self.hidden_for)
+        time_since_seen = interval + (0.0 if is_glimpsed else self.time_since_seen)
         if is_glimpsed:
-            return Track("occluded", hidden_for, _PROBATION if was_lost else 0.0)
+            return TrackStatus("occluded", time_since_seen, _PROBATION if was_lost else 0.0)
         # What is not confirmed is as lost as it was before.
-        gone = was_lost or hidden_for >= thresholds.lost_after
-        return Track("lost" if gone else "occluded", hidden_for)
+        gone = was_lost or time_since_seen >= thresholds.lost_after
+        return TrackStatus("lost" if gone else "occluded", time_since_seen)

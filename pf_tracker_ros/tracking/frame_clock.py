@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 from pf_tracker_ros.stamps import NANOSECONDS
 
-Place = Literal["next", "duplicate", "late", "jump"]
+FrameOrder = Literal["next", "duplicate", "late", "jump"]
 
 # A frame that is older than the last one by at most this came late; by more, time began anew, as
 # when a bag starts again.
@@ -86,7 +86,7 @@ class FrameClock:
 
     Attributes:
         last: Stamp of the last frame that was taken, 0 before the first.
-        begins_anew: Whether a next frame that is not after the last one is the first after a jump;
+        expects_jump: Whether a next frame that is not after the last one is the first after a jump;
             what is asked for since then is of the time to come.
     """
 
@@ -95,14 +95,14 @@ class FrameClock:
         # As `last`, or that of the last frame since that was passed over.
         self._seen = 0
         self._late_in_a_row = 0
-        self.begins_anew = False
+        self.expects_jump = False
         self._jump: _Jump | None = None
         self._interval = 0.0
         # Stamps between which no frame counts any more, up to and with the later one: none was
         # looked at, or what was found in them was to be forgotten.
         self._passed = (0, 0)
 
-    def place(self, stamp: int, late_within: int, requested: Collection[int] = ()) -> Place:
+    def classify(self, stamp: int, late_within: int, requested: Collection[int] = ()) -> FrameOrder:
         """What a frame is; a late one is counted.
 
         Args:
@@ -114,7 +114,7 @@ class FrameClock:
         elapsed = stamp - self.last
         if 0 in (stamp, self.last) or elapsed > 0:
             return "next"
-        if self.begins_anew:
+        if self.expects_jump:
             return "jump"
         if elapsed == 0:
             return "duplicate"
@@ -122,13 +122,13 @@ class FrameClock:
         is_late = elapsed >= -late_within and self._late_in_a_row < _MOST_LATE
         return "late" if is_late and not {0, stamp}.intersection(requested) else "jump"
 
-    def begin_anew(self) -> None:
+    def expect_jump(self) -> None:
         """Take a next frame that is not after the last one for the first after a jump.
 
         Where nothing is followed, somebody may have gone back in a recording, by however little,
         and what came before an earlier jump is long forgotten.
         """
-        self.begins_anew, self._jump = True, None
+        self.expects_jump, self._jump = True, None
         self._passed = (0, self.last)
 
     def since_last(self, stamp: int) -> float | None:
@@ -145,7 +145,7 @@ class FrameClock:
             interval: Seconds since the one before, None where nobody knows.
         """
         self.last = self._seen = stamp
-        self._late_in_a_row, self.begins_anew = 0, False
+        self._late_in_a_row, self.expects_jump = 0, False
         self._interval = interval or self._interval
 
     def pass_over(self, stamp: int) -> None:
@@ -164,7 +164,7 @@ class FrameClock:
         self._jump, self._passed = _Jump(self.last, stamp, ahead), (0, 0)
         return (self.last - stamp) / NANOSECONDS
 
-    def is_of_before(self, stamp: int, now: int) -> bool:
+    def is_from_before_jump(self, stamp: int, now: int) -> bool:
         """Whether what was said of a frame is rather said of one from before time went back.
 
         Args:
@@ -174,7 +174,7 @@ class FrameClock:
         jump = self._jump
         return jump is not None and 0 not in (stamp, now) and jump.is_before(stamp, now)
 
-    def was_passed_over(self, stamp: int) -> bool:
+    def was_skipped(self, stamp: int) -> bool:
         """Whether the frame of a stamp is one of the last that count no more."""
         after, until = self._passed
         return after < stamp <= until
@@ -187,7 +187,7 @@ class FrameClock:
                 before time went back.
         """
         ahead = stamp - self._seen
-        if self.is_of_before(stamp, self._seen):
+        if self.is_from_before_jump(stamp, self._seen):
             raise ValueError(
                 f"its stamp is {ahead / NANOSECONDS:.3f} s after that of the last frame, of a "
                 "frame from before time went back; allowed: the stamp of a frame since, or 0 for "

@@ -27,11 +27,11 @@ class CueLikelihood(NamedTuple):
 
     Attributes:
         at_target: Log likelihood at the target's box, at most 0.
-        at_rival: The same at the rival's.
+        at_second_peak: The same at the rival's.
     """
 
     at_target: float
-    at_rival: float
+    at_second_peak: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,16 +39,16 @@ class LikelihoodMap:
     """The fused likelihood of boxes of the target's size on a grid around it.
 
     Attributes:
-        square: (x, y, side, side) that the grid's cells fill, pixels.
+        extent: (x, y, side, side) that the grid's cells fill, pixels.
         log_likelihood: (rows, columns) fused, at most 0, of a box whose center is that of the cell,
             or the nearest place inside the image.
-        rival: The likeliest box beside the target, (x, y, width, height) in pixels.
+        second_peak: The likeliest box beside the target, (x, y, width, height) in pixels.
         cues: Name of each cue to what it says of target and rival.
     """
 
-    square: Box
+    extent: Box
     log_likelihood: NDArray[np.float64]
-    rival: Box
+    second_peak: Box
     cues: Mapping[str, CueLikelihood]
 
 
@@ -85,15 +85,15 @@ def map_likelihood(
         fused += powers[name] * values
     beside = (np.abs(boxes[:, :2] - boxes[0, :2]) > boxes[0, 2:] / 2).any(axis=1)
     # In an image that the box fills there is nothing beside it.
-    rival = int(np.argmax(np.where(beside, fused, -np.inf))) if beside.any() else 0
+    second_peak = int(np.argmax(np.where(beside, fused, -np.inf))) if beside.any() else 0
     side = grid.spacing * grid.count
     x, y = grid.center - side / 2
     return LikelihoodMap(
-        square=(float(x), float(y), side, side),
+        extent=(float(x), float(y), side, side),
         log_likelihood=fused[1:].reshape(grid.count, grid.count),
-        rival=as_box(boxes[rival]),
+        second_peak=as_box(boxes[second_peak]),
         cues={
-            name: CueLikelihood(float(values[0]), float(values[rival]))
+            name: CueLikelihood(float(values[0]), float(values[second_peak]))
             for name, values in of_cues.items()
         },
     )

@@ -25,22 +25,22 @@ from pf_tracker_ros.cues.fusion import (
 )
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters, SearchableMotion
 from pf_tracker_ros.frames import Frame, Region
-from pf_tracker_ros.tracking.judgment import Judgment
+from pf_tracker_ros.tracking.assessment import Assessment
+from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.prediction import Prediction
-from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
-from pf_tracker_ros.tracking.target import Target
+from pf_tracker_ros.tracking.search import Search, covariance_about, mode_mean
 
 # What is known of a frame beside its pixels: log likelihoods of boxes, in their one shape.
-Evidence = Callable[[BoxesByAxis], NDArray[np.float64]]
+ExternalLikelihood = Callable[[BoxesByAxis], NDArray[np.float64]]
 # What looks so much like the target, 0 to 1, is a rival: the mean of what the cues say, multiplied.
 _ALIKE_ABOVE = 0.5
 
 
-class Expectation(NamedTuple):
+class FramePrediction(NamedTuple):
     """A target in a frame that has not been looked at.
 
     Attributes:
-        target: After the last frame.
+        filter_state: Of the target, after the last frame.
         frame: The next one.
         interval: Seconds between them.
         prediction: The particles, as drawn for it.
@@ -50,7 +50,7 @@ class Expectation(NamedTuple):
         search: Where the target is looked for; None without a search.
     """
 
-    target: Target
+    filter_state: FilterState
     frame: Frame
     interval: float
     prediction: Prediction
@@ -60,28 +60,28 @@ class Expectation(NamedTuple):
     search: Search | None = None
 
 
-class Weighed(NamedTuple):
+class WeightedParticles(NamedTuple):
     """The particles of a frame, weighed by it.
 
     Attributes:
-        expected: What was looked at.
+        frame_prediction: What was looked at.
         predicted: The particles before they were weighed.
         particles: The same, weighed.
         boxes: (N, 4) of the particles, pixels.
         powers: Of the cues, in this frame.
-        likeliest: Number of the particle with the highest posterior density.
+        map_index: Number of the particle with the highest posterior density.
         strengths: Name of a searchable cue to its (M,) strengths at the places of the search.
-        searched: (M,) log likelihoods of these places; empty without a search.
+        grid_log_likelihood: (M,) log likelihoods of these places; empty without a search.
     """
 
-    expected: Expectation
+    frame_prediction: FramePrediction
     predicted: ParticleSet
     particles: ParticleSet
     boxes: NDArray[np.float64]
     powers: Powers
-    likeliest: int = 0
+    map_index: int = 0
     strengths: Strengths = MappingProxyType({})
-    searched: NDArray[np.float64] = np.empty(0)
+    grid_log_likelihood: NDArray[np.float64] = np.empty(0)
 
 
 class Measurement(NamedTuple):
@@ -98,10 +98,10 @@ class Measurement(NamedTuple):
         match: How well that fits the templates.
         distraction: How much of what is around has looked like the target lately.
         search: Where the target was looked for; None without a search.
-        runner_up: (4,) likeliest box beside the target's, pixels; None without a search.
-        rival: (4,) box of what looks like the target beside it; None where nothing does, and
+        second_peak: (4,) likeliest box beside the target's, pixels; None without a search.
+        distractor_box: (4,) box of what looks like the target beside it; None where nothing does, and
             without a search.
-        unsearched: The particles where the motion alone took them; None without a search.
+        transition_particles: The particles where the motion alone took them; None without a search.
     """
 
     frame: Frame
@@ -114,12 +114,12 @@ class Measurement(NamedTuple):
     match: Match
     distraction: Distraction
     search: Search | None = None
-    runner_up: NDArray[np.float64] | None = None
-    rival: NDArray[np.float64] | None = None
-    unsearched: ParticleSet | None = None
+    second_peak: NDArray[np.float64] | None = None
+    distractor_box: NDArray[np.float64] | None = None
+    transition_particles: ParticleSet | None = None
 
     @property
-    def spread(self) -> float:
+    def particle_std(self) -> float:
         """Standard deviation of the particles' centers, box sizes."""
         centers = self.boxes[:, :2] + self.boxes[:, 2:] / 2
         offsets = centers - self.particles.weights @ centers
@@ -147,20 +147,20 @@ class Measurer:
         """Templates of what is in a (4,) box."""
         return self._fusion.learn(self._region(frame, box[None], box), box)
 
-    def expect(
+    def predict_frame(
         self,
-        target: Target,
+        target: FilterState,
         frame: Frame,
         interval: float,
         prediction: Prediction,
         draw: np.random.Generator,
         *,
         looks_for_size: bool = True,
-    ) -> Expectation:
+    ) -> FramePrediction:
         """What of a frame is to be looked at.
 
         Args:
-            target: After the last frame.
+            filter_state: Of the target, after the last frame.
             frame: The next one.
             interval: Seconds between them.
             prediction: For it.
@@ -170,48 +170,58 @@ class Measurer:
         boxes = target.motion.boxes(prediction.particles.states)
         last_box = np.asarray(target.estimate.box)
         region = self._region(frame, boxes, last_box, looks_for_size=looks_for_size)
-        return Expectation(target, frame, interval, prediction, draw, boxes, region)
+        return FramePrediction(target, frame, interval, prediction, draw, boxes, region)
 
-    def weigh(self, expected: Expectation, evidence: Evidence | None = None) -> Weighed:
+    def weigh(
+        self,
+        frame_prediction: FramePrediction,
+        external_likelihood: ExternalLikelihood | None = None,
+    ) -> WeightedParticles:
         """The particles, weighed by the frame.
 
         Args:
-            expected: Of the frame at hand.
-            evidence: One more factor of the likelihood; None where there is none.
+            frame_prediction: Of the frame at hand.
+            external_likelihood: One more factor of the likelihood; None where there is none.
 
         Source: Li et al. 2007, equation (8); Zhang et al. 2015, equation (10).
         """
-        predicted, boxes = expected.prediction.particles, expected.boxes
+        predicted, boxes = frame_prediction.prediction.particles, frame_prediction.boxes
         powers = self._fusion.powers
-        likelihood = self._log_likelihood(expected, boxes, powers, evidence)
-        return Weighed(expected, predicted, predicted.reweight(likelihood), boxes, powers)
+        likelihood = self._log_likelihood(frame_prediction, boxes, powers, external_likelihood)
+        return WeightedParticles(
+            frame_prediction, predicted, predicted.reweight(likelihood), boxes, powers
+        )
 
     def _log_likelihood(
         self,
-        expected: Expectation,
+        frame_prediction: FramePrediction,
         boxes: NDArray[np.float64],
         powers: Powers,
-        evidence: Evidence | None,
+        external_likelihood: ExternalLikelihood | None,
     ) -> NDArray[np.float64]:
         """(N,) of (N, 4) boxes: that of the cues, and the evidence."""
-        templates = expected.target.templates
-        likelihood = self._fusion.log_likelihood(expected.region, boxes, templates, powers)
-        return likelihood + evidence(BoxesByAxis(*boxes.T)) if evidence else likelihood
+        templates = frame_prediction.filter_state.templates
+        likelihood = self._fusion.log_likelihood(frame_prediction.region, boxes, templates, powers)
+        return (
+            likelihood + external_likelihood(BoxesByAxis(*boxes.T))
+            if external_likelihood
+            else likelihood
+        )
 
-    def estimate(self, weighed: Weighed) -> Measurement:
+    def estimate(self, weighed: WeightedParticles) -> Measurement:
         """The box that the particles stand for, and what the frame shows there.
 
         Source: Li et al. 2007, section 2.2; Zhang et al. 2015, equation (5).
         """
-        box = weighed.expected.target.motion.boxes(weighed.particles.mean[None])[0]
+        box = weighed.frame_prediction.filter_state.motion.boxes(weighed.particles.mean[None])[0]
         return self._measured(weighed, box)
 
-    def _measured(self, weighed: Weighed, box: NDArray[np.float64]) -> Measurement:
-        expected = weighed.expected
-        seen = self._fusion.observe(expected.region, box)
-        match = self._fusion.match(seen, expected.target.templates)
+    def _measured(self, weighed: WeightedParticles, box: NDArray[np.float64]) -> Measurement:
+        frame_prediction = weighed.frame_prediction
+        seen = self._fusion.observe(frame_prediction.region, box)
+        match = self._fusion.match(seen, frame_prediction.filter_state.templates)
         return Measurement(
-            frame=expected.frame,
+            frame=frame_prediction.frame,
             predicted=weighed.predicted,
             particles=weighed.particles,
             boxes=weighed.boxes,
@@ -223,20 +233,24 @@ class Measurer:
         )
 
     def covariance(
-        self, target: Target, measured: Measurement, judged: Judgment, hidden_for: float
+        self,
+        target: FilterState,
+        measured: Measurement,
+        assessment: Assessment,
+        time_since_seen: float,
     ) -> NDArray[np.float64]:
         """(2, 2) covariance of the target's center, px^2.
 
         Args:
-            target: After the last frame.
+            filter_state: Of the target, after the last frame.
             measured: In this frame.
-            judged: What is told of the target.
-            hidden_for: Seconds without a sight of it that count.
+            assessment: What is told of the target.
+            time_since_seen: Seconds without a sight of it that count.
         """
-        return judged.particles.covariance[:2, :2]
+        return assessment.particles.covariance[:2, :2]
 
     def log_likelihoods(
-        self, target: Target, frame: Frame, boxes: NDArray[np.float64]
+        self, target: FilterState, frame: Frame, boxes: NDArray[np.float64]
     ) -> dict[str, NDArray[np.float64]]:
         """Name of each cue to its (N,) log likelihoods of (N, 4) boxes of the target's size."""
         place = np.asarray(target.estimate.box)
@@ -292,31 +306,31 @@ class SearchingMeasurer(Measurer):
 
     def learn(self, frame: Frame, box: NDArray[np.float64]) -> tuple[Templates, Distraction]:
         """See `Measurer.learn`."""
-        search, region = self.look(frame, box)
+        search, region = self.search_window(frame, box)
         templates = self._fusion.learn(region, box)
         found = self._fusion.strengths_on_grid(region, search.grid, templates)
         own = self._fusion.strengths(region, box[None], templates)
         return templates, search.distraction(box, own, found)
 
-    def look(self, frame: Frame, place: NDArray[np.float64]) -> tuple[Search, Region]:
+    def search_window(self, frame: Frame, place: NDArray[np.float64]) -> tuple[Search, Region]:
         """A search around a (4,) box, and the region that it reads."""
         search = Search(place, self._parameters, frame.size)
         return search, self._region(frame, search.cover(place[None]), place, place)
 
-    def expect(
+    def predict_frame(
         self,
-        target: Target,
+        target: FilterState,
         frame: Frame,
         interval: float,
         prediction: Prediction,
         draw: np.random.Generator,
         *,
         looks_for_size: bool = True,
-    ) -> Expectation:
-        """See `Measurer.expect`."""
+    ) -> FramePrediction:
+        """See `Measurer.predict_frame`."""
         if not self._fusion.searches(target.templates):
             # Cues that were just chosen have no template yet, and can't search in this frame.
-            return super().expect(
+            return super().predict_frame(
                 target, frame, interval, prediction, draw, looks_for_size=looks_for_size
             )
         boxes = target.motion.boxes(prediction.particles.states)
@@ -325,61 +339,82 @@ class SearchingMeasurer(Measurer):
         region = self._region(
             frame, search.cover(boxes), last_box, search.place, looks_for_size=looks_for_size
         )
-        return Expectation(target, frame, interval, prediction, draw, boxes, region, search)
+        return FramePrediction(target, frame, interval, prediction, draw, boxes, region, search)
 
-    def weigh(self, expected: Expectation, evidence: Evidence | None = None) -> Weighed:
+    def weigh(
+        self,
+        frame_prediction: FramePrediction,
+        external_likelihood: ExternalLikelihood | None = None,
+    ) -> WeightedParticles:
         """See `Measurer.weigh`; the weights carry p / q."""
-        target, search, region = expected.target, expected.search, expected.region
+        target, search, region = (
+            frame_prediction.filter_state,
+            frame_prediction.search,
+            frame_prediction.region,
+        )
         if search is None:
-            return super().weigh(expected, evidence)
-        motion, prediction = cast(SearchableMotion, target.motion), expected.prediction
+            return super().weigh(frame_prediction, external_likelihood)
+        motion, prediction = cast(SearchableMotion, target.motion), frame_prediction.prediction
         powers = self._fusion.adapt(target.distraction, self._adaptation)
         strengths = self._fusion.strengths_on_grid(region, search.grid, target.templates)
         centers = motion.center_prior(target.particles.states, prediction.interval)
-        searched = self._fusion.search(region, search.grid, strengths, target.templates, powers)
-        if evidence:
-            searched += evidence(search.grid.by_axis).ravel()
+        grid_log_likelihood = self._fusion.search(
+            region, search.grid, strengths, target.templates, powers
+        )
+        if external_likelihood:
+            grid_log_likelihood += external_likelihood(search.grid.by_axis).ravel()
         predicted, log_prior = search.propose(
-            prediction.particles, motion, centers, searched, expected.draw
+            prediction.particles, motion, centers, grid_log_likelihood, frame_prediction.draw
         )
         boxes = motion.boxes(predicted.states)
-        likelihood = self._log_likelihood(expected, boxes, powers, evidence)
-        likeliest = int(np.argmax(log_prior + likelihood))
+        likelihood = self._log_likelihood(frame_prediction, boxes, powers, external_likelihood)
+        map_index = int(np.argmax(log_prior + likelihood))
         particles = predicted.reweight(likelihood)
-        return Weighed(
-            expected, predicted, particles, boxes, powers, likeliest, strengths, searched
+        return WeightedParticles(
+            frame_prediction,
+            predicted,
+            particles,
+            boxes,
+            powers,
+            map_index,
+            strengths,
+            grid_log_likelihood,
         )
 
-    def estimate(self, weighed: Weighed) -> Measurement:
+    def estimate(self, weighed: WeightedParticles) -> Measurement:
         """See `Measurer.estimate`; the mean is that of the likeliest mode."""
-        expected, strengths = weighed.expected, weighed.strengths
-        target, search = expected.target, expected.search
+        frame_prediction, strengths = weighed.frame_prediction, weighed.strengths
+        target, search = frame_prediction.filter_state, frame_prediction.search
         if search is None:
             return super().estimate(weighed)
-        mean = mean_around(weighed.particles, weighed.boxes, weighed.likeliest)
+        mean = mode_mean(weighed.particles, weighed.boxes, weighed.map_index)
         box = target.motion.boxes(mean[None])[0]
-        own = self._fusion.strengths(expected.region, box[None], target.templates)
+        own = self._fusion.strengths(frame_prediction.region, box[None], target.templates)
         now = search.distraction(box, own, strengths)
-        rival = None
+        distractor_box = None
         # The most that single cues find bounds what all of them can find at one place.
         if math.prod(now.values()) >= _ALIKE_ABOVE ** len(now):
-            rival = search.rival(box, own, strengths, _ALIKE_ABOVE)
+            distractor_box = search.distractor_box(box, own, strengths, _ALIKE_ABOVE)
         return self._measured(weighed, box)._replace(
             distraction=smooth_distraction(target.distraction, now),
             search=search,
-            runner_up=search.runner_up(box, weighed.searched),
-            rival=rival,
-            unsearched=expected.prediction.particles,
+            second_peak=search.second_peak(box, weighed.grid_log_likelihood),
+            distractor_box=distractor_box,
+            transition_particles=frame_prediction.prediction.particles,
         )
 
     def covariance(
-        self, target: Target, measured: Measurement, judged: Judgment, hidden_for: float
+        self,
+        target: FilterState,
+        measured: Measurement,
+        assessment: Assessment,
+        time_since_seen: float,
     ) -> NDArray[np.float64]:
         """See `Measurer.covariance`: about the box, anywhere else with what confidence lacks."""
         if measured.search is None:
-            return super().covariance(target, measured, judged, hidden_for)
-        center = judged.box[:2] + judged.box[2:] / 2
-        within_mode = covariance_about(judged.particles, center)
-        is_hidden = judged.track.state != "tracking"
-        walk = cast(SearchableMotion, target.motion).walk(hidden_for) if is_hidden else None
-        return measured.search.covariance(within_mode, judged.confidence, walk)
+            return super().covariance(target, measured, assessment, time_since_seen)
+        center = assessment.box[:2] + assessment.box[2:] / 2
+        within_mode = covariance_about(assessment.particles, center)
+        is_hidden = assessment.status.state != "tracking"
+        walk = cast(SearchableMotion, target.motion).walk(time_since_seen) if is_hidden else None
+        return measured.search.covariance(within_mode, assessment.confidence, walk)

@@ -15,7 +15,7 @@ from pf_tracker_ros.filter import (
     ParticleSet,
     ProposalParameters,
 )
-from pf_tracker_ros.tracking.target import Target
+from pf_tracker_ros.tracking.filter_state import FilterState
 
 
 class Prediction(NamedTuple):
@@ -37,7 +37,7 @@ class Predictor:
 
     def predict(
         self,
-        target: Target,
+        target: FilterState,
         interval: float,
         image_size: tuple[int, int],
         draw: np.random.Generator,
@@ -70,7 +70,7 @@ class KalmanPredictor(Predictor):
 
     def predict(
         self,
-        target: Target,
+        target: FilterState,
         interval: float,
         image_size: tuple[int, int],
         draw: np.random.Generator,
@@ -83,7 +83,7 @@ class KalmanPredictor(Predictor):
             return super().predict(target, interval, image_size, draw)
         interval = min(interval, LONGEST_PREDICTION)
         # Out of sight, nothing corrects the filter, and its prediction is no better than the prior.
-        share = self._share if target.track.state == "tracking" else 0.0
+        share = self._share if target.status.state == "tracking" else 0.0
         before = target.particles.states
         try:
             foresight = target.foresight.predict(interval)
@@ -96,7 +96,7 @@ class KalmanPredictor(Predictor):
         return Prediction(particles, interval, foresight)
 
 
-def _begun_anew(target: Target) -> KalmanForesight:
+def _begun_anew(target: FilterState) -> KalmanForesight:
     """The Kalman filter of a target as it begins, where the particles are."""
     begun = cast(ForeseenMotion, target.motion).foresight()
     mean = begun.belief.mean.copy()

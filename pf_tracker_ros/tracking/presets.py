@@ -119,7 +119,7 @@ def preset_parameters(name: str, max_targets: int = 1) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class PresetInForce:
+class ActivePreset:
     """A preset, and what differs from it.
 
     Attributes:
@@ -131,7 +131,7 @@ class PresetInForce:
     changes: Mapping[str, tuple[Any, Any]]
 
     @classmethod
-    def of(cls, values: Mapping[str, Any]) -> PresetInForce:
+    def of(cls, values: Mapping[str, Any]) -> ActivePreset:
         """Compare values with their preset.
 
         Args:
@@ -155,7 +155,7 @@ class PresetInForce:
         return f"{self.name}, {counted(count, 'value')} changed"
 
     @property
-    def described(self) -> str:
+    def description(self) -> str:
         """The summary, and which values differ."""
         if not self.changes:
             return self.name

@@ -14,9 +14,9 @@ from pf_tracker_ros.boxes import Box, are_at, as_box, sides_apart
 from pf_tracker_ros.cues import CueFusion
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declared
-from pf_tracker_ros.tracking.judgment import Confidence, Judgment
+from pf_tracker_ros.tracking.assessment import Assessment, Confidence
+from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
-from pf_tracker_ros.tracking.target import Target
 
 # Windows overlap by half, so that the target is near enough to the middle of one of them.
 _OVERLAP = 0.5
@@ -70,7 +70,7 @@ def window_centers(
     return places * np.array([image_size[0] / across, image_size[1] / down])
 
 
-class Found(NamedTuple):
+class Candidate(NamedTuple):
     """What is likeliest in a window.
 
     Attributes:
@@ -117,49 +117,49 @@ class Redetector:
 
     def find(
         self,
-        target: Target,
+        target: FilterState,
         measured: Measurement,
-        judged: Judgment,
+        assessment: Assessment,
         everywhere: bool,
-        rival: float = 0.0,
-    ) -> Found | None:
+        tracked_confidence: float = 0.0,
+    ) -> Candidate | None:
         """The target, if it is in one of the windows whose turn it is.
 
         Args:
             target: As it was before this frame.
             measured: In this frame.
-            judged: The box that was looked around already, and what is known to be something else.
+            assessment: The box that was looked around already, and what is known to be something else.
             everywhere: Look all over the image, and not only where the target was last seen.
-            rival: Confidence that it is in that box, which has to be exceeded elsewhere; 0 where it
+            tracked_confidence: Confidence that it is in that box, which has to be exceeded elsewhere; 0 where it
                 is not.
         """
         if self._windows == 0:
             return None
-        box, seen = judged.box, np.array(target.seen_box)
+        box, seen = assessment.box, np.array(target.last_seen_box)
         size = seen[2:]
         centers: NDArray[np.float64] = np.empty((0, 2))
         is_elsewhere = (np.abs(box[:2] - seen[:2]) > size / 2).any()
-        if is_elsewhere and target.hidden_frames % _REVISIT_INTERVAL == 0:
+        if is_elsewhere and target.frames_since_seen % _REVISIT_INTERVAL == 0:
             centers = seen[None, :2] + size / 2
         if everywhere:
             side = self._side * math.sqrt(size[0] * size[1])
             before = target.followed_frames * self._windows
             elsewhere = window_centers(measured.frame.size, side, before, self._windows)
             centers = np.vstack([centers, elsewhere])
-        needed = max(_ACCEPT_ABOVE, rival)
-        best = Found(seen, needed)
+        needed = max(_ACCEPT_ABOVE, tracked_confidence)
+        best = Candidate(seen, needed)
         for center in centers:
-            place, known = np.hstack([center - size / 2, size]), judged.look_alike
-            look = self.look(target, measured.frame, measured.powers, place, known)
+            place, known = np.hstack([center - size / 2, size]), assessment.known_distractor
+            look = self.search_around(target, measured.frame, measured.powers, place, known)
             if look.confidence >= self._doubtful_below:
-                look = self.look(target, measured.frame, measured.powers, look.box, known)
-                if rival and (np.abs(look.box[:2] - box[:2]) <= size / 2).all():
+                look = self.search_around(target, measured.frame, measured.powers, look.box, known)
+                if tracked_confidence and (np.abs(look.box[:2] - box[:2]) <= size / 2).all():
                     continue
                 best = max(best, look, key=lambda one: one.confidence)
         return best if best.confidence > needed else None
 
-    def look_alike(self, target: Target, measured: Measurement) -> Box | None:
-        """See `Target.look_alike`, in the frame in which the target goes out of sight.
+    def known_distractor(self, target: FilterState, measured: Measurement) -> Box | None:
+        """See `FilterState.known_distractor`, in the frame in which the target goes out of sight.
 
         It is what was likeliest beside the target a frame ago, if it would be taken for that now.
         Not if it is more like the target than what was followed, or not clear of that: then it may
@@ -169,23 +169,23 @@ class Redetector:
             target: As it was before this frame.
             measured: In this frame.
         """
-        if self._windows == 0 or target.runner_up is None:
+        if self._windows == 0 or target.second_peak is None:
             return None
-        place = np.array(target.runner_up)
-        look = self.look(target, measured.frame, measured.powers, place)
+        place = np.array(target.second_peak)
+        look = self.search_around(target, measured.frame, measured.powers, place)
         if not self._doubtful_below <= look.confidence < target.estimate.confidence:
             return None
         is_clear = sides_apart(look.box, target.estimate.box) >= 1.0
-        return as_box(look.box) if is_clear and are_at(look.box, target.runner_up) else None
+        return as_box(look.box) if is_clear and are_at(look.box, target.second_peak) else None
 
-    def look(
+    def search_around(
         self,
-        target: Target,
+        target: FilterState,
         frame: Frame,
         powers: Mapping[str, float],
         place: NDArray[np.float64],
         but: Box | None = None,
-    ) -> Found:
+    ) -> Candidate:
         """What is likeliest in a window, and how likely it is the target.
 
         Args:
@@ -195,17 +195,17 @@ class Redetector:
             place: (4,) box that the window is around.
             but: What is there is passed over.
         """
-        search, region = self._measurer.look(frame, place)
+        search, region = self._measurer.search_window(frame, place)
         strengths = self._fusion.strengths_on_grid(region, search.grid, target.templates)
         if not strengths:
-            return Found(place, 0.0)
+            return Candidate(place, 0.0)
         likelihood = self._fusion.search(region, search.grid, strengths, target.templates, powers)
         if but is not None:
             likelihood[are_at(search.boxes, but)] = -np.inf
         best = int(np.argmax(likelihood))
         if likelihood[best] == -np.inf:
-            return Found(place, 0.0)
+            return Candidate(place, 0.0)
         box = search.boxes[best]
         seen = self._fusion.observe(region, box)
         match = self._fusion.match(seen, target.templates)
-        return Found(box, self._confidence.judge(target, seen, match))
+        return Candidate(box, self._confidence.assess(target, seen, match))

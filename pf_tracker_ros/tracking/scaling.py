@@ -23,7 +23,7 @@ def size_text(size: tuple[int, int]) -> str:
     return "{} x {}".format(*size)
 
 
-def is_scaled(size: tuple[int, int], other: tuple[int, int]) -> bool:
+def same_aspect_ratio(size: tuple[int, int], other: tuple[int, int]) -> bool:
     """Whether two sizes have one aspect ratio, but for rounding."""
     products = size[0] * other[1], size[1] * other[0]
     return abs(products[0] - products[1]) <= _SAME_ASPECT * max(products)
@@ -38,13 +38,13 @@ def scaled_box(box: Box, size: tuple[int, int], other: tuple[int, int]) -> Box:
 def scaled_to(image: NDArray[np.generic], like: NDArray[np.generic]) -> NDArray[np.generic] | None:
     """An image scaled to the size of another; None if that is of another kind or aspect ratio."""
     same_kind = (image.shape[2:], image.dtype) == (like.shape[2:], like.dtype)
-    if not same_kind or not is_scaled(size_of(image), size_of(like)):
+    if not same_kind or not same_aspect_ratio(size_of(image), size_of(like)):
         return None
     smooth = cv2.INTER_AREA if like.size < image.size else cv2.INTER_LINEAR
     return cv2.resize(image, size_of(like), interpolation=smooth)
 
 
-def box_within(box: Box, image: NDArray[np.generic]) -> Box:
+def clamp_box(box: Box, image: NDArray[np.generic]) -> Box:
     """The box as near to it as a target in this image may be: an estimate may exceed the image."""
     (x, y, width, height), (rows, columns) = box, image.shape[:2]
     center_x = min(max(x + width / 2, 0.0), float(columns))

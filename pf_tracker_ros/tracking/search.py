@@ -157,7 +157,7 @@ class Search:
             {name: strength[beside] for name, strength in strengths.items()},
         )
 
-    def runner_up(
+    def second_peak(
         self, box: NDArray[np.float64], log_likelihood: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
         """(4,) likeliest of `boxes` that does not overlap a (4,) box; None where all do.
@@ -171,7 +171,7 @@ class Search:
             return None
         return self.boxes[np.argmax(np.where(beside, log_likelihood, -np.inf))]
 
-    def rival(
+    def distractor_box(
         self, box: NDArray[np.float64], own: Strengths, strengths: Strengths, least: float
     ) -> NDArray[np.float64] | None:
         """What looks most like the target beside it, to all cues together, as a (4,) box.
@@ -213,9 +213,7 @@ def covariance_about(particles: ParticleSet, center: NDArray[np.float64]) -> NDA
     return (offsets * particles.weights[:, None]).T @ offsets
 
 
-def mean_around(
-    particles: ParticleSet, boxes: NDArray[np.float64], best: int
-) -> NDArray[np.float64]:
+def mode_mean(particles: ParticleSet, boxes: NDArray[np.float64], best: int) -> NDArray[np.float64]:
     """(D,) mean of the particles, given also as (N, 4) boxes, of the mode that one of them is in.
 
     The mean of several modes may be where nothing speaks for the target.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pf_tracker_ros.parameters import declared
 from pf_tracker_ros.tracking.estimate import TrackThresholds
-from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
+from pf_tracker_ros.tracking.occlusion import OCCLUSION_POLICIES
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class TrackParameters(TrackThresholds):
         "What is done while the target is hidden: coast lets the motion model alone carry the "
         "particles on, and searches anew from where the target was lost; follow goes on with the "
         "likeliest place, and only the state tells that it may not be the target.",
-        choices=WHILE_HIDDEN,
+        choices=OCCLUSION_POLICIES,
     )
     remember: float = declared(
         10.0,

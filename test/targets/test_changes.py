@@ -120,9 +120,9 @@ def test_a_lost_target_stays_lost_for_sure_when_it_is_learned_again(walkers, mak
 def test_a_camera_that_scales_its_images_keeps_the_ids(started, walkers, iou, scale):
     tracker = started()
     image = cv2.resize(walkers.images[8], None, fx=scale, fy=scale)
-    assert not tracker._manager.fits(image)
+    assert not tracker._manager.accepts_image(image)
     assert tracker._manager.resize(Frame(image))
-    assert tracker._manager.fits(image)
+    assert tracker._manager.accepts_image(image)
     assert follow(tracker, walkers, range(8, 14), iou, scale) == [1, 2, 3]
 
 
@@ -132,7 +132,7 @@ def test_images_of_another_kind_are_not_scaled_to(started, walkers, as_told):
     for image in (walkers.images[8][..., 0].copy(), walkers.images[8][:100]):
         assert not tracker._manager.resize(Frame(image))
     assert as_told(tracker.targets) == before
-    assert tracker._manager.fits(walkers.images[8])
+    assert tracker._manager.accepts_image(walkers.images[8])
 
 
 def test_ids_are_not_used_again_after_all_were_forgotten(started, walkers):

@@ -6,9 +6,9 @@ from pf_tracker_ros import Tracker
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.keeper import CrowdKeeper
 from pf_tracker_ros.targets.session import Session
-from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.frame_clock import LATE_WITHIN, TimePolicy
 from pf_tracker_ros.tracking.presets import preset_parameters
+from pf_tracker_ros.tracking.target_filter import TargetFilter
 
 SECOND = 1_000_000_000
 START = 1_000 * SECOND
@@ -539,13 +539,13 @@ def test_a_loop_that_loses_its_first_frame_starts_the_target_on_the_second(sessi
 @pytest.fixture
 def made(monkeypatch):
     """The followers that have been built."""
-    built, init = [], Follower.__init__
+    built, init = [], TargetFilter.__init__
 
-    def counting(follower, parameters):
-        built.append(follower)
-        init(follower, parameters)
+    def counting(target_filter, parameters):
+        built.append(target_filter)
+        init(target_filter, parameters)
 
-    monkeypatch.setattr(Follower, "__init__", counting)
+    monkeypatch.setattr(TargetFilter, "__init__", counting)
     return built
 
 

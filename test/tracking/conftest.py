@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.parameters import build
-from pf_tracker_ros.tracking.follower import Follower
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
+from pf_tracker_ros.tracking.target_filter import TargetFilter
 
 WIDTH, HEIGHT, SIDE = 240, 160, 30
 FRAMES = 24
@@ -58,7 +58,7 @@ def couple():
     return Couple(tuple(images), first, second, hidden)
 
 
-class FollowerOfOne(Follower):
+class SingleTargetFilter(TargetFilter):
     """Follows a single target from frame to frame."""
 
     def follow(self, target, frame, interval):
@@ -67,11 +67,11 @@ class FollowerOfOne(Follower):
 
 
 @pytest.fixture
-def make_follower():
+def make_target_filter():
     """A follower of a preset, with other values of some parameters."""
 
     def make(preset, parameters=None):
         values = preset_parameters(preset) | (parameters or {})
-        return FollowerOfOne(build(TrackerParameters, values))
+        return SingleTargetFilter(build(TrackerParameters, values))
 
     return make

@@ -8,7 +8,7 @@ import pytest
 from pf_tracker_ros.cues import Match
 from pf_tracker_ros.filter.particles import Randomness
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.judgment import Confidence
+from pf_tracker_ros.tracking.assessment import Confidence
 from pf_tracker_ros.tracking.track_parameters import TrackParameters
 
 
@@ -35,30 +35,30 @@ def test_it_never_rises_above_what_the_frames_say():
 
 
 @pytest.fixture
-def follower(make_follower):
-    return make_follower("default")
+def target_filter(make_target_filter):
+    return make_target_filter("default")
 
 
 @pytest.fixture
-def target(follower, couple):
+def target(target_filter, couple):
     draw = Randomness.of(np.random.default_rng(3))
-    return follower.begin(Frame(couple.images[0]), tuple(couple.first[0]), draw)
+    return target_filter.initialize(Frame(couple.images[0]), tuple(couple.first[0]), draw)
 
 
 @pytest.fixture
-def look(follower, target, couple):
+def look(target_filter, target, couple):
     """What the confidence says of a box in the second frame."""
 
-    def judge(box, of=target, image=couple.images[1], spread=None):
+    def assess(box, of=target, image=couple.images[1], particle_std=None):
         box = np.array(box)
-        _, region = follower._measurer.look(Frame(image), box)
-        seen = follower._fusion.observe(region, box)
-        match = follower._fusion.match(seen, of.templates)
-        if spread is None:
-            return follower._confidence.judge(of, seen, match)
-        return follower._confidence.judge(of, seen, match, lambda: spread)
+        _, region = target_filter._measurer.search_window(Frame(image), box)
+        seen = target_filter._fusion.observe(region, box)
+        match = target_filter._fusion.match(seen, of.templates)
+        if particle_std is None:
+            return target_filter._confidence.assess(of, seen, match)
+        return target_filter._confidence.assess(of, seen, match, lambda: particle_std)
 
-    return judge
+    return assess
 
 
 def test_it_is_of_the_box_and_not_of_the_best_place_around(look, couple):
@@ -77,11 +77,11 @@ def test_a_box_that_the_filter_answers_to_with_nothing_is_not_the_target(look, c
     assert look(couple.first[1], image=np.zeros_like(couple.images[1])) == pytest.approx(0.0)
 
 
-def test_what_was_learned_by_mistake_is_not_what_it_was_first(follower, target, look, couple):
+def test_what_was_learned_by_mistake_is_not_what_it_was_first(target_filter, target, look, couple):
     """All templates are those of the other; those of the first frame tell."""
     draw = Randomness.of(np.random.default_rng(3))
     frame = Frame(couple.images[0])
-    other = follower.begin(frame, tuple(couple.second[0]), draw)
+    other = target_filter.initialize(frame, tuple(couple.second[0]), draw)
     misled = replace(target, templates=other.templates)
     assert look(couple.second[1], other) > 0.9
     assert look(couple.second[1], misled) < 0.5 * look(couple.second[1], other)
@@ -89,12 +89,12 @@ def test_what_was_learned_by_mistake_is_not_what_it_was_first(follower, target, 
 
 def test_particles_that_do_not_agree_on_a_place_speak_against_it(look, couple):
     box = couple.first[1]
-    assert look(box, spread=0.5) < look(box, spread=0.1) < look(box, spread=0.02)
+    assert look(box, particle_std=0.5) < look(box, particle_std=0.1) < look(box, particle_std=0.02)
 
 
-def test_where_no_cue_can_tell_it_is_the_similarity(make_follower, couple):
-    follower = make_follower("zhang2015")
+def test_where_no_cue_can_tell_it_is_the_similarity(make_target_filter, couple):
+    target_filter = make_target_filter("zhang2015")
     draw = Randomness.of(np.random.default_rng(3))
-    target = follower.begin(Frame(couple.images[0]), tuple(couple.first[0]), draw)
+    target = target_filter.initialize(Frame(couple.images[0]), tuple(couple.first[0]), draw)
     match = Match(-1.0, 0.42)
-    assert follower._confidence.judge(target, target.templates, match) == 0.42
+    assert target_filter._confidence.assess(target, target.templates, match) == 0.42

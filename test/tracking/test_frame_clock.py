@@ -27,7 +27,7 @@ def show(clock, seconds):
 
 
 def jump(clock, seconds):
-    assert clock.place(at(seconds), LATE_WITHIN) == "jump"
+    assert clock.classify(at(seconds), LATE_WITHIN) == "jump"
     went_back = clock.jump_back(at(seconds))
     clock.take(at(seconds), None)
     return went_back
@@ -125,21 +125,21 @@ def test_other_clocks_are_refused_on_their_side_alone(clock, check):
 def test_frames_that_were_passed_over_are_those_since_the_last_one_taken(clock):
     clock.pass_over(at(30))
     clock.pass_over(at(31))
-    assert [clock.was_passed_over(at(seconds)) for seconds in (29.9, 30, 31, 31.1)] == [
+    assert [clock.was_skipped(at(seconds)) for seconds in (29.9, 30, 31, 31.1)] == [
         *(False, True, True, False)
     ]
     show(clock, 32)
-    assert clock.was_passed_over(at(30.5))
+    assert clock.was_skipped(at(30.5))
     jump(clock, 0)
-    assert not clock.was_passed_over(at(30.5))
+    assert not clock.was_skipped(at(30.5))
 
 
 def test_frames_before_a_new_beginning_count_no_more_also_with_a_pause_after_it(clock):
-    clock.begin_anew()
-    assert [clock.was_passed_over(at(seconds)) for seconds in (1, 29, 30)] == [True, True, False]
+    clock.expect_jump()
+    assert [clock.was_skipped(at(seconds)) for seconds in (1, 29, 30)] == [True, True, False]
     clock.pass_over(at(40))
-    assert [clock.was_passed_over(at(seconds)) for seconds in (29, 40, 41)] == [True, True, False]
-    assert not clock.was_passed_over(0)
+    assert [clock.was_skipped(at(seconds)) for seconds in (29, 40, 41)] == [True, True, False]
+    assert not clock.was_skipped(0)
 
 
 def test_frames_that_are_passed_over_move_the_time_that_detectors_know(clock):

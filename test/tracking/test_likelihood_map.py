@@ -27,7 +27,7 @@ def min_distance(places, centers):
 def test_the_map_lies_around_the_box_with_its_peak_where_the_cues_say():
     cue = peaked_at((60.0, 35.0))
     found = map_likelihood(BOX, (200, 100), {"one": 1.0}, lambda boxes: {"one": cue(boxes)})
-    x, y, side, _ = found.square
+    x, y, side, _ = found.extent
     assert (x + side / 2, y + side / 2) == (50.0, 40.0)
     rows, columns = found.log_likelihood.shape
     row, column = np.unravel_index(np.argmax(found.log_likelihood), (rows, columns))
@@ -40,18 +40,18 @@ def test_the_rival_is_the_likeliest_place_beside_the_box():
     found = map_likelihood(
         BOX, (200, 100), {"near": 0.2, "far": 0.8}, lambda b: {"near": near(b), "far": far(b)}
     )
-    x, y, width, height = found.rival
+    x, y, width, height = found.second_peak
     assert (x + width / 2, y + height / 2) == pytest.approx((75.0, 40.0), abs=2.0)
     assert found.cues["near"].at_target == pytest.approx(0.0, abs=1e-9)
-    assert found.cues["near"].at_rival == pytest.approx(-2.5, abs=0.2)
-    assert found.cues["far"].at_rival == pytest.approx(-0.5, abs=0.2)
+    assert found.cues["near"].at_second_peak == pytest.approx(-2.5, abs=0.2)
+    assert found.cues["far"].at_second_peak == pytest.approx(-0.5, abs=0.2)
 
 
 def test_a_box_that_fills_the_image_has_no_rival():
     found = map_likelihood(
         (0.0, 0.0, 100.0, 100.0), (100, 100), {"one": 1.0}, lambda b: {"one": np.zeros(len(b))}
     )
-    assert found.rival == (0.0, 0.0, 100.0, 100.0)
+    assert found.second_peak == (0.0, 0.0, 100.0, 100.0)
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -75,7 +75,7 @@ def test_where_the_target_is_seen_it_is_likelier_than_its_rival(couple):
     for image in couple.images[1:8]:
         tracker.update(image, 0.04)
     for cue in tracker.map_likelihood().cues.values():
-        assert cue.at_target > cue.at_rival
+        assert cue.at_target > cue.at_second_peak
 
 
 def test_a_target_at_the_edge_is_mapped_within_the_image(couple):

@@ -10,11 +10,11 @@ from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters
 from pf_tracker_ros.filter.particles import Randomness
 from pf_tracker_ros.frames import Foreground, Frame
-from pf_tracker_ros.tracking.estimate import Track
-from pf_tracker_ros.tracking.judgment import Judgment
+from pf_tracker_ros.tracking.assessment import Assessment
+from pf_tracker_ros.tracking.estimate import TrackStatus
 from pf_tracker_ros.tracking.measurement import Measurer, SearchingMeasurer
 from pf_tracker_ros.tracking.prediction import Prediction
-from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
+from pf_tracker_ros.tracking.search import Search, covariance_about, mode_mean
 
 INTERVAL = 0.04
 WORKING_SIZE = 40
@@ -37,11 +37,11 @@ def measurers(*names):
 
 
 @pytest.fixture
-def target(make_follower, couple):
+def target(make_target_filter, couple):
     """In the first image, known by the cues of the preset `default`."""
     draw = Randomness.of(np.random.default_rng(3))
-    follower = make_follower("default", {"particles": 100})
-    return follower.begin(Frame(couple.images[0]), tuple(couple.first[0]), draw)
+    target_filter = make_target_filter("default", {"particles": 100})
+    return target_filter.initialize(Frame(couple.images[0]), tuple(couple.first[0]), draw)
 
 
 def shifted(image, pixels):
@@ -58,7 +58,7 @@ def prediction_for(target):
 
 
 def measure(measurer, target, frame, prediction, draw=None):
-    expected = measurer.expect(target, frame, INTERVAL, prediction, draw or generator())
+    expected = measurer.predict_frame(target, frame, INTERVAL, prediction, draw or generator())
     return measurer.estimate(measurer.weigh(expected))
 
 
@@ -92,7 +92,7 @@ def test_without_a_search_every_particle_is_weighed_where_it_is(target, couple):
     covariance = measurer.covariance(
         target,
         measured,
-        Judgment(measured.box, 0.1, Track("lost", 9.0), measured.particles, measured.boxes),
+        Assessment(measured.box, 0.1, TrackStatus("lost", 9.0), measured.particles, measured.boxes),
         9.0,
     )
     np.testing.assert_array_equal(covariance, measured.particles.covariance[:2, :2])
@@ -143,7 +143,7 @@ def test_the_search_is_around_the_predicted_mean_and_its_particles_carry_p_over_
     # The same by the parts, of which the search's own proposal is tested with the proposals.
     place = before.weights @ boxes
     search = Search(place, ProposalParameters(share=SHARE, window=WINDOW), frame.size)
-    _, region = searching.look(frame, place)
+    _, region = searching.search_window(frame, place)
     found = cues.strengths(region, search.boxes, target.templates)
     powers = cues.adapt(target.distraction, 1.5)
     assert measured.powers == pytest.approx(powers)
@@ -156,7 +156,7 @@ def test_the_search_is_around_the_predicted_mean_and_its_particles_carry_p_over_
     # Sizes and velocities stay the motion model's.
     np.testing.assert_array_equal(measured.predicted.states[:, 2:], before.states[:, 2:])
     gained = measured.particles.log_weights - measured.predicted.log_weights
-    mean = mean_around(measured.particles, measured.boxes, int(np.argmax(log_prior + gained)))
+    mean = mode_mean(measured.particles, measured.boxes, int(np.argmax(log_prior + gained)))
     np.testing.assert_allclose(measured.box, target.motion.boxes(mean[None])[0])
 
 
@@ -204,7 +204,7 @@ def test_while_no_cue_that_searches_has_a_template_it_is_as_without_a_search(tar
     measurer, searching = measurers("color_histogram", *CUES_OF_DEFAULT)
     frame = Frame(couple.images[1])
     templates = fusion("color_histogram").learn(
-        searching.look(Frame(couple.images[0]), couple.first[0])[1], couple.first[0]
+        searching.search_window(Frame(couple.images[0]), couple.first[0])[1], couple.first[0]
     )
     target = replace(target, templates=templates, distraction={})
     without, fallen_back = (
@@ -215,10 +215,10 @@ def test_while_no_cue_that_searches_has_a_template_it_is_as_without_a_search(tar
     np.testing.assert_array_equal(without.box, fallen_back.box)
     assert without.match == fallen_back.match
     assert fallen_back.search is None
-    judged = Judgment(
-        without.box, 0.3, Track("occluded", 1.0), fallen_back.particles, fallen_back.boxes
+    assessment = Assessment(
+        without.box, 0.3, TrackStatus("occluded", 1.0), fallen_back.particles, fallen_back.boxes
     )
-    covariance = searching.covariance(target, fallen_back, judged, 1.0)
+    covariance = searching.covariance(target, fallen_back, assessment, 1.0)
     np.testing.assert_array_equal(covariance, fallen_back.particles.covariance[:2, :2])
 
 
@@ -227,7 +227,7 @@ def test_the_covariance_of_a_search_by_hand(target, couple):
     frame = Frame(couple.images[1])
     measured = measure(searching, target, frame, prediction_for(target))
     box = measured.box + [3.0, 0.0, 0.0, 0.0]
-    seen = Judgment(box, 0.75, Track(), measured.particles, measured.boxes)
+    seen = Assessment(box, 0.75, TrackStatus(), measured.particles, measured.boxes)
     size = np.sqrt(measured.search.place[2] * measured.search.place[3])
     anywhere = (WINDOW * size) ** 2 / 12.0
     within = covariance_about(measured.particles, box[:2] + box[2:] / 2)
@@ -236,7 +236,7 @@ def test_the_covariance_of_a_search_by_hand(target, couple):
         0.75 * within + 0.25 * anywhere * np.eye(2),
     )
     # The random walk of the preset's position noise, .6 box sizes in a second, for 4 s.
-    hidden = replace(seen, track=Track("lost", 9.0))
+    hidden = replace(seen, status=TrackStatus("lost", 9.0))
     np.testing.assert_allclose(
         searching.covariance(target, measured, hidden, 4.0),
         (anywhere + (0.6 * 2.0 * size) ** 2) * np.eye(2),

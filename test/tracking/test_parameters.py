@@ -7,7 +7,7 @@ from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.filter import MOTION_MODELS, RESAMPLERS
 from pf_tracker_ros.parameters import ParameterError, build, declarations, flatten
-from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
+from pf_tracker_ros.tracking.occlusion import OCCLUSION_POLICIES
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
@@ -38,7 +38,7 @@ def test_what_is_registered_can_be_chosen():
     assert EVERY["cues"].choices == tuple(CUES)
     assert EVERY["motion.model"].choices == tuple(MOTION_MODELS)
     assert EVERY["resampling.scheme"].choices == tuple(RESAMPLERS)
-    assert EVERY["track.while_hidden"].choices == tuple(WHILE_HIDDEN)
+    assert EVERY["track.while_hidden"].choices == tuple(OCCLUSION_POLICIES)
 
 
 OF_SEARCH = ("proposal.method", ("search",))

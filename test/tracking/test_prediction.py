@@ -10,7 +10,7 @@ from pf_tracker_ros.filter import LONGEST_PREDICTION, Gaussian, propose_from_pre
 from pf_tracker_ros.filter.particles import Randomness
 from pf_tracker_ros.filter.proposals import ProposalParameters
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.estimate import Track
+from pf_tracker_ros.tracking.estimate import TrackStatus
 from pf_tracker_ros.tracking.prediction import KalmanPredictor, Predictor
 
 SIZE = (240, 160)
@@ -18,15 +18,17 @@ INTERVAL = 0.08
 
 
 @pytest.fixture
-def make_target(make_follower, couple):
+def make_target(make_target_filter, couple):
     """A target after a few frames, whose particles have weights of their own."""
 
     def make(preset, parameters=None):
-        follower = make_follower(preset, {"resampling.threshold": 0.0} | (parameters or {}))
+        target_filter = make_target_filter(
+            preset, {"resampling.threshold": 0.0} | (parameters or {})
+        )
         draw = Randomness.of(np.random.default_rng(3))
-        target = follower.begin(Frame(couple.images[0]), tuple(couple.first[0]), draw)
+        target = target_filter.initialize(Frame(couple.images[0]), tuple(couple.first[0]), draw)
         for image in couple.images[1:4]:
-            target = follower.follow(target, Frame(image), 0.04)
+            target = target_filter.follow(target, Frame(image), 0.04)
         assert np.ptp(target.particles.log_weights) > 0.1
         return target
 
@@ -116,7 +118,7 @@ def test_a_share_is_drawn_where_the_kalman_filter_believes(make_target):
 
 @pytest.mark.parametrize("state", ["occluded", "lost"])
 def test_out_of_sight_all_particles_come_from_the_transition_prior(state, make_target):
-    target = replace(make_target("zhang_bo"), track=Track(state, 0.5))
+    target = replace(make_target("zhang_bo"), status=TrackStatus(state, 0.5))
     predictor = KalmanPredictor(ProposalParameters(share=0.9))
     prediction = predictor.predict(target, INTERVAL, SIZE, generator())
     np.testing.assert_array_equal(prediction.particles.log_weights, target.particles.log_weights)

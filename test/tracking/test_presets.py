@@ -4,25 +4,25 @@ import pytest
 
 from pf_tracker_ros.parameters import ParameterError, build, flatten
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.presets import PRESETS, PresetInForce, preset_parameters
+from pf_tracker_ros.tracking.presets import PRESETS, ActivePreset, preset_parameters
 
 
 def in_force(preset, changes):
     values = preset_parameters(preset) | changes
     values = flatten(build(TrackerParameters, values))
-    return PresetInForce.of({"preset": preset, "image_topic": "image", **values})
+    return ActivePreset.of({"preset": preset, "image_topic": "image", **values})
 
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_preset_differs_in_nothing_from_itself(preset):
-    assert in_force(preset, {}).described == in_force(preset, {}).summary == preset
+    assert in_force(preset, {}).description == in_force(preset, {}).summary == preset
 
 
 def test_what_differs_is_told_with_the_value_of_the_preset():
     preset = in_force("li2007", {"particles": 80, "template.update_above": 0.5})
     assert preset.changes == {"particles": (80, 60), "template.update_above": (0.5, 0.2)}
     assert preset.summary == "li2007, 2 values changed"
-    assert preset.described == (
+    assert preset.description == (
         "li2007, 2 values changed: particles 80 instead of 60, "
         "template.update_above 0.5 instead of 0.2"
     )
@@ -39,4 +39,4 @@ def test_of_parts_that_the_preset_does_not_choose_the_default_is_usual():
 
 def test_an_unknown_preset_names_those_there_are():
     with pytest.raises(ParameterError, match="no preset 'fast'; there are: default, li2007"):
-        PresetInForce.of({"preset": "fast", "max_targets": 1})
+        ActivePreset.of({"preset": "fast", "max_targets": 1})

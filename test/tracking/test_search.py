@@ -8,7 +8,7 @@ from pf_tracker_ros import Tracker
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters
 from pf_tracker_ros.tracking import redetection
 from pf_tracker_ros.tracking.redetection import Redetector
-from pf_tracker_ros.tracking.search import Search, covariance_about, mean_around
+from pf_tracker_ros.tracking.search import Search, covariance_about, mode_mean
 
 PLACE = np.array([100.0, 80.0, 40.0, 40.0])
 
@@ -241,23 +241,23 @@ def test_the_rival_is_the_peak_beside_the_target_that_all_cues_find():
         "first": hills(search, (120, 100, 0.8), (160, 105, 0.6), (90, 70, 0.7)),
         "second": hills(search, (120, 100, 0.5), (160, 105, 0.4), (90, 130, 0.5)),
     }
-    rival = search.rival(PLACE, own, strengths, 0.5)
+    rival = search.distractor_box(PLACE, own, strengths, 0.5)
     np.testing.assert_allclose(rival[:2] + rival[2:] / 2, [160.0, 105.0], atol=2.0)
     np.testing.assert_allclose(rival[2:], PLACE[2:])
-    assert search.rival(PLACE, own, strengths, 0.9) is None
+    assert search.distractor_box(PLACE, own, strengths, 0.9) is None
 
 
 @pytest.mark.parametrize("place", [(120, 100), (130, 108), (180, 100)])
 def test_what_rises_towards_the_target_or_the_end_of_the_search_is_no_rival(place):
     search = Search(PLACE, ProposalParameters(window=3.0), (320, 240))
     strengths = {"one": hills(search, (120, 100, 1.0), (*place, 1.0))}
-    assert search.rival(PLACE, {"one": np.array([1.0])}, strengths, 0.3) is None
+    assert search.distractor_box(PLACE, {"one": np.array([1.0])}, strengths, 0.3) is None
 
 
 def test_a_target_that_nothing_speaks_for_has_no_rival():
     search = Search(PLACE, ProposalParameters(window=3.0), (320, 240))
     nothing = {"one": np.full(len(search.boxes), -0.2)}
-    assert search.rival(PLACE, {"one": np.array([-0.2])}, nothing, 0.3) is None
+    assert search.distractor_box(PLACE, {"one": np.array([-0.2])}, nothing, 0.3) is None
 
 
 def test_covariance_by_hand():
@@ -275,7 +275,7 @@ def test_the_mean_of_a_mode_leaves_out_the_other():
     states = np.array([[10.0, 10.0, 1.0], [12.0, 10.0, 3.0], [80.0, 10.0, 9.0]])
     boxes = np.hstack([states[:, :2] - 20.0, np.full((3, 2), 40.0)])
     particles = ParticleSet(states, np.log([0.2, 0.3, 0.5]))
-    np.testing.assert_allclose(mean_around(particles, boxes, 0), [11.2, 10.0, 2.2])
-    np.testing.assert_allclose(mean_around(particles, boxes, 2), states[2])
+    np.testing.assert_allclose(mode_mean(particles, boxes, 0), [11.2, 10.0, 2.2])
+    np.testing.assert_allclose(mode_mean(particles, boxes, 2), states[2])
     about = covariance_about(particles, np.array([12.0, 10.0]))
     np.testing.assert_allclose(about, [[0.2 * 4.0 + 0.5 * 68.0**2, 0.0], [0.0, 0.0]])

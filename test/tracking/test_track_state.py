@@ -1,12 +1,12 @@
 """The track's state over time."""
 
-from pf_tracker_ros.tracking.estimate import Track, TrackThresholds
+from pf_tracker_ros.tracking.estimate import TrackStatus, TrackThresholds
 
 THRESHOLDS = TrackThresholds(occluded_below=0.2, recovered_above=0.4, lost_after=1.0)
 
 
 def states(confidences, interval=0.25):
-    track, seen = Track(), []
+    track, seen = TrackStatus(), []
     for confidence in confidences:
         track = track.advance(confidence, confidence, interval, THRESHOLDS)
         seen.append(track.state)
@@ -34,7 +34,7 @@ def test_a_glimpse_of_the_target_starts_the_clock_again():
 
 
 def test_a_glimpse_starts_the_clock_again_before_the_confidence_has_risen():
-    track, seen = Track(), []
+    track, seen = TrackStatus(), []
     for similarity in (0.0, 0.0, 0.0, 0.9, 0.0, 0.0, 0.0, 0.0, 0.9):
         track = track.advance(0.1, similarity, 0.25, THRESHOLDS)
         seen.append(track.state)
@@ -43,8 +43,8 @@ def test_a_glimpse_starts_the_clock_again_before_the_confidence_has_risen():
 
 def test_a_glimpse_of_a_lost_target_is_on_probation():
     """Without another it is lost again at once, with others it is tracked on probation."""
-    glimpsed = Track("lost", 5.0).advance(0.1, 0.9, 0.25, THRESHOLDS)
-    assert (glimpsed.state, glimpsed.hidden_for) == ("occluded", 0.25)
+    glimpsed = TrackStatus("lost", 5.0).advance(0.1, 0.9, 0.25, THRESHOLDS)
+    assert (glimpsed.state, glimpsed.time_since_seen) == ("occluded", 0.25)
     assert glimpsed.advance(0.1, 0.1, 0.25, THRESHOLDS).state == "lost"
     seen = glimpsed.advance(0.9, 0.9, 0.25, THRESHOLDS)
     assert seen.state == "tracking"
@@ -54,7 +54,7 @@ def test_a_glimpse_of_a_lost_target_is_on_probation():
 def test_a_target_that_was_lost_is_on_probation_for_two_seconds():
     """In them it is as lost as before if it is hidden again; after them it is occluded first."""
     for frames, then in ((4, "lost"), (8, "occluded")):
-        track = Track("lost", 5.0)
+        track = TrackStatus("lost", 5.0)
         for _ in range(1 + frames):
             track = track.advance(0.9, 0.9, 0.25, THRESHOLDS)
             assert track.state == "tracking"
@@ -63,13 +63,13 @@ def test_a_target_that_was_lost_is_on_probation_for_two_seconds():
 
 
 def test_a_target_that_was_hidden_for_a_moment_is_settled_at_once():
-    track = Track("occluded", 0.5).advance(0.9, 0.9, 0.25, THRESHOLDS)
+    track = TrackStatus("occluded", 0.5).advance(0.9, 0.9, 0.25, THRESHOLDS)
     assert track.is_settled
 
 
 def test_a_track_that_followed_something_else_is_lost():
-    track = Track(probation=1.0).lose(THRESHOLDS)
-    assert (track.state, track.hidden_for) == ("lost", THRESHOLDS.lost_after)
+    track = TrackStatus(probation=1.0).as_lost(THRESHOLDS)
+    assert (track.state, track.time_since_seen) == ("lost", THRESHOLDS.lost_after)
 
 
 def test_a_lost_target_that_is_seen_again_is_tracked():
@@ -78,4 +78,4 @@ def test_a_lost_target_that_is_seen_again_is_tracked():
 
 def test_a_threshold_of_zero_never_calls_it_occluded():
     thresholds = TrackThresholds(occluded_below=0.0)
-    assert Track().advance(0.0, 0.0, 1.0, thresholds).state == "tracking"
+    assert TrackStatus().advance(0.0, 0.0, 1.0, thresholds).state == "tracking"

@@ -98,20 +98,20 @@ def test_li2007_keeps_the_size_of_the_first_box():
         assert estimate.box[2:] == pytest.approx((SIDE, SIDE))
 
 
-def test_zhang2015_renews_its_template_above_a_similarity_of_065(make_follower):
+def test_zhang2015_renews_its_template_above_a_similarity_of_065(make_target_filter):
     """The target turns, by a share found for it, into something else, and is as like as said."""
-    follower = make_follower("zhang2015")
+    target_filter = make_target_filter("zhang2015")
     image, box = frame(100, 120)
     left, top, side, _ = box
     other = texture(9, (SIDE, SIDE), 0, 250)
     draw = Randomness.of(np.random.default_rng(0))
-    target = follower.begin(Frame(image), tuple(map(float, box)), draw)
+    target = target_filter.initialize(Frame(image), tuple(map(float, box)), draw)
 
     def followed(share):
         changed = image.copy()
         patch = cv2.addWeighted(TARGET, 1.0 - share, other, share, 0.0)
         changed[top : top + side, left : left + side] = patch
-        return follower.follow(target, Frame(changed), 0.04)
+        return target_filter.follow(target, Frame(changed), 0.04)
 
     like, unlike = 0.0, 1.0
     assert followed(like).estimate.confidence > 0.65 > followed(unlike).estimate.confidence

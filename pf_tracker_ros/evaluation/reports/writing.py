@@ -51,7 +51,7 @@ class EvaluationReport:
         """Write the page.
 
         Args:
-            preset: That was evaluated, as `PresetInForce.summary` has it.
+            preset: That was evaluated, as `ActivePreset.summary` has it.
             parameters: Where it differs from the preset.
             results: Each sequence, which is read again for its pictures, and its result.
 

@@ -53,7 +53,7 @@ from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.session import DROPPED, Outcome, Session
 from pf_tracker_ros.topics import FrameResult
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.presets import PresetInForce, preset_parameters
+from pf_tracker_ros.tracking.presets import ActivePreset, preset_parameters
 
 Given = TypeVar("Given")
 
@@ -136,7 +136,7 @@ class TrackerNode(ManagedNode):
 
     def _take_preset(self) -> None:
         """Compare the values in force with their preset."""
-        self._preset = PresetInForce.of(self._values)
+        self._preset = ActivePreset.of(self._values)
         self._summary = self._preset.summary
 
     # Transitions
@@ -170,7 +170,7 @@ class TrackerNode(ManagedNode):
         if self._obstacle:
             self._log.warning(f"not tracking until what is wrong is set rightly; {topics}")
         else:
-            self._log.info(f"preset {self._preset.described}; {topics}")
+            self._log.info(f"preset {self._preset.description}; {topics}")
 
     def deactivate(self) -> None:
         """Give the subscriptions up; the targets are kept."""
@@ -211,7 +211,7 @@ class TrackerNode(ManagedNode):
     def _apply(self, changes: Values) -> None:
         self._take_preset()
         if changes.keys() & {"preset", "max_targets"}:
-            self._log.info(f"preset {self._preset.described}")
+            self._log.info(f"preset {self._preset.description}")
         if self._real_time and "realtime_priority" in changes:
             self._real_time.ask(self._values["realtime_priority"])
         self._decoder.largest = self._values["largest_image"]

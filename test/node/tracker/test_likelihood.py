@@ -26,8 +26,10 @@ def test_it_comes_around_the_box_and_only_while_somebody_listens(graph, client, 
     peak = np.array([x + (column + 0.5) * side / 32, y + (row + 0.5) * side / 32])
     assert np.abs(peak - center).max() < 6.0
     for cue in ("color_contrast", "correlation_response"):
-        at_target, at_rival = (float(status.values[f"at_{k}_{cue}"]) for k in ("target", "rival"))
-        assert at_rival < at_target <= 0.0
+        at_target, at_second_peak = (
+            float(status.values[f"at_{k}_{cue}"]) for k in ("target", "rival")
+        )
+        assert at_second_peak < at_target <= 0.0
 
     client.destroy_subscription(listener)
     client.wait_for(lambda: not publisher.get_subscription_count(), "silence")

@@ -20,15 +20,15 @@ from pf_tracker_ros.filter import (
 )
 from pf_tracker_ros.filter.particles import Randomness
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.estimate import Track
-from pf_tracker_ros.tracking.judgment import Judgment
+from pf_tracker_ros.tracking.assessment import Assessment
+from pf_tracker_ros.tracking.estimate import TrackStatus
+from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurer
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.prediction import Predictor
-from pf_tracker_ros.tracking.target import Target
 
 
-class Beginning:
+class FilterInitializer:
     """Makes what a target begins with, as the parameters say.
 
     Args:
@@ -45,7 +45,7 @@ class Beginning:
         model = self._motion.model
         return MOTION_MODELS[model](first_box, self._motion.of_models[model])
 
-    def spread(
+    def initial_particles(
         self, motion: MotionModel, image_size: tuple[int, int], draw: np.random.Generator
     ) -> ParticleSet:
         """Particles around the box that a motion begins with.
@@ -58,9 +58,9 @@ class Beginning:
         states = motion.prior(self._particles, draw)
         return ParticleSet.uniform(motion.constrain(states, image_size))
 
-    def spread_anew(
+    def redraw_particles(
         self,
-        target: Target,
+        target: FilterState,
         box: NDArray[np.float64],
         image_size: tuple[int, int],
         draw: np.random.Generator,
@@ -74,7 +74,7 @@ class Beginning:
             draw: Source of randomness.
         """
         motion = self.motion(as_box(box))
-        particles = self.spread(motion, image_size, draw)
+        particles = self.initial_particles(motion, image_size, draw)
         boxes = motion.boxes(particles.states)
         if "log_scale" in motion.columns:
             # The motion of the target counts it from the first box.
@@ -89,25 +89,29 @@ class Beginning:
         return cast(ForeseenMotion, motion).foresight() if self._foresees else None
 
 
-class Steering:
+class StateOperations:
     """Does with a target what others tell: the targets in front of it, or a detector.
 
     Args:
         predictor: Draws the particles of the next frame.
         measurer: Looks at a frame.
-        beginning: Makes the motion of a target.
+        initializer: Makes the motion of a target.
         lost_after: Seconds, from 0 on; being hidden for longer adds nothing.
     """
 
     def __init__(
-        self, predictor: Predictor, measurer: Measurer, beginning: Beginning, lost_after: float
+        self,
+        predictor: Predictor,
+        measurer: Measurer,
+        initializer: FilterInitializer,
+        lost_after: float,
     ) -> None:
         self._predictor = predictor
         self._measurer = measurer
-        self._beginning = beginning
+        self._initializer = initializer
         self._lost_after = lost_after
 
-    def coast(self, target: Target, frame: Frame, interval: float) -> Target:
+    def coast(self, target: FilterState, frame: Frame, interval: float) -> FilterState:
         """The target one frame later, where the motion model alone takes it.
 
         For a frame that is known not to show it: nothing is looked at, and nothing learned. What
@@ -124,29 +128,29 @@ class Steering:
         particles, motion = prediction.particles, target.motion
         boxes = motion.boxes(particles.states)
         box = motion.boxes(particles.mean[None])[0]
-        hidden_for = target.track.hidden_for + interval
-        track = Track("occluded", min(hidden_for, self._lost_after))
-        judged = Judgment(box, self._doubted(target, interval), track, particles, boxes)
+        time_since_seen = target.status.time_since_seen + interval
+        track = TrackStatus("occluded", min(time_since_seen, self._lost_after))
+        assessment = Assessment(box, self._doubted(target, interval), track, particles, boxes)
         covariance = particles.covariance[:2, :2].copy()
         return replace(
             target,
             foresight=prediction.foresight,
             particles=particles,
-            track=track,
-            hidden_frames=target.hidden_frames + 1,
+            status=track,
+            frames_since_seen=target.frames_since_seen + 1,
             followed_frames=target.followed_frames + 1,
             randomness=Randomness.of(draw),
-            estimate=judged.estimate(frame, target.estimate.powers, covariance),
-            rival=None,
+            estimate=assessment.to_estimate(frame, target.estimate.powers, covariance),
+            distractor_box=None,
         )
 
-    def _doubted(self, target: Target, interval: float) -> float:
+    def _doubted(self, target: FilterState, interval: float) -> float:
         """The confidence of a target that nobody has looked at for one more interval."""
         if self._lost_after == 0.0:
             return 0.0
         return target.estimate.confidence * 0.5 ** (interval / self._lost_after)
 
-    def move(self, target: Target, box: Box) -> Target:
+    def move_to(self, target: FilterState, box: Box) -> FilterState:
         """The target with its particles brought along to another box; they keep their velocities.
 
         Args:
@@ -161,9 +165,9 @@ class Steering:
         first_box, scale = target.first_box, 0.0
         if "width" not in columns:
             first_box, scale = box, float(np.log(before[2:] / first_box[2:]).mean())
-        motion = self._beginning.motion(first_box)
+        motion = self._initializer.motion(first_box)
         moved = partial(_moved, columns=columns, shift=shift, factor=factor, scale=scale)
-        foresight = self._beginning.foresight(motion)
+        foresight = self._initializer.foresight(motion)
         if foresight and target.foresight:
             belief = target.foresight.belief
             belief = replace(belief, mean=moved(belief.mean[None])[0])
@@ -175,14 +179,14 @@ class Steering:
             motion=motion,
             foresight=foresight,
             particles=target.particles.move(moved(target.particles.states)),
-            seen_box=box if target.track.state == "tracking" else target.seen_box,
+            last_seen_box=box if target.status.state == "tracking" else target.last_seen_box,
             estimate=replace(told, box=box, particle_boxes=boxes),
         )
 
-    def relearn(self, target: Target, frame: Frame) -> Target:
+    def relearn(self, target: FilterState, frame: Frame) -> FilterState:
         """The target with templates of what is in its box now, as if it was first seen here."""
         templates = self._measurer.templates(frame, np.array(target.estimate.box))
-        return replace(target, templates=templates, first_templates=templates, before_jump=None)
+        return replace(target, templates=templates, first_templates=templates, saved_templates=None)
 
 
 def _moved(

@@ -11,11 +11,11 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.cues.fusion import Distraction, Templates
 from pf_tracker_ros.filter import KalmanForesight, MotionModel, ParticleSet
 from pf_tracker_ros.filter.particles import Randomness
-from pf_tracker_ros.tracking.estimate import Estimate, Track
+from pf_tracker_ros.tracking.estimate import Estimate, TrackStatus
 
 
 @dataclass(frozen=True, eq=False)
-class BeforeJump:
+class SavedTemplates:
     """What a target looked like before the light jumped.
 
     Attributes:
@@ -30,7 +30,7 @@ class BeforeJump:
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
+class FilterState:
     """All that is known of one target, a value: a frame makes another of it.
 
     Nothing in it belongs to the scene or to another target, and nothing in it changes: a target
@@ -44,18 +44,18 @@ class Target:
         templates: What it looks like.
         first_templates: What it looked like when it was first seen by each cue.
         distraction: How much of what is around it looks like it.
-        track: Whether it is seen, and for how long it has not been.
-        seen_box: Its last box while it was tracked.
-        runner_up: Likeliest box beside it in the last frame, pixels; None without a search.
-        look_alike: Box of what is known not to be it, pixels, since both were seen at once; kept
+        status: Whether it is seen, and for how long it has not been.
+        last_seen_box: Its last box while it was tracked.
+        second_peak: Likeliest box beside it in the last frame, pixels; None without a search.
+        known_distractor: Box of what is known not to be it, pixels, since both were seen at once; kept
             while it is out of sight.
-        hidden_frames: Frames in a row in which it was not tracked.
+        frames_since_seen: Frames in a row in which it was not tracked.
         followed_frames: Frames since the first one.
         randomness: Where its own source of random numbers stands.
         estimate: As told in the last frame.
-        before_jump: What it looked like before the light jumped, while that may be a flash; None
+        saved_templates: What it looked like before the light jumped, while that may be a flash; None
             where it has not.
-        rival: (4,) box, pixels, of what looked like it beside it in the last frame; None where
+        distractor_box: (4,) box, pixels, of what looked like it beside it in the last frame; None where
             nothing did, or nobody looked for it.
     """
 
@@ -66,13 +66,13 @@ class Target:
     templates: Templates
     first_templates: Templates
     distraction: Distraction
-    track: Track
-    seen_box: Box
-    runner_up: Box | None
-    look_alike: Box | None
-    hidden_frames: int
+    status: TrackStatus
+    last_seen_box: Box
+    second_peak: Box | None
+    known_distractor: Box | None
+    frames_since_seen: int
     followed_frames: int
     randomness: Randomness
     estimate: Estimate
-    before_jump: BeforeJump | None = None
-    rival: NDArray[np.float64] | None = None
+    saved_templates: SavedTemplates | None = None
+    distractor_box: NDArray[np.float64] | None = None

@@ -14,33 +14,35 @@ from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import Powers, Templates
 from pf_tracker_ros.filter import ParticleSet
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.estimate import Estimate, FrozenPowers, Track
-from pf_tracker_ros.tracking.target import Target
+from pf_tracker_ros.tracking.estimate import Estimate, FrozenPowers, TrackStatus
+from pf_tracker_ros.tracking.filter_state import FilterState
 
 
 @dataclass(frozen=True, eq=False)
-class Judgment:
+class Assessment:
     """What is told of the target in a frame.
 
     Attributes:
         box: (4,) of the target, pixels.
         confidence: That it is the target, 0 to 1.
-        track: Whether it is seen, and for how long it has not been.
+        status: Whether it is seen, and for how long it has not been.
         particles: Told with the box.
         boxes: (N, 4) of them, pixels.
         learns: Whether what is in the box may be learned.
-        look_alike: See `Target.look_alike`.
+        known_distractor: See `FilterState.known_distractor`.
     """
 
     box: NDArray[np.float64]
     confidence: float
-    track: Track
+    status: TrackStatus
     particles: ParticleSet
     boxes: NDArray[np.float64]
     learns: bool = True
-    look_alike: Box | None = None
+    known_distractor: Box | None = None
 
-    def estimate(self, frame: Frame, powers: Powers, covariance: NDArray[np.float64]) -> Estimate:
+    def to_estimate(
+        self, frame: Frame, powers: Powers, covariance: NDArray[np.float64]
+    ) -> Estimate:
         """As it is told to the outside; its arrays are read-only from then on.
 
         Args:
@@ -52,7 +54,7 @@ class Judgment:
         covariance.setflags(write=False)
         return Estimate(
             box=as_box(self.box),
-            state=self.track.state,
+            state=self.status.state,
             confidence=self.confidence,
             covariance=covariance,
             particles=self.particles.states,
@@ -92,9 +94,9 @@ class Confidence:
         self._fusion = fusion
         self._rate = rate
 
-    def judge(
+    def assess(
         self,
-        target: Target,
+        target: FilterState,
         seen: Templates,
         match: Match,
         spread: Callable[[], float] = lambda: _USUAL_SPREAD,
@@ -113,11 +115,11 @@ class Confidence:
         return 0.5 * (1.0 + math.tanh(sum(odds.values()) / 2)) if odds else match.similarity
 
     def log_odds(
-        self, target: Target, seen: Templates, spread: Callable[[], float]
+        self, target: FilterState, seen: Templates, spread: Callable[[], float]
     ) -> dict[str, float]:
         """Question to what its answer says for the target; empty where no cue can tell.
 
-        Arguments as of `judge`.
+        Arguments as of `assess`.
         """
         odds = self._fusion.log_odds(seen, target.templates, target.first_templates)
         if odds:

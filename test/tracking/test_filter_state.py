@@ -32,18 +32,18 @@ def same(one, other):
     return one == other if not hasattr(one, "__dict__") else same(vars(one), vars(other))
 
 
-def followed(follower, images, box, seed=3):
+def followed(target_filter, images, box, seed=3):
     """The target in each image, and the frames; the first one is where it begins."""
     frames = [Frame(image) for image in images]
     draw = Randomness.of(np.random.default_rng(seed))
-    targets = [follower.begin(frames[0], box, draw)]
+    targets = [target_filter.initialize(frames[0], box, draw)]
     for frame in frames[1:]:
-        targets.append(follower.follow(targets[-1], frame, INTERVAL))
+        targets.append(target_filter.follow(targets[-1], frame, INTERVAL))
     return targets, frames
 
 
-def test_what_differs_is_told_apart(make_follower, couple):
-    targets, _ = followed(make_follower("default"), couple.images[:3], tuple(couple.first[0]))
+def test_what_differs_is_told_apart(make_target_filter, couple):
+    targets, _ = followed(make_target_filter("default"), couple.images[:3], tuple(couple.first[0]))
     assert same(targets[1], copy.deepcopy(targets[1]))
     for earlier, later in itertools.pairwise(targets):
         for field in ("particles", "templates", "randomness", "estimate", "followed_frames"):
@@ -51,15 +51,15 @@ def test_what_differs_is_told_apart(make_follower, couple):
 
 
 @every_preset
-def test_following_changes_nothing_in_the_target_followed(preset, make_follower, couple):
+def test_following_changes_nothing_in_the_target_followed(preset, make_target_filter, couple):
     """Through an occlusion and out of it again."""
-    follower = make_follower(preset, {"track.lost_after": 0.1})
-    targets, _ = followed(follower, couple.images[:1], tuple(couple.first[0]))
+    target_filter = make_target_filter(preset, {"track.lost_after": 0.1})
+    targets, _ = followed(target_filter, couple.images[:1], tuple(couple.first[0]))
     states = []
     for image in couple.images[1:]:
         before = targets[-1]
         kept = copy.deepcopy(before)
-        targets.append(follower.follow(before, Frame(image), INTERVAL))
+        targets.append(target_filter.follow(before, Frame(image), INTERVAL))
         assert same(before, kept)
         states.append(targets[-1].estimate.state)
     if preset != "zhang_bo":
@@ -67,25 +67,25 @@ def test_following_changes_nothing_in_the_target_followed(preset, make_follower,
 
 
 @every_preset
-def test_following_twice_from_one_frame_gives_the_same_bits(preset, make_follower, couple):
-    follower = make_follower(preset)
+def test_following_twice_from_one_frame_gives_the_same_bits(preset, make_target_filter, couple):
+    target_filter = make_target_filter(preset)
     images = couple.images
-    targets, frames = followed(follower, images, tuple(couple.first[0]))
+    targets, frames = followed(target_filter, images, tuple(couple.first[0]))
     # In another order than the first time, and in frames that were looked at already or were not.
     for index in reversed(range(1, len(images))):
         for frame in (frames[index], Frame(images[index])):
-            assert same(follower.follow(targets[index - 1], frame, INTERVAL), targets[index])
+            assert same(target_filter.follow(targets[index - 1], frame, INTERVAL), targets[index])
 
 
 @pytest.mark.parametrize("preset", ["default", "zhang_bo"])
-def test_a_follower_holds_nothing_of_a_target(preset, make_follower, couple):
+def test_a_follower_holds_nothing_of_a_target(preset, make_target_filter, couple):
     """Two targets in turn by one follower, and each by one of its own."""
     boxes = tuple(couple.first[0]), tuple(couple.second[0])
-    one = make_follower(preset)
-    apart = [followed(make_follower(preset), couple.images, box)[0] for box in boxes]
+    one = make_target_filter(preset)
+    apart = [followed(make_target_filter(preset), couple.images, box)[0] for box in boxes]
     frames = [Frame(image) for image in couple.images]
     draw = Randomness.of(np.random.default_rng(3))
-    together = [[one.begin(frames[0], box, draw)] for box in boxes]
+    together = [[one.initialize(frames[0], box, draw)] for box in boxes]
     for frame in frames[1:]:
         for targets in together:
             targets.append(one.follow(targets[-1], frame, INTERVAL))

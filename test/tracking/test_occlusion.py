@@ -11,19 +11,19 @@ from pf_tracker_ros.cues import Match
 from pf_tracker_ros.filter import ParticleSet
 from pf_tracker_ros.filter.particles import Randomness
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.estimate import Track
-from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN, Coast, FollowLikeliest
-from pf_tracker_ros.tracking.judgment import Judgment
+from pf_tracker_ros.tracking.assessment import Assessment
+from pf_tracker_ros.tracking.estimate import TrackStatus
 from pf_tracker_ros.tracking.measurement import Measurement
+from pf_tracker_ros.tracking.occlusion import OCCLUSION_POLICIES, Coast, KeepTracking
 
-HIDDEN = (Track("occluded", 0.2), Track("lost", 3.0))
+HIDDEN = (TrackStatus("occluded", 0.2), TrackStatus("lost", 3.0))
 
 
 @pytest.fixture
-def target(make_follower, couple):
+def target(make_target_filter, couple):
     draw = Randomness.of(np.random.default_rng(3))
     frame = Frame(couple.images[0])
-    return make_follower("zhang_bo").begin(frame, tuple(couple.first[0]), draw)
+    return make_target_filter("zhang_bo").initialize(frame, tuple(couple.first[0]), draw)
 
 
 @pytest.fixture
@@ -38,57 +38,59 @@ def measured(target, couple):
 
 
 def told_if_seen(measured, track):
-    return Judgment(measured.box, 0.1, track, measured.particles, measured.boxes)
+    return Assessment(measured.box, 0.1, track, measured.particles, measured.boxes)
 
 
 def test_there_are_two_ways():
-    assert dict(WHILE_HIDDEN) == {"coast": Coast, "follow": FollowLikeliest}
+    assert dict(OCCLUSION_POLICIES) == {"coast": Coast, "follow": KeepTracking}
 
 
 @pytest.mark.parametrize("track", HIDDEN)
 def test_a_coasting_target_is_told_where_the_motion_alone_takes_it(target, measured, track):
     seen = told_if_seen(measured, track)
-    judged = Coast().judge(target, measured, seen)
+    assessment = Coast().assess(target, measured, seen)
     mean = measured.predicted.mean
-    np.testing.assert_array_equal(judged.box, target.motion.boxes(mean[None])[0])
-    assert np.abs(judged.box - measured.box).max() > 0.5
-    assert judged.particles is measured.predicted
-    assert judged.learns is False
-    assert (judged.track, judged.confidence) == (track, 0.1)
-    np.testing.assert_array_equal(judged.boxes, target.motion.boxes(judged.particles.states))
+    np.testing.assert_array_equal(assessment.box, target.motion.boxes(mean[None])[0])
+    assert np.abs(assessment.box - measured.box).max() > 0.5
+    assert assessment.particles is measured.predicted
+    assert assessment.learns is False
+    assert (assessment.status, assessment.confidence) == (track, 0.1)
+    np.testing.assert_array_equal(
+        assessment.boxes, target.motion.boxes(assessment.particles.states)
+    )
 
 
 @pytest.mark.parametrize("track", HIDDEN)
 def test_the_likeliest_place_is_told_as_if_it_was_seen(target, measured, track):
     seen = told_if_seen(measured, track)
-    assert FollowLikeliest().judge(target, measured, seen) is seen
+    assert KeepTracking().assess(target, measured, seen) is seen
     assert seen.learns is True
 
 
-@pytest.mark.parametrize("way", [Coast(), FollowLikeliest()])
+@pytest.mark.parametrize("way", [Coast(), KeepTracking()])
 @pytest.mark.parametrize("track", HIDDEN)
 def test_only_a_lost_target_that_coasts_goes_on_from_where_that_began(target, measured, way, track):
     resampled = ParticleSet.uniform(measured.particles.states + 1.0)
     foresight = replace(target.foresight.predict(0.04))
-    judged = way.judge(target, measured, told_if_seen(measured, track))
-    particles, ahead = way.go_on(target, judged, resampled, foresight)
+    assessment = way.assess(target, measured, told_if_seen(measured, track))
+    particles, ahead = way.next_particles(target, assessment, resampled, foresight)
     if isinstance(way, Coast) and track.state == "lost":
         assert (particles, ahead) == (target.particles, target.foresight)
     else:
         assert (particles, ahead) == (resampled, foresight)
 
 
-@pytest.mark.parametrize("way", sorted(WHILE_HIDDEN))
-def test_the_parameter_chooses(way, make_follower, couple):
+@pytest.mark.parametrize("way", sorted(OCCLUSION_POLICIES))
+def test_the_parameter_chooses(way, make_target_filter, couple):
     """Where nothing is sure enough, the target counts as hidden though it moves in plain sight."""
     parameters = {"track.occluded_below": 1.0, "track.recovered_above": 1.0}
-    follower = make_follower("li2007", parameters | {"track.while_hidden": way})
+    target_filter = make_target_filter("li2007", parameters | {"track.while_hidden": way})
     draw = Randomness.of(np.random.default_rng(3))
-    target = follower.begin(Frame(couple.images[0]), tuple(couple.second[0]), draw)
+    target = target_filter.initialize(Frame(couple.images[0]), tuple(couple.second[0]), draw)
     learned = target.templates["color_histogram"]
     for image in couple.images[1:]:
-        target = follower.follow(target, Frame(image), 0.04)
-        assert target.track.state == "occluded"
+        target = target_filter.follow(target, Frame(image), 0.04)
+        assert target.status.state == "occluded"
     off = np.abs(np.array(target.estimate.box) - couple.second[-1]).max()
     assert off < 6.0 if way == "follow" else off > 20.0
     assert (target.templates["color_histogram"] is learned) == (way == "coast")

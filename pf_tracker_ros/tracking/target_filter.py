@@ -17,24 +17,24 @@ from pf_tracker_ros.cues.fusion import Templates
 from pf_tracker_ros.filter import KalmanForesight, ParticleSet, build_resampler
 from pf_tracker_ros.filter.particles import Randomness
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.estimate import Track, TrackState
-from pf_tracker_ros.tracking.hiding import WHILE_HIDDEN
-from pf_tracker_ros.tracking.judge import Judge
-from pf_tracker_ros.tracking.judgment import Confidence, Judgment
+from pf_tracker_ros.tracking.assessment import Assessment, Confidence
+from pf_tracker_ros.tracking.estimate import TrackState, TrackStatus
+from pf_tracker_ros.tracking.filter_state import FilterState, SavedTemplates
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap, map_likelihood
 from pf_tracker_ros.tracking.measurement import (
-    Evidence,
-    Expectation,
+    ExternalLikelihood,
+    FramePrediction,
     Measurement,
     Measurer,
     SearchingMeasurer,
 )
+from pf_tracker_ros.tracking.occlusion import OCCLUSION_POLICIES
 from pf_tracker_ros.tracking.parameter_checks import check_proposal
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.prediction import KalmanPredictor, Prediction, Predictor
-from pf_tracker_ros.tracking.redetection import Found, Redetector
-from pf_tracker_ros.tracking.steering import Beginning, Steering
-from pf_tracker_ros.tracking.target import BeforeJump, Target
+from pf_tracker_ros.tracking.redetection import Candidate, Redetector
+from pf_tracker_ros.tracking.state_operations import FilterInitializer, StateOperations
+from pf_tracker_ros.tracking.track_assessor import TrackAssessor
 
 # Seconds after which light that has jumped is there to stay.
 _LASTS = 2.0
@@ -46,22 +46,22 @@ class _Learned(NamedTuple):
     Attributes:
         templates: Of the target.
         foresight: The Kalman filter, corrected where the target was seen.
-        before_jump: As of the target.
+        saved_templates: As of the target.
     """
 
     templates: Templates
     foresight: KalmanForesight | None
-    before_jump: BeforeJump | None
+    saved_templates: SavedTemplates | None
 
 
-class Follower:
+class TargetFilter:
     """Follows targets from frame to frame, as the parameters say.
 
     It holds what is made once for all targets, such as the cues, and nothing of any of them.
 
     Attributes:
         parameters: Every tunable.
-        steering: Does with targets what is known beside the pixels.
+        operations: Does with targets what is known beside the pixels.
 
     Args:
         parameters: Every tunable.
@@ -100,17 +100,17 @@ class Follower:
                 side=proposal.window,
                 doubtful_below=parameters.track.occluded_below,
             )
-        self._while_hidden = WHILE_HIDDEN[parameters.track.while_hidden]()
-        self._beginning = Beginning(parameters)
-        self._judge = Judge(
+        self._occlusion_policy = OCCLUSION_POLICIES[parameters.track.while_hidden]()
+        self._initializer = FilterInitializer(parameters)
+        self._assessor = TrackAssessor(
             self._confidence,
-            self._while_hidden,
+            self._occlusion_policy,
             self._redetector,
-            self._beginning,
+            self._initializer,
             parameters.track,
         )
-        self.steering = Steering(
-            self._predictor, self._measurer, self._beginning, parameters.track.lost_after
+        self.operations = StateOperations(
+            self._predictor, self._measurer, self._initializer, parameters.track.lost_after
         )
         self._resampler = build_resampler(parameters.resampling)
 
@@ -119,13 +119,13 @@ class Follower:
         """Whether `Frame.foreground` is asked for."""
         return self._fusion.needs_foreground
 
-    def begin(
+    def initialize(
         self,
         frame: Frame,
         first_box: Box,
         randomness: Randomness,
         state: TrackState = "tracking",
-    ) -> Target:
+    ) -> FilterState:
         """A target in its first frame.
 
         Args:
@@ -136,35 +136,37 @@ class Follower:
                 sight, so that the next one has to show it.
         """
         draw = randomness.generator()
-        motion = self._beginning.motion(first_box)
-        particles = self._beginning.spread(motion, frame.size, draw)
+        motion = self._initializer.motion(first_box)
+        particles = self._initializer.initial_particles(motion, frame.size, draw)
         box = np.array(first_box)
         templates, distraction = self._measurer.learn(frame, box)
-        hidden_for = self.parameters.track.lost_after if state == "lost" else 0.0
-        track = Track(state, hidden_for)
+        time_since_seen = self.parameters.track.lost_after if state == "lost" else 0.0
+        track = TrackStatus(state, time_since_seen)
         confidence = 0.0 if state == "lost" else 1.0
-        judged = Judgment(box, confidence, track, particles, motion.boxes(particles.states))
-        return Target(
+        assessment = Assessment(box, confidence, track, particles, motion.boxes(particles.states))
+        return FilterState(
             first_box=first_box,
             motion=motion,
-            foresight=self._beginning.foresight(motion),
+            foresight=self._initializer.foresight(motion),
             particles=particles,
             templates=templates,
             first_templates=templates,
             distraction=distraction,
-            track=judged.track,
-            seen_box=first_box,
-            runner_up=None,
-            look_alike=None,
-            hidden_frames=0,
+            status=assessment.status,
+            last_seen_box=first_box,
+            second_peak=None,
+            known_distractor=None,
+            frames_since_seen=0,
             followed_frames=0,
             randomness=Randomness.of(draw),
-            estimate=judged.estimate(frame, self._fusion.powers, particles.covariance[:2, :2]),
+            estimate=assessment.to_estimate(
+                frame, self._fusion.powers, particles.covariance[:2, :2]
+            ),
         )
 
     def predict(
-        self, targets: Sequence[tuple[Target, bool]], frame: Frame, interval: float
-    ) -> list[Expectation]:
+        self, targets: Sequence[tuple[FilterState, bool]], frame: Frame, interval: float
+    ) -> list[FramePrediction]:
         """Where targets are expected in a frame; what can be computed for all at once is.
 
         Args:
@@ -176,69 +178,84 @@ class Follower:
         Source: Li et al. 2007, equation (3); Zhang et al. 2015, equation (7); Zhang Bo, section
         3.3.
         """
-        expected = []
+        frame_prediction = []
         for last, looks_for_size in targets:
             draw = last.randomness.generator()
             target = _in_the_light_of(frame, last, interval)
             prediction = self._predictor.predict(target, interval, frame.size, draw)
-            expected.append(
-                self._measurer.expect(
+            frame_prediction.append(
+                self._measurer.predict_frame(
                     target, frame, interval, prediction, draw, looks_for_size=looks_for_size
                 )
             )
         self._fusion.prepare(
-            [(one.region, one.target.templates, one.target.first_templates) for one in expected]
+            [
+                (one.region, one.filter_state.templates, one.filter_state.first_templates)
+                for one in frame_prediction
+            ]
         )
-        return expected
+        return frame_prediction
 
     def step(
         self,
-        expected: Expectation,
-        evidence: Evidence | None = None,
+        frame_prediction: FramePrediction,
+        external_likelihood: ExternalLikelihood | None = None,
         *,
         searches_everywhere: bool = True,
-    ) -> Target:
+    ) -> FilterState:
         """The target in the frame that it was expected in.
 
         Args:
-            expected: Of the frame.
-            evidence: What is known of the frame beside its pixels.
+            frame_prediction: Of the frame.
+            external_likelihood: What is known of the frame beside its pixels.
             searches_everywhere: Whether it is looked for all over the image once it is lost: not
                 where somebody else tells where it is.
 
         Source: the steps of Li et al. 2007, section 3, Zhang et al. 2015, section 3.3, and Zhang
         Bo, section 3.3; `docs/papers.md` names the lines.
         """
-        target, draw = expected.target, expected.draw
+        target, draw = frame_prediction.filter_state, frame_prediction.draw
         # Li (8), p = p_color^alpha p_texture^(1 - alpha); Zhang (10); Zhang Bo, step 3.
-        weighed = self._measurer.weigh(expected, evidence)
+        weighed = self._measurer.weigh(frame_prediction, external_likelihood)
         # Zhang (5), the mean.
         measured = self._measurer.estimate(weighed)
-        assessed = self._judge.judge(
-            target, measured, expected.interval, draw, searches_everywhere=searches_everywhere
+        assessed = self._assessor.assess(
+            target,
+            measured,
+            frame_prediction.interval,
+            draw,
+            searches_everywhere=searches_everywhere,
         )
         # Li (9) and (10), where p > w_Th; Zhang, section 3.3; Zhang Bo, the Kalman filter.
-        learned = self._learn(target, expected.prediction, measured, assessed)
+        learned = self._learn(target, frame_prediction.prediction, measured, assessed)
         # Zhang (6), below a threshold of the effective sample size; Zhang Bo, step 5.
         particles = self._resampler.resample(assessed.particles, self.parameters.particles, draw)
-        return self._next(expected, measured, assessed, learned, particles)
+        return self._next(frame_prediction, measured, assessed, learned, particles)
 
     def _learn(
-        self, target: Target, prediction: Prediction, measured: Measurement, judged: Judgment
+        self,
+        target: FilterState,
+        prediction: Prediction,
+        measured: Measurement,
+        assessment: Assessment,
     ) -> _Learned:
         """Templates and Kalman filter, moved to what was seen if that is to be trusted.
 
         Source: Li et al. 2007, equations (9) and (10), and w_Th; Zhang Bo, section 3.3.
         """
-        templates, foresight, earlier = target.templates, prediction.foresight, target.before_jump
+        templates, foresight, earlier = (
+            target.templates,
+            prediction.foresight,
+            target.saved_templates,
+        )
         rules, match, light = self.parameters.template, measured.match, measured.frame.light
-        goes_now = target.track.state == "tracking" and judged.track.state != "tracking"
+        goes_now = target.status.state == "tracking" and assessment.status.state != "tracking"
         if light.has_jumped and goes_now and rules.update_above < 1.0:
             # What was seen until now is still there, and only looks like nothing that was learned.
-            earlier = BeforeJump(templates, light.change)
+            earlier = SavedTemplates(templates, light.change)
             templates = self._measurer.templates(measured.frame, measured.box)
             return _Learned(templates, foresight, earlier)
-        if not judged.learns:
+        if not assessment.learns:
             return _Learned(templates, foresight, earlier)
         is_sure = match.similarity >= rules.similarity_asked(target.followed_frames)
         if is_sure and math.exp(match.log_likelihood) > rules.update_above:
@@ -249,23 +266,25 @@ class Follower:
 
     def _next(
         self,
-        expected: Expectation,
+        frame_prediction: FramePrediction,
         measured: Measurement,
-        judged: Judgment,
+        assessment: Assessment,
         learned: _Learned,
         particles: ParticleSet,
-    ) -> Target:
+    ) -> FilterState:
         """The target as the next frame finds it, with its resampled particles."""
-        target, foresight = expected.target, learned.foresight
+        target, foresight = frame_prediction.filter_state, learned.foresight
         lost_after = self.parameters.track.lost_after
-        is_seen = judged.track.state == "tracking"
+        is_seen = assessment.status.state == "tracking"
         if not is_seen:
-            particles, foresight = self._while_hidden.go_on(target, judged, particles, foresight)
+            particles, foresight = self._occlusion_policy.next_particles(
+                target, assessment, particles, foresight
+            )
         # Once lost, the target may be anywhere; how long ago that was adds nothing.
-        hidden_for = min(judged.track.hidden_for, lost_after)
-        covariance = self._measurer.covariance(target, measured, judged, hidden_for)
-        estimate = judged.estimate(measured.frame, measured.powers, covariance)
-        return Target(
+        time_since_seen = min(assessment.status.time_since_seen, lost_after)
+        covariance = self._measurer.covariance(target, measured, assessment, time_since_seen)
+        estimate = assessment.to_estimate(measured.frame, measured.powers, covariance)
+        return FilterState(
             first_box=target.first_box,
             motion=target.motion,
             foresight=foresight,
@@ -273,21 +292,21 @@ class Follower:
             templates=learned.templates,
             first_templates={**learned.templates, **target.first_templates},
             distraction=measured.distraction,
-            track=judged.track,
-            seen_box=estimate.box if is_seen else target.seen_box,
-            runner_up=None if measured.runner_up is None else as_box(measured.runner_up),
-            look_alike=judged.look_alike,
-            hidden_frames=0 if is_seen else target.hidden_frames + 1,
+            status=assessment.status,
+            last_seen_box=estimate.box if is_seen else target.last_seen_box,
+            second_peak=None if measured.second_peak is None else as_box(measured.second_peak),
+            known_distractor=assessment.known_distractor,
+            frames_since_seen=0 if is_seen else target.frames_since_seen + 1,
             followed_frames=target.followed_frames + 1,
-            randomness=Randomness.of(expected.draw),
+            randomness=Randomness.of(frame_prediction.draw),
             estimate=estimate,
-            before_jump=learned.before_jump,
-            rival=measured.rival,
+            saved_templates=learned.saved_templates,
+            distractor_box=measured.distractor_box,
         )
 
-    def look_elsewhere(
-        self, target: Target, frame: Frame, place: NDArray[np.float64]
-    ) -> Found | None:
+    def search_around(
+        self, target: FilterState, frame: Frame, place: NDArray[np.float64]
+    ) -> Candidate | None:
         """What is likeliest to be a target in a window around a (4,) box; the target stays.
 
         Returns:
@@ -295,15 +314,15 @@ class Follower:
         """
         if self._redetector is None or self.parameters.redetection.windows == 0:
             return None
-        return self._redetector.look(target, frame, target.estimate.powers, place)
+        return self._redetector.search_around(target, frame, target.estimate.powers, place)
 
-    def reconfigure(self, target: Target) -> Target:
+    def reconfigure(self, target: FilterState) -> FilterState:
         """A target that was followed with other parameters, to be followed with these.
 
         A cue that is left out forgets the target: added again, it may look at other things.
         """
-        motion = self._beginning.motion(target.first_box)
-        foresight = self._beginning.foresight(motion)
+        motion = self._initializer.motion(target.first_box)
+        foresight = self._initializer.foresight(motion)
         if foresight and target.foresight:
             foresight = replace(foresight, belief=target.foresight.belief)
         # A cue that is chosen again later may have other parameters, which a template depends on.
@@ -317,10 +336,10 @@ class Follower:
                 name: one for name, one in target.first_templates.items() if name in known
             },
             distraction={name: one for name, one in target.distraction.items() if name in known},
-            before_jump=None,
+            saved_templates=None,
         )
 
-    def map_likelihood(self, target: Target, frame: Frame) -> LikelihoodMap:
+    def map_likelihood(self, target: FilterState, frame: Frame) -> LikelihoodMap:
         """How likely a target that was followed into a frame is around its box there."""
         return map_likelihood(
             target.estimate.box,
@@ -330,12 +349,12 @@ class Follower:
         )
 
 
-def _in_the_light_of(frame: Frame, target: Target, interval: float) -> Target:
+def _in_the_light_of(frame: Frame, target: FilterState, interval: float) -> FilterState:
     """A target as it looked before the light jumped, if that has been a flash."""
-    earlier, light = target.before_jump, frame.light
+    earlier, light = target.saved_templates, frame.light
     if earlier is None:
         return target
     if light.has_jumped and (light.change > 1.0) != (earlier.change > 1.0):
-        return replace(target, templates=earlier.templates, before_jump=None)
+        return replace(target, templates=earlier.templates, saved_templates=None)
     age = earlier.age + interval
-    return replace(target, before_jump=replace(earlier, age=age) if age < _LASTS else None)
+    return replace(target, saved_templates=replace(earlier, age=age) if age < _LASTS else None)

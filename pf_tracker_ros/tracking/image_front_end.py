@@ -19,7 +19,7 @@ from pf_tracker_ros.frames.exposure import UNCHANGED, GainControl
 _BACKGROUND_KEY = 0
 
 
-class Camera:
+class ImageFrontEnd:
     """Makes a frame of each image: gain control, light and background model follow the images.
 
     It can be copied and pickled, without its last image: the copy goes on with the same bits and on
@@ -29,7 +29,7 @@ class Camera:
         seed: Seeds the background model.
         frame: The last one so far, with which nothing was done; None where there is none.
         lays_ghosts: See `BackgroundModel`.
-        tells_motion: Whether each frame tells how the camera has moved.
+        estimates_motion: Whether each frame tells how the camera has moved.
 
     Attributes:
         frame: The last one; None before the first, and in a fresh copy.
@@ -41,11 +41,11 @@ class Camera:
         frame: Frame | None = None,
         *,
         lays_ghosts: bool = False,
-        tells_motion: bool = False,
+        estimates_motion: bool = False,
     ) -> None:
         self._seed = seed
         self._lays_ghosts = lays_ghosts
-        self._ego_motion = EgoMotion() if tells_motion else None
+        self._ego_motion = EgoMotion() if estimates_motion else None
         self._gain = GainControl()
         self._next_gain = self._gain
         self._light = self._next_light = UNCHANGED
@@ -53,21 +53,21 @@ class Camera:
         self.frame = frame
         self._kind = _kind_of(frame) if frame else None
 
-    def serve(self, *, several: bool) -> None:
+    def configure(self, *, several: bool) -> None:
         """Change whether it tells its motion, and lays ghosts from the next background model on."""
         self._ego_motion = (self._ego_motion or EgoMotion()) if several else None
         self._lays_ghosts = several
 
-    def fits(self, image: NDArray[np.generic]) -> bool:
+    def accepts_image(self, image: NDArray[np.generic]) -> bool:
         """Whether an image has the size and kind of the last one; any has before the first."""
         return self._kind in (None, (image.shape, image.dtype))
 
     @property
-    def image_kind(self) -> str:
+    def image_format(self) -> str:
         """Shape and type of the images, in words."""
         return " ".join(map(str, self._kind or ()))
 
-    def open(
+    def prepare(
         self,
         frame: Frame,
         interval: float,
@@ -93,19 +93,19 @@ class Camera:
         if self._ego_motion:
             frame.camera_motion = self._ego_motion.follow(frame)
         if needs_foreground:
-            self.observe_background(frame, boxes)
+            self.update_background(frame, boxes)
 
-    def keep(self, frame: Frame) -> None:
+    def commit(self, frame: Frame) -> None:
         """Take a frame that was opened for the last one."""
         if frame is not self.frame:
             self.frame, self._gain, self._light = frame, self._next_gain, self._next_light
             self._kind = _kind_of(frame)
 
-    def forget_background(self) -> None:
+    def reset_background(self) -> None:
         """Let the background model begin anew when it is asked for again."""
         self._background = None
 
-    def observe_background(self, frame: Frame, boxes: Sequence[Box]) -> None:
+    def update_background(self, frame: Frame, boxes: Sequence[Box]) -> None:
         """Tell the frame its foreground, and learn its background; arguments as for `open`."""
         if self._background is None:
             seeds = np.random.SeedSequence(self._seed, spawn_key=(_BACKGROUND_KEY,))
@@ -122,7 +122,7 @@ class Camera:
         # A copy goes on with its next frame; that of the past would only make it large.
         return self.__dict__ | {"frame": None}
 
-    def __copy__(self) -> Camera:
+    def __copy__(self) -> ImageFrontEnd:
         return copy.deepcopy(self)
 
 
