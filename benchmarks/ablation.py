@@ -1,7 +1,7 @@
 r"""What each part of a preset brings: each cue off in turn, other numbers of particles.
 
-Every variant tracks the same sequences with the same seeds as the preset itself. A cue of power
-above 0 is switched off by power 0; the others' powers are scaled up to a sum of 1. `--off` adds a
+Every variant tracks the same sequences with the same seeds as the preset itself. A cue of weight
+above 0 is switched off by weight 0; the others' powers are scaled up to a sum of 1. `--off` adds a
 variant with other values of parameters, for example those that switch a mechanism off; several
 values that belong together are given as one text.
 
@@ -77,10 +77,10 @@ def cue_variants(preset: str) -> list[Variant]:
         ParameterError: No preset has this name.
     """
     own = preset_parameters(preset)
-    used = [name for name in own["cues"] if own[f"{name}.power"] > 0.0]
+    used = [name for name in own["cues"] if own[f"{name}.weight"] > 0.0]
     if len(used) < 2:
         return []
-    return [Variant(f"without {name}", {f"{name}.power": 0.0}) for name in used]
+    return [Variant(f"without {name}", {f"{name}.weight": 0.0}) for name in used]
 
 
 def variants(preset: str, particles: Sequence[int], off: Sequence[str]) -> list[Variant]:

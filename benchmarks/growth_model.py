@@ -82,8 +82,8 @@ class GrowthTransition:
         """See `Transition.mean`."""
         return growth(states, self.step)
 
-    def spread(self, states: Array) -> Array:
-        """See `Transition.spread`."""
+    def std(self, states: Array) -> Array:
+        """See `Transition.std`."""
         return np.full(states.shape, np.sqrt(STATE_VARIANCE))
 
 

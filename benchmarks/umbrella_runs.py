@@ -39,8 +39,8 @@ class Setting:
         """
         parameters = {
             "particles": self.particles,
-            "color_histogram.power": self.alpha,
-            "gradient_orientation.power": 1.0 - self.alpha,
+            "color_histogram.weight": self.alpha,
+            "gradient_orientation.weight": 1.0 - self.alpha,
         }
         for name in sorted(parameters.keys() & overrides.keys()):
             raise ValueError(

@@ -25,7 +25,7 @@ def make_estimate(
         particle_boxes=boxes,
         weights=np.array(weights),
         effective_sample_size=1.0,
-        powers={"color_histogram": 0.75, "gradient_orientation": 0.25},
+        cue_weights={"color_histogram": 0.75, "gradient_orientation": 0.25},
     )
 
 

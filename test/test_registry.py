@@ -128,7 +128,7 @@ def test_the_shipped_parts():
         "second_order_autoregressive",
     }
     assert set(RESAMPLERS) == {
-        *("multinomial", "multinomial_keeping_best", "stratified", "systematic", "residual")
+        *("multinomial", "multinomial_elitist", "stratified", "systematic", "residual")
     }
     assert set(FEATURES) == {"gradients_and_colors"}
 

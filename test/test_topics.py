@@ -28,7 +28,7 @@ def target(id, state="tracking", box=(10.0, 20.0, 4.0, 6.0), label=""):
         particle_boxes=np.array([box, (-1.5, 0.0, 1.0, 3.0)]),
         weights=np.array([0.75, 0.25]),
         effective_sample_size=1.6,
-        powers={"hog": 1.0},
+        cue_weights={"hog": 1.0},
     )
     return TrackedTarget(id, label, estimate, 2.0, 0.5)
 

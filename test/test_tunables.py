@@ -20,8 +20,8 @@ TOLD = ("box", "state", "confidence", "covariance", "particles")
 BESIDE = {
     # Another one does not suit the other choices of the preset.
     ("li2007", "proposal.method"): {"motion.model": "affine"},
-    # A single cue has all of the power.
-    ("zhang2015", "hog.power"): {"cues": ("hog", "color_histogram")},
+    # A single cue has all of the weight.
+    ("zhang2015", "hog.weight"): {"cues": ("hog", "color_histogram")},
 }
 
 # What counts where a detector finds targets, and another value of it.

@@ -83,10 +83,10 @@ class Setting:
         """A frame of which nothing is computed yet."""
         return Frame(self.image, span=self.span)
 
-    def region(self, reach: float = 0.0) -> Region:
+    def region(self, context_margin: float = 0.0) -> Region:
         """The region of a new frame that covers the particles."""
         reduction = -(-self.side // _WORKING_SIZE)
-        return Region(self.frame(), self.boxes, reduction, reach, place=self.box)
+        return Region(self.frame(), self.boxes, reduction, context_margin, predicted_box=self.box)
 
     @property
     def text(self) -> str:

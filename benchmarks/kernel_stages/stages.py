@@ -154,7 +154,7 @@ def _scoring(name: str, setting: Setting, *, maps: bool) -> Timed:
     cue = _cue(name)
 
     def region() -> object:
-        made = setting.region(cue.reach)
+        made = setting.region(cue.context_margin)
         if cue.needs_foreground:
             width, height = (-(-side // 2) for side in setting.size)
             mask = np.zeros((height, width), np.uint8)

@@ -48,8 +48,8 @@ class Appearance(Protocol):
         frame: Frame,
         descriptor: Descriptor,
         size: NDArray[np.float64],
-        known: NDArray[np.float64],
-        most: int,
+        excluded: NDArray[np.float64],
+        max_count: int,
     ) -> Sequence[NDArray[np.float64]]:
         """Where in an image it may be like a descriptor, the likeliest first, each a (4,) box.
 
@@ -59,8 +59,8 @@ class Appearance(Protocol):
             frame: To be searched.
             descriptor: Looked for.
             size: (2,) width and height of the boxes, pixels.
-            known: (K, 4) boxes of what is something else: what overlaps these is passed over.
-            most: Boxes, which do not overlap each other by half; less where there is no room.
+            excluded: (K, 4) boxes of what is something else: what overlaps these is passed over.
+            max_count: Boxes, which do not overlap each other by half; less where there is no room.
         """
         return ()
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.appearances.appearance import APPEARANCES, Appearance, Descriptor
 from pf_tracker_ros.boxes import BoxesByAxis, overlaps
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.frames.frame import Part
+from pf_tracker_ros.frames.frame import PixelRect
 
 # From top to bottom: clothes differ along a body, whatever its pose.
 _STRIPES = 4
@@ -66,7 +66,7 @@ class ColorStripes(Appearance):
                     box[:2], box[2:], (_INSET_ACROSS, _INSET_DOWN), frame.size, strict=True
                 )
             )
-            crop = frame.view(Part(top, bottom, left, right))
+            crop = frame.view(PixelRect(top, bottom, left, right))
             lab[number] = _lab(cv2.resize(crop, (_COLUMNS, _ROWS), interpolation=cv2.INTER_AREA))
         # Between two steps a pixel counts for both: light that changes a little changes little.
         places = _in_steps(lab.reshape(-1, 3)) - 0.5
@@ -100,8 +100,8 @@ class ColorStripes(Appearance):
         frame: Frame,
         descriptor: Descriptor,
         size: NDArray[np.float64],
-        known: NDArray[np.float64],
-        most: int,
+        excluded: NDArray[np.float64],
+        max_count: int,
     ) -> list[NDArray[np.float64]]:
         """See `Appearance.find`.
 
@@ -119,11 +119,11 @@ class ColorStripes(Appearance):
         likeness = _likeness(frame, descriptor, reduction, BoxesByAxis(x, y, across, down))
         corners = np.stack(np.broadcast_arrays(x * reduction, y[:, None] * reduction), axis=-1)
         boxes = np.concatenate([corners, np.broadcast_to(size, corners.shape)], axis=-1)
-        if len(known):
-            taken = overlaps(boxes.reshape(-1, 4), known).max(axis=1) > _TAKEN_ABOVE
+        if len(excluded):
+            taken = overlaps(boxes.reshape(-1, 4), excluded).max(axis=1) > _TAKEN_ABOVE
             likeness[taken.reshape(likeness.shape)] = -np.inf
         best: list[NDArray[np.float64]] = []
-        for _ in range(most):
+        for _ in range(max_count):
             row, column = divmod(int(likeness.argmax()), len(x))
             if likeness[row, column] == -np.inf:
                 break
@@ -147,7 +147,7 @@ def _in_steps(lab: NDArray[np.generic]) -> NDArray[np.float64]:
 def _bins(frame: Frame, reduction: int) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """The bin of each pixel of a reduced image, and the share of each bin in it."""
     width, height = (-(-length // reduction) for length in frame.size)
-    colors = _lab(frame.view(Part(0, height, 0, width), reduction))
+    colors = _lab(frame.view(PixelRect(0, height, 0, width), reduction))
     first, second, third = cv2.split(cv2.LUT(colors, _STEP_OF))
     bins = (first.astype(np.intp) * _LEVELS[1] + second) * _LEVELS[2] + third
     return bins, np.bincount(bins.ravel(), minlength=_BINS) / bins.size
@@ -168,7 +168,7 @@ def _likeness(
         (rows, columns) sums over the stripes of the mean log ratio of how often a color is in the
         descriptor, and in the image.
     """
-    bins, shares = frame.share(("color bins", reduction), lambda: _bins(frame, reduction))
+    bins, shares = frame.cached(("color bins", reduction), lambda: _bins(frame, reduction))
     wanted = np.square(descriptor.reshape(_STRIPES, _BINS)) * _STRIPES
     # A stripe may be off by some: what is in others is expected a little, too.
     wanted = (1.0 - _SPILLS) * wanted + _SPILLS * wanted.mean(axis=0)

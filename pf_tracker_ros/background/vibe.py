@@ -65,7 +65,7 @@ class BackgroundModel:
     Args:
         image: (H, W, 3) uint8 BGR or (H, W) uint8 first frame, which initializes the model.
         generator: Source of all randomness.
-        holes: Boxes of what is known not to be background, such as targets; the model there begins
+        foreground_boxes: Boxes of what is known not to be background, such as targets; the model there begins
             with a continuation of what is around them, so that they leave no ghosts behind.
         samples: Values that the model keeps of a pixel (N).
         radius: A sample matches a pixel when no channel differs by more gray levels than this (R).
@@ -75,7 +75,7 @@ class BackgroundModel:
         reduction: Whole number of image pixels that one pixel of the model averages along each
             axis; more where the model would have more pixels than for half of 1920 x 1080.
         color: Whether the model keeps colors; without, it keeps brightness at a third of the cost.
-        lays_ghosts: Whether what was background only in the first image is learned anew as soon as
+        removes_ghosts: Whether what was background only in the first image is learned anew as soon as
             it is told, see `find_ghosts`; the papers have nothing of it.
 
     Attributes:
@@ -87,7 +87,7 @@ class BackgroundModel:
         self,
         image: NDArray[np.uint8],
         generator: np.random.Generator,
-        holes: Sequence[Box] = (),
+        foreground_boxes: Sequence[Box] = (),
         *,
         samples: int = 20,
         radius: int = 20,
@@ -95,7 +95,7 @@ class BackgroundModel:
         update_every: int = UPDATE_EVERY,
         reduction: int = 2,
         color: bool = True,
-        lays_ghosts: bool = False,
+        removes_ghosts: bool = False,
     ) -> None:
         self.reduction = max(reduction, _least_reduction(image))
         self._samples = samples
@@ -103,9 +103,9 @@ class BackgroundModel:
         self._matches = matches
         self._update_every = update_every
         self._color = color
-        self._lays_ghosts = lays_ghosts
+        self._lays_ghosts = removes_ghosts
         self._generator = generator
-        self._begin(self._planes(image), holes)
+        self._begin(self._planes(image), foreground_boxes)
         self.state = BackgroundState("learning")
 
     @property
@@ -113,12 +113,14 @@ class BackgroundModel:
         """(N, channels, h, w) copy of the model."""
         return self._model.copy()
 
-    def update(self, image: NDArray[np.uint8], holes: Sequence[Box] = ()) -> NDArray[np.uint8]:
+    def update(
+        self, image: NDArray[np.uint8], foreground_boxes: Sequence[Box] = ()
+    ) -> NDArray[np.uint8]:
         """Tell foreground from background, then learn the background.
 
         Args:
             image: As the first, of the same size.
-            holes: As for the first image, should the model begin anew with this one.
+            foreground_boxes: As for the first image, should the model begin anew with this one.
 
         Returns:
             (h, w) uint8, 255 for foreground, 0 for background; h and w are those of the image
@@ -138,11 +140,13 @@ class BackgroundModel:
         self.state = BackgroundState("off", _ALL_CHANGED)
         self._changed_for += 1
         if self._changed_for >= self._update_every:
-            self._begin(planes, holes)
+            self._begin(planes, foreground_boxes)
         return foreground
 
-    def _begin(self, planes: NDArray[np.uint8], holes: Sequence[Box]) -> None:
-        self._model = self._fresh(self._filled(planes, holes) if holes else planes)
+    def _begin(self, planes: NDArray[np.uint8], foreground_boxes: Sequence[Box]) -> None:
+        self._model = self._fresh(
+            self._filled(planes, foreground_boxes) if foreground_boxes else planes
+        )
         self._age = 0
         self._changed_for = 0
 
@@ -231,10 +235,12 @@ class BackgroundModel:
         places = np.cumsum(gaps.astype(np.intp) + 1) - 1
         return places[: np.searchsorted(places, pixels)]
 
-    def _filled(self, planes: NDArray[np.uint8], holes: Sequence[Box]) -> NDArray[np.uint8]:
+    def _filled(
+        self, planes: NDArray[np.uint8], foreground_boxes: Sequence[Box]
+    ) -> NDArray[np.uint8]:
         """The planes with the holes painted over from their surroundings."""
         mask = np.zeros(planes.shape[1:], np.uint8)
-        for hole in holes:
+        for hole in foreground_boxes:
             x, y, width, height = (side / self.reduction for side in hole)
             left, top = max(math.floor(x), 0), max(math.floor(y), 0)
             right, bottom = max(math.ceil(x + width), 0), max(math.ceil(y + height), 0)

@@ -26,8 +26,8 @@ from pf_tracker_ros.cues.cue import (
     Match,
     SearchableCue,
     declared_keep,
-    sums,
-    sums_on_grid,
+    box_sums,
+    box_sums_on_grid,
 )
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
@@ -106,8 +106,8 @@ class ColorContrast(SearchableCue):
         ring: Width of the ring of surroundings on each side of the box, box sides.
     """
 
-    looks_in_one_size = True
-    judges = False
+    uses_predicted_size = True
+    is_discriminative = False
 
     def __init__(
         self, parameters: ColorContrastParameters, *, levels: int = 16, ring: float = 0.4
@@ -118,8 +118,8 @@ class ColorContrast(SearchableCue):
         self._keep = parameters.keep
 
     @property
-    def reach(self) -> float:
-        """See `Cue.reach`."""
+    def context_margin(self) -> float:
+        """See `Cue.context_margin`."""
         return self._ring
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> ContrastTemplate:
@@ -136,16 +136,16 @@ class ColorContrast(SearchableCue):
         ring = whole - inside
         return ContrastTemplate(_shares(inside), _shares(ring))
 
-    def strength(
+    def response(
         self, region: Region, boxes: NDArray[np.float64], template: ContrastTemplate
     ) -> NDArray[np.float64]:
-        """See `SearchableCue.strength`: the contrast."""
+        """See `SearchableCue.response`: the contrast."""
         return self.contrast(region, _in_expected_size(region, boxes), template)
 
-    def strength_on_grid(
+    def response_on_grid(
         self, region: Region, grid: BoxGrid, template: ContrastTemplate
     ) -> NDArray[np.float64]:
-        """See `SearchableCue.strength_on_grid`."""
+        """See `SearchableCue.response_on_grid`."""
         integral = self._integral(region, template)
         row, column = (
             region.region_boxes(_in_expected_size(region, boxes)).T
@@ -153,7 +153,7 @@ class ColorContrast(SearchableCue):
         )
         columns, rows = self._edges(row[0], row[2]), self._edges(column[1], column[3])
         inside, outer = (
-            sums_on_grid(integral, *edges) for edges in zip(columns, rows, strict=True)
+            box_sums_on_grid(integral, *edges) for edges in zip(columns, rows, strict=True)
         )
         widths, heights = columns[:, 1] - columns[:, 0], rows[:, 1] - rows[:, 0]
         area, outer_area = heights[:, :, None] * widths[:, None]
@@ -195,7 +195,7 @@ class ColorContrast(SearchableCue):
         edges = self._edges(region_boxes[:2], region_boxes[2:])
         sides = edges[:, 1] - edges[:, 0]
         area, outer_area = sides[:, 0] * sides[:, 1]
-        inside, outer = sums(self._integral(region, template), edges[:, :, 0], edges[:, :, 1])
+        inside, outer = box_sums(self._integral(region, template), edges[:, :, 0], edges[:, :, 1])
         return _contrast(inside, outer, area, outer_area)
 
     def blend(self, template: ContrastTemplate, seen: ContrastTemplate) -> ContrastTemplate:
@@ -219,7 +219,7 @@ class ColorContrast(SearchableCue):
             probabilities = template.probabilities.take(region.color_bins(self._levels))
             return cv2.integral(region.pad(probabilities), sdepth=cv2.CV_64F)
 
-        return region.share(template, integrate)
+        return region.cached(template, integrate)
 
     def _edges(self, starts: NDArray[np.float64], sides: NDArray[np.float64]) -> NDArray[np.intp]:
         """Whole-pixel edges of boxes and of the rings around them, in region pixels.
@@ -246,8 +246,8 @@ def _shares(counts: NDArray[np.intp]) -> NDArray[np.float32]:
 
 
 def _in_expected_size(region: Region, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 4) boxes in the size of `Region.place`, around the same centers."""
-    size = region.place[2:]
+    """(N, 4) boxes in the size of `Region.predicted_box`, around the same centers."""
+    size = region.predicted_box[2:]
     resized = boxes.copy()
     resized[:, :2] += (boxes[:, 2:] - size) / 2
     resized[:, 2:] = size

@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, Match, declared_keep, declared_power
-from pf_tracker_ros.cues.repeats import WORTHWHILE, distinct
+from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, Match, declared_keep, declared_weight
+from pf_tracker_ros.cues.duplicates import DEDUPLICATE_FROM, unique_pairs
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import declared
 
@@ -35,7 +35,7 @@ _FADED = 0.01
 class ColorHistogramParameters(CueParameters):
     """The color histogram cue."""
 
-    power: float = declared_power(0.6)
+    weight: float = declared_weight(0.6)
     sharpness: float = declared(
         20.0,
         "How fast the likelihood falls with the squared Bhattacharyya distance (lambda).",
@@ -145,7 +145,7 @@ class ColorHistogram(Cue):
             def label_pixels(table: NDArray[np.uint8] = labels_of_colors) -> NDArray[np.uint8]:
                 return region.pad(table.take(self._bins(region)))
 
-            labels = region.share((template, number), label_pixels)
+            labels = region.cached((template, number), label_pixels)
             coefficient += _root_coefficient(labels, samples, roots)
         squared = 1.0 - np.minimum(coefficient, 1.0)
         return squared if repeated is None else squared[repeated]
@@ -198,7 +198,7 @@ class ForegroundColorHistogram(ColorHistogram):
         bins, foreground = super()._bins(region), region.foreground_pixels
         if foreground is None:
             return bins
-        return region.share(
+        return region.cached(
             ("foreground color bins", self._levels),
             lambda: np.where(foreground, bins, self._levels**3),
         )
@@ -275,9 +275,9 @@ def _samples(
     columns, rows = _grid((width, height))
     left = _first_center(region_boxes[:, 0], width, columns).astype(np.intp)
     top = _first_center(region_boxes[:, 1], height, rows).astype(np.intp)
-    if len(region_boxes) < WORTHWHILE:
+    if len(region_boxes) < DEDUPLICATE_FROM:
         return _Windows(left, top, columns, rows), None
-    kept, repeated = distinct(left, top)
+    kept, repeated = unique_pairs(left, top)
     return _Windows(left[kept], top[kept], columns, rows), repeated
 
 

@@ -118,7 +118,7 @@ class Windows(NamedTuple):
     sides: Sequence[float]
 
 
-class Answers(NamedTuple):
+class ResponseMaps(NamedTuple):
     """What the filter answers to the windows around the prediction.
 
     Attributes:
@@ -136,7 +136,7 @@ class Answers(NamedTuple):
     largest: float
 
     @classmethod
-    def of(cls, maps: NDArray[np.float32], windows: Windows) -> Answers:
+    def of(cls, maps: NDArray[np.float32], windows: Windows) -> ResponseMaps:
         """Those that (windows, S, S) responses to some windows make."""
         expected = mean_of(maps)
         return cls(maps, windows, expected, deviation_of(expected), float(maps.max()))
@@ -234,7 +234,7 @@ def peak_near(
     return float(values[top : bottom + 1, left : right + 1].max())
 
 
-def standing_out(value: float, deviation: float) -> float:
+def peak_to_sidelobe(value: float, deviation: float) -> float:
     """A value of a response map in units of the map's standard deviation, kept from 0."""
     return max(value / deviation, _LEAST_STANDING_OUT)
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import BoxGrid
 from pf_tracker_ros.cues.correlation_filter import (
     SMALLEST_RESPONSE,
-    Answers,
+    ResponseMaps,
     Spectrum,
     Windows,
     deviation_of,
@@ -30,10 +30,10 @@ from pf_tracker_ros.cues.correlation_filter import (
     response,
     response_at_center,
     spectra_of,
-    standing_out,
+    peak_to_sidelobe,
     train,
 )
-from pf_tracker_ros.cues.cue import CUES, CueParameters, Match, Prospect, SearchableCue
+from pf_tracker_ros.cues.cue import CUES, CueParameters, Match, PredictedTarget, SearchableCue
 from pf_tracker_ros.cues.features import FEATURES
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.frames.region import read_window
@@ -88,7 +88,7 @@ class CorrelationTemplate:
         target_cells: (width, height) of the target in cells.
         colored: Whether it looks at colors; where there are none, at gray levels.
         frames: That could be learned from so far.
-        waiting: Those since the last training.
+        frames_since_training: Those since the last training.
     """
 
     filter: Spectrum
@@ -96,10 +96,10 @@ class CorrelationTemplate:
     target_cells: tuple[float, float]
     colored: bool
     frames: int = 1
-    waiting: int = 0
+    frames_since_training: int = 0
 
 
-class View(NamedTuple):
+class DeferredObservation(NamedTuple):
     """Where to look in the frame at hand: training the filter costs too much for every frame.
 
     Attributes:
@@ -111,7 +111,7 @@ class View(NamedTuple):
     box: NDArray[np.float64]
 
 
-class Square(NamedTuple):
+class Patch(NamedTuple):
     """Part of a frame.
 
     Attributes:
@@ -181,39 +181,41 @@ class CorrelationResponse(SearchableCue):
         trained = train(seen, (width, height), None, 0.0)
         return CorrelationTemplate(trained, _reference(trained, seen), (width, height), colored)
 
-    def prepare(self, prospects: Sequence[Prospect]) -> None:
-        """See `Cue.prepare`."""
+    def precompute(self, predicted_targets: Sequence[PredictedTarget]) -> None:
+        """See `Cue.precompute`."""
         for colored in (False, True):
             of_kind = [
-                one for one in prospects if one.template.colored == one.first.colored == colored
+                one
+                for one in predicted_targets
+                if one.template.colored == one.first.colored == colored
             ]
             for start in range(0, len(of_kind), self._at_once):
                 some = of_kind[start : start + self._at_once]
                 if len(some) > 1:
                     self._prepare(some, colored)
 
-    def _prepare(self, prospects: Sequence[Prospect], colored: bool) -> None:
-        windows = self._read([one.region for one in prospects], colored)
+    def _prepare(self, predicted_targets: Sequence[PredictedTarget], colored: bool) -> None:
+        windows = self._read([one.region for one in predicted_targets], colored)
         counts = [len(one.spectra) for one in windows]
-        filters = np.stack([one.template.filter for one in prospects])
+        filters = np.stack([one.template.filter for one in predicted_targets])
         spectra = np.concatenate([one.spectra for one in windows])
         maps = response(np.repeat(filters, counts, axis=0), spectra, _REFINEMENT * self._cells)
-        first = np.stack([one.first.filter for one in prospects])
+        first = np.stack([one.first.filter for one in predicted_targets])
         expected = np.stack([one.expected for one in windows])
         early_maps = response(first, expected, self._cells)
         for one, seen, answers, early in zip(
-            prospects, windows, _parts(maps, counts), early_maps, strict=True
+            predicted_targets, windows, _parts(maps, counts), early_maps, strict=True
         ):
-            one.region.keep((self, colored), seen)
-            one.region.keep(_key(one.template), Answers.of(answers, seen))
-            one.region.keep(_first_key(one.first), early)
+            one.region.store((self, colored), seen)
+            one.region.store(_key(one.template), ResponseMaps.of(answers, seen))
+            one.region.store(_first_key(one.first), early)
 
-    def observe(self, region: Region, box: NDArray[np.float64]) -> View:
+    def observe(self, region: Region, box: NDArray[np.float64]) -> DeferredObservation:
         """See `Cue.observe`."""
-        return View(region, box)
+        return DeferredObservation(region, box)
 
-    def adopt(self, seen: View) -> CorrelationTemplate:
-        """See `Cue.adopt`."""
+    def template_from(self, seen: DeferredObservation) -> CorrelationTemplate:
+        """See `Cue.template_from`."""
         return self.learn(seen.region, seen.box)
 
     def log_likelihood_of(
@@ -222,7 +224,7 @@ class CorrelationResponse(SearchableCue):
         """See `SearchableCue.log_likelihood_of`."""
         return -self._sharpness * (1.0 - strength)
 
-    def match(self, seen: View, template: CorrelationTemplate) -> Match:
+    def match(self, seen: DeferredObservation, template: CorrelationTemplate) -> Match:
         """See `Cue.match`.
 
         The response at the box says little, since there is a best place even where the target is
@@ -232,7 +234,7 @@ class CorrelationResponse(SearchableCue):
         Source: Bolme, Beveridge, Draper, Lui 2010, "Visual object tracking using adaptive
         correlation filters", section 3.5 (the peak-to-sidelobe ratio).
         """
-        value = float(self.strength(seen.region, seen.box[None], template)[0])
+        value = float(self.response(seen.region, seen.box[None], template)[0])
         answers = self._answers(seen.region, template)
         peak = max(float(answers.expected.max()), SMALLEST_RESPONSE)
         similarity = self._features.calibration.similarity(
@@ -241,7 +243,7 @@ class CorrelationResponse(SearchableCue):
         return Match(-self._sharpness * (1.0 - value), similarity)
 
     def log_odds(
-        self, seen: View, template: CorrelationTemplate, first: CorrelationTemplate
+        self, seen: DeferredObservation, template: CorrelationTemplate, first: CorrelationTemplate
     ) -> dict[str, float]:
         """See `Cue.log_odds`.
 
@@ -251,68 +253,70 @@ class CorrelationResponse(SearchableCue):
         region, box = seen
         answers = self._answers(region, template)
         at_box = float(answers.read((box[:2] + box[2:] / 2)[None], np.array([0.5]))[0])
-        early = region.share(
+        early = region.cached(
             _first_key(first),
             # It may look at colors where the last one looks at gray levels.
             lambda: response(
                 first.filter, self._windows(region, first.colored).expected, self._cells
             ),
         )
-        near = peak_near(early, region.place, self._side(region.place), box)
-        stands_out = standing_out(at_box, answers.deviation)
-        stands_out_first = standing_out(near, deviation_of(early))
+        near = peak_near(early, region.predicted_box, self._side(region.predicted_box), box)
+        peak_to_sidelobe_ratio = peak_to_sidelobe(at_box, answers.deviation)
+        first_peak_to_sidelobe_ratio = peak_to_sidelobe(near, deviation_of(early))
         level = max(at_box, SMALLEST_RESPONSE) / template.reference
-        return self._features.calibration.log_odds(stands_out, stands_out_first, level)
+        return self._features.calibration.log_odds(
+            peak_to_sidelobe_ratio, first_peak_to_sidelobe_ratio, level
+        )
 
-    def strength(
+    def response(
         self, region: Region, boxes: NDArray[np.float64], template: CorrelationTemplate
     ) -> NDArray[np.float64]:
-        """See `SearchableCue.strength`: the responses at the centers of the boxes, 0 to 1.
+        """See `SearchableCue.response`: the responses at the centers of the boxes, 0 to 1.
 
-        The windows are around `Region.place`. Between their sizes a box's response is
+        The windows are around `Region.predicted_box`. Between their sizes a box's response is
         interpolated; beyond them it is that of the next.
         """
         answers = self._answers(region, template)
         centers = boxes[:, :2] + boxes[:, 2:] / 2
-        responses = answers.read(centers, self._shares(boxes[:, 2:], region.place))
+        responses = answers.read(centers, self._shares(boxes[:, 2:], region.predicted_box))
         return _of_the_best(responses, answers, template)
 
-    def strength_on_grid(
+    def response_on_grid(
         self, region: Region, grid: BoxGrid, template: CorrelationTemplate
     ) -> NDArray[np.float64]:
-        """See `SearchableCue.strength_on_grid`."""
+        """See `SearchableCue.response_on_grid`."""
         answers = self._answers(region, template)
         width, height = grid.size
-        share = self._shares(grid.size[None], region.place)
+        share = self._shares(grid.size[None], region.predicted_box)
         responses = answers.read_grid(grid.left + width / 2, grid.top + height / 2, share)
         return _of_the_best(responses.ravel(), answers, template)
 
     def _shares(
-        self, sizes: NDArray[np.float64], place: NDArray[np.float64]
+        self, sizes: NDArray[np.float64], predicted_box: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """(N,) where (N, 2) sizes are between the smaller (0) and the larger window (1)."""
         if not self._log_span:
             return np.zeros(len(sizes))
-        areas = sizes[:, 0] * sizes[:, 1] / (place[2] * place[3])
+        areas = sizes[:, 0] * sizes[:, 1] / (predicted_box[2] * predicted_box[3])
         return np.minimum(np.maximum(np.log(areas) / (2 * self._log_span) + 0.5, 0.0), 1.0)
 
-    def _answers(self, region: Region, template: CorrelationTemplate) -> Answers:
-        def answer() -> Answers:
+    def _answers(self, region: Region, template: CorrelationTemplate) -> ResponseMaps:
+        def answer() -> ResponseMaps:
             windows = self._windows(region, template.colored)
             maps = response(template.filter, windows.spectra, _REFINEMENT * self._cells)
-            return Answers.of(maps, windows)
+            return ResponseMaps.of(maps, windows)
 
-        return region.share(_key(template), answer)
+        return region.cached(_key(template), answer)
 
     def _windows(self, region: Region, colored: bool) -> Windows:
-        return region.share((self, colored), lambda: self._read([region], colored)[0])
+        return region.cached((self, colored), lambda: self._read([region], colored)[0])
 
     def _read(self, regions: Sequence[Region], colored: bool) -> list[Windows]:
         """The windows around the prediction in each region."""
         squares = [
             [
-                self._square(region, region.place, factor)
-                for factor in (self._factors if region.looks_for_size else (1.0,))
+                self._square(region, region.predicted_box, factor)
+                for factor in (self._factors if region.estimates_size else (1.0,))
             ]
             for region in regions
         ]
@@ -322,20 +326,26 @@ class CorrelationResponse(SearchableCue):
             for part, some in zip(_parts(spectra, map(len, squares)), squares, strict=True)
         ]
 
-    def blend(self, template: CorrelationTemplate, seen: View) -> CorrelationTemplate:
+    def blend(
+        self, template: CorrelationTemplate, seen: DeferredObservation
+    ) -> CorrelationTemplate:
         """See `Cue.blend`; the filter's memory holds it near what it was."""
-        learned = replace(template, frames=template.frames + 1, waiting=template.waiting + 1)
+        learned = replace(
+            template,
+            frames=template.frames + 1,
+            frames_since_training=template.frames_since_training + 1,
+        )
         settled = min(template.frames / self._settling, 1.0)
         interval = self._interval if settled == 1.0 else 1
-        if learned.waiting < interval:
+        if learned.frames_since_training < interval:
             return learned
         (view,) = self._spectra([self._square(seen.region, seen.box)], template.colored)
         memory = settled * self._memory / interval
         trained = train(view, template.target_cells, template.filter, memory)
         reference = _reference(trained, view)
-        return replace(learned, filter=trained, reference=reference, waiting=0)
+        return replace(learned, filter=trained, reference=reference, frames_since_training=0)
 
-    def _spectra(self, squares: Sequence[Square], colored: bool) -> Spectrum:
+    def _spectra(self, squares: Sequence[Patch], colored: bool) -> Spectrum:
         """(K, channels, cells, cells // 2 + 1) of the features in K squares."""
         spectra = [
             spectra_of(self._features.extract(self._pixels(some, gray=not colored)))
@@ -346,13 +356,13 @@ class CorrelationResponse(SearchableCue):
         ]
         return spectra[0] if len(spectra) == 1 else np.concatenate(spectra)
 
-    def _pixels(self, squares: Sequence[Square], *, gray: bool) -> NDArray[np.uint8]:
-        pixels = self._features.stride * self._cells
+    def _pixels(self, squares: Sequence[Patch], *, gray: bool) -> NDArray[np.uint8]:
+        pixels = self._features.cell_size * self._cells
         return np.stack([read_window(*square, pixels, gray) for square in squares])
 
-    def _square(self, region: Region, box: NDArray[np.float64], factor: float = 1.0) -> Square:
+    def _square(self, region: Region, box: NDArray[np.float64], factor: float = 1.0) -> Patch:
         """Around a (4,) box, in so many times its size."""
-        return Square(region.frame, box[:2] + box[2:] / 2, factor * self._side(box))
+        return Patch(region.frame, box[:2] + box[2:] / 2, factor * self._side(box))
 
     def _side(self, box: NDArray[np.float64]) -> float:
         return self._window * math.sqrt(box[2] * box[3])
@@ -374,7 +384,7 @@ def _parts(values: NDArray[Value], counts: Iterable[int]) -> list[NDArray[Value]
 
 
 def _of_the_best(
-    responses: NDArray[np.float64], answers: Answers, template: CorrelationTemplate
+    responses: NDArray[np.float64], answers: ResponseMaps, template: CorrelationTemplate
 ) -> NDArray[np.float64]:
     """(N,) responses as shares, 0 to 1, of the one that was learned."""
     # A view may answer more than the one that was learned; still no place beats the best.

@@ -18,7 +18,7 @@ from pf_tracker_ros.registry import Registry
 Value = TypeVar("Value", np.int32, np.float64)
 
 
-def sums(
+def box_sums(
     integral: NDArray[Value], columns: NDArray[np.intp], rows: NDArray[np.intp]
 ) -> NDArray[Value]:
     """(..., N) sums over boxes.
@@ -35,13 +35,13 @@ def sums(
     return added
 
 
-def sums_on_grid(
+def box_sums_on_grid(
     integral: NDArray[Value], columns: NDArray[np.intp], rows: NDArray[np.intp]
 ) -> NDArray[Value]:
     """(R, C) sums over boxes in rows and columns.
 
     Args:
-        integral: As for `sums`.
+        integral: As for `box_sums`.
         columns: (2, C) where the boxes of each column start and where they end.
         rows: (2, R) the same of each row.
     """
@@ -50,27 +50,27 @@ def sums_on_grid(
     return down.take(columns[1], axis=1) - down.take(columns[0], axis=1)
 
 
-def declared_power(default: float) -> float:
+def declared_weight(default: float) -> float:
     """The parameter that every cue has.
 
     Args:
         default: 0 to 1.
     """
-    power: float = declared(
+    weight: float = declared(
         default,
         "Power of this cue in the fused likelihood beside other cues; 0 switches it off. The "
         "powers of all cues are scaled to a sum of 1.",
         minimum=0.0,
         maximum=1.0,
     )
-    return power
+    return weight
 
 
 @dataclass(frozen=True)
 class CueParameters:
     """What every cue has; those of a cue are derived from it."""
 
-    power: float = declared_power(0.5)
+    weight: float = declared_weight(0.5)
 
 
 def declared_keep(default: float, symbol: str = "") -> float:
@@ -102,7 +102,7 @@ class Match(NamedTuple):
     similarity: float
 
 
-class Prospect(NamedTuple):
+class PredictedTarget(NamedTuple):
     """A target in a frame that it has not been looked for in.
 
     Attributes:
@@ -123,21 +123,21 @@ class Cue(Protocol):
     target owns. To freeze a template is not to replace it.
 
     Attributes:
-        looks_in_one_size: Whether it looks at every box in the size of `Region.place`.
-        judges: Whether its similarity tells the target from other things, and not only from
+        uses_predicted_size: Whether it looks at every box in the size of `Region.place`.
+        is_discriminative: Whether its similarity tells the target from other things, and not only from
             nothing.
         needs_foreground: Whether it reads `Frame.foreground`.
         joins_search: Whether it has a say in a search that searchable cues lead: many boxes cost it
             little, but it does not know the target.
     """
 
-    looks_in_one_size: ClassVar[bool] = False
-    judges: ClassVar[bool] = True
+    uses_predicted_size: ClassVar[bool] = False
+    is_discriminative: ClassVar[bool] = True
     needs_foreground: ClassVar[bool] = False
     joins_search: ClassVar[bool] = False
 
     @property
-    def reach(self) -> float:
+    def context_margin(self) -> float:
         """How far beyond each side of a box the cue reads the region, in box sides."""
         return 0.0
 
@@ -153,11 +153,11 @@ class Cue(Protocol):
         """
         return self.learn(region, box)
 
-    def adopt(self, seen: Any) -> Any:
+    def template_from(self, seen: Any) -> Any:
         """The template of what was observed, for a cue that has none yet."""
         return seen
 
-    def prepare(self, prospects: Sequence[Prospect]) -> None:
+    def precompute(self, predicted_targets: Sequence[PredictedTarget]) -> None:
         """Compute at once what several targets will ask of their regions, and leave it there.
 
         For a cue to which that costs less than one target after another; no answer depends on it.
@@ -212,14 +212,14 @@ class SearchableCue(Cue, Protocol):
     """
 
     @abstractmethod
-    def strength(
+    def response(
         self, region: Region, boxes: NDArray[np.float64], template: Any
     ) -> NDArray[np.float64]:
         """(N,) how much of the target there is at (N, 4) boxes, at most 1."""
 
-    def strength_on_grid(self, region: Region, grid: BoxGrid, template: Any) -> NDArray[np.float64]:
+    def response_on_grid(self, region: Region, grid: BoxGrid, template: Any) -> NDArray[np.float64]:
         """(M,) the same of the boxes of a grid; for a cue that does rows and columns at once."""
-        return self.strength(region, grid.boxes, template)
+        return self.response(region, grid.boxes, template)
 
     @abstractmethod
     def log_likelihood_of(
@@ -231,4 +231,4 @@ class SearchableCue(Cue, Protocol):
         self, region: Region, boxes: NDArray[np.float64], template: Any
     ) -> NDArray[np.float64]:
         """See `Cue.log_likelihood`."""
-        return self.log_likelihood_of(self.strength(region, boxes, template), template)
+        return self.log_likelihood_of(self.response(region, boxes, template), template)

@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxGrid
-from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, declared_power, sums, sums_on_grid
+from pf_tracker_ros.cues.cue import (
+    CUES,
+    Cue,
+    CueParameters,
+    declared_weight,
+    box_sums,
+    box_sums_on_grid,
+)
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.parameters import declared
 
@@ -24,7 +31,7 @@ from pf_tracker_ros.parameters import declared
 class ForegroundParameters(CueParameters):
     """The foreground cue."""
 
-    power: float = declared_power(0.25)
+    weight: float = declared_weight(0.25)
     sharpness: float = declared(
         20.0,
         "How fast the likelihood falls as the foreground's share in the box does, against that in "
@@ -95,7 +102,7 @@ class ForegroundCue(Cue):
         x, y, width, height = np.ascontiguousarray(boxes.T)
         columns = self._edges(x, width, reduction, integral.shape[1] - 1)
         rows = self._edges(y, height, reduction, integral.shape[0] - 1)
-        inside, outer = sums(integral, columns, rows)
+        inside, outer = box_sums(integral, columns, rows)
         return self._contrast(inside, outer, width, height, reduction)
 
     def contrast_on_grid(self, region: Region, grid: BoxGrid) -> NDArray[np.float64]:
@@ -105,7 +112,7 @@ class ForegroundCue(Cue):
         columns = self._edges(grid.left, width, reduction, integral.shape[1] - 1)
         rows = self._edges(grid.top, height, reduction, integral.shape[0] - 1)
         inside, outer = (
-            sums_on_grid(integral, *edges) for edges in zip(columns, rows, strict=True)
+            box_sums_on_grid(integral, *edges) for edges in zip(columns, rows, strict=True)
         )
         return self._contrast(inside, outer, width, height, reduction)
 
@@ -161,4 +168,4 @@ def _integral(frame: Frame) -> tuple[NDArray[np.int32], int]:
     def integrate() -> NDArray[np.int32]:
         return cv2.integral(mask, sdepth=cv2.CV_32S)
 
-    return frame.share("foreground integral", integrate), reduction
+    return frame.cached("foreground integral", integrate), reduction

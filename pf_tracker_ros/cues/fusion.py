@@ -11,22 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxGrid
-from pf_tracker_ros.cues.cue import CUES, Cue, Match, Prospect, SearchableCue
+from pf_tracker_ros.cues.cue import CUES, Cue, Match, PredictedTarget, SearchableCue
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import ParameterError, declared
 
 # Name of a cue to its template.
 Templates = Mapping[str, Any]
 # Name of a searchable cue to its (N,) strengths at N boxes.
-Strengths = Mapping[str, NDArray[np.float64]]
-# Name of a cue to its power; they sum to 1.
-Powers = Mapping[str, float]
+Responses = Mapping[str, NDArray[np.float64]]
+# Name of a cue to its weight; they sum to 1.
+CueWeights = Mapping[str, float]
 # Name of a searchable cue to its strength at the likeliest place beside the target, as a share of
 # the one at the target: 0 where nothing around looks like the target, 1 where something does.
-Distraction = Mapping[str, float]
+DistractorRatios = Mapping[str, float]
 
 _LARGEST_DISTRACTION = 2.0
-# However little a cue tells at the moment, it keeps this share of its power, and never gets more
+# However little a cue tells at the moment, it keeps this share of its weight, and never gets more
 # than this multiple of it.
 _LEAST_POWER, _MOST_POWER = 0.15, 2.0
 # Share of each frame in what is known of how well a cue tells the target.
@@ -69,7 +69,7 @@ class TemplateParameters:
         maximum=1.0,
     )
 
-    def similarity_asked(self, frames: int) -> float:
+    def required_similarity(self, frames: int) -> float:
         """The least similarity that lets the templates be updated, 0 to 1.
 
         Args:
@@ -78,7 +78,9 @@ class TemplateParameters:
         return self.confident_above * min(frames / _SETTLING_FRAMES, 1.0)
 
 
-def measure_distraction(at_target: Mapping[str, float], beside: Strengths) -> Distraction:
+def measure_distractor_ratios(
+    at_target: Mapping[str, float], beside: Responses
+) -> DistractorRatios:
     """Each cue's largest strength beside the target over that at the target.
 
     Args:
@@ -93,7 +95,7 @@ def measure_distraction(at_target: Mapping[str, float], beside: Strengths) -> Di
     }
 
 
-def smooth_distraction(before: Distraction, now: Distraction) -> Distraction:
+def smooth_distractor_ratios(before: DistractorRatios, now: DistractorRatios) -> DistractorRatios:
     """The distraction of this frame mixed into that of the frames before."""
     rate = _ADAPTATION_RATE
     return {
@@ -109,18 +111,18 @@ class CueFusion:
     Source: Li et al. 2007, section 2.2.3 and equation (8).
 
     Args:
-        cues: Name to (cue, power); powers of at least 0 are scaled to a sum of 1, and a cue of
-            power 0 is left out, so that it costs nothing.
+        cues: Name to (cue, weight); powers of at least 0 are scaled to a sum of 1, and a cue of
+            weight 0 is left out, so that it costs nothing.
 
     Attributes:
-        powers: Name of a cue to its power as configured; they sum to 1.
+        cue_weights: Name of a cue to its weight as configured; they sum to 1.
         can_search: Whether any of the cues can look for the target.
-        reach: How far beyond each side of a box the cues look at most, in box sides.
+        context_margin: How far beyond each side of a box the cues look at most, in box sides.
         needs_foreground: Whether any of the cues asks for the foreground.
-        looks_in_one_size: Whether any of the cues looks at every box in the size of `Region.place`.
+        uses_predicted_size: Whether any of the cues looks at every box in the size of `Region.place`.
 
     Raises:
-        ParameterError: There is no cue, or no power is above 0.
+        ParameterError: There is no cue, or no weight is above 0.
     """
 
     def __init__(self, cues: Mapping[str, tuple[Cue, float]]) -> None:
@@ -130,37 +132,37 @@ class CueFusion:
                 f"parameter 'cues' is empty; allowed: at least one of {', '.join(CUES)}"
             )
         if not used:
-            names = ", ".join(f"'{name}.power'" for name in cues)
+            names = ", ".join(f"'{name}.weight'" for name in cues)
             raise ParameterError(f"all cues are off; at least one of {names} must be above 0")
-        total = sum(power for _, power in used.values())
+        total = sum(weight for _, weight in used.values())
         self._cues = {name: cue for name, (cue, _) in used.items()}
         self._searchable = {
             name: cue for name, cue in self._cues.items() if isinstance(cue, SearchableCue)
         }
-        self.powers: Powers = {name: power / total for name, (_, power) in used.items()}
+        self.cue_weights: CueWeights = {name: weight / total for name, (_, weight) in used.items()}
         self.can_search = bool(self._searchable)
-        self.reach = max(cue.reach for cue in self._cues.values())
+        self.context_margin = max(cue.context_margin for cue in self._cues.values())
         self.needs_foreground = any(cue.needs_foreground for cue in self._cues.values())
-        self.looks_in_one_size = any(cue.looks_in_one_size for cue in self._cues.values())
+        self.uses_predicted_size = any(cue.uses_predicted_size for cue in self._cues.values())
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> Templates:
         """Each cue's template of what is in a (4,) box."""
         return {name: cue.learn(region, box) for name, cue in self._cues.items()}
 
-    def prepare(self, prospects: Sequence[tuple[Region, Templates, Templates]]) -> None:
-        """Let each cue compute at once what it reads of several regions; see `Cue.prepare`.
+    def precompute(self, predicted_targets: Sequence[tuple[Region, Templates, Templates]]) -> None:
+        """Let each cue compute at once what it reads of several regions; see `Cue.precompute`.
 
         Args:
-            prospects: Region, templates and first templates of each target.
+            predicted_targets: Region, templates and first templates of each target.
         """
         for name, cue in self._cues.items():
             known = [
-                Prospect(region, templates[name], first[name])
-                for region, templates, first in prospects
+                PredictedTarget(region, templates[name], first[name])
+                for region, templates, first in predicted_targets
                 if name in templates
             ]
             if known:
-                cue.prepare(known)
+                cue.precompute(known)
 
     def observe(self, region: Region, box: NDArray[np.float64]) -> Templates:
         """What each cue sees in a (4,) box of the frame at hand; see `Cue.observe`."""
@@ -171,17 +173,17 @@ class CueFusion:
         region: Region,
         boxes: NDArray[np.float64],
         templates: Templates,
-        powers: Powers | None = None,
+        cue_weights: CueWeights | None = None,
     ) -> NDArray[np.float64]:
         """(N,) log p(Z | X), at most 0, of (N, 4) boxes; source: Li et al. 2007, equation (8).
 
-        `powers` take the place of the configured ones where they are given. A cue that has no
+        `cue_weights` take the place of the configured ones where they are given. A cue that has no
         template yet, because it was switched on while tracking, says nothing.
         """
         fused = np.zeros(len(boxes))
-        powers = powers or self.powers
+        cue_weights = cue_weights or self.cue_weights
         for name, cue, template in self._known(templates):
-            fused += powers[name] * cue.log_likelihood(region, boxes, template)
+            fused += cue_weights[name] * cue.log_likelihood(region, boxes, template)
         return fused
 
     def log_likelihoods(
@@ -197,20 +199,20 @@ class CueFusion:
         """Whether a cue that has a template can look for the target."""
         return any(name in templates for name in self._searchable)
 
-    def strengths(
+    def responses(
         self, region: Region, boxes: NDArray[np.float64], templates: Templates
-    ) -> Strengths:
+    ) -> Responses:
         """Name of each searchable cue to its (N,) strengths at (N, 4) boxes."""
         return {
-            name: cue.strength(region, boxes, templates[name])
+            name: cue.response(region, boxes, templates[name])
             for name, cue in self._searchable.items()
             if name in templates
         }
 
-    def strengths_on_grid(self, region: Region, grid: BoxGrid, templates: Templates) -> Strengths:
+    def responses_on_grid(self, region: Region, grid: BoxGrid, templates: Templates) -> Responses:
         """Name of each searchable cue to its (M,) strengths at the boxes of a grid."""
         return {
-            name: cue.strength_on_grid(region, grid, templates[name])
+            name: cue.response_on_grid(region, grid, templates[name])
             for name, cue in self._searchable.items()
             if name in templates
         }
@@ -219,38 +221,38 @@ class CueFusion:
         self,
         region: Region,
         grid: BoxGrid,
-        strengths: Strengths,
+        responses: Responses,
         templates: Templates,
-        powers: Powers,
+        cue_weights: CueWeights,
     ) -> NDArray[np.float64]:
         """(M,) log likelihoods of the boxes of a grid, as far as cues know that can be asked there.
 
-        `strengths` are those of the searchable cues on that grid, of at least one.
+        `responses` are those of the searchable cues on that grid, of at least one.
         """
         fused = np.zeros(len(grid.left) * len(grid.top))
-        for name, strength in strengths.items():
-            likelihood = self._searchable[name].log_likelihood_of(strength, templates[name])
-            fused += powers[name] * likelihood
+        for name, response in responses.items():
+            likelihood = self._searchable[name].log_likelihood_of(response, templates[name])
+            fused += cue_weights[name] * likelihood
         for name, cue, template in self._known(templates):
             if cue.joins_search:
-                fused += powers[name] * cue.log_likelihood_on_grid(region, grid, template)
+                fused += cue_weights[name] * cue.log_likelihood_on_grid(region, grid, template)
         return fused
 
-    def adapt(self, distraction: Distraction, adaptation: float) -> Powers:
+    def adapt(self, distractor_ratios: DistractorRatios, adaptation: float) -> CueWeights:
         """The powers moved to the cues that are distracted less than the mean; they sum to 1."""
-        if not distraction or adaptation == 0.0:
-            return self.powers
-        mean = sum(distraction.values()) / len(distraction)
-        powers = {
-            name: power
+        if not distractor_ratios or adaptation == 0.0:
+            return self.cue_weights
+        mean = sum(distractor_ratios.values()) / len(distractor_ratios)
+        cue_weights = {
+            name: weight
             * min(
-                max(1.0 + adaptation * (mean - distraction.get(name, mean)), _LEAST_POWER),
+                max(1.0 + adaptation * (mean - distractor_ratios.get(name, mean)), _LEAST_POWER),
                 _MOST_POWER,
             )
-            for name, power in self.powers.items()
+            for name, weight in self.cue_weights.items()
         }
-        total = sum(powers.values())
-        return {name: power / total for name, power in powers.items()}
+        total = sum(cue_weights.values())
+        return {name: weight / total for name, weight in cue_weights.items()}
 
     def match(self, seen: Templates, templates: Templates) -> Match:
         """How well the one box that was observed fits, fused by equation (8).
@@ -259,16 +261,16 @@ class CueFusion:
         similarity is that of the cues that judge, if there are any.
         """
         matches = [
-            (cue.judges, self.powers[name], match)
+            (cue.is_discriminative, self.cue_weights[name], match)
             for name, cue, template in self._known(templates)
             if (match := cue.match(seen[name], template))
         ]
         judges = [entry for entry in matches if entry[0]] or matches
-        total = sum([power for _, power, _ in matches])
-        judging = sum([power for _, power, _ in judges])
+        total = sum([weight for _, weight, _ in matches])
+        judging = sum([weight for _, weight, _ in judges])
         return Match(
-            sum([power / total * match.log_likelihood for _, power, match in matches]),
-            math.prod([match.similarity ** (power / judging) for _, power, match in judges]),
+            sum([weight / total * match.log_likelihood for _, weight, match in matches]),
+            math.prod([match.similarity ** (weight / judging) for _, weight, match in judges]),
         )
 
     def log_odds(self, seen: Templates, templates: Templates, first: Templates) -> dict[str, float]:
@@ -282,14 +284,14 @@ class CueFusion:
     def update(self, templates: Templates, seen: Templates) -> Templates:
         """The templates moved towards what was observed at a trusted estimate.
 
-        Those of cues of power 0 stay as they are.
+        Those of cues of weight 0 stay as they are.
 
         Source: Li et al. 2007, equations (9) and (10).
         """
         return dict(templates) | {
             name: cue.blend(templates[name], seen[name])
             if name in templates
-            else cue.adopt(seen[name])
+            else cue.template_from(seen[name])
             for name, cue in self._cues.items()
         }
 

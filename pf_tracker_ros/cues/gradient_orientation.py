@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.cues.correlation_filter import ONE_THREAD
-from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, Match, declared_keep, declared_power
-from pf_tracker_ros.cues.repeats import WORTHWHILE, distinct
+from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, Match, declared_keep, declared_weight
+from pf_tracker_ros.cues.duplicates import DEDUPLICATE_FROM, unique_pairs
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
@@ -25,7 +25,7 @@ _PARTS = 2
 class GradientOrientationParameters(CueParameters):
     """The gradient orientation vector cue."""
 
-    power: float = declared_power(0.4)
+    weight: float = declared_weight(0.4)
     sharpness: float = declared(
         20.0,
         "How fast the likelihood falls with the squared Euclidean distance (mu).",
@@ -96,9 +96,9 @@ class GradientOrientation(Cue):
         """
         columns, rows = self._corners(region, boxes)
         repeated = None
-        if len(boxes) >= WORTHWHILE and (boxes[:, 2:] == boxes[0, 2:]).all():
+        if len(boxes) >= DEDUPLICATE_FROM and (boxes[:, 2:] == boxes[0, 2:]).all():
             # The corners of boxes of one size move together: their sums tell them apart.
-            kept, repeated = distinct(columns.sum(axis=0), rows.sum(axis=0))
+            kept, repeated = unique_pairs(columns.sum(axis=0), rows.sum(axis=0))
             columns, rows = columns[:, kept], rows[:, kept]
         sums = self._cell_sums(region, columns, rows)
         reference = template.reshape(-1, self._directions)

@@ -139,7 +139,7 @@ class Hog(Cue):
             channels = _direction_table(self._bins).take(differences, axis=0)
             return cv2.integral(channels, sdepth=cv2.CV_32S)
 
-        integral = region.share(("oriented gradients", self._bins, self._smoothed), integrate)
+        integral = region.cached(("oriented gradients", self._bins, self._smoothed), integrate)
         x, y, width, height = region.region_boxes(boxes).T
         sums = _interpolated(integral, x + self._columns * width, y + self._rows * height)
         cells = np.diff(np.diff(sums, axis=0), axis=1).astype(np.float32)

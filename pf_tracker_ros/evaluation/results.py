@@ -55,23 +55,23 @@ class FrameDetails:
         states: (frames,) as the tracker calls them, empty where it did not tell.
         confidence: (frames,) 0 to 1, NaN where it did not tell.
         effective_sample_size: (frames,), NaN where it did not tell.
-        powers: Name of a cue to its (frames,) power.
+        cue_weights: Name of a cue to its (frames,) weight.
     """
 
     states: tuple[str, ...]
     confidence: NDArray[np.float64]
     effective_sample_size: NDArray[np.float64]
-    powers: Mapping[str, NDArray[np.float64]]
+    cue_weights: Mapping[str, NDArray[np.float64]]
 
     @classmethod
     def of(cls, each: Sequence[Any]) -> FrameDetails:
         """Those of frames, each with such attributes of its own."""
-        names = dict.fromkeys(name for one in each for name in one.powers)
+        names = dict.fromkeys(name for one in each for name in one.cue_weights)
         return cls(
             tuple(one.state for one in each),
             np.array([one.confidence for one in each]),
             np.array([one.effective_sample_size for one in each]),
-            {name: np.array([one.powers.get(name, np.nan) for one in each]) for name in names},
+            {name: np.array([one.cue_weights.get(name, np.nan) for one in each]) for name in names},
         )
 
 

@@ -134,7 +134,7 @@ class _Told(NamedTuple):
     state: str
     confidence: float
     effective_sample_size: float
-    powers: Mapping[str, float]
+    cue_weights: Mapping[str, float]
 
 
 def _told(answer: object) -> _Told:
@@ -143,7 +143,7 @@ def _told(answer: object) -> _Told:
         str(getattr(answer, "state", "")),
         float(getattr(answer, "confidence", math.nan)),
         float(getattr(answer, "effective_sample_size", math.nan)),
-        dict(getattr(answer, "powers", {})),
+        dict(getattr(answer, "cue_weights", {})),
     )
 
 

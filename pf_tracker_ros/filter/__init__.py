@@ -1,12 +1,12 @@
 """The particle filter: particles, motion models, proposals and resampling; no images here."""
 
 from pf_tracker_ros.filter.affine_motion import AffineMotion
-from pf_tracker_ros.filter.foresight import KalmanForesight
+from pf_tracker_ros.filter.kalman_filter import KalmanFilter
 from pf_tracker_ros.filter.gaussian import DegenerateError, Gaussian
 from pf_tracker_ros.filter.motion import (
     LONGEST_PREDICTION,
     MOTION_MODELS,
-    ForeseenMotion,
+    KalmanFilteredMotion,
     MotionModel,
     MotionParameters,
     SearchableMotion,
@@ -16,7 +16,7 @@ from pf_tracker_ros.filter.proposals import (
     CenterPrior,
     GridDensity,
     ProposalParameters,
-    Proposed,
+    ProposedStates,
     SearchGrid,
     Transition,
     propose_from_prediction,
@@ -25,7 +25,7 @@ from pf_tracker_ros.filter.proposals import (
 )
 from pf_tracker_ros.filter.resampling import (
     RESAMPLERS,
-    BestKeepingResampler,
+    ElitistResampler,
     EffectiveSampleSizeResampler,
     Resampler,
     ResamplingParameters,
@@ -38,19 +38,19 @@ __all__ = [
     "MOTION_MODELS",
     "RESAMPLERS",
     "AffineMotion",
-    "BestKeepingResampler",
+    "ElitistResampler",
     "CenterPrior",
     "DegenerateError",
     "EffectiveSampleSizeResampler",
-    "ForeseenMotion",
+    "KalmanFilteredMotion",
     "Gaussian",
     "GridDensity",
-    "KalmanForesight",
+    "KalmanFilter",
     "MotionModel",
     "MotionParameters",
     "ParticleSet",
     "ProposalParameters",
-    "Proposed",
+    "ProposedStates",
     "Resampler",
     "ResamplingParameters",
     "SearchGrid",

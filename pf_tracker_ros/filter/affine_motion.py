@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.filter.foresight import SMALLEST_SPREAD, KalmanForesight, LinearStep
+from pf_tracker_ros.filter.kalman_filter import SMALLEST_STD, KalmanFilter, LinearStep
 from pf_tracker_ros.filter.gaussian import Gaussian
 from pf_tracker_ros.filter.motion import (
     MODEL_STEP,
     MOTION_MODELS,
-    PRIOR_POSITION,
+    PRIOR_POSITION_STD,
     SMALLEST_SIDE,
     declared_position_noise,
     declared_size_noise,
@@ -66,7 +66,7 @@ class _Affine:
     def mean(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         return self.factor * states + self.shift
 
-    def spread(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+    def std(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         return self.deviation
 
 
@@ -99,22 +99,22 @@ class AffineMotion:
         self._box_size = float(np.sqrt(width * height))
         self._parameters = parameters
 
-    def prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
-        """See `MotionModel.prior`."""
-        spread = PRIOR_POSITION * self._box_size
-        return self._first + generator.standard_normal((count, 3)) * [spread, spread, 0.0]
+    def sample_prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
+        """See `MotionModel.sample_prior`."""
+        std = PRIOR_POSITION_STD * self._box_size
+        return self._first + generator.standard_normal((count, 3)) * [std, std, 0.0]
 
     def transition(self, interval: float, belief: NDArray[np.float64] | None = None) -> Transition:
-        """The transition prior; see `ForeseeableMotion.transition`."""
+        """The transition prior; see `LinearizableMotion.transition`."""
         factor, shift = self._step(interval)
         if belief is not None:
             shift = shift + interval * belief[3:]
         position = self._parameters.position_noise * self._box_size
         noise = np.array([position, position, self._parameters.size_noise])
-        return _Affine(factor, shift, np.maximum(np.sqrt(interval) * noise, SMALLEST_SPREAD))
+        return _Affine(factor, shift, np.maximum(np.sqrt(interval) * noise, SMALLEST_STD))
 
     def linear_step(self, interval: float) -> LinearStep:
-        """Affine motion with a velocity beside it; see `ForeseeableMotion.linear_step`.
+        """Affine motion with a velocity beside it; see `LinearizableMotion.linear_step`.
 
         The velocity of the scale is 0: what particles say of the size is too rough to be drawn on.
         """
@@ -156,9 +156,9 @@ class AffineMotion:
         sizes = np.exp(states[:, 2:]) * self._size
         return np.hstack([states[:, :2] - sizes / 2, sizes])
 
-    def foresight(self) -> KalmanForesight:
-        """See `ForeseenMotion.foresight`."""
+    def kalman_filter(self) -> KalmanFilter:
+        """See `KalmanFilteredMotion.kalman_filter`."""
         rest = _PRIOR_VELOCITY * self._box_size
-        spread = np.array([1.0, 1.0, 0.01, rest, rest, 0.0])
-        belief = Gaussian(np.concatenate([self._first, np.zeros(3)]), np.diag(spread**2))
-        return KalmanForesight(belief, self)
+        std = np.array([1.0, 1.0, 0.01, rest, rest, 0.0])
+        belief = Gaussian(np.concatenate([self._first, np.zeros(3)]), np.diag(std**2))
+        return KalmanFilter(belief, self)

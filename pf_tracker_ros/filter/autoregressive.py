@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.filter.foresight import SMALLEST_SPREAD, KalmanForesight, LinearStep
+from pf_tracker_ros.filter.kalman_filter import SMALLEST_STD, KalmanFilter, LinearStep
 from pf_tracker_ros.filter.gaussian import Gaussian
 from pf_tracker_ros.filter.motion import (
     MODEL_STEP,
     MOTION_MODELS,
-    PRIOR_POSITION,
-    PRIOR_VELOCITY,
+    PRIOR_POSITION_STD,
+    PRIOR_VELOCITY_STD,
     declared_aspect_noise,
     declared_position_noise,
     declared_size_noise,
@@ -63,11 +63,11 @@ class _Autoregression:
         offsets = states.reshape(-1, 2, 4) - self.reference
         return (self.power @ offsets + self.reference).reshape(-1, 8)
 
-    def spread(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+    def std(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         spread = np.zeros((len(states), 8))
         spread[:, :2] = self.position_noise * np.sqrt(states[:, 2:4].prod(axis=1, keepdims=True))
         spread[:, 2:4] = self.side_noise * states[:, 2:4]
-        spread[:, :4] = np.maximum(spread[:, :4], SMALLEST_SPREAD)
+        spread[:, :4] = np.maximum(spread[:, :4], SMALLEST_STD)
         return spread
 
 
@@ -102,14 +102,14 @@ class SecondOrderAutoregressive:
         self._reference = np.array([x + width / 2, y + height / 2, width, height])
         self._parameters = parameters
 
-    def prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
-        """See `MotionModel.prior`; all sizes are that of the first box."""
+    def sample_prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
+        """See `MotionModel.sample_prior`; all sizes are that of the first box."""
         box_size = np.sqrt(self._reference[2:].prod())
         position, velocity = generator.standard_normal((2, count, 2)) * box_size
         states = np.tile(self._reference, (count, 2))
-        states[:, :2] += position * PRIOR_POSITION
+        states[:, :2] += position * PRIOR_POSITION_STD
         states[:, 4:6] = states[:, :2]
-        states[:, 4:6] -= velocity * PRIOR_VELOCITY * MODEL_STEP
+        states[:, 4:6] -= velocity * PRIOR_VELOCITY_STD * MODEL_STEP
         return states
 
     def predict(
@@ -146,7 +146,7 @@ class SecondOrderAutoregressive:
         return np.hstack([states[:, :2] - states[:, 2:4] / 2, states[:, 2:4]])
 
     def transition(self, interval: float, belief: NDArray[np.float64] | None = None) -> Transition:
-        """See `ForeseeableMotion.transition`; the particles carry the last box themselves.
+        """See `LinearizableMotion.transition`; the particles carry the last box themselves.
 
         Unlike in `predict`, width and height have noise of their own: the axes are independent, as
         a density beside a Gaussian needs.
@@ -161,21 +161,21 @@ class SecondOrderAutoregressive:
         )
 
     def linear_step(self, interval: float) -> LinearStep:
-        """See `ForeseeableMotion.linear_step`."""
+        """See `LinearizableMotion.linear_step`."""
         matrix: NDArray[np.float64] = np.zeros((8, 8))
         matrix.reshape(2, 4, 2, 4)[:, range(4), :, range(4)] = self._power(interval)
         reference = np.tile(self._reference, 2)
-        spread = self.transition(interval).spread(reference[None])[0]
+        spread = self.transition(interval).std(reference[None])[0]
         return LinearStep(matrix, reference - matrix @ reference, spread)
 
-    def foresight(self) -> KalmanForesight:
-        """See `ForeseenMotion.foresight`."""
+    def kalman_filter(self) -> KalmanFilter:
+        """See `KalmanFilteredMotion.kalman_filter`."""
         width, height = self._reference[2:]
-        rest = PRIOR_VELOCITY * np.sqrt(width * height)
+        rest = PRIOR_VELOCITY_STD * np.sqrt(width * height)
         earlier = max(rest * MODEL_STEP, 1.0)
         spread = np.array([1.0, 1.0, 0.01 * width, 0.01 * height])
         spread = np.concatenate([spread, [earlier, earlier], spread[2:]])
-        return KalmanForesight(Gaussian(np.tile(self._reference, 2), np.diag(spread**2)), self)
+        return KalmanFilter(Gaussian(np.tile(self._reference, 2), np.diag(spread**2)), self)
 
     def _power(self, interval: float) -> NDArray[np.float64]:
         """(2, 2) the matrix of (7) for an interval in seconds."""

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.filter.foresight import SMALLEST_SPREAD
+from pf_tracker_ros.filter.kalman_filter import SMALLEST_STD
 from pf_tracker_ros.filter.motion import (
     MOTION_MODELS,
-    PRIOR_POSITION,
-    PRIOR_VELOCITY,
+    PRIOR_POSITION_STD,
+    PRIOR_VELOCITY_STD,
     declared_aspect_noise,
     declared_position_noise,
     declared_size_noise,
@@ -62,10 +62,10 @@ class ConstantVelocity:
         self._position_noise = parameters.position_noise
         self._noise = np.repeat([parameters.position_noise, parameters.velocity_noise], 2)
 
-    def prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
-        """See `MotionModel.prior`; source: Li et al. 2007, section 3."""
-        spread = self._box_size * np.repeat([PRIOR_POSITION, PRIOR_VELOCITY], 2)
-        states = generator.standard_normal((count, 4)) * spread
+    def sample_prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
+        """See `MotionModel.sample_prior`; source: Li et al. 2007, section 3."""
+        std = self._box_size * np.repeat([PRIOR_POSITION_STD, PRIOR_VELOCITY_STD], 2)
+        states = generator.standard_normal((count, 4)) * std
         states[:, :2] += self._center
         return states
 
@@ -85,11 +85,11 @@ class ConstantVelocity:
     def center_prior(self, states: NDArray[np.float64], interval: float) -> CenterPrior:
         """See `SearchableMotion.center_prior`."""
         mean = states[:, :2] + states[:, 2:4] * interval
-        spread = self.walk(interval) * self._box_sizes(states)
-        return CenterPrior(mean, np.maximum(spread, SMALLEST_SPREAD))
+        std = self.random_walk_std(interval) * self._box_sizes(states)
+        return CenterPrior(mean, np.maximum(std, SMALLEST_STD))
 
-    def walk(self, seconds: float) -> float:
-        """See `SearchableMotion.walk`."""
+    def random_walk_std(self, seconds: float) -> float:
+        """See `SearchableMotion.random_walk_std`."""
         return float(self._position_noise * np.sqrt(seconds))
 
     def constrain(
@@ -133,10 +133,10 @@ class ConstantVelocityAndSize(ConstantVelocity):
         self._size_noise = parameters.size_noise
         self._aspect_noise = parameters.aspect_noise
 
-    def prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
-        """See `MotionModel.prior`."""
+    def sample_prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
+        """See `MotionModel.sample_prior`."""
         sizes = np.broadcast_to(self._size, (count, 2))
-        return np.hstack([super().prior(count, generator), sizes])
+        return np.hstack([super().sample_prior(count, generator), sizes])
 
     def predict(
         self, states: NDArray[np.float64], interval: float, generator: np.random.Generator

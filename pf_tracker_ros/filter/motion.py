@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pf_tracker_ros.filter.foresight import KalmanForesight
+from pf_tracker_ros.filter.kalman_filter import KalmanFilter
 from pf_tracker_ros.filter.proposals import CenterPrior
 from pf_tracker_ros.parameters import declared, parts
 from pf_tracker_ros.registry import Registry
@@ -59,9 +59,9 @@ def limit_sizes(
 
 # Standard deviation of the prior's position around the first box, box sizes: as well as a hand, or
 # a detector, draws it.
-PRIOR_POSITION = 0.05
+PRIOR_POSITION_STD = 0.05
 # That of the prior's velocity around rest, box sizes per second.
-PRIOR_VELOCITY = 0.5
+PRIOR_VELOCITY_STD = 0.5
 
 
 class MotionModel(Protocol):
@@ -72,7 +72,7 @@ class MotionModel(Protocol):
 
     columns: tuple[str, ...]
 
-    def prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
+    def sample_prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
         """(count, D) states drawn from the Gaussian prior around the first box."""
 
     def predict(
@@ -95,14 +95,14 @@ class SearchableMotion(MotionModel, Protocol):
     def center_prior(self, states: NDArray[np.float64], interval: float) -> CenterPrior:
         """Where `predict` takes the centers of (N, D) states."""
 
-    def walk(self, seconds: float) -> float:
+    def random_walk_std(self, seconds: float) -> float:
         """Standard deviation of the center's random walk within a time, box sizes."""
 
 
-class ForeseenMotion(MotionModel, Protocol):
+class KalmanFilteredMotion(MotionModel, Protocol):
     """A model that a Kalman filter can run ahead of."""
 
-    def foresight(self) -> KalmanForesight:
+    def kalman_filter(self) -> KalmanFilter:
         """The Kalman filter for the first frame: at the first box, at rest."""
 
 

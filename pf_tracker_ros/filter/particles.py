@@ -26,7 +26,7 @@ _ANY_SEED = _AnySeed()
 
 
 @dataclass(frozen=True, eq=False)
-class Randomness:
+class GeneratorState:
     """Where a source of random numbers stands; what is drawn from it leaves it as it is.
 
     Attributes:
@@ -36,7 +36,7 @@ class Randomness:
     state: Mapping[str, Any]
 
     @classmethod
-    def of(cls, generator: np.random.Generator) -> Randomness:
+    def of(cls, generator: np.random.Generator) -> GeneratorState:
         """Where a generator, as `numpy.random.default_rng` makes it, stands."""
         return cls(generator.bit_generator.state)
 

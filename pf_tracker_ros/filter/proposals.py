@@ -34,7 +34,7 @@ class Transition(Protocol):
     def mean(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, D) f(x) of (N, D) states."""
 
-    def spread(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+    def std(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, D), or what broadcasts to it: standard deviations of the noise from (N, D) states.
 
         A column is noisy for all states or for none. One without noise, such as a position kept
@@ -42,7 +42,7 @@ class Transition(Protocol):
         """
 
 
-class Proposed(NamedTuple):
+class ProposedStates(NamedTuple):
     """Particles drawn from a proposal.
 
     Attributes:
@@ -86,7 +86,7 @@ class ProposalParameters:
 
 def propose_from_transition(
     states: NDArray[np.float64], transition: Transition, generator: np.random.Generator
-) -> Proposed:
+) -> ProposedStates:
     """Draw from the transition prior, the proposal of the bootstrap filter; all ratios are 1.
 
     Args:
@@ -95,9 +95,9 @@ def propose_from_transition(
         generator: Source of randomness.
     """
     noise = generator.standard_normal(states.shape)
-    noise *= transition.spread(states)
+    noise *= transition.std(states)
     noise += transition.mean(states)
-    return Proposed(noise, np.zeros(len(states)))
+    return ProposedStates(noise, np.zeros(len(states)))
 
 
 def propose_from_prediction(
@@ -106,7 +106,7 @@ def propose_from_prediction(
     prediction: Gaussian,
     share: float,
     generator: np.random.Generator,
-) -> Proposed:
+) -> ProposedStates:
     """Draw from a mixture of a Kalman filter's prediction and the transition prior.
 
     q(x_k | x_{k-1}) = share N(x_k; prediction) + (1 - share) p(x_k | x_{k-1}); the ratio takes the
@@ -132,21 +132,21 @@ def propose_from_prediction(
     if share == 0.0:
         return propose_from_transition(states, transition, generator)
     mean = transition.mean(states)
-    spread = np.broadcast_to(transition.spread(states), states.shape)
-    noisy = spread[0] > 0.0
-    spread = spread[:, noisy]
-    drawn = mean[:, noisy] + spread * generator.standard_normal(spread.shape)
+    std = np.broadcast_to(transition.std(states), states.shape)
+    noisy = std[0] > 0.0
+    std = std[:, noisy]
+    drawn = mean[:, noisy] + std * generator.standard_normal(std.shape)
     ahead = generator.random(len(states)) < share
     center = prediction.marginal(noisy)
     drawn[ahead] = center.draw(int(ahead.sum()), generator)
 
-    log_prior = _log_density(drawn, mean[:, noisy], spread)
+    log_prior = _log_density(drawn, mean[:, noisy], std)
     log_mixture = np.logaddexp(
         math.log(share) + center.log_density(drawn), math.log1p(-share) + log_prior
     )
     proposed = mean
     proposed[:, noisy] = drawn
-    return Proposed(proposed, log_prior - log_mixture)
+    return ProposedStates(proposed, log_prior - log_mixture)
 
 
 @dataclass(frozen=True)
@@ -226,14 +226,14 @@ class CenterPrior(NamedTuple):
 
     Attributes:
         mean: (N, 2), pixels.
-        spread: (N, 1) or (1,) standard deviation along each axis, pixels, above 0.
+        std: (N, 1) or (1,) standard deviation along each axis, pixels, above 0.
     """
 
     mean: NDArray[np.float64]
-    spread: NDArray[np.float64]
+    std: NDArray[np.float64]
 
 
-class Searched(NamedTuple):
+class ProposedCenters(NamedTuple):
     """Particles drawn from a search.
 
     Attributes:
@@ -253,7 +253,7 @@ def propose_from_search(
     found: GridDensity,
     share: float,
     generator: np.random.Generator,
-) -> Searched:
+) -> ProposedCenters:
     """Move a share of the particles to where a search finds the target likely.
 
     The center is believed to be N(mean, spread^2) or, with the probability of a jump, anywhere in
@@ -276,22 +276,22 @@ def propose_from_search(
     searched = generator.random(count) < share
     centers = np.where(searched[:, None], found.draw(count, generator), drawn)
 
-    log_motion = _log_density(centers, prior.mean, prior.spread)
+    log_motion = _log_density(centers, prior.mean, prior.std)
     log_found, log_anywhere = found.log_densities(centers)
     log_prior = np.logaddexp(math.log1p(-jump) + log_motion, math.log(jump) + log_anywhere)
     log_mixture = np.logaddexp(math.log(share) + log_found, math.log1p(-share) + log_motion)
-    return Searched(centers, log_prior, log_prior - log_mixture)
+    return ProposedCenters(centers, log_prior, log_prior - log_mixture)
 
 
 def _log_density(
-    values: NDArray[np.float64], mean: NDArray[np.float64], spread: NDArray[np.float64]
+    values: NDArray[np.float64], mean: NDArray[np.float64], std: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """(N,) log density of a Gaussian with independent axes.
 
     Args:
         values: (N, D).
         mean: (N, D).
-        spread: Standard deviations, (N, D) or of a shape that stands for it.
+        std: Standard deviations, (N, D) or of a shape that stands for it.
     """
-    offsets = (values - mean) / spread
-    return -(0.5 * np.square(offsets) + np.log(spread) + 0.5 * _LOG_TWO_PI).sum(axis=1)
+    offsets = (values - mean) / std
+    return -(0.5 * np.square(offsets) + np.log(std) + 0.5 * _LOG_TWO_PI).sum(axis=1)

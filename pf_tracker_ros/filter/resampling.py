@@ -112,7 +112,7 @@ class ResidualResampler:
 
 
 @dataclass(frozen=True)
-class BestKeepingResampler:
+class ElitistResampler:
     """Draws by another scheme, and keeps the particle of the largest weight.
 
     Chance may pass over the best particle of a few; if it does, the first draw is given to it.
@@ -137,9 +137,9 @@ class BestKeepingResampler:
         return indices
 
 
-@RESAMPLERS.register("multinomial_keeping_best")
+@RESAMPLERS.register("multinomial_elitist")
 def _multinomial_keeping_best() -> Resampler:
-    return BestKeepingResampler(MultinomialResampler())
+    return ElitistResampler(MultinomialResampler())
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ class ResamplingParameters:
 
     scheme: str = declared(
         "systematic",
-        "Resampling scheme: systematic has the least variance; multinomial_keeping_best lets the "
+        "Resampling scheme: systematic has the least variance; multinomial_elitist lets the "
         "particle of the largest weight always go on, for few particles.",
         choices=RESAMPLERS,
     )

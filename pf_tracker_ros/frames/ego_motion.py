@@ -40,7 +40,7 @@ class EgoMotion:
         self._age = 0
         self._still_for = 0
 
-    def follow(self, frame: Frame) -> NDArray[np.float64] | None:
+    def update(self, frame: Frame) -> NDArray[np.float64] | None:
         """Take the next frame, of the size of those before.
 
         Returns:

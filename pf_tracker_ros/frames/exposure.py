@@ -124,17 +124,17 @@ class GainControl:
 
     Attributes:
         span: In use; None before the first image with values, and for images of 8 bit.
-        earlier: The last one that was left at once; None if there is none.
-        other: Of the last image, if that was unlike those before; else None.
-        lasted: Seconds for which images have been unlike those before, and like each other.
+        previous_span: The last one that was left at once; None if there is none.
+        outlier_span: Of the last image, if that was unlike those before; else None.
+        outlier_for: Seconds for which images have been unlike those before, and like each other.
     """
 
     span: GrayRange | None = None
-    earlier: GrayRange | None = None
-    other: GrayRange | None = None
-    lasted: float = 0.0
+    previous_span: GrayRange | None = None
+    outlier_span: GrayRange | None = None
+    outlier_for: float = 0.0
 
-    def follow(self, image: NDArray[np.generic], interval: float) -> GainControl:
+    def update(self, image: NDArray[np.generic], interval: float) -> GainControl:
         """The gain control as it is for this image.
 
         Args:
@@ -151,13 +151,15 @@ class GainControl:
         if self.span is None:
             return GainControl(own)
         if _suits(self.span, values, own):
-            return GainControl(adapt_range(self.span, own, interval), self.earlier)
-        if self.earlier and _suits(self.earlier, values, own):
-            return GainControl(adapt_range(self.earlier, own, interval), self.span)
-        lasts = self.other is not None and _suits(self.other, values, own)
-        lasted = self.lasted + interval if lasts else 0.0
-        waiting = replace(self, other=own, lasted=lasted)
-        return waiting if lasted < _PATIENCE else waiting._moved(self.span, values, own, interval)
+            return GainControl(adapt_range(self.span, own, interval), self.previous_span)
+        if self.previous_span and _suits(self.previous_span, values, own):
+            return GainControl(adapt_range(self.previous_span, own, interval), self.span)
+        lasts = self.outlier_span is not None and _suits(self.outlier_span, values, own)
+        outlier_for = self.outlier_for + interval if lasts else 0.0
+        waiting = replace(self, outlier_span=own, outlier_for=outlier_for)
+        return (
+            waiting if outlier_for < _PATIENCE else waiting._moved(self.span, values, own, interval)
+        )
 
     def _moved(
         self, span: GrayRange, values: Values, own: GrayRange, interval: float
@@ -211,7 +213,7 @@ _MOST = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Light:
+class Illumination:
     """The brightness of a stream of 8-bit images, against what it was before it last changed.
 
     An exposure that is set anew, a lamp or a cloud changes all of an image by one factor. Templates
@@ -234,7 +236,7 @@ class Light:
         """Whether all became so much brighter or darker with this image that levels are lost."""
         return abs(math.log(self.change)) > math.log(_JUMP)
 
-    def follow(self, image: NDArray[np.generic], interval: float) -> Light:
+    def update(self, image: NDArray[np.generic], interval: float) -> Illumination:
         """The light of this image.
 
         Args:
@@ -246,14 +248,14 @@ class Light:
         thumbnail = _thumbnail(image)
         change = 1.0 if self.thumbnail is None else _change(self.thumbnail, thumbnail)
         gain = change * self.gain ** math.exp(-interval / _GIVEN_BACK_IN)
-        return Light(1.0 if abs(math.log(gain)) < _LEAST_CHANGE else gain, thumbnail, change)
+        return Illumination(1.0 if abs(math.log(gain)) < _LEAST_CHANGE else gain, thumbnail, change)
 
 
-UNCHANGED = Light()
+UNCHANGED_ILLUMINATION = Illumination()
 """That of a stream's first image."""
 
 
-def relit_levels(gain: float) -> NDArray[np.uint8]:
+def gain_table(gain: float) -> NDArray[np.uint8]:
     """(256,) what each level becomes if light is taken back by a factor, up to the most."""
     gain = min(max(gain, 1.0 / _MOST), _MOST)
     return np.rint(np.minimum(np.arange(256) / gain, 255.0)).astype(np.uint8)

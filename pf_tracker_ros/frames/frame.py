@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.background import BackgroundState
 from pf_tracker_ros.frames.exposure import (
-    UNCHANGED,
+    UNCHANGED_ILLUMINATION,
     GrayRange,
-    Light,
+    Illumination,
     gray_range,
-    relit_levels,
+    gain_table,
     to_8_bit,
 )
 
@@ -24,7 +24,7 @@ from pf_tracker_ros.frames.exposure import (
 _TILE = 16
 
 
-class Part(NamedTuple):
+class PixelRect(NamedTuple):
     """A rectangle of pixels, [top, bottom) x [left, right)."""
 
     top: int
@@ -49,7 +49,9 @@ class TiledImage:
         self._pixels = np.empty(shape, np.uint8)
         self._is_known = np.zeros((-(-shape[0] // _TILE), -(-shape[1] // _TILE)), np.bool_)
 
-    def read(self, part: Part, compute: Callable[[Part], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    def read(
+        self, part: PixelRect, compute: Callable[[PixelRect], NDArray[np.uint8]]
+    ) -> NDArray[np.uint8]:
         """The pixels of a part inside the image, not to be written to.
 
         Args:
@@ -63,7 +65,7 @@ class TiledImage:
         if np.count_nonzero(known) < known.size:
             height, width = self._pixels.shape[:2]
             for tiles in _unknown(known, rows.start, columns.start):
-                pixels = Part(
+                pixels = PixelRect(
                     tiles.top * _TILE,
                     min(tiles.bottom * _TILE, height),
                     tiles.left * _TILE,
@@ -74,17 +76,17 @@ class TiledImage:
         return self._pixels[part.slices]
 
 
-def _unknown(known: NDArray[np.bool_], top: int, left: int) -> Iterator[Part]:
+def _unknown(known: NDArray[np.bool_], top: int, left: int) -> Iterator[PixelRect]:
     """Rectangles of tiles that together are those unknown, counted from a first row and column."""
     rows, columns = known.shape
     if np.count_nonzero(known) == 0:
-        yield Part(top, top + rows, left, left + columns)
+        yield PixelRect(top, top + rows, left, left + columns)
         return
     padded = np.ones((rows, columns + 2), np.bool_)
     padded[:, 1:-1] = known
     # Of each row, where unknown tiles start and end by turns.
     row_of, column_of = np.nonzero(padded[:, 1:] != padded[:, :-1])
-    found: dict[tuple[int, int], Part] = {}
+    found: dict[tuple[int, int], PixelRect] = {}
     for row, start, end in zip(
         row_of[::2].tolist(), column_of[::2].tolist(), column_of[1::2].tolist(), strict=True
     ):
@@ -92,7 +94,7 @@ def _unknown(known: NDArray[np.bool_], top: int, left: int) -> Iterator[Part]:
         if above is None or above.bottom < top + row:
             if above:
                 yield above
-            above = Part(top + row, top + row, left + start, left + end)
+            above = PixelRect(top + row, top + row, left + start, left + end)
         # The same columns in the next row make it higher.
         found[start, end] = above._replace(bottom=top + row + 1)
     yield from found.values()
@@ -129,12 +131,12 @@ class Frame:
             on.
         stamp: When it was taken, in nanoseconds; 0 means unknown.
         span: See `expose`.
-        light: See `expose`.
+        illumination: See `expose`.
 
     Attributes:
         image: As given.
         stamp: As given.
-        light: As given.
+        illumination: As given.
         foreground: What a background model says of it; None where there is no model, or where it
             says nothing.
         background: What the model is worth in this frame; None where there is none.
@@ -147,34 +149,34 @@ class Frame:
         image: NDArray[np.generic],
         stamp: int = 0,
         span: GrayRange | None = None,
-        light: Light = UNCHANGED,
+        illumination: Illumination = UNCHANGED_ILLUMINATION,
     ) -> None:
         self.image = image
         self.stamp = stamp
-        self.expose(span, light)
+        self.expose(span, illumination)
 
     def with_image(self, image: NDArray[np.generic]) -> Frame:
         """The same frame with another image of its size and kind."""
-        other = Frame(image, self.stamp, self._span, self.light)
+        other = Frame(image, self.stamp, self._span, self.illumination)
         other.foreground, other.background = self.foreground, self.background
         other.camera_motion = self.camera_motion
         return other
 
-    def expose(self, span: GrayRange | None, light: Light) -> None:
+    def expose(self, span: GrayRange | None, illumination: Illumination) -> None:
         """Set how the 8-bit view is made; all that was made of the frame so far is gone.
 
         Args:
             span: Values of a 16-bit or 32-bit image that the 8-bit view spans; None takes the
                 image's own.
-            light: Of an 8-bit image; the 8-bit view is divided by its gain.
+            illumination: Of an 8-bit image; the 8-bit view is divided by its gain.
         """
-        self.light = light
+        self.illumination = illumination
         self.foreground: Foreground | None = None
         self.background: BackgroundState | None = None
         self.camera_motion: NDArray[np.float64] | None = None
         self._span = span
-        self._levels = None if light.gain == 1.0 else relit_levels(light.gain)
-        self.forget_what_was_made()
+        self._levels = None if illumination.gain == 1.0 else gain_table(illumination.gain)
+        self.clear_cache()
 
     @property
     def size(self) -> tuple[int, int]:
@@ -185,9 +187,9 @@ class Frame:
     def pixels(self) -> NDArray[np.uint8]:
         """(H, W, 3) BGR or (H, W): the whole 8-bit view."""
         width, height = self.size
-        return self.view(Part(0, height, 0, width))
+        return self.view(PixelRect(0, height, 0, width))
 
-    def view(self, part: Part, reduction: int = 1) -> NDArray[np.uint8]:
+    def view(self, part: PixelRect, reduction: int = 1) -> NDArray[np.uint8]:
         """A part of the 8-bit view, reduced by a whole factor; not to be written to.
 
         A pixel of a reduced view is the mean of a block of reduction x reduction pixels, counted
@@ -208,13 +210,13 @@ class Frame:
         compute = partial(self._reduced, reduction) if reduction > 1 else self._converted
         return view.read(part, compute)
 
-    def share(self, key: object, compute: Callable[[], Map]) -> Map:
+    def cached(self, key: object, compute: Callable[[], Map]) -> Map:
         """What is stored under `key`, computed at the first call and shared by all who ask."""
         if key not in self._shared:
             self._shared[key] = compute()
         return self._shared[key]  # type: ignore[return-value]
 
-    def forget_what_was_made(self) -> None:
+    def clear_cache(self) -> None:
         """Free the memory of views and maps; whoever asks for one again has it made anew."""
         self._views: dict[int, TiledImage] = {}
         self._shared: dict[object, object] = {}
@@ -223,7 +225,7 @@ class Frame:
         # Views and maps are made anew, and would only make a copy large.
         return self.__dict__ | {"_views": {}, "_shared": {}}
 
-    def _converted(self, part: Part) -> NDArray[np.uint8]:
+    def _converted(self, part: PixelRect) -> NDArray[np.uint8]:
         return self._to_8_bit(self.image[part.slices])
 
     def _to_8_bit(self, values: NDArray[np.generic]) -> NDArray[np.uint8]:
@@ -233,16 +235,16 @@ class Frame:
             self._span = gray_range(self.image)
         return to_8_bit(values, self._span)
 
-    def _reduced(self, reduction: int, part: Part) -> NDArray[np.uint8]:
+    def _reduced(self, reduction: int, part: PixelRect) -> NDArray[np.uint8]:
         blocks = self._blocks if reduction <= _MOST_AVERAGED else self._sampled_blocks
         size = (part.right - part.left, part.bottom - part.top)
         return cv2.resize(blocks(part, reduction), size, interpolation=cv2.INTER_AREA)
 
-    def _blocks(self, part: Part, reduction: int) -> NDArray[np.uint8]:
+    def _blocks(self, part: PixelRect, reduction: int) -> NDArray[np.uint8]:
         """All pixels of the blocks that a part of the reduced view averages."""
         height, width = self.image.shape[:2]
         source = self.view(
-            Part(
+            PixelRect(
                 part.top * reduction,
                 min(part.bottom * reduction, height),
                 part.left * reduction,
@@ -256,7 +258,7 @@ class Frame:
             )
         return source
 
-    def _sampled_blocks(self, part: Part, reduction: int) -> NDArray[np.uint8]:
+    def _sampled_blocks(self, part: PixelRect, reduction: int) -> NDArray[np.uint8]:
         """Some pixels of these blocks, as many for a large one as for a small one."""
         rows, columns = (
             np.minimum(

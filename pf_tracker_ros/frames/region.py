@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.frames.frame import Frame, Part
+from pf_tracker_ros.frames.frame import Frame, PixelRect
 
 _LARGEST = 255
 _VALUES = 2 * _LARGEST + 1
@@ -74,7 +74,7 @@ def read_window(
         _inside(middle - side / 2, middle + side / 2, -(-length // reduction))
         for middle, length in zip(center, frame.size, strict=True)
     )
-    crop = frame.view(Part(top, bottom, left, right), reduction)
+    crop = frame.view(PixelRect(top, bottom, left, right), reduction)
     if gray and crop.ndim == 3:
         crop = cv2.cvtColor(crop, cv2.COLOR_BGR2GRAY)
     step = side / pixels
@@ -117,17 +117,17 @@ class Region:
             overlaps the image.
         reduction: Whole number of image pixels that one region pixel averages along each axis;
             above 1 for targets so large that full resolution would only cost time.
-        reach: How far beyond each side of a box the region covers, in box sides.
-        place: See the property; None for the mean of the boxes. Where it is given, the region
+        context_margin: How far beyond each side of a box the region covers, in box sides.
+        predicted_box: See the property; None for the mean of the boxes. Where it is given, the region
             covers every box in its size too, for the cues that look at it so.
-        looks_for_size: Whether the target's size is asked for, too; a cue that reads the image once
+        estimates_size: Whether the target's size is asked for, too; a cue that reads the image once
             for each size reads it only once where it is not.
 
     Attributes:
         frame: As given.
         pixels: The region inside the image, (h, w, 3) or (h, w) uint8, reduced.
         padding: (top, bottom, left, right) region pixels outside the image.
-        looks_for_size: As given.
+        estimates_size: As given.
     """
 
     def __init__(
@@ -135,28 +135,28 @@ class Region:
         frame: Frame,
         boxes: NDArray[np.float64],
         reduction: int = 1,
-        reach: float = 0.0,
+        context_margin: float = 0.0,
         *,
-        place: NDArray[np.float64] | None = None,
-        looks_for_size: bool = True,
+        predicted_box: NDArray[np.float64] | None = None,
+        estimates_size: bool = True,
     ) -> None:
         width, height = frame.size
-        self._boxes, self._place = boxes, place
-        if place is not None:
+        self._boxes, self._place = boxes, predicted_box
+        if predicted_box is not None:
             given, boxes = boxes, np.empty(boxes.shape)
-            np.maximum(given[:, 2:], place[2:], out=boxes[:, 2:])
+            np.maximum(given[:, 2:], predicted_box[2:], out=boxes[:, 2:])
             boxes[:, :2] = given[:, :2] + (given[:, 2:] - boxes[:, 2:]) / 2
         x, y, widths, heights = boxes.T
-        left, right = _covered(x, widths, reach, reduction)
-        top, bottom = _covered(y, heights, reach, reduction)
-        inside = Part(
+        left, right = _covered(x, widths, context_margin, reduction)
+        top, bottom = _covered(y, heights, context_margin, reduction)
+        inside = PixelRect(
             max(top, 0),
             min(bottom, -(-height // reduction)),
             max(left, 0),
             min(right, -(-width // reduction)),
         )
         self.frame = frame
-        self.looks_for_size = looks_for_size
+        self.estimates_size = estimates_size
         self.pixels: NDArray[np.uint8] = frame.view(inside, reduction)
         self.padding = (
             inside.top - top,
@@ -169,7 +169,7 @@ class Region:
         self._shared: dict[object, object] = {}
 
     @cached_property
-    def place(self) -> NDArray[np.float64]:
+    def predicted_box(self) -> NDArray[np.float64]:
         """(4,) box of the target as it is expected in this frame."""
         return self._boxes.mean(axis=0) if self._place is None else self._place
 
@@ -179,14 +179,14 @@ class Region:
             boxes = boxes / self._reduction
         return boxes - self._corner
 
-    def share(self, key: object, compute: Callable[[], Map]) -> Map:
+    def cached(self, key: object, compute: Callable[[], Map]) -> Map:
         """The map stored under `key`, computed at the first call and shared by all who ask."""
         if key not in self._shared:
             self._shared[key] = compute()
         return self._shared[key]  # type: ignore[return-value]
 
-    def keep(self, key: object, value: object) -> None:
-        """Store what was computed elsewhere, for all who ask for it by `share`."""
+    def store(self, key: object, value: object) -> None:
+        """Store what was computed elsewhere, for all who ask for it by `cached`."""
         self._shared[key] = value
 
     @property
@@ -194,14 +194,14 @@ class Region:
         """(h, w) uint8 brightness of `pixels`."""
         if self.pixels.ndim == 2:
             return self.pixels
-        return self.share("gray", lambda: cv2.cvtColor(self.pixels, cv2.COLOR_BGR2GRAY))
+        return self.cached("gray", lambda: cv2.cvtColor(self.pixels, cv2.COLOR_BGR2GRAY))
 
     @property
     def color(self) -> NDArray[np.uint8]:
         """(h, w, 3) uint8 BGR of `pixels`, a gray one with equal channels."""
         if self.pixels.ndim == 3:
             return self.pixels
-        return self.share("color", lambda: cv2.cvtColor(self.pixels, cv2.COLOR_GRAY2BGR))
+        return self.cached("color", lambda: cv2.cvtColor(self.pixels, cv2.COLOR_GRAY2BGR))
 
     @property
     def foreground_pixels(self) -> NDArray[np.bool_] | None:
@@ -237,7 +237,7 @@ class Region:
             steps = cv2.LUT(self.color, _color_steps(levels))
             return cv2.transform(steps, np.array([[1.0, levels, levels**2]])).astype(np.intp)
 
-        return self.share(("color bins", levels), compute)
+        return self.cached(("color bins", levels), compute)
 
     def pad(self, values: NDArray[Value]) -> NDArray[Value]:
         """(h, w) values of `pixels` with zeros around for what is outside the image."""
@@ -264,7 +264,7 @@ class Region:
                 )
             return numbers.astype(np.intp)
 
-        return self.share(("differences", smoothed), compute)
+        return self.cached(("differences", smoothed), compute)
 
     def gradient_integral(self, directions: int) -> NDArray[np.float32] | NDArray[np.int32]:
         """Integral image of the gradient magnitude in each direction.
@@ -284,7 +284,7 @@ class Region:
             is_small = _LARGEST_MAGNITUDE * differences.size <= _EXACT_UP_TO
             return cv2.integral(channels, sdepth=cv2.CV_32F if is_small else cv2.CV_32S)
 
-        return self.share(("gradient integral", directions), compute)
+        return self.cached(("gradient integral", directions), compute)
 
 
 def nearest_pixel(edges: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -296,10 +296,10 @@ def nearest_pixel(edges: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def _covered(
-    starts: NDArray[np.float64], sides: NDArray[np.float64], reach: float, reduction: int
+    starts: NDArray[np.float64], sides: NDArray[np.float64], context_margin: float, reduction: int
 ) -> tuple[int, int]:
     """First and last edge, in region pixels, of what covers boxes along an axis; see `Region`."""
-    first, last = starts - reach * sides, starts + (1.0 + reach) * sides
+    first, last = starts - context_margin * sides, starts + (1.0 + context_margin) * sides
     return (
         math.floor(first.min() / reduction) - _MARGIN,
         math.ceil(last.max() / reduction) + _MARGIN,

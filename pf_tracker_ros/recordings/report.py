@@ -40,7 +40,7 @@ class FrameSummary:
         confidence: 0 to 1, NaN where it is unknown.
         seconds: What the tracker took for it, NaN where it did not track.
         effective_sample_size: NaN where it is unknown.
-        powers: Name of a cue to its power.
+        cue_weights: Name of a cue to its weight.
     """
 
     stamp: int
@@ -50,7 +50,7 @@ class FrameSummary:
     confidence: float = np.nan
     seconds: float = np.nan
     effective_sample_size: float = np.nan
-    powers: Mapping[str, float] = field(default_factory=dict)
+    cue_weights: Mapping[str, float] = field(default_factory=dict)
 
 
 def summary_of(tracked: TrackedFrame, target: TrackedTarget | None = None) -> FrameSummary:
@@ -64,7 +64,7 @@ def summary_of(tracked: TrackedFrame, target: TrackedTarget | None = None) -> Fr
         confidence=float(estimate.confidence) if estimate else np.nan,
         seconds=tracked.seconds if tracked.outcome == "tracked" else np.nan,
         effective_sample_size=float(estimate.effective_sample_size) if estimate else np.nan,
-        powers=dict(estimate.powers) if estimate else {},
+        cue_weights=dict(estimate.cue_weights) if estimate else {},
     )
 
 

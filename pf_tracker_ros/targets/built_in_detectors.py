@@ -179,14 +179,14 @@ class _Eye:
 
     def __init__(self, seed: int, needs_foreground: bool) -> None:
         self._seed, self._needs_foreground = seed, needs_foreground
-        self._front_end = ImageFrontEnd(seed, lays_ghosts=True)
+        self._front_end = ImageFrontEnd(seed, removes_ghosts=True)
         self.is_new = False
 
     def prepare(self, image: NDArray[np.generic], interval: float) -> Frame:
         check_image(image)
         self.is_new = self._front_end.frame is None or not self._front_end.accepts_image(image)
         if self.is_new:
-            self._front_end = ImageFrontEnd(self._seed, lays_ghosts=True)
+            self._front_end = ImageFrontEnd(self._seed, removes_ghosts=True)
         frame = Frame(image)
         with usual_arithmetic():
             self._front_end.prepare(frame, interval, (), self._needs_foreground, follow_light=False)

@@ -182,7 +182,7 @@ class FrameBuffer:
                 self.clear()
                 self.dropped_until = last.stamp
             # What was made of an image is as large again, and seldom asked for once more.
-            last.forget_what_was_made()
+            last.clear_cache()
         self._full.append(moment)
         self._bytes += _held_bytes(image)
         while self._thinned and stamp - self._thinned[0].stamp > _REACH:

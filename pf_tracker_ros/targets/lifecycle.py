@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance, Descriptor
 from pf_tracker_ros.boxes import Box, as_box, is_cut, overlaps
-from pf_tracker_ros.filter.particles import Randomness
+from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.association import CENTER_SPREAD
 from pf_tracker_ros.targets.course import Course
@@ -181,7 +181,7 @@ class Initiator:
             generator = np.random.default_rng(
                 np.random.SeedSequence(self._seed, spawn_key=spawn_key)
             )
-        target = self._target_filter.initialize(frame, as_box(box), Randomness.of(generator))
+        target = self._target_filter.initialize(frame, as_box(box), GeneratorState.of(generator))
         course = Course.begin(box, CENTER_SPREAD * box[2:])
         stood = None if is_cut(box, frame.size) else box
         return Life(key, target, descriptor, course, np.log(box[2:]), _FIRST_BELIEF, stood=stood)

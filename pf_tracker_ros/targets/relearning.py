@@ -44,7 +44,7 @@ def needs_learning(
     for name, one in declarations(TrackerParameters).items():
         if lives and one.read_only and one.counts(before) and after[name] != before[name]:
             return True
-    knowing = {name for name in after["cues"] if after[f"{name}.power"] > 0.0}
+    knowing = {name for name in after["cues"] if after[f"{name}.weight"] > 0.0}
     return not all(knowing & life.target.templates.keys() for life in lives)
 
 
@@ -81,7 +81,7 @@ def learned_again(
             continue
         box, before = clamp_box(sight.box, sight.frame.image), life.target
         target = target_filter.initialize(
-            sight.frame, box, before.randomness, before.estimate.state
+            sight.frame, box, before.generator_state, before.estimate.state
         )
         learned = replace(life, target=target, learned_for=0.0)
         lives.append(learned.described(sight.frame, box, appearance) if appearance else learned)

@@ -306,7 +306,7 @@ class TrackManager:
 
     def _new_front_end(self, frame: Frame | None = None) -> ImageFrontEnd:
         several = self.max_targets > 1
-        return ImageFrontEnd(self._seed, frame, lays_ghosts=several, estimates_motion=several)
+        return ImageFrontEnd(self._seed, frame, removes_ghosts=several, estimates_motion=several)
 
     def resize(self, frame: Frame) -> bool:
         """Go on with images of another size, keeping the targets with their ids.
@@ -449,8 +449,8 @@ class TrackManager:
         self._open(front_end, frame, 0.0, [box])
         then = moments[1].before if len(moments) > 1 else self._crowd
         key = self._names.next_by_hand(then.frame)
-        randomness = np.random.default_rng(np.random.SeedSequence(self._seed))
-        life = keeper.initiator.begin(frame, box, key, label, randomness)
+        generator_state = np.random.default_rng(np.random.SeedSequence(self._seed))
+        life = keeper.initiator.begin(frame, box, key, label, generator_state)
         crowd = replace(then, lives=(life,), gone=())
         sights = {key: Sight(frame, box)}
         earlier = [

@@ -313,7 +313,7 @@ class Updater:
 
     def _begin_anew(self, life: Life, frame: Frame, interval: float, own: Sighting) -> Life:
         """A target that a detection shows after a pause, where its motion tells of no place."""
-        target = self._target_filter.initialize(frame, as_box(own.box), life.target.randomness)
+        target = self._target_filter.initialize(frame, as_box(own.box), life.target.generator_state)
         life = replace(
             life,
             target=target,

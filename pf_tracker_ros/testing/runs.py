@@ -282,10 +282,10 @@ def run_node(
                 confidence=float(values.get("confidence", math.nan)),
                 seconds=float(values["processing_time_ms"]) / 1e3 if is_tracked else math.nan,
                 effective_sample_size=float(values.get("effective_sample_size", math.nan)),
-                powers={
-                    name.removeprefix("power_"): float(value)
+                cue_weights={
+                    name.removeprefix("cue_weight_"): float(value)
                     for name, value in values.items()
-                    if name.startswith("power_")
+                    if name.startswith("cue_weight_")
                 },
             )
         )

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.cues import CueFusion, Match
-from pf_tracker_ros.cues.fusion import Powers, Templates
+from pf_tracker_ros.cues.fusion import CueWeights, Templates
 from pf_tracker_ros.filter import ParticleSet
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.estimate import Estimate, FrozenPowers, TrackStatus
+from pf_tracker_ros.tracking.estimate import Estimate, FrozenCueWeights, TrackStatus
 from pf_tracker_ros.tracking.filter_state import FilterState
 
 
@@ -41,13 +41,13 @@ class Assessment:
     known_distractor: Box | None = None
 
     def to_estimate(
-        self, frame: Frame, powers: Powers, covariance: NDArray[np.float64]
+        self, frame: Frame, cue_weights: CueWeights, covariance: NDArray[np.float64]
     ) -> Estimate:
         """As it is told to the outside; its arrays are read-only from then on.
 
         Args:
             frame: That it is of.
-            powers: Of the cues in that frame.
+            cue_weights: Of the cues in that frame.
             covariance: (2, 2) of the target's center, px^2.
         """
         self.boxes.setflags(write=False)
@@ -61,7 +61,7 @@ class Assessment:
             particle_boxes=self.boxes,
             weights=self.particles.weights,
             effective_sample_size=self.particles.effective_sample_size,
-            powers=FrozenPowers(powers),
+            cue_weights=FrozenCueWeights(cue_weights),
             background=frame.background,
         )
 

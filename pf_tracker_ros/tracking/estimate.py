@@ -19,17 +19,17 @@ TrackState = Literal["tracking", "occluded", "lost"]
 _ARRAYS = ("covariance", "particles", "particle_boxes", "weights")
 
 
-class FrozenPowers(Mapping[str, float]):
+class FrozenCueWeights(Mapping[str, float]):
     """A mapping that cannot be changed; unlike a `mappingproxy`, it can be copied and pickled.
 
     Args:
-        powers: Name to power; copied.
+        cue_weights: Name to weight; copied.
     """
 
     __slots__ = ("_powers",)
 
-    def __init__(self, powers: Mapping[str, float]) -> None:
-        self._powers = dict(powers)
+    def __init__(self, cue_weights: Mapping[str, float]) -> None:
+        self._powers = dict(cue_weights)
 
     def __getitem__(self, name: str) -> float:
         return self._powers[name]
@@ -64,7 +64,7 @@ class Estimate:
         particle_boxes: (N, 4) the particles as (x, y, width, height) boxes in pixels.
         weights: (N,) normalized weights of the particles, before resampling.
         effective_sample_size: 1 / sum of squared weights, from 1 to N.
-        powers: Name of a cue to its power in this frame's likelihood; they sum to 1.
+        cue_weights: Name of a cue to its weight in this frame's likelihood; they sum to 1.
         background: What the background model is worth in this frame; None where there is none.
     """
 
@@ -76,7 +76,7 @@ class Estimate:
     particle_boxes: NDArray[np.float64] = field(repr=False)
     weights: NDArray[np.float64] = field(repr=False)
     effective_sample_size: float
-    powers: Mapping[str, float]
+    cue_weights: Mapping[str, float]
     background: BackgroundState | None = None
 
     def __post_init__(self) -> None:
@@ -86,8 +86,8 @@ class Estimate:
                 value = value.copy()
                 value.setflags(write=False)
                 object.__setattr__(self, name, value)
-        if not isinstance(self.powers, FrozenPowers):
-            object.__setattr__(self, "powers", FrozenPowers(self.powers))
+        if not isinstance(self.cue_weights, FrozenCueWeights):
+            object.__setattr__(self, "cue_weights", FrozenCueWeights(self.cue_weights))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Estimate):
@@ -107,10 +107,12 @@ def estimate_values(estimate: Estimate) -> dict[str, str | float | int]:
     """An estimate's values under the keys that the status uses; covariance in px^2."""
     covariance = estimate.covariance
     background = {"background": str(estimate.background)} if estimate.background else {}
-    powers = {f"power_{name}": float(power) for name, power in estimate.powers.items()}
+    cue_weights = {
+        f"cue_weight_{name}": float(weight) for name, weight in estimate.cue_weights.items()
+    }
     return (
         background
-        | powers
+        | cue_weights
         | {
             "confidence": float(estimate.confidence),
             "covariance_xx": float(covariance[0, 0]),

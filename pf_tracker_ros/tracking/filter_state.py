@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.cues.fusion import Distraction, Templates
-from pf_tracker_ros.filter import KalmanForesight, MotionModel, ParticleSet
-from pf_tracker_ros.filter.particles import Randomness
+from pf_tracker_ros.cues.fusion import DistractorRatios, Templates
+from pf_tracker_ros.filter import KalmanFilter, MotionModel, ParticleSet
+from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.tracking.estimate import Estimate, TrackStatus
 
 
@@ -39,11 +39,11 @@ class FilterState:
     Attributes:
         first_box: That its motion counts from: the one that it was started on, or moved to.
         motion: How it moves.
-        foresight: A Kalman filter that runs ahead of the particles; None where none is asked for.
+        kalman_filter: A Kalman filter that runs ahead of the particles; None where none is asked for.
         particles: Its state, as drawn for the next frame.
         templates: What it looks like.
         first_templates: What it looked like when it was first seen by each cue.
-        distraction: How much of what is around it looks like it.
+        distractor_ratios: How much of what is around it looks like it.
         status: Whether it is seen, and for how long it has not been.
         last_seen_box: Its last box while it was tracked.
         second_peak: Likeliest box beside it in the last frame, pixels; None without a search.
@@ -51,7 +51,7 @@ class FilterState:
             while it is out of sight.
         frames_since_seen: Frames in a row in which it was not tracked.
         followed_frames: Frames since the first one.
-        randomness: Where its own source of random numbers stands.
+        generator_state: Where its own source of random numbers stands.
         estimate: As told in the last frame.
         saved_templates: What it looked like before the light jumped, while that may be a flash; None
             where it has not.
@@ -61,18 +61,18 @@ class FilterState:
 
     first_box: Box
     motion: MotionModel
-    foresight: KalmanForesight | None
+    kalman_filter: KalmanFilter | None
     particles: ParticleSet
     templates: Templates
     first_templates: Templates
-    distraction: Distraction
+    distractor_ratios: DistractorRatios
     status: TrackStatus
     last_seen_box: Box
     second_peak: Box | None
     known_distractor: Box | None
     frames_since_seen: int
     followed_frames: int
-    randomness: Randomness
+    generator_state: GeneratorState
     estimate: Estimate
     saved_templates: SavedTemplates | None = None
     distractor_box: NDArray[np.float64] | None = None

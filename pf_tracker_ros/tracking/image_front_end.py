@@ -13,7 +13,7 @@ from pf_tracker_ros.background import BackgroundModel
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Foreground, Frame
 from pf_tracker_ros.frames.ego_motion import EgoMotion
-from pf_tracker_ros.frames.exposure import UNCHANGED, GainControl
+from pf_tracker_ros.frames.exposure import UNCHANGED_ILLUMINATION, GainControl
 
 # Which child of the seed the background model draws from.
 _BACKGROUND_KEY = 0
@@ -28,7 +28,7 @@ class ImageFrontEnd:
     Args:
         seed: Seeds the background model.
         frame: The last one so far, with which nothing was done; None where there is none.
-        lays_ghosts: See `BackgroundModel`.
+        removes_ghosts: See `BackgroundModel`.
         estimates_motion: Whether each frame tells how the camera has moved.
 
     Attributes:
@@ -40,15 +40,15 @@ class ImageFrontEnd:
         seed: int,
         frame: Frame | None = None,
         *,
-        lays_ghosts: bool = False,
+        removes_ghosts: bool = False,
         estimates_motion: bool = False,
     ) -> None:
         self._seed = seed
-        self._lays_ghosts = lays_ghosts
+        self._lays_ghosts = removes_ghosts
         self._ego_motion = EgoMotion() if estimates_motion else None
         self._gain = GainControl()
         self._next_gain = self._gain
-        self._light = self._next_light = UNCHANGED
+        self._light = self._next_light = UNCHANGED_ILLUMINATION
         self._background: BackgroundModel | None = None
         self.frame = frame
         self._kind = _kind_of(frame) if frame else None
@@ -87,11 +87,13 @@ class ImageFrontEnd:
             follow_light: Whether an image that has become brighter or darker as a whole is seen in
                 the light of those before.
         """
-        self._next_gain = self._gain.follow(frame.image, interval)
-        self._next_light = self._light.follow(frame.image, interval) if follow_light else UNCHANGED
+        self._next_gain = self._gain.update(frame.image, interval)
+        self._next_light = (
+            self._light.update(frame.image, interval) if follow_light else UNCHANGED_ILLUMINATION
+        )
         frame.expose(self._next_gain.span, self._next_light)
         if self._ego_motion:
-            frame.camera_motion = self._ego_motion.follow(frame)
+            frame.camera_motion = self._ego_motion.update(frame)
         if needs_foreground:
             self.update_background(frame, boxes)
 
@@ -111,7 +113,7 @@ class ImageFrontEnd:
             seeds = np.random.SeedSequence(self._seed, spawn_key=(_BACKGROUND_KEY,))
             draw = np.random.default_rng(seeds)
             self._background = BackgroundModel(
-                frame.pixels, draw, boxes, lays_ghosts=self._lays_ghosts
+                frame.pixels, draw, boxes, removes_ghosts=self._lays_ghosts
             )
         mask = self._background.update(frame.pixels, boxes)
         frame.background = self._background.state

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box, as_box
-from pf_tracker_ros.cues.fusion import Powers
+from pf_tracker_ros.cues.fusion import CueWeights
 from pf_tracker_ros.filter import SearchGrid
 
 # Side of the square that is looked at, in box sizes, and places along each of its sides.
@@ -68,21 +68,21 @@ def boxes_around(box: Box, image_size: tuple[int, int]) -> tuple[SearchGrid, NDA
 
 
 def map_likelihood(
-    box: Box, image_size: tuple[int, int], powers: Powers, log_likelihoods: LogLikelihoods
+    box: Box, image_size: tuple[int, int], cue_weights: CueWeights, log_likelihoods: LogLikelihoods
 ) -> LikelihoodMap:
     """Ask the cues about the boxes around a box.
 
     Args:
         box: Of the target, pixels.
         image_size: (width, height) of the frame.
-        powers: Of the cues.
+        cue_weights: Of the cues.
         log_likelihoods: Of the frame.
     """
     grid, boxes = boxes_around(box, image_size)
     of_cues = log_likelihoods(boxes)
     fused = np.zeros(len(boxes))
     for name, values in of_cues.items():
-        fused += powers[name] * values
+        fused += cue_weights[name] * values
     beside = (np.abs(boxes[:, :2] - boxes[0, :2]) > boxes[0, 2:] / 2).any(axis=1)
     # In an image that the box fills there is nothing beside it.
     second_peak = int(np.argmax(np.where(beside, fused, -np.inf))) if beside.any() else 0

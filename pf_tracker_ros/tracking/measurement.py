@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import BoxesByAxis
 from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import (
-    Distraction,
-    Powers,
-    Strengths,
+    DistractorRatios,
+    CueWeights,
+    Responses,
     Templates,
-    smooth_distraction,
+    smooth_distractor_ratios,
 )
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters, SearchableMotion
 from pf_tracker_ros.frames import Frame, Region
@@ -68,9 +68,9 @@ class WeightedParticles(NamedTuple):
         predicted: The particles before they were weighed.
         particles: The same, weighed.
         boxes: (N, 4) of the particles, pixels.
-        powers: Of the cues, in this frame.
+        cue_weights: Of the cues, in this frame.
         map_index: Number of the particle with the highest posterior density.
-        strengths: Name of a searchable cue to its (M,) strengths at the places of the search.
+        responses: Name of a searchable cue to its (M,) strengths at the places of the search.
         grid_log_likelihood: (M,) log likelihoods of these places; empty without a search.
     """
 
@@ -78,9 +78,9 @@ class WeightedParticles(NamedTuple):
     predicted: ParticleSet
     particles: ParticleSet
     boxes: NDArray[np.float64]
-    powers: Powers
+    cue_weights: CueWeights
     map_index: int = 0
-    strengths: Strengths = MappingProxyType({})
+    responses: Responses = MappingProxyType({})
     grid_log_likelihood: NDArray[np.float64] = np.empty(0)
 
 
@@ -93,10 +93,10 @@ class Measurement(NamedTuple):
         particles: The same, weighed.
         boxes: (N, 4) of the particles, pixels.
         box: (4,) that they stand for, pixels.
-        powers: Of the cues, in this frame.
+        cue_weights: Of the cues, in this frame.
         seen: What each cue observes at the box.
         match: How well that fits the templates.
-        distraction: How much of what is around has looked like the target lately.
+        distractor_ratios: How much of what is around has looked like the target lately.
         search: Where the target was looked for; None without a search.
         second_peak: (4,) likeliest box beside the target's, pixels; None without a search.
         distractor_box: (4,) box of what looks like the target beside it; None where nothing does, and
@@ -109,10 +109,10 @@ class Measurement(NamedTuple):
     particles: ParticleSet
     boxes: NDArray[np.float64]
     box: NDArray[np.float64]
-    powers: Powers
+    cue_weights: CueWeights
     seen: Templates
     match: Match
-    distraction: Distraction
+    distractor_ratios: DistractorRatios
     search: Search | None = None
     second_peak: NDArray[np.float64] | None = None
     distractor_box: NDArray[np.float64] | None = None
@@ -139,7 +139,7 @@ class Measurer:
         self._fusion = fusion
         self._working_size = working_size
 
-    def learn(self, frame: Frame, box: NDArray[np.float64]) -> tuple[Templates, Distraction]:
+    def learn(self, frame: Frame, box: NDArray[np.float64]) -> tuple[Templates, DistractorRatios]:
         """Templates of what is in a (4,) box, and how much of what is around looks like it."""
         return self.templates(frame, box), {}
 
@@ -155,7 +155,7 @@ class Measurer:
         prediction: Prediction,
         draw: np.random.Generator,
         *,
-        looks_for_size: bool = True,
+        estimates_size: bool = True,
     ) -> FramePrediction:
         """What of a frame is to be looked at.
 
@@ -165,11 +165,11 @@ class Measurer:
             interval: Seconds between them.
             prediction: For it.
             draw: Source of randomness from there on.
-            looks_for_size: See `Region`.
+            estimates_size: See `Region`.
         """
         boxes = target.motion.boxes(prediction.particles.states)
         last_box = np.asarray(target.estimate.box)
-        region = self._region(frame, boxes, last_box, looks_for_size=looks_for_size)
+        region = self._region(frame, boxes, last_box, estimates_size=estimates_size)
         return FramePrediction(target, frame, interval, prediction, draw, boxes, region)
 
     def weigh(
@@ -186,22 +186,24 @@ class Measurer:
         Source: Li et al. 2007, equation (8); Zhang et al. 2015, equation (10).
         """
         predicted, boxes = frame_prediction.prediction.particles, frame_prediction.boxes
-        powers = self._fusion.powers
-        likelihood = self._log_likelihood(frame_prediction, boxes, powers, external_likelihood)
+        cue_weights = self._fusion.cue_weights
+        likelihood = self._log_likelihood(frame_prediction, boxes, cue_weights, external_likelihood)
         return WeightedParticles(
-            frame_prediction, predicted, predicted.reweight(likelihood), boxes, powers
+            frame_prediction, predicted, predicted.reweight(likelihood), boxes, cue_weights
         )
 
     def _log_likelihood(
         self,
         frame_prediction: FramePrediction,
         boxes: NDArray[np.float64],
-        powers: Powers,
+        cue_weights: CueWeights,
         external_likelihood: ExternalLikelihood | None,
     ) -> NDArray[np.float64]:
         """(N,) of (N, 4) boxes: that of the cues, and the evidence."""
         templates = frame_prediction.filter_state.templates
-        likelihood = self._fusion.log_likelihood(frame_prediction.region, boxes, templates, powers)
+        likelihood = self._fusion.log_likelihood(
+            frame_prediction.region, boxes, templates, cue_weights
+        )
         return (
             likelihood + external_likelihood(BoxesByAxis(*boxes.T))
             if external_likelihood
@@ -226,10 +228,10 @@ class Measurer:
             particles=weighed.particles,
             boxes=weighed.boxes,
             box=box,
-            powers=weighed.powers,
+            cue_weights=weighed.cue_weights,
             seen=seen,
             match=match,
-            distraction={},
+            distractor_ratios={},
         )
 
     def covariance(
@@ -253,8 +255,8 @@ class Measurer:
         self, target: FilterState, frame: Frame, boxes: NDArray[np.float64]
     ) -> dict[str, NDArray[np.float64]]:
         """Name of each cue to its (N,) log likelihoods of (N, 4) boxes of the target's size."""
-        place = np.asarray(target.estimate.box)
-        region = self._region(frame, boxes, place, place)
+        predicted_box = np.asarray(target.estimate.box)
+        region = self._region(frame, boxes, predicted_box, predicted_box)
         return self._fusion.log_likelihoods(region, boxes, target.templates)
 
     def _region(
@@ -262,22 +264,22 @@ class Measurer:
         frame: Frame,
         boxes: NDArray[np.float64],
         target_box: NDArray[np.float64],
-        place: NDArray[np.float64] | None = None,
+        predicted_box: NDArray[np.float64] | None = None,
         *,
-        looks_for_size: bool = True,
+        estimates_size: bool = True,
     ) -> Region:
         """What covers (N, 4) boxes, reduced as the size of a (4,) box asks for."""
-        if place is None and self._fusion.looks_in_one_size:
-            place = boxes.mean(axis=0)
+        if predicted_box is None and self._fusion.uses_predicted_size:
+            predicted_box = boxes.mean(axis=0)
         target_size = math.sqrt(target_box[2] * target_box[3])
         reduction = math.ceil(target_size / self._working_size)
         return Region(
             frame,
             boxes,
             reduction,
-            self._fusion.reach,
-            place=place,
-            looks_for_size=looks_for_size,
+            self._fusion.context_margin,
+            predicted_box=predicted_box,
+            estimates_size=estimates_size,
         )
 
 
@@ -304,18 +306,22 @@ class SearchingMeasurer(Measurer):
         self._parameters = parameters
         self._adaptation = adaptation
 
-    def learn(self, frame: Frame, box: NDArray[np.float64]) -> tuple[Templates, Distraction]:
+    def learn(self, frame: Frame, box: NDArray[np.float64]) -> tuple[Templates, DistractorRatios]:
         """See `Measurer.learn`."""
         search, region = self.search_window(frame, box)
         templates = self._fusion.learn(region, box)
-        found = self._fusion.strengths_on_grid(region, search.grid, templates)
-        own = self._fusion.strengths(region, box[None], templates)
-        return templates, search.distraction(box, own, found)
+        found = self._fusion.responses_on_grid(region, search.grid, templates)
+        own = self._fusion.responses(region, box[None], templates)
+        return templates, search.distractor_ratios(box, own, found)
 
-    def search_window(self, frame: Frame, place: NDArray[np.float64]) -> tuple[Search, Region]:
+    def search_window(
+        self, frame: Frame, predicted_box: NDArray[np.float64]
+    ) -> tuple[Search, Region]:
         """A search around a (4,) box, and the region that it reads."""
-        search = Search(place, self._parameters, frame.size)
-        return search, self._region(frame, search.cover(place[None]), place, place)
+        search = Search(predicted_box, self._parameters, frame.size)
+        return search, self._region(
+            frame, search.cover(predicted_box[None]), predicted_box, predicted_box
+        )
 
     def predict_frame(
         self,
@@ -325,19 +331,23 @@ class SearchingMeasurer(Measurer):
         prediction: Prediction,
         draw: np.random.Generator,
         *,
-        looks_for_size: bool = True,
+        estimates_size: bool = True,
     ) -> FramePrediction:
         """See `Measurer.predict_frame`."""
         if not self._fusion.searches(target.templates):
             # Cues that were just chosen have no template yet, and can't search in this frame.
             return super().predict_frame(
-                target, frame, interval, prediction, draw, looks_for_size=looks_for_size
+                target, frame, interval, prediction, draw, estimates_size=estimates_size
             )
         boxes = target.motion.boxes(prediction.particles.states)
         search = Search(prediction.particles.weights @ boxes, self._parameters, frame.size)
         last_box = np.asarray(target.estimate.box)
         region = self._region(
-            frame, search.cover(boxes), last_box, search.place, looks_for_size=looks_for_size
+            frame,
+            search.cover(boxes),
+            last_box,
+            search.predicted_box,
+            estimates_size=estimates_size,
         )
         return FramePrediction(target, frame, interval, prediction, draw, boxes, region, search)
 
@@ -355,11 +365,11 @@ class SearchingMeasurer(Measurer):
         if search is None:
             return super().weigh(frame_prediction, external_likelihood)
         motion, prediction = cast(SearchableMotion, target.motion), frame_prediction.prediction
-        powers = self._fusion.adapt(target.distraction, self._adaptation)
-        strengths = self._fusion.strengths_on_grid(region, search.grid, target.templates)
+        cue_weights = self._fusion.adapt(target.distractor_ratios, self._adaptation)
+        strengths = self._fusion.responses_on_grid(region, search.grid, target.templates)
         centers = motion.center_prior(target.particles.states, prediction.interval)
         grid_log_likelihood = self._fusion.search(
-            region, search.grid, strengths, target.templates, powers
+            region, search.grid, strengths, target.templates, cue_weights
         )
         if external_likelihood:
             grid_log_likelihood += external_likelihood(search.grid.by_axis).ravel()
@@ -367,7 +377,7 @@ class SearchingMeasurer(Measurer):
             prediction.particles, motion, centers, grid_log_likelihood, frame_prediction.draw
         )
         boxes = motion.boxes(predicted.states)
-        likelihood = self._log_likelihood(frame_prediction, boxes, powers, external_likelihood)
+        likelihood = self._log_likelihood(frame_prediction, boxes, cue_weights, external_likelihood)
         map_index = int(np.argmax(log_prior + likelihood))
         particles = predicted.reweight(likelihood)
         return WeightedParticles(
@@ -375,7 +385,7 @@ class SearchingMeasurer(Measurer):
             predicted,
             particles,
             boxes,
-            powers,
+            cue_weights,
             map_index,
             strengths,
             grid_log_likelihood,
@@ -383,20 +393,20 @@ class SearchingMeasurer(Measurer):
 
     def estimate(self, weighed: WeightedParticles) -> Measurement:
         """See `Measurer.estimate`; the mean is that of the likeliest mode."""
-        frame_prediction, strengths = weighed.frame_prediction, weighed.strengths
+        frame_prediction, strengths = weighed.frame_prediction, weighed.responses
         target, search = frame_prediction.filter_state, frame_prediction.search
         if search is None:
             return super().estimate(weighed)
         mean = mode_mean(weighed.particles, weighed.boxes, weighed.map_index)
         box = target.motion.boxes(mean[None])[0]
-        own = self._fusion.strengths(frame_prediction.region, box[None], target.templates)
-        now = search.distraction(box, own, strengths)
+        own = self._fusion.responses(frame_prediction.region, box[None], target.templates)
+        now = search.distractor_ratios(box, own, strengths)
         distractor_box = None
         # The most that single cues find bounds what all of them can find at one place.
         if math.prod(now.values()) >= _ALIKE_ABOVE ** len(now):
             distractor_box = search.distractor_box(box, own, strengths, _ALIKE_ABOVE)
         return self._measured(weighed, box)._replace(
-            distraction=smooth_distraction(target.distraction, now),
+            distractor_ratios=smooth_distractor_ratios(target.distractor_ratios, now),
             search=search,
             second_peak=search.second_peak(box, weighed.grid_log_likelihood),
             distractor_box=distractor_box,
@@ -416,5 +426,9 @@ class SearchingMeasurer(Measurer):
         center = assessment.box[:2] + assessment.box[2:] / 2
         within_mode = covariance_about(assessment.particles, center)
         is_hidden = assessment.status.state != "tracking"
-        walk = cast(SearchableMotion, target.motion).walk(time_since_seen) if is_hidden else None
+        walk = (
+            cast(SearchableMotion, target.motion).random_walk_std(time_since_seen)
+            if is_hidden
+            else None
+        )
         return measured.search.covariance(within_mode, assessment.confidence, walk)

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.filter import KalmanForesight, ParticleSet
+from pf_tracker_ros.filter import KalmanFilter, ParticleSet
 from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.tracking.assessment import Assessment
 from pf_tracker_ros.tracking.filter_state import FilterState
@@ -42,15 +42,15 @@ class OcclusionPolicy(Protocol):
         target: FilterState,
         assessment: Assessment,
         particles: ParticleSet,
-        foresight: KalmanForesight | None,
-    ) -> tuple[ParticleSet, KalmanForesight | None]:
+        kalman_filter: KalmanFilter | None,
+    ) -> tuple[ParticleSet, KalmanFilter | None]:
         """From where the next frame goes on.
 
         Args:
             target: After the last frame.
             assessment: In this one, in which the target is hidden.
             particles: Resampled from those that were told.
-            foresight: The Kalman filter after this frame.
+            kalman_filter: The Kalman filter after this frame.
         """
 
 
@@ -84,13 +84,13 @@ class Coast:
         target: FilterState,
         assessment: Assessment,
         particles: ParticleSet,
-        foresight: KalmanForesight | None,
-    ) -> tuple[ParticleSet, KalmanForesight | None]:
+        kalman_filter: KalmanFilter | None,
+    ) -> tuple[ParticleSet, KalmanFilter | None]:
         """See `OcclusionPolicy.next_particles`."""
         # Another number of them that was just asked for has been drawn.
         if assessment.status.state == "lost" and len(particles) == len(target.particles):
-            return target.particles, target.foresight
-        return particles, foresight
+            return target.particles, target.kalman_filter
+        return particles, kalman_filter
 
 
 @OCCLUSION_POLICIES.register("follow")
@@ -121,7 +121,7 @@ class KeepTracking:
         target: FilterState,
         assessment: Assessment,
         particles: ParticleSet,
-        foresight: KalmanForesight | None,
-    ) -> tuple[ParticleSet, KalmanForesight | None]:
+        kalman_filter: KalmanFilter | None,
+    ) -> tuple[ParticleSet, KalmanFilter | None]:
         """See `OcclusionPolicy.next_particles`."""
-        return particles, foresight
+        return particles, kalman_filter

@@ -8,7 +8,7 @@ from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 # Proposal method to the method that a motion model needs for it.
-_NEEDED = {"kalman": "foresight", "search": "center_prior"}
+_NEEDED = {"kalman": "kalman_filter", "search": "center_prior"}
 
 
 def check_proposal(parameters: TrackerParameters, fusion: CueFusion) -> None:
@@ -30,9 +30,9 @@ def check_proposal(parameters: TrackerParameters, fusion: CueFusion) -> None:
         )
     if method == "search" and not fusion.can_search:
         searchable = " or ".join(
-            f"'{name}'" for name, cue in CUES.items() if hasattr(cue, "strength")
+            f"'{name}'" for name, cue in CUES.items() if hasattr(cue, "response")
         )
         raise ParameterError(
-            "parameter 'proposal.method' is 'search', but no cue in 'cues' can search with a power "
+            "parameter 'proposal.method' is 'search', but no cue in 'cues' can search with a weight "
             f"above 0; allowed: {with_model}, or {searchable} in 'cues'"
         )

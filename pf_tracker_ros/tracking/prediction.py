@@ -10,8 +10,8 @@ import numpy as np
 from pf_tracker_ros.filter import (
     LONGEST_PREDICTION,
     DegenerateError,
-    ForeseenMotion,
-    KalmanForesight,
+    KalmanFilteredMotion,
+    KalmanFilter,
     ParticleSet,
     ProposalParameters,
 )
@@ -24,12 +24,12 @@ class Prediction(NamedTuple):
     Attributes:
         particles: Drawn for this frame, their weights corrected for where that was.
         interval: Seconds since the last frame, as far as a prediction reaches.
-        foresight: The Kalman filter's prediction, None where none is asked for.
+        kalman_filter: The Kalman filter's prediction, None where none is asked for.
     """
 
     particles: ParticleSet
     interval: float
-    foresight: KalmanForesight | None = None
+    kalman_filter: KalmanFilter | None = None
 
 
 class Predictor:
@@ -79,26 +79,26 @@ class KalmanPredictor(Predictor):
 
         Source: Zhang Bo, section 3.3.
         """
-        if target.foresight is None:
+        if target.kalman_filter is None:
             return super().predict(target, interval, image_size, draw)
         interval = min(interval, LONGEST_PREDICTION)
         # Out of sight, nothing corrects the filter, and its prediction is no better than the prior.
         share = self._share if target.status.state == "tracking" else 0.0
         before = target.particles.states
         try:
-            foresight = target.foresight.predict(interval)
-            proposed = foresight.propose(before, interval, share, draw)
+            kalman_filter = target.kalman_filter.predict(interval)
+            proposed = kalman_filter.propose(before, interval, share, draw)
         except DegenerateError:
-            foresight = _begun_anew(target)
-            proposed = foresight.propose(before, interval, 0.0, draw)
+            kalman_filter = _begun_anew(target)
+            proposed = kalman_filter.propose(before, interval, 0.0, draw)
         states = target.motion.constrain(proposed.states, image_size)
         particles = target.particles.move(states).reweight(proposed.log_ratio)
-        return Prediction(particles, interval, foresight)
+        return Prediction(particles, interval, kalman_filter)
 
 
-def _begun_anew(target: FilterState) -> KalmanForesight:
+def _begun_anew(target: FilterState) -> KalmanFilter:
     """The Kalman filter of a target as it begins, where the particles are."""
-    begun = cast(ForeseenMotion, target.motion).foresight()
+    begun = cast(KalmanFilteredMotion, target.motion).kalman_filter()
     mean = begun.belief.mean.copy()
     mean[: len(target.particles.mean)] = target.particles.mean
     return replace(begun, belief=replace(begun.belief, mean=mean))

@@ -53,7 +53,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "particles": 100,
                 "motion.model": "second_order_autoregressive",
                 "motion.position_noise": 0.5,
-                "resampling.scheme": "multinomial_keeping_best",
+                "resampling.scheme": "multinomial_elitist",
                 "working_size": 120,
                 "cues": ("hog",),
                 "hog.sharpness": _OUTLINE_SHARPNESS,
@@ -73,9 +73,9 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "proposal.share": 0.3,
                 "resampling.scheme": "multinomial",
                 "cues": ("foreground_color_histogram", "gradient_orientation", "foreground"),
-                "foreground_color_histogram.power": 0.5,
-                "gradient_orientation.power": 0.25,
-                "foreground.power": 0.25,
+                "foreground_color_histogram.weight": 0.5,
+                "gradient_orientation.weight": 0.25,
+                "foreground.weight": 0.25,
             }
         ),
     }

@@ -150,9 +150,11 @@ class Redetector:
         best = Candidate(seen, needed)
         for center in centers:
             place, known = np.hstack([center - size / 2, size]), assessment.known_distractor
-            look = self.search_around(target, measured.frame, measured.powers, place, known)
+            look = self.search_around(target, measured.frame, measured.cue_weights, place, known)
             if look.confidence >= self._doubtful_below:
-                look = self.search_around(target, measured.frame, measured.powers, look.box, known)
+                look = self.search_around(
+                    target, measured.frame, measured.cue_weights, look.box, known
+                )
                 if tracked_confidence and (np.abs(look.box[:2] - box[:2]) <= size / 2).all():
                     continue
                 best = max(best, look, key=lambda one: one.confidence)
@@ -172,7 +174,7 @@ class Redetector:
         if self._windows == 0 or target.second_peak is None:
             return None
         place = np.array(target.second_peak)
-        look = self.search_around(target, measured.frame, measured.powers, place)
+        look = self.search_around(target, measured.frame, measured.cue_weights, place)
         if not self._doubtful_below <= look.confidence < target.estimate.confidence:
             return None
         is_clear = sides_apart(look.box, target.estimate.box) >= 1.0
@@ -182,7 +184,7 @@ class Redetector:
         self,
         target: FilterState,
         frame: Frame,
-        powers: Mapping[str, float],
+        cue_weights: Mapping[str, float],
         place: NDArray[np.float64],
         but: Box | None = None,
     ) -> Candidate:
@@ -191,15 +193,17 @@ class Redetector:
         Args:
             target: Looked for.
             frame: Looked at.
-            powers: Of the cues.
+            cue_weights: Of the cues.
             place: (4,) box that the window is around.
             but: What is there is passed over.
         """
         search, region = self._measurer.search_window(frame, place)
-        strengths = self._fusion.strengths_on_grid(region, search.grid, target.templates)
+        strengths = self._fusion.responses_on_grid(region, search.grid, target.templates)
         if not strengths:
             return Candidate(place, 0.0)
-        likelihood = self._fusion.search(region, search.grid, strengths, target.templates, powers)
+        likelihood = self._fusion.search(
+            region, search.grid, strengths, target.templates, cue_weights
+        )
         if but is not None:
             likelihood[are_at(search.boxes, but)] = -np.inf
         best = int(np.argmax(likelihood))

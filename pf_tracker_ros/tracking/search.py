@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxGrid
-from pf_tracker_ros.cues.fusion import Distraction, Strengths, measure_distraction
+from pf_tracker_ros.cues.fusion import DistractorRatios, Responses, measure_distractor_ratios
 from pf_tracker_ros.filter import (
     CenterPrior,
     GridDensity,
@@ -39,27 +39,27 @@ class Search:
     """A grid of boxes around the place where the target is expected.
 
     Args:
-        place: (4,) box that is expected, pixels.
+        predicted_box: (4,) box that is expected, pixels.
         parameters: Extent of the grid and share of the particles.
         image_size: (width, height); no center is looked for outside.
 
     Attributes:
-        place: As given.
+        predicted_box: As given.
         grid: Boxes of the place's size.
         boxes: (M, 4) the same, pixels.
     """
 
     def __init__(
         self,
-        place: NDArray[np.float64],
+        predicted_box: NDArray[np.float64],
         parameters: ProposalParameters,
         image_size: tuple[int, int],
     ) -> None:
-        size = place[2:]
+        size = predicted_box[2:]
         self._side = parameters.window * math.sqrt(size[0] * size[1])
-        self.place = place
+        self.predicted_box = predicted_box
         cells = round(parameters.window / _SPACING)
-        self._cells = SearchGrid(place[:2] + size / 2, self._side / cells, cells)
+        self._cells = SearchGrid(predicted_box[:2] + size / 2, self._side / cells, cells)
         self._parameters = parameters
         self._image_size = image_size
         # Of the boxes, along each axis.
@@ -70,7 +70,7 @@ class Search:
 
     def cover(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(K, 4) boxes that cover all that can be looked at, given the (N, 4) predicted ones."""
-        largest = np.maximum(boxes[:, 2:].max(axis=0), self.place[2:])
+        largest = np.maximum(boxes[:, 2:].max(axis=0), self.predicted_box[2:])
         spacing = self._cells.spacing
         ends = self._cells.axes[:, [0, -1]].T + [[-spacing], [spacing]]
         ends = np.minimum(np.maximum(ends, 0.0), self._image_size)
@@ -134,16 +134,16 @@ class Search:
         """
         variance = self._side**2 / 12.0
         if walk is not None:
-            size = math.sqrt(self.place[2] * self.place[3])
+            size = math.sqrt(self.predicted_box[2] * self.predicted_box[3])
             return (variance + (walk * size) ** 2) * np.eye(2)
         return confidence * within_mode + (1.0 - confidence) * variance * np.eye(2)
 
-    def distraction(
+    def distractor_ratios(
         self,
         box: NDArray[np.float64],
-        own: Strengths,
-        strengths: Strengths,
-    ) -> Distraction:
+        own: Responses,
+        strengths: Responses,
+    ) -> DistractorRatios:
         """Each searchable cue's distraction around a (4,) box.
 
         Args:
@@ -152,7 +152,7 @@ class Search:
             strengths: Name of a cue to its (M,) strengths at `boxes`.
         """
         beside = self._beside(box, 0.5)
-        return measure_distraction(
+        return measure_distractor_ratios(
             {name: float(strength[0]) for name, strength in own.items()},
             {name: strength[beside] for name, strength in strengths.items()},
         )
@@ -172,7 +172,7 @@ class Search:
         return self.boxes[np.argmax(np.where(beside, log_likelihood, -np.inf))]
 
     def distractor_box(
-        self, box: NDArray[np.float64], own: Strengths, strengths: Strengths, least: float
+        self, box: NDArray[np.float64], own: Responses, strengths: Responses, least: float
     ) -> NDArray[np.float64] | None:
         """What looks most like the target beside it, to all cues together, as a (4,) box.
 

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.filter import (
     MOTION_MODELS,
-    ForeseenMotion,
-    KalmanForesight,
+    KalmanFilteredMotion,
+    KalmanFilter,
     MotionModel,
     ParticleSet,
 )
-from pf_tracker_ros.filter.particles import Randomness
+from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.assessment import Assessment
 from pf_tracker_ros.tracking.estimate import TrackStatus
@@ -55,7 +55,7 @@ class FilterInitializer:
             image_size: (width, height), pixels.
             draw: Source of randomness.
         """
-        states = motion.prior(self._particles, draw)
+        states = motion.sample_prior(self._particles, draw)
         return ParticleSet.uniform(motion.constrain(states, image_size))
 
     def redraw_particles(
@@ -84,9 +84,9 @@ class FilterInitializer:
             particles = particles.move(states)
         return particles, boxes
 
-    def foresight(self, motion: MotionModel) -> KalmanForesight | None:
+    def kalman_filter(self, motion: MotionModel) -> KalmanFilter | None:
         """The Kalman filter of a motion; None where none is asked for."""
-        return cast(ForeseenMotion, motion).foresight() if self._foresees else None
+        return cast(KalmanFilteredMotion, motion).kalman_filter() if self._foresees else None
 
 
 class StateOperations:
@@ -123,7 +123,7 @@ class StateOperations:
             frame: The next one.
             interval: Seconds since the last one.
         """
-        draw = target.randomness.generator()
+        draw = target.generator_state.generator()
         prediction = self._predictor.predict(target, interval, frame.size, draw)
         particles, motion = prediction.particles, target.motion
         boxes = motion.boxes(particles.states)
@@ -134,13 +134,13 @@ class StateOperations:
         covariance = particles.covariance[:2, :2].copy()
         return replace(
             target,
-            foresight=prediction.foresight,
+            kalman_filter=prediction.kalman_filter,
             particles=particles,
             status=track,
             frames_since_seen=target.frames_since_seen + 1,
             followed_frames=target.followed_frames + 1,
-            randomness=Randomness.of(draw),
-            estimate=assessment.to_estimate(frame, target.estimate.powers, covariance),
+            generator_state=GeneratorState.of(draw),
+            estimate=assessment.to_estimate(frame, target.estimate.cue_weights, covariance),
             distractor_box=None,
         )
 
@@ -167,17 +167,17 @@ class StateOperations:
             first_box, scale = box, float(np.log(before[2:] / first_box[2:]).mean())
         motion = self._initializer.motion(first_box)
         moved = partial(_moved, columns=columns, shift=shift, factor=factor, scale=scale)
-        foresight = self._initializer.foresight(motion)
-        if foresight and target.foresight:
-            belief = target.foresight.belief
+        kalman_filter = self._initializer.kalman_filter(motion)
+        if kalman_filter and target.kalman_filter:
+            belief = target.kalman_filter.belief
             belief = replace(belief, mean=moved(belief.mean[None])[0])
-            foresight = replace(foresight, belief=belief)
+            kalman_filter = replace(kalman_filter, belief=belief)
         boxes = told.particle_boxes + np.hstack([shift, 0.0, 0.0])
         return replace(
             target,
             first_box=first_box,
             motion=motion,
-            foresight=foresight,
+            kalman_filter=kalman_filter,
             particles=target.particles.move(moved(target.particles.states)),
             last_seen_box=box if target.status.state == "tracking" else target.last_seen_box,
             estimate=replace(told, box=box, particle_boxes=boxes),

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.cues.fusion import Templates
-from pf_tracker_ros.filter import KalmanForesight, ParticleSet, build_resampler
-from pf_tracker_ros.filter.particles import Randomness
+from pf_tracker_ros.filter import KalmanFilter, ParticleSet, build_resampler
+from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.assessment import Assessment, Confidence
 from pf_tracker_ros.tracking.estimate import TrackState, TrackStatus
@@ -45,12 +45,12 @@ class _Learned(NamedTuple):
 
     Attributes:
         templates: Of the target.
-        foresight: The Kalman filter, corrected where the target was seen.
+        kalman_filter: The Kalman filter, corrected where the target was seen.
         saved_templates: As of the target.
     """
 
     templates: Templates
-    foresight: KalmanForesight | None
+    kalman_filter: KalmanFilter | None
     saved_templates: SavedTemplates | None
 
 
@@ -74,7 +74,7 @@ class TargetFilter:
         self.parameters = parameters
         chosen = {name: parameters.of_cues[name] for name in parameters.cues}
         self._fusion = CueFusion(
-            {name: (CUES[name](own), own.power) for name, own in chosen.items()}
+            {name: (CUES[name](own), own.weight) for name, own in chosen.items()}
         )
         check_proposal(parameters, self._fusion)
         self._confidence = Confidence(self._fusion, parameters.track.confidence_rate)
@@ -123,7 +123,7 @@ class TargetFilter:
         self,
         frame: Frame,
         first_box: Box,
-        randomness: Randomness,
+        generator_state: GeneratorState,
         state: TrackState = "tracking",
     ) -> FilterState:
         """A target in its first frame.
@@ -131,15 +131,15 @@ class TargetFilter:
         Args:
             frame: That it was drawn on.
             first_box: Of the target.
-            randomness: Its own.
+            generator_state: Its own.
             state: That it is in; another than tracking if the frame is one of before it went out of
                 sight, so that the next one has to show it.
         """
-        draw = randomness.generator()
+        draw = generator_state.generator()
         motion = self._initializer.motion(first_box)
         particles = self._initializer.initial_particles(motion, frame.size, draw)
         box = np.array(first_box)
-        templates, distraction = self._measurer.learn(frame, box)
+        templates, distractor_ratios = self._measurer.learn(frame, box)
         time_since_seen = self.parameters.track.lost_after if state == "lost" else 0.0
         track = TrackStatus(state, time_since_seen)
         confidence = 0.0 if state == "lost" else 1.0
@@ -147,20 +147,20 @@ class TargetFilter:
         return FilterState(
             first_box=first_box,
             motion=motion,
-            foresight=self._initializer.foresight(motion),
+            kalman_filter=self._initializer.kalman_filter(motion),
             particles=particles,
             templates=templates,
             first_templates=templates,
-            distraction=distraction,
+            distractor_ratios=distractor_ratios,
             status=assessment.status,
             last_seen_box=first_box,
             second_peak=None,
             known_distractor=None,
             frames_since_seen=0,
             followed_frames=0,
-            randomness=Randomness.of(draw),
+            generator_state=GeneratorState.of(draw),
             estimate=assessment.to_estimate(
-                frame, self._fusion.powers, particles.covariance[:2, :2]
+                frame, self._fusion.cue_weights, particles.covariance[:2, :2]
             ),
         )
 
@@ -179,16 +179,16 @@ class TargetFilter:
         3.3.
         """
         frame_prediction = []
-        for last, looks_for_size in targets:
-            draw = last.randomness.generator()
+        for last, estimates_size in targets:
+            draw = last.generator_state.generator()
             target = _in_the_light_of(frame, last, interval)
             prediction = self._predictor.predict(target, interval, frame.size, draw)
             frame_prediction.append(
                 self._measurer.predict_frame(
-                    target, frame, interval, prediction, draw, looks_for_size=looks_for_size
+                    target, frame, interval, prediction, draw, estimates_size=estimates_size
                 )
             )
-        self._fusion.prepare(
+        self._fusion.precompute(
             [
                 (one.region, one.filter_state.templates, one.filter_state.first_templates)
                 for one in frame_prediction
@@ -243,26 +243,32 @@ class TargetFilter:
 
         Source: Li et al. 2007, equations (9) and (10), and w_Th; Zhang Bo, section 3.3.
         """
-        templates, foresight, earlier = (
+        templates, kalman_filter, earlier = (
             target.templates,
-            prediction.foresight,
+            prediction.kalman_filter,
             target.saved_templates,
         )
-        rules, match, light = self.parameters.template, measured.match, measured.frame.light
+        rules, match, illumination = (
+            self.parameters.template,
+            measured.match,
+            measured.frame.illumination,
+        )
         goes_now = target.status.state == "tracking" and assessment.status.state != "tracking"
-        if light.has_jumped and goes_now and rules.update_above < 1.0:
+        if illumination.has_jumped and goes_now and rules.update_above < 1.0:
             # What was seen until now is still there, and only looks like nothing that was learned.
-            earlier = SavedTemplates(templates, light.change)
+            earlier = SavedTemplates(templates, illumination.change)
             templates = self._measurer.templates(measured.frame, measured.box)
-            return _Learned(templates, foresight, earlier)
+            return _Learned(templates, kalman_filter, earlier)
         if not assessment.learns:
-            return _Learned(templates, foresight, earlier)
-        is_sure = match.similarity >= rules.similarity_asked(target.followed_frames)
+            return _Learned(templates, kalman_filter, earlier)
+        is_sure = match.similarity >= rules.required_similarity(target.followed_frames)
         if is_sure and math.exp(match.log_likelihood) > rules.update_above:
             templates = self._fusion.update(templates, measured.seen)
-        if foresight:
-            foresight = foresight.correct(measured.particles.mean, measured.particles.covariance)
-        return _Learned(templates, foresight, earlier)
+        if kalman_filter:
+            kalman_filter = kalman_filter.correct(
+                measured.particles.mean, measured.particles.covariance
+            )
+        return _Learned(templates, kalman_filter, earlier)
 
     def _next(
         self,
@@ -273,32 +279,32 @@ class TargetFilter:
         particles: ParticleSet,
     ) -> FilterState:
         """The target as the next frame finds it, with its resampled particles."""
-        target, foresight = frame_prediction.filter_state, learned.foresight
+        target, kalman_filter = frame_prediction.filter_state, learned.kalman_filter
         lost_after = self.parameters.track.lost_after
         is_seen = assessment.status.state == "tracking"
         if not is_seen:
-            particles, foresight = self._occlusion_policy.next_particles(
-                target, assessment, particles, foresight
+            particles, kalman_filter = self._occlusion_policy.next_particles(
+                target, assessment, particles, kalman_filter
             )
         # Once lost, the target may be anywhere; how long ago that was adds nothing.
         time_since_seen = min(assessment.status.time_since_seen, lost_after)
         covariance = self._measurer.covariance(target, measured, assessment, time_since_seen)
-        estimate = assessment.to_estimate(measured.frame, measured.powers, covariance)
+        estimate = assessment.to_estimate(measured.frame, measured.cue_weights, covariance)
         return FilterState(
             first_box=target.first_box,
             motion=target.motion,
-            foresight=foresight,
+            kalman_filter=kalman_filter,
             particles=particles,
             templates=learned.templates,
             first_templates={**learned.templates, **target.first_templates},
-            distraction=measured.distraction,
+            distractor_ratios=measured.distractor_ratios,
             status=assessment.status,
             last_seen_box=estimate.box if is_seen else target.last_seen_box,
             second_peak=None if measured.second_peak is None else as_box(measured.second_peak),
             known_distractor=assessment.known_distractor,
             frames_since_seen=0 if is_seen else target.frames_since_seen + 1,
             followed_frames=target.followed_frames + 1,
-            randomness=Randomness.of(frame_prediction.draw),
+            generator_state=GeneratorState.of(frame_prediction.draw),
             estimate=estimate,
             saved_templates=learned.saved_templates,
             distractor_box=measured.distractor_box,
@@ -314,7 +320,7 @@ class TargetFilter:
         """
         if self._redetector is None or self.parameters.redetection.windows == 0:
             return None
-        return self._redetector.search_around(target, frame, target.estimate.powers, place)
+        return self._redetector.search_around(target, frame, target.estimate.cue_weights, place)
 
     def reconfigure(self, target: FilterState) -> FilterState:
         """A target that was followed with other parameters, to be followed with these.
@@ -322,20 +328,22 @@ class TargetFilter:
         A cue that is left out forgets the target: added again, it may look at other things.
         """
         motion = self._initializer.motion(target.first_box)
-        foresight = self._initializer.foresight(motion)
-        if foresight and target.foresight:
-            foresight = replace(foresight, belief=target.foresight.belief)
+        kalman_filter = self._initializer.kalman_filter(motion)
+        if kalman_filter and target.kalman_filter:
+            kalman_filter = replace(kalman_filter, belief=target.kalman_filter.belief)
         # A cue that is chosen again later may have other parameters, which a template depends on.
         known = self.parameters.cues
         return replace(
             target,
             motion=motion,
-            foresight=foresight,
+            kalman_filter=kalman_filter,
             templates={name: one for name, one in target.templates.items() if name in known},
             first_templates={
                 name: one for name, one in target.first_templates.items() if name in known
             },
-            distraction={name: one for name, one in target.distraction.items() if name in known},
+            distractor_ratios={
+                name: one for name, one in target.distractor_ratios.items() if name in known
+            },
             saved_templates=None,
         )
 
@@ -344,17 +352,17 @@ class TargetFilter:
         return map_likelihood(
             target.estimate.box,
             frame.size,
-            target.estimate.powers,
+            target.estimate.cue_weights,
             partial(self._measurer.log_likelihoods, target, frame),
         )
 
 
 def _in_the_light_of(frame: Frame, target: FilterState, interval: float) -> FilterState:
     """A target as it looked before the light jumped, if that has been a flash."""
-    earlier, light = target.saved_templates, frame.light
+    earlier, illumination = target.saved_templates, frame.illumination
     if earlier is None:
         return target
-    if light.has_jumped and (light.change > 1.0) != (earlier.change > 1.0):
+    if illumination.has_jumped and (illumination.change > 1.0) != (earlier.change > 1.0):
         return replace(target, templates=earlier.templates, saved_templates=None)
     age = earlier.age + interval
     return replace(target, saved_templates=replace(earlier, age=age) if age < _LASTS else None)

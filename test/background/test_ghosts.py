@@ -25,9 +25,9 @@ def with_object(place, color):
     return image
 
 
-def model_of(image, lays_ghosts):
+def model_of(image, removes_ghosts):
     draw = np.random.default_rng(0)
-    return BackgroundModel(image, draw, reduction=1, lays_ghosts=lays_ghosts)
+    return BackgroundModel(image, draw, reduction=1, removes_ghosts=removes_ghosts)
 
 
 def share(mask, place):
@@ -38,9 +38,9 @@ def share(mask, place):
 def test_what_was_there_in_the_first_image_only_is_soon_background(color):
     before, after = with_object(HERE, color), with_object(THERE, color)
     masks = {}
-    for lays_ghosts in (False, True):
-        model = model_of(before, lays_ghosts)
-        masks[lays_ghosts] = [model.update(after) for _ in range(6)][-1]
+    for removes_ghosts in (False, True):
+        model = model_of(before, removes_ghosts)
+        masks[removes_ghosts] = [model.update(after) for _ in range(6)][-1]
     assert share(masks[False], HERE) > 0.5
     assert share(masks[True], HERE) == 0.0
     assert share(masks[True], THERE) == 1.0
@@ -49,14 +49,14 @@ def test_what_was_there_in_the_first_image_only_is_soon_background(color):
 @pytest.mark.parametrize("color", [False, True], ids=["gray", "color"])
 def test_what_comes_and_stands_still_stays_foreground(color):
     empty = with_object(np.s_[0:0, 0:0], color)
-    model = model_of(empty, lays_ghosts=True)
+    model = model_of(empty, removes_ghosts=True)
     masks = [model.update(with_object(THERE, color)) for _ in range(20)]
     assert all(share(mask, THERE) > 0.9 for mask in masks)
 
 
 def test_one_that_has_not_left_its_ghost_yet_stays_foreground():
     """The two hang together: half of the outline is in the image."""
-    model = model_of(with_object(HERE, color=False), lays_ghosts=True)
+    model = model_of(with_object(HERE, color=False), removes_ghosts=True)
     half_way = np.s_[20:40, 20:35]
     masks = [model.update(with_object(half_way, color=False)) for _ in range(8)]
     assert share(masks[-1], np.s_[20:40, 27:35]) > 0.9
@@ -64,7 +64,7 @@ def test_one_that_has_not_left_its_ghost_yet_stays_foreground():
 
 def test_a_place_that_differs_evenly_is_no_ghost():
     """Of light on a part of the scene, the outline is in the image."""
-    model = model_of(ground(), lays_ghosts=True)
+    model = model_of(ground(), removes_ghosts=True)
     lit = ground()
     lit[:, 40:] += 60
     masks = [model.update(lit) for _ in range(8)]

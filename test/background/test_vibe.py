@@ -7,9 +7,9 @@ import pytest
 from pf_tracker_ros.background import BackgroundModel
 
 
-def model_of(image, seed=0, holes=(), **options):
+def model_of(image, seed=0, foreground_boxes=(), **options):
     options = {"reduction": 1} | options
-    return BackgroundModel(image, np.random.default_rng(seed), holes, **options)
+    return BackgroundModel(image, np.random.default_rng(seed), foreground_boxes, **options)
 
 
 def noise(shape, seed, low=0, high=256):
@@ -144,7 +144,7 @@ def test_what_the_first_frame_s_target_hid_leaves_no_ghost():
     empty = np.full((60, 60), 90, np.uint8)
     first = empty.copy()
     first[20:40, 25:35] = 200
-    model = model_of(first, reduction=2, holes=[(25.0, 20.0, 10.0, 20.0)])
+    model = model_of(first, reduction=2, foreground_boxes=[(25.0, 20.0, 10.0, 20.0)])
     assert not model.update(empty).any()
     assert model.update(first)[10:20, 13:17].all()
 
@@ -153,12 +153,12 @@ def test_none_of_several_targets_leaves_a_ghost():
     """Wherever they are: in part outside, beside each other, over each other."""
     empty = np.full((60, 60), 90, np.uint8)
     first = empty.copy()
-    holes = [(-6.0, 4.0, 16.0, 9.0), (30.0, 20.0, 8.0, 20.0), (34.0, 30.0, 12.0, 12.0)]
-    holes += [(52.5, 50.5, 20.0, 30.0)]
-    for x, y, width, height in np.array(holes, int):
+    foreground_boxes = [(-6.0, 4.0, 16.0, 9.0), (30.0, 20.0, 8.0, 20.0), (34.0, 30.0, 12.0, 12.0)]
+    foreground_boxes += [(52.5, 50.5, 20.0, 30.0)]
+    for x, y, width, height in np.array(foreground_boxes, int):
         first[max(y, 0) : y + height, max(x, 0) : x + width] = 200
     assert model_of(first).update(empty).any()
-    model = model_of(first, holes=holes)
+    model = model_of(first, foreground_boxes=foreground_boxes)
     assert not model.update(empty).any()
     np.testing.assert_array_equal(model.update(first) == 255, first == 200)
 
@@ -167,9 +167,9 @@ def test_a_model_that_begins_anew_leaves_no_ghost_of_several_targets_either():
     model = model_of(np.full((40, 40), 90, np.uint8), update_every=3)
     bright = np.full((40, 40), 200, np.uint8)
     bright[4:10, 6:12] = bright[20:30, 25:35] = 120
-    holes = [(6.0, 4.0, 6.0, 6.0), (25.0, 20.0, 10.0, 10.0)]
+    foreground_boxes = [(6.0, 4.0, 6.0, 6.0), (25.0, 20.0, 10.0, 10.0)]
     for _ in range(3):
-        model.update(bright, holes)
+        model.update(bright, foreground_boxes)
     np.testing.assert_array_equal(model.update(bright) == 255, bright == 120)
 
 
@@ -213,7 +213,7 @@ def test_where_most_of_the_image_stays_changed_it_begins_anew_without_the_target
     bright = np.full((40, 40), 200, np.uint8)
     bright[10:20, 10:20] = 120
     for _ in range(5):
-        assert model.update(bright, holes=[(10.0, 10.0, 10.0, 10.0)]).mean() > 250
+        assert model.update(bright, foreground_boxes=[(10.0, 10.0, 10.0, 10.0)]).mean() > 250
         assert str(model.state).startswith("off: most of the image has changed")
     mask = model.update(bright)
     assert model.state.name == "learning"

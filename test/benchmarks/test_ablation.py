@@ -26,17 +26,17 @@ def ablation(benchmark):
 def test_each_cue_in_use_is_off_in_turn_unless_none_would_be_left(ablation, preset, cues):
     variants = ablation.cue_variants(preset)
     assert [variant.name for variant in variants] == [f"without {cue}" for cue in cues]
-    assert [variant.parameters for variant in variants] == [{f"{cue}.power": 0.0} for cue in cues]
+    assert [variant.parameters for variant in variants] == [{f"{cue}.weight": 0.0} for cue in cues]
 
 
 def test_a_cue_in_use_is_chosen_and_has_a_power_above_0(ablation, monkeypatch):
-    values = {"smell.power": 0.5, "noise.power": 0.0, "taste.power": 1.0, "sound.power": 0.5}
+    values = {"smell.weight": 0.5, "noise.weight": 0.0, "taste.weight": 1.0, "sound.weight": 0.5}
     values["cues"] = ("smell", "noise", "sound")
     monkeypatch.setattr(ablation, "preset_parameters", lambda preset: values)
     variants = ablation.cue_variants("any")
     assert [variant.parameters for variant in variants] == [
-        {"smell.power": 0.0},
-        {"sound.power": 0.0},
+        {"smell.weight": 0.0},
+        {"sound.weight": 0.0},
     ]
 
 

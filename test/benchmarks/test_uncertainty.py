@@ -27,7 +27,7 @@ def estimate(x=0.0, state="tracking", confidence=1.0, covariance=((4.0, 0.0), (0
         particle_boxes=np.empty((1, 4)),
         weights=np.ones(1),
         effective_sample_size=1.0,
-        powers={},
+        cue_weights={},
     )
 
 

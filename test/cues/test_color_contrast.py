@@ -11,7 +11,7 @@ CUE = ColorContrast(ColorContrastParameters(sharpness=10.0), ring=0.5)
 
 
 def region_of(image, *boxes):
-    return Region(Frame(image), np.array(boxes), reach=CUE.reach)
+    return Region(Frame(image), np.array(boxes), context_margin=CUE.context_margin)
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def test_contrast_equals_a_loop_over_pixels():
     boxes = np.column_stack(
         [generator.integers(25, 60, (20, 2)), generator.integers(10, 18, (20, 2))]
     ).astype(float)
-    region = Region(Frame(image), boxes, reach=CUE.reach)
+    region = Region(Frame(image), boxes, context_margin=CUE.context_margin)
     template = CUE.learn(region, boxes[0])
     steps = image.astype(int) * 16 // 256
     foreground = template.probabilities[steps[..., 2] * 256 + steps[..., 1] * 16 + steps[..., 0]]
@@ -93,17 +93,22 @@ def test_likelihood_and_match_by_hand(image):
 def test_all_boxes_are_measured_in_the_size_that_is_expected(image):
     """A box of any size scores as the expected one around the same center."""
     cue = ColorContrast(ColorContrastParameters())
-    assert cue.looks_in_one_size
+    assert cue.uses_predicted_size
     around = np.array([BOX + [shift, 0, 0, 0] for shift in (-6, 0, 4)])
-    region = Region(Frame(image), around + [-10, -10, 20, 20], reach=cue.reach, place=BOX)
+    region = Region(
+        Frame(image),
+        around + [-10, -10, 20, 20],
+        context_margin=cue.context_margin,
+        predicted_box=BOX,
+    )
     template = cue.learn(region, BOX)
     expected = cue.contrast(region, around, template)
     for growth in (-6, 0, 3, 8):
         boxes = around + np.array([-growth, -growth, 2 * growth, 2 * growth])
-        np.testing.assert_allclose(cue.strength(region, boxes, template), expected)
+        np.testing.assert_allclose(cue.response(region, boxes, template), expected)
         # The region covers that size wherever the boxes are, however small they are.
-        narrow = Region(Frame(image), boxes, reach=cue.reach, place=BOX)
-        np.testing.assert_allclose(cue.strength(narrow, boxes, template), expected)
+        narrow = Region(Frame(image), boxes, context_margin=cue.context_margin, predicted_box=BOX)
+        np.testing.assert_allclose(cue.response(narrow, boxes, template), expected)
         own = cue.contrast(region, boxes, template)
         assert np.allclose(own, expected) == (growth == 0)
 
@@ -139,4 +144,4 @@ def test_blend_by_hand(image):
 
 def test_it_does_not_judge():
     """Whatever has the target's colors has its contrast."""
-    assert not CUE.judges
+    assert not CUE.is_discriminative

@@ -13,7 +13,7 @@ from pf_tracker_ros.cues.correlation_response import (
     CorrelationResponse,
     CorrelationResponseParameters,
 )
-from pf_tracker_ros.cues.cue import Prospect
+from pf_tracker_ros.cues.cue import PredictedTarget
 from pf_tracker_ros.cues.features.gradients_and_colors import GradientsAndColors
 from pf_tracker_ros.frames import Frame, Region
 
@@ -53,9 +53,9 @@ def template():
 def test_the_learned_box_answers_with_one(template):
     """Where it is looked at in its own size; between two others with hardly less."""
     region = region_of(frame())
-    assert ONE_SIZE.strength(region, BOX[None], template)[0] == pytest.approx(1.0, abs=1e-4)
+    assert ONE_SIZE.response(region, BOX[None], template)[0] == pytest.approx(1.0, abs=1e-4)
     assert ONE_SIZE.log_likelihood(region, BOX[None], template)[0] == pytest.approx(0.0, abs=0.01)
-    assert 0.97 < CUE.strength(region, BOX[None], template)[0] <= 1.0
+    assert 0.97 < CUE.response(region, BOX[None], template)[0] <= 1.0
 
 
 @pytest.mark.parametrize(("right", "down"), [(0, 0), (12, -8), (-7, 5), (20, 15), (-16, -19)])
@@ -64,7 +64,7 @@ def test_a_target_that_moved_is_found_at_its_displacement(template, right, down,
     """Whether the background is the learned one or another; within the response's 2 px."""
     boxes, offsets = boxes_around(BOX)
     region = region_of(frame(140 + right, 100 + down, seed), boxes)
-    responses = CUE.strength(region, boxes, template)
+    responses = CUE.response(region, boxes, template)
     found = offsets[responses.argmax()]
     assert np.abs(found - (right, down)).max() <= 2
     far = np.hypot(*(offsets - (right, down)).T) > 12
@@ -78,7 +78,7 @@ def test_a_gray_target_that_moved_is_found_too():
     gray = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in (frame(), frame(131, 110))]
     template = CUE.learn(region_of(gray[0]), BOX)
     boxes, offsets = boxes_around(BOX)
-    responses = CUE.strength(region_of(gray[1], boxes), boxes, template)
+    responses = CUE.response(region_of(gray[1], boxes), boxes, template)
     assert np.abs(offsets[responses.argmax()] - (-9, 10)).max() <= 2
 
 
@@ -88,7 +88,7 @@ def test_a_gray_image_of_three_channels_is_one_of_one():
     by_channels = []
     for first, second in (gray, [cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) for image in gray]):
         template = CUE.learn(region_of(first), BOX)
-        by_channels.append(CUE.strength(region_of(second, boxes), boxes, template))
+        by_channels.append(CUE.response(region_of(second, boxes), boxes, template))
     np.testing.assert_array_equal(*by_channels)
 
 
@@ -104,7 +104,7 @@ def test_a_camera_may_switch_between_colors_and_gray(turns):
     template = CUE.learn(region_of(first), BOX)
     boxes, offsets = boxes_around(BOX)
     region = region_of(second, boxes)
-    found = offsets[CUE.strength(region, boxes, template).argmax()]
+    found = offsets[CUE.response(region, boxes, template).argmax()]
     assert np.abs(found - (-9, 10)).max() <= 2
     blended = CUE.blend(template, CUE.observe(region, BOX + [-9, 10, 0, 0]))
     assert blended.filter.shape == template.filter.shape
@@ -114,9 +114,9 @@ def test_with_one_size_a_box_reads_the_response_at_its_center_whatever_its_own()
     template = ONE_SIZE.learn(region_of(frame()), BOX)
     boxes, _ = boxes_around(BOX, 3)
     region = region_of(frame(), boxes)
-    responses = ONE_SIZE.strength(region, boxes, template)
+    responses = ONE_SIZE.response(region, boxes, template)
     larger = boxes + [-10, -5, 20, 10]
-    np.testing.assert_array_equal(ONE_SIZE.strength(region, larger, template), responses)
+    np.testing.assert_array_equal(ONE_SIZE.response(region, larger, template), responses)
 
 
 def sized(factor):
@@ -136,7 +136,7 @@ def test_a_target_that_grew_or_shrank_answers_most_in_its_new_size(growth):
     cue = CorrelationResponse(CorrelationResponseParameters(), size_span=1.04)
     template = cue.learn(region_of(frame()), BOX)
     boxes = np.array([sized(factor) for factor in (1 / growth, 1.0, growth)])
-    responses = cue.strength(region_of(zoomed(growth), BOX), boxes, template)
+    responses = cue.response(region_of(zoomed(growth), BOX), boxes, template)
     assert np.array_equal(np.argsort(responses), [0, 1, 2])
 
 
@@ -144,7 +144,7 @@ def test_a_target_of_the_same_size_answers_the_same_in_a_smaller_and_a_larger_on
     """By far more than one that grew or shrank: nothing draws its size away."""
     boxes = np.array([sized(1 / 1.02), sized(1.02)])
     apart = {
-        growth: np.diff(CUE.strength(region_of(zoomed(growth)), boxes, template))[0]
+        growth: np.diff(CUE.response(region_of(zoomed(growth)), boxes, template))[0]
         for growth in (1 / 1.02, 1.0, 1.02)
     }
     assert apart[1 / 1.02] < 0.0 < apart[1.02]
@@ -154,7 +154,7 @@ def test_a_target_of_the_same_size_answers_the_same_in_a_smaller_and_a_larger_on
 def test_between_the_sizes_a_response_is_interpolated_and_beyond_them_it_stays(template):
     region = region_of(zoomed(1.01))
     at = {
-        power: CUE.strength(region, sized(1.02**power)[None], template)[0]
+        power: CUE.response(region, sized(1.02**power)[None], template)[0]
         for power in (-5, -1, -0.5, 0, 0.5, 1, 5)
     }
     assert at[1] - at[-1] > 0.001
@@ -166,27 +166,27 @@ def test_between_the_sizes_a_response_is_interpolated_and_beyond_them_it_stays(t
 
 
 def test_where_the_size_is_not_asked_for_boxes_answer_as_in_the_expected_one(template):
-    region = Region(Frame(zoomed(1.02)), BOX[None], looks_for_size=False)
+    region = Region(Frame(zoomed(1.02)), BOX[None], estimates_size=False)
     boxes = np.array([sized(1.02**power) for power in (-1, 0, 1)])
-    expected = ONE_SIZE.strength(region_of(zoomed(1.02)), boxes, template)
-    assert np.array_equal(CUE.strength(region, boxes, template), expected)
+    expected = ONE_SIZE.response(region_of(zoomed(1.02)), boxes, template)
+    assert np.array_equal(CUE.response(region, boxes, template), expected)
     assert np.ptp(expected) < 1e-6
 
 
 def test_as_many_boxes_as_there_may_be_particles_are_read(template):
     few, _ = boxes_around(BOX, 24)
     region = region_of(frame(), few)
-    responses = CUE.strength(region, few, template)
+    responses = CUE.response(region, few, template)
     many = np.resize(few, (100_000, 4))
     expected = np.resize(responses, 100_000)
-    np.testing.assert_array_equal(CUE.strength(region, many, template), expected)
+    np.testing.assert_array_equal(CUE.response(region, many, template), expected)
 
 
 def test_far_outside_of_the_window_there_is_no_response(template):
     region = region_of(frame())
-    CUE.strength(region, BOX[None], template)
+    CUE.response(region, BOX[None], template)
     far = BOX + [[90, 0, 0, 0], [0, -90, 0, 0], [1000, 1000, 0, 0]]
-    np.testing.assert_array_equal(CUE.strength(region, far, template), 0.0)
+    np.testing.assert_array_equal(CUE.response(region, far, template), 0.0)
 
 
 def test_a_target_at_the_image_s_corner_is_learned_and_found():
@@ -194,7 +194,7 @@ def test_a_target_at_the_image_s_corner_is_learned_and_found():
     box = np.array([-6.0, -4.0, 40.0, 32.0])
     template = CUE.learn(region_of(image, box), box)
     boxes, offsets = boxes_around(box, 8)
-    responses = CUE.strength(region_of(image, boxes), boxes, template)
+    responses = CUE.response(region_of(image, boxes), boxes, template)
     assert np.abs(offsets[responses.argmax()]).max() <= 1
 
 
@@ -228,7 +228,7 @@ def test_each_of_the_first_blends_trains_and_ever_less(template):
     changes = []
     for frames in (1, 5, 24):
         trained = CUE.blend(replace(template, frames=frames), view)
-        assert (trained.frames, trained.waiting) == (frames + 1, 0)
+        assert (trained.frames, trained.frames_since_training) == (frames + 1, 0)
         changes.append(np.abs(trained.filter - template.filter).mean())
     assert changes == sorted(changes, reverse=True)
     assert changes[0] > 1.5 * changes[-1]
@@ -242,19 +242,19 @@ def test_then_only_every_third_blend_trains(template):
         view = CUE.observe(region_of(between), BOX)
         first = CUE.blend(template, view)
         second = CUE.blend(first, view)
-        assert (first.waiting, second.waiting) == (1, 2)
+        assert (first.frames_since_training, second.waiting) == (1, 2)
         for waiting in (first, second):
             assert waiting.filter is template.filter
             assert waiting.reference == template.reference
         trained = CUE.blend(second, CUE.observe(region_of(frame(seed=1)), BOX))
-        assert trained.waiting == 0
+        assert trained.frames_since_training == 0
         assert trained.target_cells == template.target_cells
         others.append(trained)
     assert np.abs(others[0].filter - template.filter).max() > 0
     np.testing.assert_array_equal(others[0].filter, others[1].filter)
     # The response that counts as 1 is the one to the window trained on last.
     region = region_of(frame(seed=1))
-    assert ONE_SIZE.strength(region, BOX[None], others[0])[0] == pytest.approx(1.0, abs=1e-4)
+    assert ONE_SIZE.response(region, BOX[None], others[0])[0] == pytest.approx(1.0, abs=1e-4)
 
 
 def test_more_memory_adapts_slower(template):
@@ -271,7 +271,7 @@ def test_more_memory_adapts_slower(template):
 
 def test_adopting_what_was_observed_equals_learning(template):
     region = region_of(frame())
-    adopted = CUE.adopt(CUE.observe(region, BOX))
+    adopted = CUE.template_from(CUE.observe(region, BOX))
     np.testing.assert_array_equal(adopted.filter, template.filter)
     assert adopted.reference == template.reference
     assert adopted.target_cells == template.target_cells
@@ -286,7 +286,7 @@ def test_an_image_buffer_that_is_overwritten_later_does_no_harm(template):
     buffer[:] = 0
     for kept in (learned, waiting, trained):
         boxes, offsets = boxes_around(BOX, 6)
-        responses = ONE_SIZE.strength(region_of(frame(), boxes), boxes, kept)
+        responses = ONE_SIZE.response(region_of(frame(), boxes), boxes, kept)
         assert np.abs(offsets[responses.argmax()]).max() <= 1
         assert responses.max() == pytest.approx(1.0, abs=1e-2)
     np.testing.assert_array_equal(learned.filter, CUE.learn(region_of(frame()), BOX).filter)
@@ -298,7 +298,7 @@ def test_the_window_has_as_many_cells_as_asked_for(cells):
     learned = cue.learn(region_of(frame()), BOX)
     assert learned.filter.shape == (16, cells, cells // 2 + 1)
     boxes, offsets = boxes_around(BOX, 8)
-    responses = cue.strength(region_of(frame(), boxes), boxes, learned)
+    responses = cue.response(region_of(frame(), boxes), boxes, learned)
     assert np.abs(offsets[responses.argmax()]).max() <= 1
 
 
@@ -306,9 +306,9 @@ def test_templates_do_not_share_a_response(template):
     """One frame is read with two: the last, and the one that judges it."""
     region = region_of(frame())
     other = CUE.learn(region_of(frame(170, 120)), BOX)
-    own = CUE.strength(region, BOX[None], template)
-    assert CUE.strength(region, BOX[None], other)[0] < own[0]
-    assert CUE.strength(region, BOX[None], template)[0] == own[0]
+    own = CUE.response(region, BOX[None], template)
+    assert CUE.response(region, BOX[None], other)[0] < own[0]
+    assert CUE.response(region, BOX[None], template)[0] == own[0]
 
 
 def test_what_was_seen_first_is_asked_about_what_it_looks_at():
@@ -322,7 +322,7 @@ def test_what_was_seen_first_is_asked_about_what_it_looks_at():
     for template, prepares in ((first, False), (last, False), (last, True)):
         region = region_of(gray)
         if prepares:
-            cue.prepare([Prospect(region, template, first)] * 2)
+            cue.precompute([PredictedTarget(region, template, first)] * 2)
         told.append(cue.log_odds(cue.observe(region, BOX), template, first)["first response"])
     assert told[0] == told[1] == told[2]
 
@@ -332,8 +332,8 @@ def test_what_is_prepared_of_several_targets_is_what_each_would_ask_for(monkeypa
     cue = CoarseCorrelationResponse(CoarseCorrelationResponseParameters())
     gray = np.ascontiguousarray(frame()[..., 1])
     targets = [
-        (image, BOX + offset, looks_for_size)
-        for image, offset, looks_for_size in (
+        (image, BOX + offset, estimates_size)
+        for image, offset, estimates_size in (
             (frame(), (0.0, 0.0, 0.0, 0.0), True),
             (gray, (0.0, 0.0, 0.0, 0.0), True),
             (frame(), (9.0, 4.0, 6.0, -3.0), False),
@@ -356,16 +356,18 @@ def test_what_is_prepared_of_several_targets_is_what_each_would_ask_for(monkeypa
     def answers(prepares):
         calls.clear()
         regions = [
-            Region(Frame(image), box[None], looks_for_size=looks) for image, box, looks in targets
+            Region(Frame(image), box[None], estimates_size=looks) for image, box, looks in targets
         ]
-        prospects = [Prospect(*one) for one in zip(regions, learned, firsts, strict=True)]
+        predicted_targets = [
+            PredictedTarget(*one) for one in zip(regions, learned, firsts, strict=True)
+        ]
         if prepares:
-            cue.prepare(prospects)
+            cue.precompute(predicted_targets)
         told = []
-        for (region, template, first), (_, box, _) in zip(prospects, targets, strict=True):
+        for (region, template, first), (_, box, _) in zip(predicted_targets, targets, strict=True):
             boxes, _ = boxes_around(box, 3)
             seen = cue.observe(region, box)
-            told.append(cue.strength(region, boxes, template).tolist())
+            told.append(cue.response(region, boxes, template).tolist())
             told.append(cue.match(seen, template))
             told.append(cue.log_odds(seen, template, first))
         return told, [*calls]

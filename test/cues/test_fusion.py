@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pf_tracker_ros.boxes import BoxGrid
 from pf_tracker_ros.cues import Cue, CueFusion, Match, SearchableCue
-from pf_tracker_ros.cues.fusion import measure_distraction, smooth_distraction
+from pf_tracker_ros.cues.fusion import measure_distractor_ratios, smooth_distractor_ratios
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.parameters import ParameterError
 
@@ -17,11 +17,11 @@ from pf_tracker_ros.parameters import ParameterError
 class ScriptedCue(Cue):
     """A cue whose likelihood is written down: template times the box's x."""
 
-    reach = 0.0
+    context_margin = 0.0
 
-    def __init__(self, reach=0.0, keep=0.5):
+    def __init__(self, context_margin=0.0, keep=0.5):
         self.asked = 0
-        self.reach = reach
+        self.context_margin = context_margin
         self.keep = keep
 
     def learn(self, region, box):
@@ -41,14 +41,14 @@ class ScriptedCue(Cue):
 class SearchingCue(ScriptedCue, SearchableCue):
     """Its strength is 1 / x."""
 
-    def strength(self, region, boxes, template):
+    def response(self, region, boxes, template):
         return 1.0 / boxes[:, 0]
 
     def log_likelihood_of(self, strength, template):
         return -template * (1.0 - strength)
 
     def log_likelihood(self, region, boxes, template):
-        return self.log_likelihood_of(self.strength(region, boxes, template), template)
+        return self.log_likelihood_of(self.response(region, boxes, template), template)
 
 
 class JoiningCue(ScriptedCue):
@@ -60,7 +60,7 @@ class JoiningCue(ScriptedCue):
 class ContrastCue(ScriptedCue):
     """Can't judge: similar to whatever stands out."""
 
-    judges = False
+    is_discriminative = False
 
 
 class LateCue(ScriptedCue):
@@ -69,7 +69,7 @@ class LateCue(ScriptedCue):
     def observe(self, region, box):
         return ("seen", float(box[0]))
 
-    def adopt(self, seen):
+    def template_from(self, seen):
         return 10.0 * seen[1]
 
     def match(self, seen, template):
@@ -107,7 +107,7 @@ def test_a_cue_that_cannot_tell_leaves_the_match_to_the_others():
 
 def test_powers_are_scaled_to_a_sum_of_one():
     fusion = CueFusion({name: (ScriptedCue(), 0.5) for name in "abc"})
-    assert fusion.powers == pytest.approx(dict.fromkeys("abc", 1 / 3))
+    assert fusion.cue_weights == pytest.approx(dict.fromkeys("abc", 1 / 3))
 
 
 def test_a_cue_of_power_zero_is_never_asked():
@@ -178,29 +178,29 @@ def test_a_search_asks_the_cues_that_can():
     assert fusion.can_search
     assert not CueFusion({"plain": (ScriptedCue(), 0.5)}).can_search
     templates = {"plain": 1.0, "searching": 6.0}
-    strengths = fusion.strengths(REGION, BOXES, templates)
+    strengths = fusion.responses(REGION, BOXES, templates)
     assert list(strengths) == ["searching"]
     np.testing.assert_allclose(strengths["searching"], [1.0, 0.5])
-    on_grid = fusion.strengths_on_grid(REGION, GRID, templates)
+    on_grid = fusion.responses_on_grid(REGION, GRID, templates)
     assert list(on_grid) == ["searching"]
     np.testing.assert_allclose(on_grid["searching"], [1.0, 0.5, 0.25] * 2)
-    powers = {"plain": 0.2, "searching": 0.8}
-    likelihood = fusion.search(REGION, GRID, on_grid, templates, powers)
+    cue_weights = {"plain": 0.2, "searching": 0.8}
+    likelihood = fusion.search(REGION, GRID, on_grid, templates, cue_weights)
     np.testing.assert_allclose(likelihood, -0.8 * 6.0 * np.array([0.0, 0.5, 0.75] * 2))
 
 
 def test_a_cue_that_joins_a_search_has_its_say_and_leads_none():
     fusion = CueFusion({"joining": (JoiningCue(), 0.5), "searching": (SearchingCue(), 0.5)})
     assert not CueFusion({"joining": (JoiningCue(), 1.0)}).can_search
-    templates, powers = {"joining": 3.0, "searching": 6.0}, {"joining": 0.1, "searching": 0.9}
-    strengths = fusion.strengths_on_grid(REGION, GRID, templates)
+    templates, cue_weights = {"joining": 3.0, "searching": 6.0}, {"joining": 0.1, "searching": 0.9}
+    strengths = fusion.responses_on_grid(REGION, GRID, templates)
     assert list(strengths) == ["searching"]
-    likelihood = fusion.search(REGION, GRID, strengths, templates, powers)
+    likelihood = fusion.search(REGION, GRID, strengths, templates, cue_weights)
     led = -0.9 * 6.0 * np.array([0.0, 0.5, 0.75] * 2)
     np.testing.assert_allclose(likelihood, led - 0.1 * 3.0 * np.array([1.0, 2.0, 4.0] * 2))
     # Without a template yet, it says nothing.
     del templates["joining"]
-    likelihood = fusion.search(REGION, GRID, strengths, templates, powers)
+    likelihood = fusion.search(REGION, GRID, strengths, templates, cue_weights)
     np.testing.assert_allclose(likelihood, led)
 
 
@@ -212,11 +212,11 @@ def test_given_powers_take_the_place_of_the_configured_ones():
 
 def test_distraction_is_the_strongest_place_beside_the_target_over_its_own():
     beside = {"a": np.array([0.1, 0.4]), "b": np.array([-0.2]), "c": np.array([])}
-    found = measure_distraction({"a": 0.8, "b": 0.5, "c": 0.5}, beside)
+    found = measure_distractor_ratios({"a": 0.8, "b": 0.5, "c": 0.5}, beside)
     assert found == pytest.approx({"a": 0.5, "b": 0.0, "c": 0.0})
     # Without any strength of its own a cue is at the largest distraction, not at infinity.
-    assert measure_distraction({"a": 0.0}, beside) == {"a": 2.0}
-    smooth = smooth_distraction({"a": 1.0}, {"a": 0.5, "new": 0.3})
+    assert measure_distractor_ratios({"a": 0.0}, beside) == {"a": 2.0}
+    smooth = smooth_distractor_ratios({"a": 1.0}, {"a": 0.5, "new": 0.3})
     assert smooth == pytest.approx({"a": 0.95, "new": 0.3})
 
 
@@ -226,32 +226,32 @@ def test_distraction_is_the_strongest_place_beside_the_target_over_its_own():
 )
 def test_adapted_powers_sum_to_one_and_follow_what_stands_out(distracted, adaptation):
     fusion = CueFusion({name: (ScriptedCue(), 0.25) for name in "abcd"})
-    powers = fusion.adapt(distracted, adaptation)
-    assert sum(powers.values()) == pytest.approx(1.0)
-    assert min(powers.values()) > 0.0
+    cue_weights = fusion.adapt(distracted, adaptation)
+    assert sum(cue_weights.values()) == pytest.approx(1.0)
+    assert min(cue_weights.values()) > 0.0
     by_distraction = sorted(distracted, key=distracted.get)
     for clearer, more_confused in itertools.pairwise(by_distraction):
-        assert powers[clearer] >= powers[more_confused] - 1e-12
+        assert cue_weights[clearer] >= cue_weights[more_confused] - 1e-12
     if not distracted or adaptation == 0.0:
-        assert powers == fusion.powers
+        assert cue_weights == fusion.cue_weights
 
 
 def test_adapted_powers_by_hand():
     fusion = CueFusion({"a": (ScriptedCue(), 0.6), "b": (ScriptedCue(), 0.4)})
     # The mean distraction is 0.5: factors 1 + 1.5 * 0.3 and 1 - 1.5 * 0.3.
-    powers = fusion.adapt({"a": 0.2, "b": 0.8}, 1.5)
+    cue_weights = fusion.adapt({"a": 0.2, "b": 0.8}, 1.5)
     total = 0.6 * 1.45 + 0.4 * 0.55
-    assert powers == pytest.approx({"a": 0.6 * 1.45 / total, "b": 0.4 * 0.55 / total})
+    assert cue_weights == pytest.approx({"a": 0.6 * 1.45 / total, "b": 0.4 * 0.55 / total})
 
 
 def test_the_reach_is_that_of_the_cue_that_looks_furthest():
     fusion = CueFusion(
-        {"near": (ScriptedCue(), 0.5), "far": (ScriptedCue(reach=0.4), 0.5)}
-        | {"off": (ScriptedCue(reach=3.0), 0.0)}
+        {"near": (ScriptedCue(), 0.5), "far": (ScriptedCue(context_margin=0.4), 0.5)}
+        | {"off": (ScriptedCue(context_margin=3.0), 0.0)}
     )
-    assert fusion.reach == 0.4
+    assert fusion.context_margin == 0.4
 
 
 def test_all_cues_off_is_refused_naming_their_powers():
-    with pytest.raises(ParameterError, match=r"'a\.power', 'b\.power' must be above 0"):
+    with pytest.raises(ParameterError, match=r"'a\.weight', 'b\.weight' must be above 0"):
         CueFusion({"a": (ScriptedCue(), 0.0), "b": (ScriptedCue(), 0.0)})

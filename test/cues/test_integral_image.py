@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros.cues.cue import sums, sums_on_grid
+from pf_tracker_ros.cues.cue import box_sums, box_sums_on_grid
 
 DRAW = np.random.default_rng(5)
 PIXELS = DRAW.integers(0, 256, (40, 60)).astype(np.uint8)
@@ -24,7 +24,7 @@ def total(columns, rows):
 @pytest.mark.parametrize("kinds", [(), (2,)])
 def test_sums_over_boxes(kinds):
     columns, rows = edges(60, (*kinds, 2, 25)), edges(40, (*kinds, 2, 25))
-    added = sums(INTEGRAL, columns, rows)
+    added = box_sums(INTEGRAL, columns, rows)
     assert added.shape == (*kinds, 25)
     for place in np.ndindex(added.shape):
         kind, number = place[:-1], place[-1]
@@ -34,4 +34,4 @@ def test_sums_over_boxes(kinds):
 def test_sums_over_a_grid_are_those_over_its_boxes():
     columns, rows = edges(60, (2, 7)), edges(40, (2, 5))
     expected = [[total(columns[:, x], rows[:, y]) for x in range(7)] for y in range(5)]
-    np.testing.assert_array_equal(sums_on_grid(INTEGRAL, columns, rows), expected)
+    np.testing.assert_array_equal(box_sums_on_grid(INTEGRAL, columns, rows), expected)

@@ -38,15 +38,15 @@ def test_a_grid_reads_what_its_boxes_read(image, cue, reduction, corner, size):
     left = corner[0] + np.array([0.0, 2.3, 4.6, 6.9, 9.2, 9.2, 9.2])
     top = corner[1] + np.array([0.0, 0.0, 1.9, 3.8])
     grid = BoxGrid(left, top, np.array(size))
-    place = np.array([*corner, *BOX[2:]])
+    predicted_box = np.array([*corner, *BOX[2:]])
     frame = Frame(image.astype(np.uint8))
-    learned = Region(frame, BOX[None], reduction, cue.reach, place=BOX)
+    learned = Region(frame, BOX[None], reduction, cue.context_margin, predicted_box=BOX)
     template = cue.learn(learned, BOX)
-    region = Region(frame, grid.boxes, reduction, cue.reach, place=place)
-    strengths = cue.strength_on_grid(region, grid, template)
+    region = Region(frame, grid.boxes, reduction, cue.context_margin, predicted_box=predicted_box)
+    strengths = cue.response_on_grid(region, grid, template)
     assert strengths.shape == (28,)
     assert len(np.unique(strengths)) > 5
-    np.testing.assert_array_equal(strengths, cue.strength(region, grid.boxes, template))
+    np.testing.assert_array_equal(strengths, cue.response(region, grid.boxes, template))
 
 
 def test_the_boxes_of_a_grid_are_in_rows():

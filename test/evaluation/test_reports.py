@@ -191,7 +191,7 @@ def content(name="one", states=("tracking",) * 9, value=0.5, confidence=None):
         states=states,
         confidence=unknown if confidence is None else np.array(confidence),
         effective_sample_size=unknown,
-        powers={},
+        cue_weights={},
         scores=scores(value),
         success_curve=None,
         precision_curve=None,

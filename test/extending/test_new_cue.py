@@ -22,13 +22,13 @@ print(json.dumps(refusal(Tracker.from_preset, "li2007", parameters=chosen)))
 def test_with_the_file_a_tracker_uses_it(extended, overlaps):
     code = f"""
 tracker = Tracker.from_preset(
-    "li2007", parameters={{"cues": {CUES_CHOSEN}, "brightness.power": 0.5}}
+    "li2007", parameters={{"cues": {CUES_CHOSEN}, "brightness.weight": 0.5}}
 )
 boxes = follow(tracker)
 print(json.dumps({{
     "boxes": boxes,
     "without": follow(Tracker.from_preset("li2007")),
-    "powers": dict(tracker.estimate.powers),
+    "powers": dict(tracker.estimate.cue_weights),
     "parameters": tracker.parameters,
 }}))
 """
@@ -36,9 +36,9 @@ print(json.dumps({{
     assert overlaps(told["boxes"]).min() > 0.6
     # It has its say, and so the particles are weighed otherwise.
     assert told["boxes"] != told["without"]
-    powers = {"color_histogram": 0.6 / 1.5, "gradient_orientation": 0.4 / 1.5}
-    assert told["powers"] == pytest.approx(powers | {"brightness": 0.5 / 1.5})
-    assert told["parameters"]["brightness.power"] == 0.5
+    cue_weights = {"color_histogram": 0.6 / 1.5, "gradient_orientation": 0.4 / 1.5}
+    assert told["powers"] == pytest.approx(cue_weights | {"brightness": 0.5 / 1.5})
+    assert told["parameters"]["brightness.weight"] == 0.5
     assert told["parameters"]["brightness.sharpness"] == 0.1
 
 
@@ -57,7 +57,7 @@ print(json.dumps({{
 }}))
 """
     told = extended(code, **ADDED)
-    names = [f"brightness.{name}" for name in ("power", "sharpness", "keep")]
+    names = [f"brightness.{name}" for name in ("weight", "sharpness", "keep")]
     assert told["own"] == [[name, ["cues", ["brightness"]]] for name in names]
     assert told["allowed"] == "0 to 10"
     assert told["wrong"].startswith("parameter 'brightness.sharpness' is 11.0; allowed: float")
@@ -71,7 +71,7 @@ with np.load(SEQUENCE) as sequence:
 tracker.start(images[0], boxes[0])
 changes = {{
     4: {{"cues": {CUES_CHOSEN}}},
-    8: {{"brightness.sharpness": 1.0, "brightness.power": 1.0}},
+    8: {{"brightness.sharpness": 1.0, "brightness.weight": 1.0}},
     12: {{"cues": ("color_histogram",)}},
 }}
 found, powers = [], []
@@ -80,13 +80,13 @@ for number, image in enumerate(images[1:]):
         tracker.set_parameters(changes[number])
     estimate = tracker.update(image)
     found.append(estimate.box)
-    powers.append(estimate.powers.get("brightness"))
+    powers.append(estimate.cue_weights.get("brightness"))
 print(json.dumps([found, powers]))
 """
-    boxes, powers = extended(code, **ADDED)
+    boxes, cue_weights = extended(code, **ADDED)
     assert overlaps(boxes).min() > 0.5
     shares = [None] * 4 + [0.2 / 1.2] * 4 + [1.0 / 2.0] * 4 + [None] * 7
-    assert powers == pytest.approx(shares)
+    assert cue_weights == pytest.approx(shares)
 
 
 def test_nothing_else_changes(extended):

@@ -65,7 +65,7 @@ motion = MOTION_MODELS["random_walk"]((100.0, 50.0, 40.0, 10.0), parameters)
 draw = np.random.default_rng(0)
 states = np.tile([120.0, 55.0], (40_000, 1))
 moved = motion.predict(states, 0.25, draw)
-prior = motion.prior(40_000, draw)
+prior = motion.sample_prior(40_000, draw)
 print(json.dumps({
     "mean": moved.mean(axis=0).tolist(),
     "spread": moved.std(axis=0).tolist(),

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pf_tracker_ros.filter import AffineMotion, Gaussian, KalmanForesight
+from pf_tracker_ros.filter import AffineMotion, Gaussian, KalmanFilter
 from pf_tracker_ros.filter.affine_motion import AffineMotionParameters
-from pf_tracker_ros.filter.foresight import LinearStep
+from pf_tracker_ros.filter.kalman_filter import LinearStep
 
 BOX = (100.0, 50.0, 40.0, 10.0)
 BOX_SIZE = 20.0
@@ -63,11 +63,11 @@ def test_the_defaults_leave_a_state_where_it_is():
 def test_the_velocity_that_the_kalman_filter_believes_in_moves_the_particles():
     motion = still()
     belief = Gaussian([120.0, 55.0, 0.0, 30.0, -20.0, 0.0], 1e-6 * np.eye(6))
-    foresight = KalmanForesight(belief, motion).predict(0.1)
-    np.testing.assert_allclose(foresight.state.mean, [123.0, 53.0, 0.0])
+    kalman_filter = KalmanFilter(belief, motion).predict(0.1)
+    np.testing.assert_allclose(kalman_filter.state.mean, [123.0, 53.0, 0.0])
     states = np.array([[160.0, 63.0, 0.4], [100.0, 50.0, 0.0]])
     # None are drawn from the prediction, all from the transition prior.
-    proposed = foresight.propose(states, 0.1, 0.0, np.random.default_rng(0))
+    proposed = kalman_filter.propose(states, 0.1, 0.0, np.random.default_rng(0))
     np.testing.assert_allclose(proposed.states, states + [3.0, -2.0, 0.0], atol=0.01)
 
 
@@ -99,8 +99,8 @@ class OneColumn:
 
 def test_the_kalman_filter_predicts_and_corrects_by_hand():
     # One column and its velocity: 3 px and 2 px/s, half a second on 4 px with variance 1 + 4 / 4.
-    foresight = KalmanForesight(Gaussian([3.0, 2.0], np.diag([1.0, 4.0])), OneColumn())
-    ahead = foresight.predict(0.5)
+    kalman_filter = KalmanFilter(Gaussian([3.0, 2.0], np.diag([1.0, 4.0])), OneColumn())
+    ahead = kalman_filter.predict(0.5)
     np.testing.assert_allclose(ahead.state.mean, [4.0])
     np.testing.assert_allclose(ahead.belief.covariance, [[2.0, 2.0], [2.0, 4.0]], atol=1e-5)
     # Measured at 8 with variance 2: gains 2 / 4 for the position and 2 / 4 for the velocity.
@@ -109,10 +109,10 @@ def test_the_kalman_filter_predicts_and_corrects_by_hand():
 
 
 def test_a_steady_motion_is_foreseen():
-    foresight = AffineMotion(BOX, AffineMotionParameters()).foresight()
+    kalman_filter = AffineMotion(BOX, AffineMotionParameters()).kalman_filter()
     for step in range(1, 30):
         at = np.array([120.0 + 3.0 * step, 55.0 - step, 0.0])
-        ahead = foresight.predict(0.04)
-        foresight = ahead.correct(at, np.diag([0.25, 0.25, 1e-4]))
+        ahead = kalman_filter.predict(0.04)
+        kalman_filter = ahead.correct(at, np.diag([0.25, 0.25, 1e-4]))
     np.testing.assert_allclose(ahead.state.mean, at, atol=0.3)
-    assert foresight.belief.mean[3] == pytest.approx(75.0, rel=0.05)
+    assert kalman_filter.belief.mean[3] == pytest.approx(75.0, rel=0.05)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pf_tracker_ros.filter import Gaussian, KalmanForesight
+from pf_tracker_ros.filter import Gaussian, KalmanFilter
 from pf_tracker_ros.filter.autoregressive import (
     SecondOrderAutoregressive,
     SecondOrderAutoregressiveParameters,
@@ -143,7 +143,9 @@ def test_the_random_walk_is_the_same_at_every_frame_rate():
 
 def test_the_prior_s_velocity_is_between_its_two_boxes():
     parameters = SecondOrderAutoregressiveParameters()
-    states = SecondOrderAutoregressive(BOX, parameters).prior(40_000, np.random.default_rng(3))
+    states = SecondOrderAutoregressive(BOX, parameters).sample_prior(
+        40_000, np.random.default_rng(3)
+    )
     moved = (states[:, :2] - states[:, 4:6]) / STEP
     np.testing.assert_allclose(moved.std(axis=0), 10.0, rtol=0.02)
     np.testing.assert_allclose(states[:, 6:], np.tile(BOX[2:], (40_000, 1)))
@@ -153,7 +155,7 @@ def test_boxes_at_both_times_stay_sane_even_with_the_printed_coefficients_after_
     parameters = SecondOrderAutoregressiveParameters(first_coefficient=3.0, second_coefficient=3.0)
     model = SecondOrderAutoregressive(BOX, parameters)
     generator = np.random.default_rng(0)
-    states = model.prior(50, generator)
+    states = model.sample_prior(50, generator)
     for _ in range(3):
         states = model.constrain(model.predict(states, 3600.0, generator), (160, 90))
     assert np.isfinite(states).all()
@@ -166,7 +168,7 @@ def test_the_kalman_filter_goes_on_by_equation_7():
     now, earlier = REFERENCE + (10.0, -4.0, 4.0, 1.0), REFERENCE + (6.0, -2.0, 2.0, 0.0)
     model = SecondOrderAutoregressive(BOX, still(*SHIPPED))
     belief = Gaussian(np.concatenate([now, earlier]), np.diag([4.0] * 4 + [1.0] * 4))
-    ahead = KalmanForesight(belief, model).predict(STEP)
+    ahead = KalmanFilter(belief, model).predict(STEP)
     # 1.5 (10, -4, 4, 1) - 0.5 (6, -2, 2, 0), and the box before is the one that was now.
     expected = REFERENCE + (12.0, -5.0, 5.0, 1.5)
     np.testing.assert_allclose(ahead.state.mean, np.concatenate([expected, now]))
@@ -190,6 +192,6 @@ def test_the_transition_beside_the_kalman_filter_is_that_of_the_particles():
     transition = model.transition(0.25)
     predicted = model.predict(states, 0.25, np.random.default_rng(0))
     np.testing.assert_allclose(transition.mean(states[:1])[0], predicted.mean(axis=0), atol=0.2)
-    spread = transition.spread(states[:1])[0]
+    spread = transition.std(states[:1])[0]
     np.testing.assert_allclose(spread[:4], predicted[:, :4].std(axis=0), rtol=0.02)
     np.testing.assert_array_equal(spread[4:], 0.0)

@@ -76,18 +76,18 @@ def test_velocities_stay_as_they_are():
 )
 def test_a_search_is_told_where_the_centers_go(model, parameters):
     motion = model(BOX, parameters)
-    states = np.repeat(motion.prior(1, np.random.default_rng(0)), 40_000, axis=0)
+    states = np.repeat(motion.sample_prior(1, np.random.default_rng(0)), 40_000, axis=0)
     predicted = motion.predict(states, 0.25, np.random.default_rng(1))
-    mean, spread = motion.center_prior(states, 0.25)
+    mean, std = motion.center_prior(states, 0.25)
     np.testing.assert_allclose(predicted[:, :2].mean(axis=0), mean[0], atol=0.1)
-    np.testing.assert_allclose(predicted[:, :2].std(axis=0), np.ravel(spread)[0], rtol=0.02)
+    np.testing.assert_allclose(predicted[:, :2].std(axis=0), np.ravel(std)[0], rtol=0.02)
     # 0.5 box sizes per square root of a second, for a quarter of one: of 20 px.
-    assert motion.walk(0.25) * BOX_SIZE == pytest.approx(np.ravel(spread)[0]) == 5.0
+    assert motion.random_walk_std(0.25) * BOX_SIZE == pytest.approx(np.ravel(std)[0]) == 5.0
 
 
 def test_without_noise_a_search_still_has_a_spread_to_divide_by():
-    _, spread = ConstantVelocity(BOX, STILL).center_prior(np.zeros((3, 4)), 1.0)
-    assert (spread > 0.0).all()
+    _, std = ConstantVelocity(BOX, STILL).center_prior(np.zeros((3, 4)), 1.0)
+    assert (std > 0.0).all()
 
 
 def test_sizes_neither_collapse_nor_outgrow_the_image():
@@ -99,5 +99,5 @@ def test_sizes_neither_collapse_nor_outgrow_the_image():
 
 def test_a_target_smaller_than_the_smallest_side_keeps_its_size():
     motion = ConstantVelocityAndSize((10.0, 10.0, 3.0, 4.0), ConstantVelocityAndSizeParameters())
-    states = motion.prior(5, np.random.default_rng(0))
+    states = motion.sample_prior(5, np.random.default_rng(0))
     np.testing.assert_allclose(motion.constrain(states, (160, 90))[:, 4:], [[3.0, 4.0]] * 5)

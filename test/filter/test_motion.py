@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.filter import MOTION_MODELS, MotionParameters
-from pf_tracker_ros.filter.motion import PRIOR_POSITION, PRIOR_VELOCITY, models_with
+from pf_tracker_ros.filter.motion import PRIOR_POSITION_STD, PRIOR_VELOCITY_STD, models_with
 from pf_tracker_ros.parameters import build, declarations
 
 BOX = (100.0, 50.0, 40.0, 10.0)
@@ -18,9 +18,9 @@ def motion_model(name, box=BOX, **parameters):
 
 @every_model
 def test_the_prior_is_gaussian_around_the_first_box(name):
-    assert (PRIOR_POSITION, PRIOR_VELOCITY) == (0.05, 0.5)
+    assert (PRIOR_POSITION_STD, PRIOR_VELOCITY_STD) == (0.05, 0.5)
     motion = motion_model(name)
-    states = motion.prior(40_000, np.random.default_rng(3))
+    states = motion.sample_prior(40_000, np.random.default_rng(3))
     np.testing.assert_allclose(states[:, :2].mean(axis=0), [120.0, 55.0], atol=0.05)
     np.testing.assert_allclose(states[:, :2].std(axis=0), 0.05 * BOX_SIZE, rtol=0.02)
     if "velocity_x" in motion.columns:
@@ -32,7 +32,7 @@ def test_the_prior_is_gaussian_around_the_first_box(name):
 @every_model
 def test_the_box_lies_around_the_center(name):
     motion = motion_model(name)
-    states = motion.prior(200, np.random.default_rng(0))
+    states = motion.sample_prior(200, np.random.default_rng(0))
     boxes = motion.boxes(states)
     np.testing.assert_allclose(boxes[:, :2] + boxes[:, 2:] / 2, states[:, :2])
     np.testing.assert_allclose(boxes[:, 2:], np.tile(BOX[2:], (200, 1)))
@@ -43,7 +43,7 @@ def test_the_box_lies_around_the_center(name):
 def test_centers_stay_in_the_image(name):
     # The prior has a standard deviation of 200 px around the corner at (0, 0).
     motion = motion_model(name, box=(-4000.0, -1000.0, 8000.0, 2000.0))
-    states = motion.prior(500, np.random.default_rng(0))
+    states = motion.sample_prior(500, np.random.default_rng(0))
     constrained = motion.constrain(states, (160, 90))
     assert constrained[:, 0].min() == 0.0
     assert constrained[:, 0].max() == 160.0
@@ -54,7 +54,7 @@ def test_centers_stay_in_the_image(name):
 @every_model
 def test_the_same_numbers_predict_the_same_states(name):
     motion = motion_model(name)
-    states = motion.prior(20, np.random.default_rng(0))
+    states = motion.sample_prior(20, np.random.default_rng(0))
     one, other = (motion.predict(states, 0.1, np.random.default_rng(7)) for _ in range(2))
     np.testing.assert_array_equal(one, other)
     assert (one != states).any()
@@ -63,7 +63,7 @@ def test_the_same_numbers_predict_the_same_states(name):
 @every_model
 def test_a_prediction_leaves_the_states_before_as_they_are(name):
     motion = motion_model(name)
-    states = motion.prior(20, np.random.default_rng(0))
+    states = motion.sample_prior(20, np.random.default_rng(0))
     states.setflags(write=False)
     motion.constrain(motion.predict(states, 0.1, np.random.default_rng(7)), (160, 90))
 
@@ -80,5 +80,5 @@ def test_the_parameters_that_a_model_reads_count_with_it_and_no_others(name):
 
 
 def test_models_are_told_apart_by_what_they_can():
-    assert models_with("foresight") == ("affine", "second_order_autoregressive")
+    assert models_with("kalman_filter") == ("affine", "second_order_autoregressive")
     assert models_with("center_prior") == ("constant_velocity", "constant_velocity_and_size")

@@ -24,18 +24,18 @@ BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 class Walk:
     """x_k = 0.5 x_{k-1} + N(0, spread^2), in every column alike."""
 
-    def __init__(self, spread=1.0):
-        self._spread = np.asarray(spread)
+    def __init__(self, std=1.0):
+        self._spread = np.asarray(std)
 
     def mean(self, states):
         return 0.5 * states
 
-    def spread(self, states):
+    def std(self, states):
         return self._spread
 
 
-def normal(x, mean, spread):
-    return np.exp(-0.5 * ((x - mean) / spread) ** 2) / (spread * np.sqrt(2 * np.pi))
+def normal(x, mean, std):
+    return np.exp(-0.5 * ((x - mean) / std) ** 2) / (std * np.sqrt(2 * np.pi))
 
 
 def test_ratio_by_hand_in_one_dimension():
@@ -174,7 +174,7 @@ def searched(share, log_likelihood, count=40_000, seed=0):
     """Centers that the motion takes to (10, 20) with a spread of 4, and a 20 x 20 px grid."""
     generator = np.random.default_rng(seed)
     prior = CenterPrior(np.full((count, 2), [10.0, 20.0]), np.array([4.0]))
-    drawn = prior.mean + prior.spread * generator.standard_normal((count, 2))
+    drawn = prior.mean + prior.std * generator.standard_normal((count, 2))
     grid = SearchGrid(np.array([12.0, 22.0]), 2.0, 10)
     found = GridDensity(grid, log_likelihood)
     return drawn, grid, propose_from_search(drawn, prior, found, share, generator)

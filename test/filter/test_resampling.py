@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from pf_tracker_ros.filter import (
     RESAMPLERS,
-    BestKeepingResampler,
+    ElitistResampler,
     EffectiveSampleSizeResampler,
     ParticleSet,
     ResamplingParameters,
@@ -129,7 +129,7 @@ def test_another_number_of_particles_resamples_to_it():
 @given(weights=raw_weights, count=st.integers(1, 60), seed=st.integers(0, 1000))
 def test_kept_the_particle_of_the_largest_weight_always_goes_on(scheme, weights, count, seed):
     weights = weights / weights.sum()
-    indices = BestKeepingResampler(RESAMPLERS[scheme]()).indices(
+    indices = ElitistResampler(RESAMPLERS[scheme]()).indices(
         weights, count, np.random.default_rng(seed)
     )
     assert indices.shape == (count,)
@@ -142,7 +142,7 @@ def test_keeping_the_best_changes_one_draw_at_most():
     passed_over = 0
     for seed in range(50):
         drawn = RESAMPLERS["multinomial"]().indices(weights, 3, np.random.default_rng(seed))
-        kept = BestKeepingResampler(RESAMPLERS["multinomial"]()).indices(
+        kept = ElitistResampler(RESAMPLERS["multinomial"]()).indices(
             weights, 3, np.random.default_rng(seed)
         )
         assert (drawn != kept).sum() == (2 not in drawn)
@@ -158,7 +158,7 @@ def resampler_of(**values):
 def test_the_parameters_name_scheme_and_threshold():
     states = np.arange(100.0)[:, None]
     particles = ParticleSet(states, np.where(states[:, 0] == 42.0, 0.1, 0.0))
-    kept = resampler_of(scheme="multinomial_keeping_best", threshold=1.0)
+    kept = resampler_of(scheme="multinomial_elitist", threshold=1.0)
     drawn = resampler_of(scheme="multinomial", threshold=1.0)
     survived = [
         [42.0 in r.resample(particles, 100, np.random.default_rng(s)).states for s in range(40)]
@@ -166,5 +166,5 @@ def test_the_parameters_name_scheme_and_threshold():
     ]
     assert all(survived[0])
     assert not all(survived[1])
-    rare = resampler_of(scheme="multinomial_keeping_best", threshold=0.5)
+    rare = resampler_of(scheme="multinomial_elitist", threshold=0.5)
     assert rare.resample(particles, 100, np.random.default_rng(0)) is particles

@@ -30,7 +30,7 @@ def seen_from(ground, x, y, degrees=0.0, zoom=1.0):
 
 def told(images):
     ego_motion = EgoMotion()
-    return [ego_motion.follow(Frame(image)) for image in images]
+    return [ego_motion.update(Frame(image)) for image in images]
 
 
 @pytest.mark.parametrize(

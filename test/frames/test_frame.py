@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pf_tracker_ros.frames import Foreground, Frame, Region
 from pf_tracker_ros.frames import frame as frame_module
 from pf_tracker_ros.frames.exposure import gray_range, to_8_bit
-from pf_tracker_ros.frames.frame import Part
+from pf_tracker_ros.frames.frame import PixelRect
 
 # How far beyond a part more may be made, for others who look there.
 TILE = 32
@@ -92,7 +92,7 @@ def looks(draw, height, width):
     for length in (-(-height // reduction), -(-width // reduction)):
         start = draw(st.integers(0, length - 1))
         ends += [start, draw(st.integers(start + 1, length))]
-    return reduction, Part(*ends)
+    return reduction, PixelRect(*ends)
 
 
 @st.composite
@@ -132,10 +132,10 @@ def test_means_of_blocks_by_hand():
     )
     frame = Frame(image)
     # 80 / 4, 160 / 4 and 222 / 4 = 55.5; below the last row and beside the last column again it.
-    np.testing.assert_array_equal(frame.view(Part(0, 2, 0, 3), 2), [[20, 40, 56], [8, 128, 3]])
+    np.testing.assert_array_equal(frame.view(PixelRect(0, 2, 0, 3), 2), [[20, 40, 56], [8, 128, 3]])
     # 166 / 9 = 18.4 and (40 + 2 x 50 + 50 + 2 x 61 + 255 + 2 x 3) / 9 = 63.7.
-    np.testing.assert_array_equal(frame.view(Part(0, 1, 0, 2), 3), [[18, 64]])
-    np.testing.assert_array_equal(frame.view(Part(0, 1, 1, 2), 3), [[64]])
+    np.testing.assert_array_equal(frame.view(PixelRect(0, 1, 0, 2), 3), [[18, 64]])
+    np.testing.assert_array_equal(frame.view(PixelRect(0, 1, 1, 2), 3), [[64]])
 
 
 @pytest.mark.parametrize("reduction", [2, 3, 4, 7, 8])
@@ -144,20 +144,22 @@ def test_a_reduced_view_equals_the_means_of_its_blocks(shape, reduction):
     image = noise(shape)
     expected = block_means(image, reduction)
     height, width = expected.shape[:2]
-    np.testing.assert_array_equal(Frame(image).view(Part(0, height, 0, width), reduction), expected)
+    np.testing.assert_array_equal(
+        Frame(image).view(PixelRect(0, height, 0, width), reduction), expected
+    )
 
 
 def test_a_16_bit_image_is_converted_only_where_it_is_looked_at_and_there_once(converted):
     image = thermal(300, 400)
     frame, times = converted(image)
     assert not times.any()
-    part = Part(100, 140, 200, 230)
+    part = PixelRect(100, 140, 200, 230)
     view = frame.view(part)
     np.testing.assert_array_equal(view, to_8_bit(image, gray_range(image))[part.slices])
     assert (times[part.slices] == 1).all()
     assert not times[~near(part, image.shape)].any()
 
-    frame.view(Part(110, 120, 190, 240))
+    frame.view(PixelRect(110, 120, 190, 240))
     frame.view(part)
     assert times.max() == 1
     assert not times[:60].any()
@@ -168,13 +170,13 @@ def test_reduced_views_convert_no_more_than_what_they_are_made_of_and_nothing_tw
     converted, reduction
 ):
     frame, times = converted(thermal(400, 500))
-    part = Part(20, 30, 40, 60)
+    part = PixelRect(20, 30, 40, 60)
     frame.view(part, reduction)
-    source = Part(*(edge * reduction for edge in part))
+    source = PixelRect(*(edge * reduction for edge in part))
     assert (times[source.slices] == 1).all()
     assert not times[~near(source, times.shape, margin=TILE * (reduction + 1))].any()
     for other in (1, 2, 3, 4):
-        frame.view(Part(10, 40, 10, 70), other)
+        frame.view(PixelRect(10, 40, 10, 70), other)
         assert times.max() == 1
     assert not times[300:].any()
     assert frame.pixels.shape == times.shape
@@ -200,7 +202,7 @@ def test_a_large_reduction_reads_no_more_pixels_the_larger_its_blocks_are(monkey
             else noise((*shape, 3)[: 3 if kind == "color" else 2])
         )
         read.clear()
-        Frame(image).view(Part(0, size, 0, size), reduction)
+        Frame(image).view(PixelRect(0, size, 0, size), reduction)
         counts.append(sum(read))
     assert counts == [16 * size**2] * 3
 
@@ -211,7 +213,7 @@ def test_a_view_by_samples_is_where_that_by_means_is(reduction):
     height, width = 5 * reduction, 7 * reduction
     slope = np.add.outer(np.arange(height) * 0.2, np.arange(width) * 0.5)
     image = (slope * 250.0 / slope.max()).astype(np.uint8)
-    view = Frame(image).view(Part(0, 5, 0, 7), reduction)
+    view = Frame(image).view(PixelRect(0, 5, 0, 7), reduction)
     assert np.abs(view.astype(int) - block_means(image, reduction)).max() <= 1
 
 
@@ -232,7 +234,7 @@ def test_all_who_look_at_a_frame_share_what_was_converted(converted):
 
 def test_the_given_span_is_what_the_view_spans_and_else_the_image_s_own():
     image = np.array([[1000, 1500, 2000, 900, 2100]], np.uint16)
-    part = Part(0, 1, 0, 5)
+    part = PixelRect(0, 1, 0, 5)
     spanned = Frame(image, span=(1000.0, 2000.0)).view(part)
     np.testing.assert_array_equal(spanned, [[0, 127, 255, 0, 255]])
     own = Frame(image).view(part)
@@ -244,7 +246,7 @@ def test_the_span_is_that_of_the_whole_image_whatever_part_is_looked_at_first():
     image[:20] //= 2
     whole = to_8_bit(image, gray_range(image))
     frame = Frame(image)
-    for part in (Part(0, 10, 0, 10), Part(150, 160, 20, 30)):
+    for part in (PixelRect(0, 10, 0, 10), PixelRect(150, 160, 20, 30)):
         np.testing.assert_array_equal(frame.view(part), whole[part.slices])
 
 
@@ -252,7 +254,7 @@ def test_the_span_is_that_of_the_whole_image_whatever_part_is_looked_at_first():
 def test_an_8_bit_image_is_its_own_view(shape):
     image = noise(shape)
     frame = Frame(image)
-    assert np.shares_memory(frame.view(Part(3, 9, 4, 20)), image)
+    assert np.shares_memory(frame.view(PixelRect(3, 9, 4, 20)), image)
     assert np.shares_memory(frame.pixels, image)
     np.testing.assert_array_equal(frame.pixels, image)
 
@@ -277,8 +279,8 @@ def test_what_is_shared_is_computed_once_under_each_key():
         computed.append(len(computed))
         return [computed[-1]]
 
-    first = frame.share("one", compute)
-    assert frame.share("one", compute) is first
-    assert frame.share(("one", 2), compute) == [1]
-    assert Frame(frame.image).share("one", compute) == [2]
+    first = frame.cached("one", compute)
+    assert frame.cached("one", compute) is first
+    assert frame.cached(("one", 2), compute) == [1]
+    assert Frame(frame.image).cached("one", compute) == [2]
     assert computed == [0, 1, 2]

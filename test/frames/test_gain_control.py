@@ -32,7 +32,7 @@ def with_outliers(image, value, share=0.02):
 def followed(images, gain=None, interval=INTERVAL):
     gain = gain or GainControl()
     for image in images:
-        gain = gain.follow(image, interval)
+        gain = gain.update(image, interval)
     return gain
 
 
@@ -129,9 +129,9 @@ def test_frames_far_outside_move_the_range_once_they_have_lasted_and_at_once(kin
     gain = followed([scene(kind)])
     before, seconds = gain.span, 0.0
     # That it was there since the frame before is not known of the first one.
-    gain = gain.follow(elsewhere, interval)
+    gain = gain.update(elsewhere, interval)
     while gain.span == before:
-        gain = gain.follow(elsewhere, interval)
+        gain = gain.update(elsewhere, interval)
         seconds += interval
     assert 0.5 - 1e-9 <= seconds < 0.5 + interval or seconds == interval
     assert gain.span == gray_range(elsewhere)
@@ -155,7 +155,7 @@ def test_a_drift_is_followed_with_the_time_constant_and_no_frame_jumps(kind):
     gain = followed([scene(kind)])
     spans = []
     for step in range(1500):
-        gain = gain.follow(scene(kind, offset=0.01 * step), INTERVAL)
+        gain = gain.update(scene(kind, offset=0.01 * step), INTERVAL)
         spans.append(gain.span)
     jumps = np.abs(np.diff(spans, axis=0)).max() / unit
     assert jumps < 0.03
@@ -171,7 +171,7 @@ def test_something_hot_that_enters_and_stays_in_view_is_adapted_to_slowly(kind):
     gain = before = followed([cool])
     views = []
     for _ in range(50):
-        gain = gain.follow(hot, INTERVAL)
+        gain = gain.update(hot, INTERVAL)
         views.append(to_8_bit(cool, gain.span).astype(int))
     assert np.abs(np.diff(views, axis=0)).max() <= 20
     assert gain.span[1] > before.span[1] + 10 * KINDS[kind][2]
@@ -187,7 +187,7 @@ def test_a_gain_control_is_a_value(kind):
     gain = followed([scene(kind), scene(kind, offset=60)])
     twin = pickle.loads(pickle.dumps(gain))
     assert twin == gain
-    before = (gain.span, gain.other, gain.lasted)
-    gain.follow(scene(kind, offset=60), 3.0)
-    assert (gain.span, gain.other, gain.lasted) == before
+    before = (gain.span, gain.outlier_span, gain.outlier_for)
+    gain.update(scene(kind, offset=60), 3.0)
+    assert (gain.span, gain.outlier_span, gain.outlier_for) == before
     assert followed([scene(kind, offset=60)] * 20, twin).span != gain.span

@@ -48,7 +48,7 @@ def test_the_range_follows_the_images_exponentially():
 def test_8_bit_images_have_no_range():
     image = thermal(7000, 8000).astype(np.uint8)
     assert gray_range(image) is None
-    assert GainControl().follow(image, 1.0).span is None
+    assert GainControl().update(image, 1.0).span is None
     assert to_8_bit(image, None) is image
 
 

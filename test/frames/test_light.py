@@ -1,4 +1,4 @@
-"""Light that changes: told from all else that changes, and taken back from the colors."""
+"""Illumination that changes: told from all else that changes, and taken back from the colors."""
 
 import cv2
 import numpy as np
@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.frames.exposure import Light, relit_levels
-from pf_tracker_ros.frames.frame import Part
+from pf_tracker_ros.frames.exposure import Illumination, gain_table
+from pf_tracker_ros.frames.frame import PixelRect
 
 INTERVAL = 0.04
 SIZE = (120, 160)
@@ -27,11 +27,11 @@ def lit(image, gain):
     return cv2.convertScaleAbs(image, alpha=gain)
 
 
-def followed(images, light=None, interval=INTERVAL):
-    light = light or Light()
+def followed(images, illumination=None, interval=INTERVAL):
+    illumination = illumination or Illumination()
     for image in images:
-        light = light.follow(image, interval)
-    return light.gain
+        illumination = illumination.update(image, interval)
+    return illumination.gain
 
 
 @pytest.mark.parametrize("gain", [0.4, 0.5, 0.8, 1.3, 1.7, 2.5])
@@ -62,10 +62,10 @@ def test_pixels_that_are_cut_off_do_not_count(gain):
     ],
 )
 def test_a_jump_is_of_one_image(gains, has_jumped):
-    light = Light()
+    illumination = Illumination()
     for gain in gains:
-        light = light.follow(lit(scene(), gain), INTERVAL)
-    assert light.has_jumped is has_jumped
+        illumination = illumination.update(lit(scene(), gain), INTERVAL)
+    assert illumination.has_jumped is has_jumped
 
 
 def test_a_light_that_comes_and_goes_leaves_nothing():
@@ -76,10 +76,10 @@ def test_a_light_that_comes_and_goes_leaves_nothing():
 @pytest.mark.parametrize("gain", [0.15, 0.2])
 def test_not_even_where_it_is_beyond_what_can_be_taken_back(gain):
     image = scene(low=100, high=190)
-    light = Light().follow(image, INTERVAL).follow(lit(image, gain), INTERVAL)
-    assert light.gain == pytest.approx(gain, rel=0.05)
-    np.testing.assert_array_equal(relit_levels(light.gain), relit_levels(0.25))
-    assert followed([image, image], light) == 1.0
+    illumination = Illumination().update(image, INTERVAL).update(lit(image, gain), INTERVAL)
+    assert illumination.gain == pytest.approx(gain, rel=0.05)
+    np.testing.assert_array_equal(gain_table(illumination.gain), gain_table(0.25))
+    assert followed([image, image], illumination) == 1.0
 
 
 def test_the_jumps_of_several_images_are_one():
@@ -111,9 +111,11 @@ def test_a_bright_thing_that_comes_in_is_no_light():
 def test_what_the_camera_regains_by_itself_is_given_back():
     """10 s later a third is left; what is less than a step of the colors is none."""
     image = scene()
-    light = Light().follow(image, INTERVAL).follow(lit(image, 0.5), INTERVAL)
-    assert followed([lit(image, 0.5)], light, 10.0) == pytest.approx(0.5 ** np.exp(-1), rel=0.02)
-    assert followed([lit(image, 0.5)], light, 40.0) == 1.0
+    illumination = Illumination().update(image, INTERVAL).update(lit(image, 0.5), INTERVAL)
+    assert followed([lit(image, 0.5)], illumination, 10.0) == pytest.approx(
+        0.5 ** np.exp(-1), rel=0.02
+    )
+    assert followed([lit(image, 0.5)], illumination, 40.0) == 1.0
 
 
 @settings(max_examples=40)
@@ -123,12 +125,12 @@ def test_what_the_camera_regains_by_itself_is_given_back():
 )
 def test_whatever_comes_levels_change_by_a_factor_of_four_at_most(gains, size):
     image = scene(3, 0, 256, size).reshape(*size, 3)
-    light = Light()
+    illumination = Illumination()
     for gain in gains:
-        light = light.follow(lit(image, gain).reshape(*size, 3), INTERVAL)
+        illumination = illumination.update(lit(image, gain).reshape(*size, 3), INTERVAL)
         levels = np.arange(256)
-        assert (relit_levels(light.gain) >= np.floor(levels / 4.0)).all()
-        assert (relit_levels(light.gain) <= np.minimum(4 * levels, 255)).all()
+        assert (gain_table(illumination.gain) >= np.floor(levels / 4.0)).all()
+        assert (gain_table(illumination.gain) <= np.minimum(4 * levels, 255)).all()
 
 
 @pytest.mark.parametrize("kind", [np.uint16, np.float32])
@@ -140,15 +142,18 @@ def test_images_of_more_bits_have_a_gain_control_instead(kind):
 def test_a_frame_is_seen_in_the_light_of_before():
     """In full, in parts and reduced."""
     image = scene()
-    dark = Frame(lit(image, 0.5), light=Light(0.5))
-    part = Part(10, 50, 20, 90)
+    dark = Frame(lit(image, 0.5), illumination=Illumination(0.5))
+    part = PixelRect(10, 50, 20, 90)
     assert np.abs(dark.pixels.astype(int) - image).max() <= 1
     np.testing.assert_array_equal(dark.view(part), dark.pixels[part.slices])
-    reduced, expected = dark.view(Part(0, 30, 0, 40), 4), Frame(image).view(Part(0, 30, 0, 40), 4)
+    reduced, expected = (
+        dark.view(PixelRect(0, 30, 0, 40), 4),
+        Frame(image).view(PixelRect(0, 30, 0, 40), 4),
+    )
     assert np.abs(reduced.astype(int) - expected).max() <= 2
     assert dark.image.max() < image.max()
 
 
 def test_levels_are_brought_back_rounded_and_within_bounds():
-    levels = relit_levels(0.5)
+    levels = gain_table(0.5)
     assert levels[[0, 1, 100, 127, 128, 255]].tolist() == [0, 2, 200, 254, 255, 255]

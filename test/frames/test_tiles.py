@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pf_tracker_ros.frames.frame import Part, TiledImage
+from pf_tracker_ros.frames.frame import PixelRect, TiledImage
 
 SIDE = 16
 
@@ -41,7 +41,9 @@ def readings(draw):
     """The shape of an image, and parts to read of it one after the other."""
     height, width = draw(st.integers(1, 150)), draw(st.integers(1, 150))
     shape = draw(st.sampled_from([(height, width), (height, width, 3)]))
-    parts = st.tuples(sections(height), sections(width)).map(lambda ends: Part(*ends[0], *ends[1]))
+    parts = st.tuples(sections(height), sections(width)).map(
+        lambda ends: PixelRect(*ends[0], *ends[1])
+    )
     return shape, draw(st.lists(parts, min_size=1, max_size=8))
 
 
@@ -69,14 +71,14 @@ def test_what_is_not_known_yet_of_a_part_is_computed_in_few_pieces():
     """A new part in one; around known tiles what is beside them in one, what is above as well."""
     computed = Computed(numbered((96, 96)))
     tiled = TiledImage((96, 96))
-    tiled.read(Part(32, 64, 32, 48), computed)
-    tiled.read(Part(20, 90, 20, 60), computed)
-    assert computed.parts[0] == Part(32, 64, 32, 48)
+    tiled.read(PixelRect(32, 64, 32, 48), computed)
+    tiled.read(PixelRect(20, 90, 20, 60), computed)
+    assert computed.parts[0] == PixelRect(32, 64, 32, 48)
     assert sorted(computed.parts[1:]) == [
-        Part(16, 32, 16, 64),
-        Part(32, 64, 16, 32),
-        Part(32, 64, 48, 64),
-        Part(64, 96, 16, 64),
+        PixelRect(16, 32, 16, 64),
+        PixelRect(32, 64, 16, 32),
+        PixelRect(32, 64, 48, 64),
+        PixelRect(64, 96, 16, 64),
     ]
 
 
@@ -89,14 +91,14 @@ def test_what_could_not_be_computed_is_not_taken_for_known():
         return image[part.slices]
 
     tiled, fails = TiledImage(image.shape), False
-    tiled.read(Part(0, 10, 0, 10), compute)
+    tiled.read(PixelRect(0, 10, 0, 10), compute)
     fails = True
     with pytest.raises(MemoryError):
-        tiled.read(Part(0, 80, 0, 80), compute)
+        tiled.read(PixelRect(0, 80, 0, 80), compute)
     fails = False
-    np.testing.assert_array_equal(tiled.read(Part(0, 80, 0, 80), compute), image)
+    np.testing.assert_array_equal(tiled.read(PixelRect(0, 80, 0, 80), compute), image)
 
 
 def test_the_slices_of_a_part_take_it_from_an_array():
     array = np.arange(20).reshape(4, 5)
-    np.testing.assert_array_equal(array[Part(1, 3, 2, 5).slices], [[7, 8, 9], [12, 13, 14]])
+    np.testing.assert_array_equal(array[PixelRect(1, 3, 2, 5).slices], [[7, 8, 9], [12, 13, 14]])

@@ -48,7 +48,7 @@ def make_estimate(particle_boxes, weights):
         particle_boxes=np.array(particle_boxes, np.float64),
         weights=np.array(weights, np.float64),
         effective_sample_size=1.7,
-        powers={"color_histogram": 0.75, "gradient_orientation": 0.25},
+        cue_weights={"color_histogram": 0.75, "gradient_orientation": 0.25},
     )
 
 
@@ -132,8 +132,8 @@ def test_numbers_in_a_status_read_back_to_the_same_values(header):
         "covariance_xy": -0.5,
         "covariance_yy": 2 / 3,
         "effective_sample_size": 1.7,
-        "power_color_histogram": 0.75,
-        "power_gradient_orientation": 0.25,
+        "cue_weight_color_histogram": 0.75,
+        "cue_weight_gradient_orientation": 0.25,
         "particles": 3,
     }
     assert (status.name, status.level, status.message) == ("/pf_tracker", b"\x01", "text")

@@ -86,9 +86,9 @@ def model_updates(monkeypatch):
     told = []
     update = BackgroundModel.update
 
-    def counted(model, image, holes=()):
-        told.append([tuple(box) for box in holes])
-        return update(model, image, holes)
+    def counted(model, image, foreground_boxes=()):
+        told.append([tuple(box) for box in foreground_boxes])
+        return update(model, image, foreground_boxes)
 
     monkeypatch.setattr(BackgroundModel, "update", counted)
     return told
@@ -137,7 +137,7 @@ def test_the_gray_range_goes_on_once_a_frame(make_manager, walkers, monkeypatch)
         intervals.append(interval)
         return follow(gain, image, interval)
 
-    monkeypatch.setattr(GainControl, "follow", counted)
+    monkeypatch.setattr(GainControl, "update", counted)
     images = [sixteen_bit(image) for image in walkers.images[:4]]
     manager = make_manager("li2007")
     begin(manager, images, walkers.boxes[0])

@@ -81,7 +81,7 @@ def test_both_ways_see_the_same(tracked_recording, moving_square_sequence, ros_d
         assert (frame.stamp, frame.state) == (same.stamp, same.state)
         assert frame.confidence == same.confidence
         assert frame.effective_sample_size == same.effective_sample_size
-        assert frame.powers == same.powers
+        assert frame.cue_weights == same.cue_weights
         assert np.allclose(frame.box, same.box, rtol=0, atol=1e-4)
 
 

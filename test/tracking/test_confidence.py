@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.cues import Match
-from pf_tracker_ros.filter.particles import Randomness
+from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.assessment import Confidence
 from pf_tracker_ros.tracking.track_parameters import TrackParameters
@@ -41,7 +41,7 @@ def target_filter(make_target_filter):
 
 @pytest.fixture
 def target(target_filter, couple):
-    draw = Randomness.of(np.random.default_rng(3))
+    draw = GeneratorState.of(np.random.default_rng(3))
     return target_filter.initialize(Frame(couple.images[0]), tuple(couple.first[0]), draw)
 
 
@@ -79,7 +79,7 @@ def test_a_box_that_the_filter_answers_to_with_nothing_is_not_the_target(look, c
 
 def test_what_was_learned_by_mistake_is_not_what_it_was_first(target_filter, target, look, couple):
     """All templates are those of the other; those of the first frame tell."""
-    draw = Randomness.of(np.random.default_rng(3))
+    draw = GeneratorState.of(np.random.default_rng(3))
     frame = Frame(couple.images[0])
     other = target_filter.initialize(frame, tuple(couple.second[0]), draw)
     misled = replace(target, templates=other.templates)
@@ -94,7 +94,7 @@ def test_particles_that_do_not_agree_on_a_place_speak_against_it(look, couple):
 
 def test_where_no_cue_can_tell_it_is_the_similarity(make_target_filter, couple):
     target_filter = make_target_filter("zhang2015")
-    draw = Randomness.of(np.random.default_rng(3))
+    draw = GeneratorState.of(np.random.default_rng(3))
     target = target_filter.initialize(Frame(couple.images[0]), tuple(couple.first[0]), draw)
     match = Match(-1.0, 0.42)
     assert target_filter._confidence.assess(target, target.templates, match) == 0.42

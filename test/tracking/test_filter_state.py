@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.filter.particles import Randomness
+from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.presets import PRESETS
 
@@ -35,7 +35,7 @@ def same(one, other):
 def followed(target_filter, images, box, seed=3):
     """The target in each image, and the frames; the first one is where it begins."""
     frames = [Frame(image) for image in images]
-    draw = Randomness.of(np.random.default_rng(seed))
+    draw = GeneratorState.of(np.random.default_rng(seed))
     targets = [target_filter.initialize(frames[0], box, draw)]
     for frame in frames[1:]:
         targets.append(target_filter.follow(targets[-1], frame, INTERVAL))
@@ -84,7 +84,7 @@ def test_a_follower_holds_nothing_of_a_target(preset, make_target_filter, couple
     one = make_target_filter(preset)
     apart = [followed(make_target_filter(preset), couple.images, box)[0] for box in boxes]
     frames = [Frame(image) for image in couple.images]
-    draw = Randomness.of(np.random.default_rng(3))
+    draw = GeneratorState.of(np.random.default_rng(3))
     together = [[one.initialize(frames[0], box, draw)] for box in boxes]
     for frame in frames[1:]:
         for targets in together:

@@ -65,7 +65,7 @@ def test_every_preset_tells_it_and_goes_on_with_the_same_bits(preset, couple):
         assert found.log_likelihood.shape == (32, 32)
         assert np.isfinite(found.log_likelihood).all()
         assert found.log_likelihood.max() <= 1e-9
-        assert found.cues.keys() == asked.estimate.powers.keys()
+        assert found.cues.keys() == asked.estimate.cue_weights.keys()
         assert asked.update(image, 0.04) == alone.update(image, 0.04)
 
 

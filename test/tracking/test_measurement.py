@@ -8,7 +8,7 @@ import pytest
 
 from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters
-from pf_tracker_ros.filter.particles import Randomness
+from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Foreground, Frame
 from pf_tracker_ros.tracking.assessment import Assessment
 from pf_tracker_ros.tracking.estimate import TrackStatus
@@ -23,7 +23,7 @@ SHARE, WINDOW = 0.6, 3.6
 
 def fusion(*names):
     own = {name: CUES.parameters_of(name)() for name in names}
-    return CueFusion({name: (CUES[name](one), one.power) for name, one in own.items()})
+    return CueFusion({name: (CUES[name](one), one.weight) for name, one in own.items()})
 
 
 def measurers(*names):
@@ -39,7 +39,7 @@ def measurers(*names):
 @pytest.fixture
 def target(make_target_filter, couple):
     """In the first image, known by the cues of the preset `default`."""
-    draw = Randomness.of(np.random.default_rng(3))
+    draw = GeneratorState.of(np.random.default_rng(3))
     target_filter = make_target_filter("default", {"particles": 100})
     return target_filter.initialize(Frame(couple.images[0]), tuple(couple.first[0]), draw)
 
@@ -85,8 +85,8 @@ def test_without_a_search_every_particle_is_weighed_where_it_is(target, couple):
     distance = np.linalg.norm(centers - couple.first[0][:2] - couple.first[0][2:] / 2, axis=1)
     assert np.corrcoef(gained, distance)[0, 1] < -0.8
     assert measured.search is None
-    assert measured.distraction == {}
-    assert measured.powers == {"color_contrast": 0.5, "correlation_response": 0.5}
+    assert measured.distractor_ratios == {}
+    assert measured.cue_weights == {"color_contrast": 0.5, "correlation_response": 0.5}
     # It takes no chances.
     assert draw.bit_generator.state == generator().bit_generator.state
     covariance = measurer.covariance(
@@ -138,17 +138,17 @@ def test_the_search_is_around_the_predicted_mean_and_its_particles_carry_p_over_
     measured = measure(searching, target, frame, prediction)
     before = prediction.particles
     boxes = target.motion.boxes(before.states)
-    np.testing.assert_allclose(measured.search.place, before.weights @ boxes)
+    np.testing.assert_allclose(measured.search.predicted_box, before.weights @ boxes)
 
     # The same by the parts, of which the search's own proposal is tested with the proposals.
-    place = before.weights @ boxes
-    search = Search(place, ProposalParameters(share=SHARE, window=WINDOW), frame.size)
-    _, region = searching.search_window(frame, place)
-    found = cues.strengths(region, search.boxes, target.templates)
-    powers = cues.adapt(target.distraction, 1.5)
-    assert measured.powers == pytest.approx(powers)
+    predicted_box = before.weights @ boxes
+    search = Search(predicted_box, ProposalParameters(share=SHARE, window=WINDOW), frame.size)
+    _, region = searching.search_window(frame, predicted_box)
+    found = cues.responses(region, search.boxes, target.templates)
+    cue_weights = cues.adapt(target.distractor_ratios, 1.5)
+    assert measured.cue_weights == pytest.approx(cue_weights)
     centers = target.motion.center_prior(target.particles.states, INTERVAL)
-    likelihood = cues.search(region, search.grid, found, target.templates, powers)
+    likelihood = cues.search(region, search.grid, found, target.templates, cue_weights)
     expected, log_prior = search.propose(before, target.motion, centers, likelihood, generator())
     np.testing.assert_allclose(measured.predicted.states, expected.states)
     np.testing.assert_allclose(measured.predicted.log_weights, expected.log_weights, atol=1e-6)
@@ -166,16 +166,16 @@ def test_of_two_places_that_look_alike_one_is_told_and_not_the_middle(target, co
     image = couple.images[couple.hidden[0]].copy()
     # On both sides of where it was.
     places = [couple.first[0] + [right, 0.0, 0.0, 0.0] for right in (-20, 20)]
-    for place in places:
-        left = int(place[0])
+    for predicted_box in places:
+        left = int(predicted_box[0])
         image[y : y + side, left : left + side] = couple.images[0][y : y + side, x : x + side]
     measured = measure(searching, target, Frame(image), prediction_for(target))
     weights = [
-        measured.particles.weights[np.abs(measured.boxes[:, 0] - place[0]) < 5.0].sum()
-        for place in places
+        measured.particles.weights[np.abs(measured.boxes[:, 0] - predicted_box[0]) < 5.0].sum()
+        for predicted_box in places
     ]
     assert min(weights) > 0.02
-    assert min(np.abs(measured.box - place).max() for place in places) < 1.5
+    assert min(np.abs(measured.box - predicted_box).max() for predicted_box in places) < 1.5
 
 
 def test_what_looks_alike_beside_the_target_is_a_distraction(target, couple):
@@ -189,12 +189,14 @@ def test_what_looks_alike_beside_the_target_is_a_distraction(target, couple):
     colors = plain[own_y : own_y + side, own_x : own_x + side].reshape(-1, 3).copy()
     np.random.default_rng(0).shuffle(colors)
     confusing[y : y + side, x : x + side] = colors.reshape(side, side, 3)
-    distraction = [
-        measure(searching, target, Frame(image), prediction_for(target)).distraction
+    distractor_ratios = [
+        measure(searching, target, Frame(image), prediction_for(target)).distractor_ratios
         for image in (plain, confusing)
     ]
-    assert distraction[0].keys() == distraction[1].keys() == set(CUES_OF_DEFAULT)
-    grown = {name: distraction[1][name] - distraction[0][name] for name in CUES_OF_DEFAULT}
+    assert distractor_ratios[0].keys() == distractor_ratios[1].keys() == set(CUES_OF_DEFAULT)
+    grown = {
+        name: distractor_ratios[1][name] - distractor_ratios[0][name] for name in CUES_OF_DEFAULT
+    }
     # A tenth of each frame is in it.
     assert grown["color_contrast"] > 0.03
     assert grown["color_contrast"] > 2 * grown["correlation_response"]
@@ -206,7 +208,7 @@ def test_while_no_cue_that_searches_has_a_template_it_is_as_without_a_search(tar
     templates = fusion("color_histogram").learn(
         searching.search_window(Frame(couple.images[0]), couple.first[0])[1], couple.first[0]
     )
-    target = replace(target, templates=templates, distraction={})
+    target = replace(target, templates=templates, distractor_ratios={})
     without, fallen_back = (
         measure(one, target, frame, prediction_for(target)) for one in (measurer, searching)
     )
@@ -228,7 +230,7 @@ def test_the_covariance_of_a_search_by_hand(target, couple):
     measured = measure(searching, target, frame, prediction_for(target))
     box = measured.box + [3.0, 0.0, 0.0, 0.0]
     seen = Assessment(box, 0.75, TrackStatus(), measured.particles, measured.boxes)
-    size = np.sqrt(measured.search.place[2] * measured.search.place[3])
+    size = np.sqrt(measured.search.predicted_box[2] * measured.search.predicted_box[3])
     anywhere = (WINDOW * size) ** 2 / 12.0
     within = covariance_about(measured.particles, box[:2] + box[2:] / 2)
     np.testing.assert_allclose(

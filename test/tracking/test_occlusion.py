@@ -9,7 +9,7 @@ import pytest
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues import Match
 from pf_tracker_ros.filter import ParticleSet
-from pf_tracker_ros.filter.particles import Randomness
+from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.assessment import Assessment
 from pf_tracker_ros.tracking.estimate import TrackStatus
@@ -21,7 +21,7 @@ HIDDEN = (TrackStatus("occluded", 0.2), TrackStatus("lost", 3.0))
 
 @pytest.fixture
 def target(make_target_filter, couple):
-    draw = Randomness.of(np.random.default_rng(3))
+    draw = GeneratorState.of(np.random.default_rng(3))
     frame = Frame(couple.images[0])
     return make_target_filter("zhang_bo").initialize(frame, tuple(couple.first[0]), draw)
 
@@ -71,13 +71,13 @@ def test_the_likeliest_place_is_told_as_if_it_was_seen(target, measured, track):
 @pytest.mark.parametrize("track", HIDDEN)
 def test_only_a_lost_target_that_coasts_goes_on_from_where_that_began(target, measured, way, track):
     resampled = ParticleSet.uniform(measured.particles.states + 1.0)
-    foresight = replace(target.foresight.predict(0.04))
+    kalman_filter = replace(target.kalman_filter.predict(0.04))
     assessment = way.assess(target, measured, told_if_seen(measured, track))
-    particles, ahead = way.next_particles(target, assessment, resampled, foresight)
+    particles, ahead = way.next_particles(target, assessment, resampled, kalman_filter)
     if isinstance(way, Coast) and track.state == "lost":
-        assert (particles, ahead) == (target.particles, target.foresight)
+        assert (particles, ahead) == (target.particles, target.kalman_filter)
     else:
-        assert (particles, ahead) == (resampled, foresight)
+        assert (particles, ahead) == (resampled, kalman_filter)
 
 
 @pytest.mark.parametrize("way", sorted(OCCLUSION_POLICIES))
@@ -85,7 +85,7 @@ def test_the_parameter_chooses(way, make_target_filter, couple):
     """Where nothing is sure enough, the target counts as hidden though it moves in plain sight."""
     parameters = {"track.occluded_below": 1.0, "track.recovered_above": 1.0}
     target_filter = make_target_filter("li2007", parameters | {"track.while_hidden": way})
-    draw = Randomness.of(np.random.default_rng(3))
+    draw = GeneratorState.of(np.random.default_rng(3))
     target = target_filter.initialize(Frame(couple.images[0]), tuple(couple.second[0]), draw)
     learned = target.templates["color_histogram"]
     for image in couple.images[1:]:

@@ -53,7 +53,7 @@ CONDITIONS = {
     "proposal.window": OF_SEARCH,
     "fusion.adaptation": OF_SEARCH,
     "redetection.windows": OF_SEARCH,
-    "hog.power": ("cues", ("hog",)),
+    "hog.weight": ("cues", ("hog",)),
     "foreground_color_histogram.keep": ("cues", ("foreground_color_histogram",)),
 }
 
@@ -100,11 +100,13 @@ def test_a_part_that_is_chosen_has_the_values_that_were_set_before(couple):
 
 
 def test_a_single_cue_has_all_of_the_power(couple):
-    for power in (0.01, 0.5, 1.0):
-        tracker = Tracker.from_preset("zhang2015", parameters={"hog.power": power})
-        assert dict(tracker.start(couple.images[0], box(couple.first, 0)).powers) == {"hog": 1.0}
-    with pytest.raises(ParameterError, match=r"all cues are off; .* 'hog\.power' must be above 0"):
-        Tracker.from_preset("zhang2015", parameters={"hog.power": 0.0})
+    for weight in (0.01, 0.5, 1.0):
+        tracker = Tracker.from_preset("zhang2015", parameters={"hog.weight": weight})
+        assert dict(tracker.start(couple.images[0], box(couple.first, 0)).cue_weights) == {
+            "hog": 1.0
+        }
+    with pytest.raises(ParameterError, match=r"all cues are off; .* 'hog\.weight' must be above 0"):
+        Tracker.from_preset("zhang2015", parameters={"hog.weight": 0.0})
 
 
 # Changes under way
@@ -139,7 +141,7 @@ def test_a_cue_that_is_added_learns_from_the_next_frame_that_is_trusted(make_tra
     for image in couple.images[1:4]:
         tracker.update(image, INTERVAL)
         assert learned(tracker) == {"color_histogram", "gradient_orientation"}
-        assert tracker.estimate.powers.keys() == {*more["cues"]}
+        assert tracker.estimate.cue_weights.keys() == {*more["cues"]}
     tracker.set_parameters({"template.update_above": 0.2})
     tracker.update(couple.images[4], INTERVAL)
     assert learned(tracker) == {*more["cues"]}
@@ -158,7 +160,7 @@ def test_a_cue_that_has_no_template_yet_says_nothing(make_tracker, couple):
     alone, joined = (make_tracker("li2007", never) for _ in range(2))
     # The two that are known keep their proportion, and so much of the sum.
     joined.set_parameters(
-        {"cues": ("color_histogram", "gradient_orientation", "hog"), "hog.power": 1.0}
+        {"cues": ("color_histogram", "gradient_orientation", "hog"), "hog.weight": 1.0}
     )
     sharper = {"color_histogram.sharpness": 10.0, "gradient_orientation.sharpness": 15.0}
     alone.set_parameters(sharper)
@@ -175,7 +177,7 @@ def test_a_cue_that_is_removed_is_forgotten_at_once(make_tracker, couple):
     assert learned(tracker) == {"color_contrast", "correlation_response"}
     tracker.set_parameters({"cues": ("color_contrast",)})
     assert learned(tracker) == {"color_contrast"}
-    assert target_of(tracker).distraction.keys() == {"color_contrast"}
+    assert target_of(tracker).distractor_ratios.keys() == {"color_contrast"}
     both = ("color_contrast", "correlation_response")
     tracker.set_parameters({"cues": both, "correlation_response.window": 6.0})
     tracker.update(couple.images[1], INTERVAL)
@@ -189,25 +191,25 @@ def test_a_tracker_takes_a_cue_leaves_one_out_and_changes_powers(couple):
     tracker = Tracker.from_preset("default")
     tracker.start(couple.images[0], couple.second[0])
     changes = {
-        1: ({"cues": ("color_contrast", "correlation_response", "hog"), "hog.power": 1.0}, None),
-        4: ({"hog.power": 0.5}, None),
+        1: ({"cues": ("color_contrast", "correlation_response", "hog"), "hog.weight": 1.0}, None),
+        4: ({"hog.weight": 0.5}, None),
         7: ({"cues": ("correlation_response", "hog")}, None),
-        10: ({"hog.power": 0.0}, {"correlation_response": 1.0}),
+        10: ({"hog.weight": 0.0}, {"correlation_response": 1.0}),
         13: ({"cues": ("correlation_response", "color_contrast")}, None),
         16: ({"cues": ("color_contrast",)}, {"color_contrast": 1.0}),
     }
     for index in range(1, len(couple.images)):
-        values, powers = changes.get(index, ({}, None))
+        values, cue_weights = changes.get(index, ({}, None))
         if values:
             tracker.set_parameters(values)
             assert values.items() <= tracker.parameters.items()
         estimate = tracker.update(couple.images[index])
         assert estimate.box == pytest.approx(couple.second[index], abs=8)
         now = tracker.parameters
-        used = [name for name in now["cues"] if now[f"{name}.power"]]
-        assert estimate.powers.keys() == {*used}
-        if powers:
-            assert dict(estimate.powers) == powers
+        used = [name for name in now["cues"] if now[f"{name}.weight"]]
+        assert estimate.cue_weights.keys() == {*used}
+        if cue_weights:
+            assert dict(estimate.cue_weights) == cue_weights
 
 
 @pytest.mark.parametrize(
@@ -215,7 +217,7 @@ def test_a_tracker_takes_a_cue_leaves_one_out_and_changes_powers(couple):
     [
         {"cues": ("hog",)},
         {"cues": ("hog", "color_contrast", "foreground")},
-        {"cues": ("hog", "color_histogram"), "color_histogram.power": 0.0},
+        {"cues": ("hog", "color_histogram"), "color_histogram.weight": 0.0},
     ],
 )
 def test_cues_of_which_none_knows_the_target_learn_it_where_it_was_last_seen(values, couple):
@@ -237,11 +239,13 @@ def test_cues_of_which_none_knows_the_target_learn_it_where_it_was_last_seen(val
 def test_a_background_model_begins_and_ends_with_the_cues_that_read_it(make_tracker, couple):
     tracker = make_tracker("li2007")
     more = {
-        "foreground.power": 0.5,
+        "foreground.weight": 0.5,
         "cues": ("color_histogram", "gradient_orientation", "foreground"),
     }
     told = []
-    for index, parameters in enumerate(({}, more, more | {"foreground.power": 0.0}, more), start=1):
+    for index, parameters in enumerate(
+        ({}, more, more | {"foreground.weight": 0.0}, more), start=1
+    ):
         tracker.set_parameters(parameters)
         tracker.update(couple.images[index], INTERVAL)
         told.append(tracker.estimate.background)

@@ -7,7 +7,7 @@ import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.filter import LONGEST_PREDICTION, Gaussian, propose_from_prediction
-from pf_tracker_ros.filter.particles import Randomness
+from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.filter.proposals import ProposalParameters
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.estimate import TrackStatus
@@ -25,7 +25,7 @@ def make_target(make_target_filter, couple):
         target_filter = make_target_filter(
             preset, {"resampling.threshold": 0.0} | (parameters or {})
         )
-        draw = Randomness.of(np.random.default_rng(3))
+        draw = GeneratorState.of(np.random.default_rng(3))
         target = target_filter.initialize(Frame(couple.images[0]), tuple(couple.first[0]), draw)
         for image in couple.images[1:4]:
             target = target_filter.follow(target, Frame(image), 0.04)
@@ -48,13 +48,13 @@ def test_the_transition_prior_draws_by_the_motion_model_and_keeps_the_weights(pr
     np.testing.assert_array_equal(prediction.particles.states, states)
     np.testing.assert_array_equal(prediction.particles.log_weights, target.particles.log_weights)
     assert prediction.interval == INTERVAL
-    assert prediction.foresight is None
+    assert prediction.kalman_filter is None
 
 
 @pytest.mark.parametrize("preset", ["li2007", "zhang_bo"])
 def test_a_prediction_reaches_no_further_than_its_longest(preset, make_target):
     target = make_target(preset)
-    predictor = KalmanPredictor(ProposalParameters()) if target.foresight else Predictor()
+    predictor = KalmanPredictor(ProposalParameters()) if target.kalman_filter else Predictor()
     far, longest = (
         predictor.predict(target, seconds, SIZE, generator())
         for seconds in (10 * LONGEST_PREDICTION, LONGEST_PREDICTION)
@@ -70,31 +70,31 @@ def test_around_a_kalman_filter_the_weights_carry_p_over_q(model, make_target):
     predictor = KalmanPredictor(ProposalParameters(share=share))
     prediction = predictor.predict(target, INTERVAL, SIZE, generator())
 
-    foresight = target.foresight.predict(INTERVAL)
-    transition = target.motion.transition(INTERVAL, foresight.belief.mean)
+    kalman_filter = target.kalman_filter.predict(INTERVAL)
+    transition = target.motion.transition(INTERVAL, kalman_filter.belief.mean)
     before = target.particles
     proposed = propose_from_prediction(
-        before.states, transition, foresight.state, share, generator()
+        before.states, transition, kalman_filter.state, share, generator()
     )
     np.testing.assert_array_equal(
         prediction.particles.states, target.motion.constrain(proposed.states, SIZE)
     )
     expected = before.move(proposed.states).reweight(proposed.log_ratio)
     np.testing.assert_array_equal(prediction.particles.log_weights, expected.log_weights)
-    np.testing.assert_array_equal(prediction.foresight.belief.mean, foresight.belief.mean)
+    np.testing.assert_array_equal(prediction.kalman_filter.belief.mean, kalman_filter.belief.mean)
     np.testing.assert_array_equal(
-        prediction.foresight.belief.covariance, foresight.belief.covariance
+        prediction.kalman_filter.belief.covariance, kalman_filter.belief.covariance
     )
 
     # p and q by the densities themselves, in the columns that have noise.
-    mean, spread = transition.mean(before.states), transition.spread(before.states)
-    spread = np.broadcast_to(spread, mean.shape)
-    noisy = spread[0] > 0.0
-    states, ahead = proposed.states[:, noisy], foresight.state.marginal(noisy)
+    mean, std = transition.mean(before.states), transition.std(before.states)
+    std = np.broadcast_to(std, mean.shape)
+    noisy = std[0] > 0.0
+    states, ahead = proposed.states[:, noisy], kalman_filter.state.marginal(noisy)
     p = np.exp(
         [
             Gaussian(one, np.diag(sigma**2)).log_density(state[None])[0]
-            for one, sigma, state in zip(mean[:, noisy], spread[:, noisy], states, strict=True)
+            for one, sigma, state in zip(mean[:, noisy], std[:, noisy], states, strict=True)
         ]
     )
     q = share * np.exp(ahead.log_density(states)) + (1.0 - share) * p
@@ -106,10 +106,10 @@ def test_around_a_kalman_filter_the_weights_carry_p_over_q(model, make_target):
 def test_a_share_is_drawn_where_the_kalman_filter_believes(make_target):
     """Its belief is moved far away, and the particles' share goes with it."""
     target = make_target("zhang_bo")
-    belief = target.foresight.belief
+    belief = target.kalman_filter.belief
     away = belief.mean + [100.0, 40.0, 0.0, 0.0, 0.0, 0.0]
-    foresight = replace(target.foresight, belief=Gaussian(away, belief.covariance))
-    target = replace(target, foresight=foresight)
+    kalman_filter = replace(target.kalman_filter, belief=Gaussian(away, belief.covariance))
+    target = replace(target, kalman_filter=kalman_filter)
     predictor = KalmanPredictor(ProposalParameters(share=0.3))
     particles = predictor.predict(target, 0.04, SIZE, generator()).particles
     is_away = particles.states[:, 0] > target.particles.states[:, 0].max() + 40.0
@@ -123,10 +123,10 @@ def test_out_of_sight_all_particles_come_from_the_transition_prior(state, make_t
     prediction = predictor.predict(target, INTERVAL, SIZE, generator())
     np.testing.assert_array_equal(prediction.particles.log_weights, target.particles.log_weights)
     # The filter itself goes on, and moves them by its velocity.
-    foresight = target.foresight.predict(INTERVAL)
-    transition = target.motion.transition(INTERVAL, foresight.belief.mean)
+    kalman_filter = target.kalman_filter.predict(INTERVAL)
+    transition = target.motion.transition(INTERVAL, kalman_filter.belief.mean)
     noise = generator().standard_normal(target.particles.states.shape)
-    states = transition.mean(target.particles.states) + noise * transition.spread(
+    states = transition.mean(target.particles.states) + noise * transition.std(
         target.particles.states
     )
     np.testing.assert_allclose(prediction.particles.states, target.motion.constrain(states, SIZE))

@@ -30,10 +30,10 @@ def test_what_differs_is_told_with_the_value_of_the_preset():
 
 def test_of_parts_that_the_preset_does_not_choose_the_default_is_usual():
     cues = ("hog", "color_contrast")
-    values = {"cues": cues, "hog.power": 0.3, "hog.sharpness": 300.0}
+    values = {"cues": cues, "hog.weight": 0.3, "hog.sharpness": 300.0}
     preset = in_force("default", values)
     before = ("color_contrast", "correlation_response")
-    assert preset.changes == {"cues": (cues, before), "hog.power": (0.3, 0.5)}
+    assert preset.changes == {"cues": (cues, before), "hog.weight": (0.3, 0.5)}
     assert preset.summary == "default, 2 values changed"
 
 

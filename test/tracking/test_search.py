@@ -183,9 +183,9 @@ def test_boxes_of_very_different_sizes_are_no_error(method):
 
 def test_powers_move_to_the_cue_that_is_not_confused():
     """A second patch of the target's colors, in another pattern, confuses the colors alone."""
-    powers = []
+    cue_weights = []
     for image in (frame(120, 100), frame(120, 100)):
-        if powers:
+        if cue_weights:
             mixed = TARGET.reshape(-1, 3).copy()
             np.random.default_rng(0).shuffle(mixed)
             image[100:136, 190:226] = mixed.reshape(36, 36, 3)
@@ -193,8 +193,8 @@ def test_powers_move_to_the_cue_that_is_not_confused():
         tracker.start(image, (120, 100, 36, 36))
         for _ in range(3):
             estimate = tracker.update(image)
-        powers.append(estimate.powers["correlation_response"])
-    assert powers[1] > powers[0] + 0.02
+        cue_weights.append(estimate.cue_weights["correlation_response"])
+    assert cue_weights[1] > cue_weights[0] + 0.02
 
 
 def test_the_boxes_that_are_searched_are_centered_on_the_place_and_inside_the_image():
@@ -223,7 +223,7 @@ def test_what_is_covered_holds_every_box_that_can_be_looked_at():
 
 
 def hills(search, *places_and_heights):
-    """Strengths of the boxes of a search: hills around (x, y) of the given heights."""
+    """Responses of the boxes of a search: hills around (x, y) of the given heights."""
     centers = search.boxes[:, :2] + search.boxes[:, 2:] / 2
     return np.max(
         [

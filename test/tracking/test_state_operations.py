@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pf_tracker_ros.filter.particles import Randomness
+from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 
 INTERVAL = 0.04
@@ -18,7 +18,7 @@ def target_filter(request, make_target_filter):
 @pytest.fixture
 def target(target_filter, couple):
     """After five frames."""
-    draw = Randomness.of(np.random.default_rng(3))
+    draw = GeneratorState.of(np.random.default_rng(3))
     target = target_filter.initialize(Frame(couple.images[0]), tuple(couple.first[0]), draw)
     for image in couple.images[1:6]:
         target = target_filter.follow(target, Frame(image), INTERVAL)
@@ -39,7 +39,7 @@ def test_a_target_coasts_by_its_motion_whatever_the_image_shows(target_filter, t
     assert seen.last_seen_box == target.last_seen_box
     assert seen.followed_frames == target.followed_frames + 1
     # It draws other numbers in the next frame.
-    assert seen.randomness.state != target.randomness.state
+    assert seen.generator_state.state != target.generator_state.state
     np.testing.assert_allclose(
         seen.estimate.box, target.motion.boxes(seen.particles.mean[None])[0], rtol=0, atol=1e-9
     )
@@ -111,13 +111,13 @@ def test_a_moved_target_has_the_size_that_it_is_given(target_filter, target):
 def test_the_foresight_of_a_moved_target_moves_with_it(make_target_filter, couple):
     target_filter = make_target_filter("zhang_bo")
     target = target_filter.initialize(
-        Frame(couple.images[0]), tuple(couple.first[0]), Randomness.of(np.random.default_rng(3))
+        Frame(couple.images[0]), tuple(couple.first[0]), GeneratorState.of(np.random.default_rng(3))
     )
     for image in couple.images[1:6]:
         target = target_filter.follow(target, Frame(image), INTERVAL)
     x, y, width, height = target.estimate.box
     moved = target_filter.operations.move_to(target, (x + 30.0, y - 20.0, 2 * width, 2 * height))
-    before, after = target.foresight.belief.mean, moved.foresight.belief.mean
+    before, after = target.kalman_filter.belief.mean, moved.kalman_filter.belief.mean
     scale = np.log(width / target.first_box[2])
     np.testing.assert_allclose(
         after - before,

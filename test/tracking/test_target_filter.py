@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pf_tracker_ros.filter.particles import Randomness
+from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 
 INTERVAL = 0.04
@@ -11,7 +11,7 @@ every_preset = pytest.mark.parametrize("preset", ["default", "li2007", "zhang201
 
 
 def begun(target_filter, couple, boxes, seed=3):
-    draw = Randomness.of(np.random.default_rng(seed))
+    draw = GeneratorState.of(np.random.default_rng(seed))
     return target_filter.initialize(Frame(couple.images[0]), tuple(boxes[0]), draw)
 
 

@@ -13,7 +13,7 @@ import pytest
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.filter import MOTION_MODELS
-from pf_tracker_ros.filter.particles import Randomness
+from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.exposure import gray_range
 from pf_tracker_ros.parameters import ParameterError, build
@@ -104,7 +104,7 @@ def test_zhang2015_renews_its_template_above_a_similarity_of_065(make_target_fil
     image, box = frame(100, 120)
     left, top, side, _ = box
     other = texture(9, (SIDE, SIDE), 0, 250)
-    draw = Randomness.of(np.random.default_rng(0))
+    draw = GeneratorState.of(np.random.default_rng(0))
     target = target_filter.initialize(Frame(image), tuple(map(float, box)), draw)
 
     def followed(share):
@@ -174,7 +174,7 @@ def test_the_first_target_draws_from_the_seed_itself(preset, seed):
     parameters = build(TrackerParameters, PRESETS[preset])
     model = parameters.motion.model
     motion = MOTION_MODELS[model](box, parameters.motion.of_models[model])
-    states = motion.prior(parameters.particles, np.random.default_rng(seed))
+    states = motion.sample_prior(parameters.particles, np.random.default_rng(seed))
     np.testing.assert_array_equal(estimate.particles, motion.constrain(states, (WIDTH, HEIGHT)))
 
 
@@ -194,7 +194,7 @@ def test_the_estimate_is_complete_and_consistent(preset):
     assert estimate.particle_boxes.shape == (count, 4)
     assert 1.0 <= estimate.effective_sample_size <= count
     assert 0.0 <= estimate.confidence <= 1.0
-    assert sum(estimate.powers.values()) == pytest.approx(1.0)
+    assert sum(estimate.cue_weights.values()) == pytest.approx(1.0)
     centers = estimate.particle_boxes[:, :2] + estimate.particle_boxes[:, 2:] / 2
     of_particles = np.cov(centers.T, aweights=estimate.weights, ddof=0)
     if PRESETS[preset].get("proposal.method") == "search":
@@ -415,13 +415,13 @@ def test_parameters_change_without_losing_the_target():
     frames = walk(20)
     tracker = Tracker.from_preset("default")
     run(tracker, frames[:10])
-    tracker.set_parameters({"particles": 500, "color_contrast.power": 0.2})
+    tracker.set_parameters({"particles": 500, "color_contrast.weight": 0.2})
     tracker.update(frames[10][0])
     estimate = tracker.update(frames[11][0])
     assert len(estimate.weights) == 500
     assert overlap(estimate.box, frames[11][1]) > 0.6
-    assert tracker.parameters["color_contrast.power"] == 0.2
-    assert estimate.powers["color_contrast"] < 0.5
+    assert tracker.parameters["color_contrast.weight"] == 0.2
+    assert estimate.cue_weights["color_contrast"] < 0.5
 
 
 FEATURE_CUES = [name for name, cue in CUES.items() if not cue.needs_foreground]
@@ -434,16 +434,16 @@ def test_cues_are_switched_off_and_on_by_their_powers_while_tracking(only):
     parameters = {"proposal.method": "transition", "cues": FEATURE_CUES}
     tracker = Tracker.from_preset("default", parameters=parameters)
     run(tracker, frames[:8])
-    for powers, part in [
-        ({f"{cue}.power": float(cue == only) for cue in FEATURE_CUES}, frames[8:16]),
-        ({f"{cue}.power": 0.3 for cue in FEATURE_CUES}, frames[16:]),
+    for cue_weights, part in [
+        ({f"{cue}.weight": float(cue == only) for cue in FEATURE_CUES}, frames[8:16]),
+        ({f"{cue}.weight": 0.3 for cue in FEATURE_CUES}, frames[16:]),
     ]:
-        tracker.set_parameters(powers)
+        tracker.set_parameters(cue_weights)
         for image, box in part:
             estimate = tracker.update(image)
             assert overlap(estimate.box, box) > 0.5
-        used = {cue: power for cue, power in estimate.powers.items() if power > 0.0}
-        assert used.keys() == {name.split(".")[0] for name, power in powers.items() if power}
+        used = {cue: weight for cue, weight in estimate.cue_weights.items() if weight > 0.0}
+        assert used.keys() == {name.split(".")[0] for name, weight in cue_weights.items() if weight}
 
 
 def test_refused_parameters_change_nothing():
@@ -451,13 +451,13 @@ def test_refused_parameters_change_nothing():
     tracker.start(*frame(100, 100))
     before, estimate = tracker.parameters, tracker.estimate
     for values in (
-        {"particles": 500, "color_contrast.power": 7.0},
-        {"color_contrast.power": 0.0, "correlation_response.power": 0.0},
+        {"particles": 500, "color_contrast.weight": 7.0},
+        {"color_contrast.weight": 0.0, "correlation_response.weight": 0.0},
         {"cues": ()},
         {"cues": ("hog", "hog")},
         {"cues": ("color_contrast", "smell")},
         {"cues": ("hog",)},
-        {"particles": 500, "hog.power": 1.5},
+        {"particles": 500, "hog.weight": 1.5},
     ):
         with pytest.raises(ParameterError):
             tracker.set_parameters(values)

@@ -45,8 +45,8 @@ def test_a_copied_estimate_is_equal_and_as_read_only(tracker, copied):
         with pytest.raises(ValueError, match="read-only"):
             getattr(estimate, name)[0] = 0.0
     with pytest.raises(TypeError):
-        estimate.powers["color_histogram"] = 1.0
-    assert estimate.powers == dict(tracker.estimate.powers)
+        estimate.cue_weights["color_histogram"] = 1.0
+    assert estimate.cue_weights == dict(tracker.estimate.cue_weights)
     with pytest.raises(dataclasses.FrozenInstanceError):
         estimate.confidence = 1.0
 
@@ -64,7 +64,7 @@ def other_values(estimate):
     yield "state", "lost"
     yield "confidence", estimate.confidence / 2
     yield "effective_sample_size", estimate.effective_sample_size / 2
-    yield "powers", {name: power / 2 for name, power in estimate.powers.items()}
+    yield "cue_weights", {name: weight / 2 for name, weight in estimate.cue_weights.items()}
     yield "background", None
 
 
@@ -86,16 +86,16 @@ def test_an_estimate_becomes_a_dictionary(tracker):
     fields = dataclasses.asdict(tracker.estimate)
     assert Estimate(**fields | {"background": tracker.estimate.background}) == tracker.estimate
     assert fields["background"] == {"name": "learning", "reason": ""}
-    json.dumps({name: fields[name] for name in fields.keys() - set(ARRAYS) - {"powers"}})
-    json.dumps(dict(fields["powers"]))
+    json.dumps({name: fields[name] for name in fields.keys() - set(ARRAYS) - {"cue_weights"}})
+    json.dumps(dict(fields["cue_weights"]))
 
 
 def test_an_estimate_does_not_follow_what_it_was_made_of(tracker):
-    weights, powers = tracker.estimate.weights.copy(), {"color_histogram": 1.0}
-    estimate = dataclasses.replace(tracker.estimate, weights=weights, powers=powers)
-    weights[0], powers["color_histogram"] = 7.0, 7.0
+    weights, cue_weights = tracker.estimate.weights.copy(), {"color_histogram": 1.0}
+    estimate = dataclasses.replace(tracker.estimate, weights=weights, cue_weights=cue_weights)
+    weights[0], cue_weights["color_histogram"] = 7.0, 7.0
     assert estimate.weights[0] == tracker.estimate.weights[0]
-    assert estimate.powers == {"color_histogram": 1.0}
+    assert estimate.cue_weights == {"color_histogram": 1.0}
 
 
 @every_way

@@ -43,7 +43,7 @@ def test_the_same_seed_gives_the_same_bits():
         {"proposal.method": "transition", "motion.position_noise": 1.0},
         {"motion.model": "second_order_autoregressive"},
         {"cues": ("color_histogram", "gradient_orientation", "foreground")},
-        {"foreground.power": 0.0},
+        {"foreground.weight": 0.0},
         {"cues": ("foreground_color_histogram", "gradient_orientation")},
     ],
 )

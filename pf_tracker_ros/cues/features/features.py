@@ -24,12 +24,12 @@ class Calibration:
             target is as likely there as not.
         even_level: The same for the peak, as a share of the response to what was learned from last.
         exponent: How fast the similarity changes with both.
-        odds_growth: How fast the log odds that it is the target grow with the logarithm of how far
+        odds_slope: How fast the log odds that it is the target grow with the logarithm of how far
             the box stands out for the filter as it is.
-        even_standing_out: How far it stands out where these are 0.
-        first_odds_growth: As `odds_growth`, for the filter of the first frame.
-        even_first_standing_out: As `even_standing_out`, for the filter of the first frame.
-        level_odds: How fast the log odds fall with the logarithm of the response at the box, below
+        even_peak_to_sidelobe: How far it stands out where these are 0.
+        first_odds_slope: As `odds_slope`, for the filter of the first frame.
+        even_first_peak_to_sidelobe: As `even_peak_to_sidelobe`, for the filter of the first frame.
+        level_odds_slope: How fast the log odds fall with the logarithm of the response at the box, below
             the least level: what has the target's colors is not it where the filter hardly answers.
         least_level: Share of the response to what was learned from last that the target hardly
             ever falls below.
@@ -38,11 +38,11 @@ class Calibration:
     even_clutter: float
     even_level: float
     exponent: float
-    odds_growth: float
-    even_standing_out: float
-    first_odds_growth: float
-    even_first_standing_out: float
-    level_odds: float
+    odds_slope: float
+    even_peak_to_sidelobe: float
+    first_odds_slope: float
+    even_first_peak_to_sidelobe: float
+    level_odds_slope: float
     least_level: float
 
     def similarity(self, peak: float, deviation: float, reference: float) -> float:
@@ -53,24 +53,25 @@ class Calibration:
             deviation: Standard deviation of the map, above 0.
             reference: Response to what was learned from last, above 0.
         """
-        stands_out = self._share(self.even_clutter * peak / deviation)
-        return stands_out * self._share(peak / reference / self.even_level)
+        peak_to_sidelobe_ratio = self._share(self.even_clutter * peak / deviation)
+        return peak_to_sidelobe_ratio * self._share(peak / reference / self.even_level)
 
     def log_odds(
-        self, stands_out: float, stands_out_first: float, level: float
+        self, peak_to_sidelobe_ratio: float, first_peak_to_sidelobe_ratio: float, level: float
     ) -> dict[str, float]:
         """What the responses at a box say, see `Cue.log_odds`.
 
         Args:
-            stands_out: How far the box stands out for the filter as it is, above 0.
-            stands_out_first: The same for the filter of the first frame.
+            peak_to_sidelobe_ratio: How far the box stands out for the filter as it is, above 0.
+            first_peak_to_sidelobe_ratio: The same for the filter of the first frame.
             level: Response at the box, as a share of that to what was learned from last, above 0.
         """
-        first_growth, even_first = self.first_odds_growth, self.even_first_standing_out
+        first_growth, even_first = self.first_odds_slope, self.even_first_peak_to_sidelobe
         return {
-            "response": self.odds_growth * math.log(stands_out / self.even_standing_out),
-            "first response": first_growth * math.log(stands_out_first / even_first),
-            "level": self.level_odds * min(math.log(level / self.least_level), 0.0),
+            "response": self.odds_slope
+            * math.log(peak_to_sidelobe_ratio / self.even_peak_to_sidelobe),
+            "first response": first_growth * math.log(first_peak_to_sidelobe_ratio / even_first),
+            "level": self.level_odds_slope * min(math.log(level / self.least_level), 0.0),
         }
 
     def _share(self, ratio: float) -> float:
@@ -82,12 +83,12 @@ class Features(Protocol):
     """Turns windows of the image into channels, one value for each cell of them.
 
     Attributes:
-        stride: Pixels along each side of a cell.
+        cell_size: Pixels along each side of a cell.
         calibration: What the responses of a filter of these channels say.
     """
 
     @property
-    def stride(self) -> int: ...  # noqa: D102
+    def cell_size(self) -> int: ...  # noqa: D102
 
     @property
     def calibration(self) -> Calibration: ...  # noqa: D102
@@ -96,7 +97,7 @@ class Features(Protocol):
         """The channels of windows, each as if there were no other.
 
         Args:
-            windows: (K, P, P, 3) BGR or (K, P, P) gray, P a multiple of `stride`.
+            windows: (K, P, P, 3) BGR or (K, P, P) gray, P a multiple of `cell_size`.
 
         Returns:
             (K, channels, P / stride, P / stride). The number of channels may differ between colored

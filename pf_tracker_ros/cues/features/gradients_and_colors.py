@@ -67,16 +67,16 @@ _NAMED_COLORS = (
 class GradientsAndColors:
     """9 directions of gradients and 4 textures in 11 channels, 11 colors or 6 gray levels in 5."""
 
-    stride = _CELL_PIXELS
+    cell_size = _CELL_PIXELS
     calibration = Calibration(
         even_clutter=0.135,
         even_level=0.4,
         exponent=6.5,
-        odds_growth=1.0,
-        even_standing_out=8.0,
-        first_odds_growth=2.0,
-        even_first_standing_out=4.3,
-        level_odds=50.0,
+        odds_slope=1.0,
+        even_peak_to_sidelobe=8.0,
+        first_odds_slope=2.0,
+        even_first_peak_to_sidelobe=4.3,
+        level_odds_slope=50.0,
         least_level=0.25,
     )
 

@@ -45,7 +45,7 @@ class SequenceContent:
             of several targets was not told of.
         confidence: (frames,) 0 to 1, NaN where it is unknown.
         effective_sample_size: (frames,), NaN where it is unknown.
-        powers: Name of a cue to its (frames,) power.
+        cue_weights: Name of a cue to its (frames,) weight.
         scores: The figures, None where they are not known.
         success_curve: (21,) mean over the seeds, None without any truth.
         precision_curve: (51,) likewise.
@@ -59,7 +59,7 @@ class SequenceContent:
     states: tuple[str, ...]
     confidence: NDArray[np.float64]
     effective_sample_size: NDArray[np.float64]
-    powers: Mapping[str, NDArray[np.float64]]
+    cue_weights: Mapping[str, NDArray[np.float64]]
     scores: Scores | None = None
     success_curve: NDArray[np.float64] | None = None
     precision_curve: NDArray[np.float64] | None = None

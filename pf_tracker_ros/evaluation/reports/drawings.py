@@ -71,8 +71,8 @@ def series_plots(content: SequenceContent) -> dict[str, str]:
         plots["effective sample size"] = _series(
             content, {"effective sample size": content.effective_sample_size}
         )
-    if content.powers:
-        plots["cue powers"] = _series(content, content.powers, (0, 1.02))
+    if content.cue_weights:
+        plots["cue powers"] = _series(content, content.cue_weights, (0, 1.02))
     return plots
 
 

@@ -9,7 +9,7 @@ import pytest
 from pf_tracker_ros.cues.correlation_response import (
     CorrelationResponse,
     CorrelationResponseParameters,
-    View,
+    DeferredObservation,
 )
 from pf_tracker_ros.cues.features import Calibration
 from pf_tracker_ros.cues.features.gradients_and_colors import GradientsAndColors
@@ -19,11 +19,11 @@ CALIBRATION = Calibration(
     even_clutter=0.1,
     even_level=0.5,
     exponent=2.0,
-    odds_growth=1.5,
-    even_standing_out=6.0,
-    first_odds_growth=3.0,
-    even_first_standing_out=4.0,
-    level_odds=20.0,
+    odds_slope=1.5,
+    even_peak_to_sidelobe=6.0,
+    first_odds_slope=3.0,
+    even_first_peak_to_sidelobe=4.0,
+    level_odds_slope=20.0,
     least_level=0.2,
 )
 
@@ -57,10 +57,10 @@ def test_the_cue_asks_its_features(monkeypatch):
         monkeypatch.setattr(GradientsAndColors, "calibration", calibration)
         cue = CorrelationResponse(CorrelationResponseParameters())
         region = Region(Frame(image), box[None])
-        template, view = cue.learn(region, box), View(region, box)
+        template, view = cue.learn(region, box), DeferredObservation(region, box)
         return cue.match(view, template).similarity, cue.log_odds(view, template, template)
 
-    (similarity, odds), (another, doubled) = answers(), answers(odds_growth=2.0, even_level=2.0)
+    (similarity, odds), (another, doubled) = answers(), answers(odds_slope=2.0, even_level=2.0)
     assert doubled["response"] == pytest.approx(2.0 * odds["response"])
     assert doubled["first response"] == odds["first response"]
     assert 0.0 < another < similarity <= 1.0

@@ -19,7 +19,7 @@ NAMED_COLORS = {
     "white": (255, 255, 255),
     "yellow": (255, 230, 0),
 }
-STRIDE = GradientsAndColors.stride
+STRIDE = GradientsAndColors.cell_size
 
 
 def extract(window):

@@ -12,18 +12,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, Match, declared_keep, declared_power
+from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, Match, declared_keep, declared_weight
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
 
-# What can be tuned, each with its range. The full names are `brightness.power`, which every cue
+# What can be tuned, each with its range. The full names are `brightness.weight`, which every cue
 # has, `brightness.sharpness` and `brightness.keep`.
 @dataclass(frozen=True)
 class BrightnessParameters(CueParameters):
     """The brightness cue."""
 
-    power: float = declared_power(0.2)
+    weight: float = declared_weight(0.2)
     sharpness: float = declared(
         0.1,
         "How fast the likelihood falls with the difference of the brightness.",
@@ -74,7 +74,7 @@ class Brightness(Cue):
             return cv2.integral(region.gray, sdepth=cv2.CV_32S)
 
         # Boxes overlap, so what all of them need is computed once, when it is first asked for.
-        integral = region.share("brightness", integrate)
+        integral = region.cached("brightness", integrate)
         height, width = region.gray.shape
         top, _, left, _ = region.padding
         x, y, box_width, box_height = region.region_boxes(boxes).T

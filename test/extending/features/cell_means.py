@@ -28,13 +28,13 @@ class CellMeansParameters:
     )
 
 
-# The cue brings its windows to `stride` pixels a cell before it asks for its channels, so a larger
+# The cue brings its windows to `cell_size` pixels a cell before it asks for its channels, so a larger
 # stride sees finer detail, and costs more.
 @FEATURES.register("cell_means", CellMeansParameters)
 class CellMeans:
     """Mean of each color, or of the gray levels, and mean steepness across and down, by cell."""
 
-    stride = 8
+    cell_size = 8
     # How sure the tracker is follows from these numbers: until they are measured for these features
     # (`benchmarks/uncertainty.py`), those of others have to do.
     calibration = GradientsAndColors.calibration
@@ -52,7 +52,7 @@ class CellMeans:
         planes = list(cv2.split(window))
         weight = self._edge_weight
         planes += [weight * np.abs(cv2.Sobel(gray, cv2.CV_32F, *axis)) for axis in ((1, 0), (0, 1))]
-        cells = len(window) // self.stride
+        cells = len(window) // self.cell_size
         return np.stack(
             [
                 cv2.resize(plane.astype(np.float32), (cells, cells), interpolation=cv2.INTER_AREA)

@@ -5,7 +5,7 @@ else has to know of it. `random_walk` in the parameter `motion.model` chooses it
 then count.
 
 What more a model can do it tells by its methods: one with those of `SearchableMotion` works with
-`proposal.method` "search", one with that of `ForeseenMotion` with "kalman". This one has neither,
+`proposal.method` "search", one with that of `KalmanFilteredMotion` with "kalman". This one has neither,
 and is refused there.
 """
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.filter.motion import (
     MOTION_MODELS,
-    PRIOR_POSITION,
+    PRIOR_POSITION_STD,
     declared_position_noise,
     limit_centers,
 )
@@ -64,9 +64,9 @@ class RandomWalk:
         across = parameters.position_noise * self._box_size
         self._noise = np.array([across, parameters.vertical_share * across])
 
-    def prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
-        """See `MotionModel.prior`."""
-        offsets = generator.standard_normal((count, 2)) * PRIOR_POSITION * self._box_size
+    def sample_prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
+        """See `MotionModel.sample_prior`."""
+        offsets = generator.standard_normal((count, 2)) * PRIOR_POSITION_STD * self._box_size
         return self._center + offsets
 
     def predict(

@@ -128,7 +128,9 @@ def test_the_last_minute_of_the_figures_is_drawn(camera, page, client):
     camera.show_on(page)
     page.drag(camera.box_at(page.stamp))
     camera.show_until(lambda: page.box, "box")
-    confidence, powers = (page.locator(f"#plot-{name} path") for name in ("confidence", "powers"))
+    confidence, cue_weights = (
+        page.locator(f"#plot-{name} path") for name in ("confidence", "powers")
+    )
 
     def is_line_long():
         # A line that is not there yet must not be waited for: frames draw it.
@@ -136,7 +138,7 @@ def test_the_last_minute_of_the_figures_is_drawn(camera, page, client):
 
     camera.show_until(is_line_long, "line")
     # The default preset has two cues.
-    camera.show_until(lambda: powers.count() == 2, "line for each cue")
+    camera.show_until(lambda: cue_weights.count() == 2, "line for each cue")
     camera.show_until(lambda: page.locator("#cues li").count() == 2, "share of each cue")
     legend = page.locator("#cues li")
     shares = [float(text.split()[-1]) for text in legend.all_inner_texts()]

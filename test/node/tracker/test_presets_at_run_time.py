@@ -225,12 +225,12 @@ def test_the_cues_change_while_the_target_is_tracked(graph, client, images, boxe
         assert (status.values["frame"], status.values["state"]) == ("tracked", "tracking")
         # The cues, and the one value that is not the declared default.
         assert status.values["preset"] == "default, 2 values changed"
-    assert "power_hog" in status.values
+    assert "cue_weight_hog" in status.values
     assert client.set_parameters(preset="default").successful
     assert client.tunables() == preset_parameters("default")
     status = client.show(images[8], client.at(8))
     assert status.values["preset"] == "default"
-    assert "power_hog" not in status.values
+    assert "cue_weight_hog" not in status.values
     assert corner(client.box_at(client.at(8))) == pytest.approx(boxes[8][:2], abs=9)
 
 

@@ -12,7 +12,7 @@ const plots = [
   { id: "effective", top: (most, values) => values.particles ?? most, of: (values) => ({ effective: values.effective_sample_size }) },
   { id: "processing", top: (most) => Math.max(10, most), of: (values) => ({ processing: values.processing_time_ms }) },
   { id: "powers", top: () => 1, of: (values) => Object.fromEntries(
-    Object.entries(values).filter(([key]) => key.startsWith("power_")).map(([key, value]) => [key.slice(6), value])) },
+    Object.entries(values).filter(([key]) => key.startsWith("cue_weight_")).map(([key, value]) => [key.slice(11), value])) },
 ].map((plot) => ({ ...plot, lines: new Map() }));  // name to [seconds, lowest, highest] of each slot
 
 export function add(values, targets) {

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import APPEARANCES, Appearance, Descriptor
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.frames.frame import Part
+from pf_tracker_ros.frames.frame import PixelRect
 from pf_tracker_ros.parameters import declared
 
 
@@ -57,6 +57,6 @@ class MeanColor(Appearance):
         first = np.clip(box[:2] + box[2:] / 4, 0, np.array(frame.size) - 1)
         last = np.clip(box[:2] + 3 * box[2:] / 4, first + 1, frame.size)
         (left, top), (right, bottom) = np.rint([first, last]).astype(int).tolist()
-        crop = frame.view(Part(top, max(bottom, top + 1), left, max(right, left + 1)))
+        crop = frame.view(PixelRect(top, max(bottom, top + 1), left, max(right, left + 1)))
         color = cv2.cvtColor(crop, cv2.COLOR_GRAY2BGR) if crop.ndim == 2 else crop
         return list(color.mean(axis=(0, 1)))

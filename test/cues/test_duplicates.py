@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pf_tracker_ros.cues import CUES
-from pf_tracker_ros.cues.repeats import WORTHWHILE, distinct
+from pf_tracker_ros.cues.duplicates import DEDUPLICATE_FROM, unique_pairs
 from pf_tracker_ros.frames import Frame, Region
 
 # So many in so few places that most repeat.
@@ -18,7 +18,7 @@ PAIRS = st.lists(st.tuples(st.integers(-3, 4), st.integers(-1, 6)), min_size=40,
 @given(PAIRS, st.integers(1, 1000))
 def test_each_pair_is_there_once_and_stands_for_all_that_are_equal(pairs, step):
     x, y = np.array(pairs, dtype=np.intp).T
-    kept, repeated = distinct(step * x, y)
+    kept, repeated = unique_pairs(step * x, y)
     assert len({pairs[number] for number in kept}) == len(kept) == len(set(pairs))
     assert [pairs[kept[number]] for number in repeated] == pairs
 
@@ -26,7 +26,7 @@ def test_each_pair_is_there_once_and_stands_for_all_that_are_equal(pairs, step):
 @given(st.lists(st.tuples(st.integers(-5000, 5000), st.integers(-9, 6000)), min_size=1))
 def test_pairs_wherever_they_are_stand_for_equal_ones(pairs):
     x, y = np.array(pairs, dtype=np.intp).T
-    kept, repeated = distinct(x, y)
+    kept, repeated = unique_pairs(x, y)
     assert [pairs[kept[number]] for number in repeated] == pairs
 
 
@@ -34,7 +34,7 @@ def test_pairs_that_are_far_apart_take_no_more_memory_than_a_few_for_each():
     generator = np.random.default_rng(0)
     x, y = generator.integers(0, 20_000, (2, 1000))
     tracemalloc.start()
-    distinct(x, y)
+    unique_pairs(x, y)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 2**20
@@ -46,7 +46,7 @@ def test_many_boxes_of_one_size_are_told_what_each_is_told_alone(name, size):
     """The corners of a box's parts are rounded on their own; rounding apart, it is the same."""
     generator = np.random.default_rng(0)
     image = generator.integers(0, 256, (120, 160, 3), dtype=np.uint8)
-    boxes = np.empty((4 * WORTHWHILE, 4))
+    boxes = np.empty((4 * DEDUPLICATE_FROM, 4))
     boxes[:, :2] = generator.normal((60.0, 40.0), 4.0, (len(boxes), 2))
     boxes[:, 2:] = size
     cue = CUES[name](CUES.parameters_of(name)())

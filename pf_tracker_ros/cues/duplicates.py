@@ -6,12 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 # With fewer, finding those that repeat costs more than it saves.
-WORTHWHILE = 256
+DEDUPLICATE_FROM = 256
 # Where there are more places than this for each pair, hardly any repeats.
 _MOST_PLACES = 16
 
 
-def distinct(x: NDArray[np.intp], y: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def unique_pairs(
+    x: NDArray[np.intp], y: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Which of (N,) pairs of whole numbers are to be looked at, and which stands for each.
 
     Args:

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.filter.gaussian import Gaussian
-from pf_tracker_ros.filter.proposals import Proposed, Transition, propose_from_prediction
+from pf_tracker_ros.filter.proposals import ProposedStates, Transition, propose_from_prediction
 
 # Pixels and parts of a scale so small that a Gaussian with them still has a density.
-SMALLEST_SPREAD = 1e-3
+SMALLEST_STD = 1e-3
 
 
 class LinearStep(NamedTuple):
@@ -24,15 +24,15 @@ class LinearStep(NamedTuple):
     Attributes:
         matrix: (B, B) A.
         control: (B,) B u.
-        spread: (B,) standard deviations of w.
+        std: (B,) standard deviations of w.
     """
 
     matrix: NDArray[np.float64]
     control: NDArray[np.float64]
-    spread: NDArray[np.float64]
+    std: NDArray[np.float64]
 
 
-class ForeseeableMotion(Protocol):
+class LinearizableMotion(Protocol):
     """A motion model that a Kalman filter can follow.
 
     The filter's belief has B columns, the first of which are the D of a particle's state; the
@@ -50,7 +50,7 @@ class ForeseeableMotion(Protocol):
 
 
 @dataclass(frozen=True)
-class KalmanForesight:
+class KalmanFilter:
     """The Kalman filter on a target; every operation returns another.
 
     Attributes:
@@ -59,7 +59,7 @@ class KalmanForesight:
     """
 
     belief: Gaussian
-    motion: ForeseeableMotion
+    motion: LinearizableMotion
 
     def propose(
         self,
@@ -67,7 +67,7 @@ class KalmanForesight:
         interval: float,
         share: float,
         generator: np.random.Generator,
-    ) -> Proposed:
+    ) -> ProposedStates:
         """Particles drawn around this prediction; arguments as of `propose_from_prediction`."""
         transition = self.motion.transition(interval, self.belief.mean)
         return propose_from_prediction(states, transition, self.state, share, generator)
@@ -77,18 +77,16 @@ class KalmanForesight:
         """The D columns of a particle's state."""
         return self.belief.marginal(np.arange(len(self.belief.mean)) < len(self.motion.columns))
 
-    def predict(self, interval: float) -> KalmanForesight:
+    def predict(self, interval: float) -> KalmanFilter:
         """The belief `interval` seconds later."""
-        matrix, control, spread = self.motion.linear_step(interval)
-        noise = np.diag(spread**2 + SMALLEST_SPREAD**2)
+        matrix, control, std = self.motion.linear_step(interval)
+        noise = np.diag(std**2 + SMALLEST_STD**2)
         mean = matrix @ self.belief.mean + control
         return replace(self, belief=self.belief.predict(matrix, noise, mean))
 
-    def correct(
-        self, mean: NDArray[np.float64], covariance: NDArray[np.float64]
-    ) -> KalmanForesight:
+    def correct(self, mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> KalmanFilter:
         """The belief after the particles' (D,) mean, taken as a measurement with their spread."""
         count = self.motion.measured_columns
         observation = np.eye(count, len(self.belief.mean))
-        error = covariance[:count, :count] + np.diag(np.full(count, SMALLEST_SPREAD**2))
+        error = covariance[:count, :count] + np.diag(np.full(count, SMALLEST_STD**2))
         return replace(self, belief=self.belief.correct(mean[:count], observation, error))
