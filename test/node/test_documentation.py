@@ -10,15 +10,14 @@ from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-README = (REPOSITORY / "README.md").read_text()
 NODE = (REPOSITORY / "docs" / "node.md").read_text()
 
 
-def test_the_readme_lists_the_topics_and_services_of_the_node(graph):
+def test_the_table_lists_the_topics_and_services_of_the_node(graph):
     node = graph.tracker(image_transport="raw")
     endpoints = {endpoint.topic_name for endpoint in (*node.publishers, *node.subscriptions)}
     own = {name for name in endpoints if name.startswith("/pf_tracker/")} | {"/diagnostics"}
-    table = README.partition("### Topics")[2].partition("\n\n`replay`")[0]
+    table = NODE.partition("## Topics and services")[2].partition("\n## ")[0]
     listed = set(re.findall(r"^\| (?:in|out) \| `(\S+)`", table, re.MULTILINE))
     full = {name.replace("~", "/pf_tracker") for name in listed}
     assert own <= full

@@ -110,12 +110,12 @@ README = [
         f"{RUN} track drive.mcap --box 62,31,53,70 --output tracked --video --report",
         "tracked",
     ),
-    GoesOn(SEVERAL, prints="targets on /pf_tracker", ends=(f"{LAUNCH} tracker",)),
     Ends(
         f"{RUN} evaluate sequences --preset default --seeds 3 --output result.json "
         "--plot success.png",
         "moving_square",
     ),
+    GoesOn(SEVERAL, prints="targets on /pf_tracker", ends=(f"{LAUNCH} tracker",)),
 ]
 
 NODE = [
