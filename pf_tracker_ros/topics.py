@@ -32,8 +32,8 @@ from pf_tracker_ros.targets.session import estimate_of
 from pf_tracker_ros.targets.tracked_target import (
     TrackedTarget,
     common_values,
+    overall_state,
     severity,
-    state_of,
     target_values,
 )
 from pf_tracker_ros.tracking.estimate import DESCRIPTIONS, Estimate
@@ -54,7 +54,7 @@ class FrameResult:
         targets: All of them, in the order of their ids.
         selected: Id of the one that a robot acts on, 0 without.
         max_targets: How many there may be.
-        heard: Number of the answers of detectors so far.
+        detector_runs: Number of the answers of detectors so far.
         image: As for `Tracker.update`; None where it is not shown.
         likelihood: Around the selected target, None where nobody asked for it.
     """
@@ -62,7 +62,7 @@ class FrameResult:
     targets: tuple[TrackedTarget, ...] = ()
     selected: int = 0
     max_targets: int = 1
-    heard: int = 0
+    detector_runs: int = 0
     image: NDArray[Any] | None = None
     likelihood: LikelihoodMap | None = None
 
@@ -74,7 +74,7 @@ class FrameResult:
     @property
     def state(self) -> str:
         """The state of the selected target, without one of that seen best, or `idle`."""
-        return state_of(self.targets, self.selected)
+        return overall_state(self.targets, self.selected)
 
     @property
     def present(self) -> list[TrackedTarget]:
@@ -84,7 +84,7 @@ class FrameResult:
     @property
     def values(self) -> Values:
         """What the status tells of the frame as a whole and of the selected target."""
-        values = common_values(self.targets, self.selected, self.heard, self.estimate)
+        values = common_values(self.targets, self.selected, self.detector_runs, self.estimate)
         return values | likelihood_values(self.likelihood) if self.likelihood else values
 
     def target_statuses(self, node: str) -> list[Status]:

@@ -37,7 +37,7 @@ MANY = FrameResult(
     targets=(target(2), target(5, "occluded", label="car"), target(6, "lost")),
     selected=5,
     max_targets=8,
-    heard=3,
+    detector_runs=3,
     image=np.full((40, 60), 9, np.uint8),
     likelihood=LikelihoodMap(
         (1.0, 2.0, 8.0, 8.0), np.array([[-1.0, -2.0]]), (0.0, 0.0, 1.0, 1.0),

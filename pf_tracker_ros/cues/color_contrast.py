@@ -25,9 +25,9 @@ from pf_tracker_ros.cues.cue import (
     CueParameters,
     Match,
     SearchableCue,
-    declared_keep,
     box_sums,
     box_sums_on_grid,
+    declared_keep,
 )
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared

@@ -27,10 +27,10 @@ from pf_tracker_ros.cues.correlation_filter import (
     deviation_of,
     mean_of,
     peak_near,
+    peak_to_sidelobe,
     response,
     response_at_center,
     spectra_of,
-    peak_to_sidelobe,
     train,
 )
 from pf_tracker_ros.cues.cue import CUES, CueParameters, Match, PredictedTarget, SearchableCue

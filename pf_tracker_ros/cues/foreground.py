@@ -19,9 +19,9 @@ from pf_tracker_ros.cues.cue import (
     CUES,
     Cue,
     CueParameters,
-    declared_weight,
     box_sums,
     box_sums_on_grid,
+    declared_weight,
 )
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.parameters import declared

@@ -1,8 +1,8 @@
 """The particle filter: particles, motion models, proposals and resampling; no images here."""
 
 from pf_tracker_ros.filter.affine_motion import AffineMotion
-from pf_tracker_ros.filter.kalman_filter import KalmanFilter
 from pf_tracker_ros.filter.gaussian import DegenerateError, Gaussian
+from pf_tracker_ros.filter.kalman_filter import KalmanFilter
 from pf_tracker_ros.filter.motion import (
     LONGEST_PREDICTION,
     MOTION_MODELS,
@@ -25,8 +25,8 @@ from pf_tracker_ros.filter.proposals import (
 )
 from pf_tracker_ros.filter.resampling import (
     RESAMPLERS,
-    ElitistResampler,
     EffectiveSampleSizeResampler,
+    ElitistResampler,
     Resampler,
     ResamplingParameters,
     build_resampler,
@@ -38,14 +38,14 @@ __all__ = [
     "MOTION_MODELS",
     "RESAMPLERS",
     "AffineMotion",
-    "ElitistResampler",
     "CenterPrior",
     "DegenerateError",
     "EffectiveSampleSizeResampler",
-    "KalmanFilteredMotion",
+    "ElitistResampler",
     "Gaussian",
     "GridDensity",
     "KalmanFilter",
+    "KalmanFilteredMotion",
     "MotionModel",
     "MotionParameters",
     "ParticleSet",

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.filter.kalman_filter import SMALLEST_STD, KalmanFilter, LinearStep
 from pf_tracker_ros.filter.gaussian import Gaussian
+from pf_tracker_ros.filter.kalman_filter import SMALLEST_STD, KalmanFilter, LinearStep
 from pf_tracker_ros.filter.motion import (
     MODEL_STEP,
     MOTION_MODELS,

@@ -15,8 +15,8 @@ from pf_tracker_ros.frames.exposure import (
     UNCHANGED_ILLUMINATION,
     GrayRange,
     Illumination,
-    gray_range,
     gain_table,
+    gray_range,
     to_8_bit,
 )
 

@@ -17,14 +17,14 @@ from pf_tracker_ros.recordings.detections.hearing import Hearing
 from pf_tracker_ros.recordings.errors import WRONG_TARGET, RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
 from pf_tracker_ros.recordings.target import Target
-from pf_tracker_ros.targets.multi_tracker import MOST_TARGETS
-from pf_tracker_ros.targets.session import DROPPED, Outcome, Session
+from pf_tracker_ros.targets.multi_tracker import DEFAULT_MAX_TARGETS
+from pf_tracker_ros.targets.session import DROPPED_ARRIVALS, Outcome, Session
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.topics import FrameResult
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.presets import preset_parameters
 
-SKIPPED = ("refused", *DROPPED)
+SKIPPED = ("refused", *DROPPED_ARRIVALS)
 """What becomes of a frame that is not looked at, as the node's status says it."""
 
 # As the node's parameters `history_frames` and `history_megabytes` have them: late detections count
@@ -89,7 +89,7 @@ def tracker_parameters(
         ParameterError: There is no such preset.
         RecordingError: There are more targets than there may be.
     """
-    usual = 1 if len(targets) == 1 and not detected else MOST_TARGETS
+    usual = 1 if len(targets) == 1 and not detected else DEFAULT_MAX_TARGETS
     given = parameters.get("max_targets", usual)
     # What is no number is refused by its name, with all values.
     most = given if isinstance(given, int) else usual
@@ -194,16 +194,16 @@ class _Tracking:
             targets=tuple(map(self._labeled, outcome.targets)) if is_seen else (),
             selected=outcome.selected,
             max_targets=self._max_targets,
-            heard=self._session.heard,
+            detector_runs=self._session.detector_runs,
             image=frame.image,
             problem=problem,
             seconds=seconds,
-            remarks=(*refused, *outcome.ended, *outcome.left_out),
+            remarks=(*refused, *outcome.ended, *outcome.rejected_detections),
         )
 
     def _process(self, frame: RecordedFrame) -> Outcome:
         arrival = self._session.classify(frame.stamp)
-        if arrival in DROPPED:
+        if arrival in DROPPED_ARRIVALS:
             return self._session.drop(arrival)
         if frame.decoded is None:
             raise ValueError(frame.problem)

@@ -1,8 +1,8 @@
 """Which detection is of which target, and whether targets are still who they were.
 
 1. Detections are assigned to targets, all at once, at the least cost (`Associator`).
-2. Targets that came out of a crossing as each other are exchanged (`tell_apart`).
-3. Targets that a detector has started are compared with those that are missing (`Recognizer`).
+2. Targets that came out of a crossing as each other are exchanged (`correct_id_switches`).
+3. Targets that a detector has started are compared with those that are missing (`ReIdentifier`).
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance
 from pf_tracker_ros.boxes import covered
-from pf_tracker_ros.targets.detections import Sighting
-from pf_tracker_ros.targets.tracks import Crowd, Life
+from pf_tracker_ros.targets.detections import Detection
+from pf_tracker_ros.targets.tracks import Track, TrackSet
 
 
-def check_installed() -> None:
+def require_scipy() -> None:
     """Make sure that there is SciPy, which is imported with the first detections.
 
     Raises:
@@ -55,7 +55,7 @@ def assign(costs: NDArray[np.float64], most: float) -> dict[int, int]:
 
 
 # Standard deviations of a detection's center, in widths and in heights of its box.
-CENTER_SPREAD = np.array([0.15, 0.1])
+CENTER_STD = np.array([0.15, 0.1])
 # Of the logarithms of its sides.
 _SIZE_SPREAD = np.array([0.25, 0.15])
 # Degrees of freedom of a distance: the tails are heavy, since people crouch, and detectors cut them
@@ -92,45 +92,45 @@ class Associator:
 
     def assign(
         self,
-        lives: Sequence[Life],
-        seen: Sequence[Sighting],
+        tracks: Sequence[Track],
+        seen: Sequence[Detection],
     ) -> dict[int, int]:
         """Place of a target to the place of its detection; each at most once.
 
         Args:
-            lives: N targets, their courses in this frame.
+            tracks: N targets, their courses in this frame.
             seen: M detections.
         """
-        if not lives or not seen:
+        if not tracks or not seen:
             return {}
         # Only here: without detections no SciPy is needed.
 
         boxes = np.array([one.box for one in seen])
         descriptors = np.array([one.descriptor for one in seen])
-        costs = np.array([self._costs(life, seen, boxes, descriptors) for life in lives])
+        costs = np.array([self._costs(track, seen, boxes, descriptors) for track in tracks])
         return assign(costs, _MOST_COST)
 
     def _costs(
         self,
-        life: Life,
-        seen: Sequence[Sighting],
+        track: Track,
+        seen: Sequence[Detection],
         boxes: NDArray[np.float64],
         descriptors: NDArray[np.float32],
     ) -> NDArray[np.float64]:
         """(M,) of one target; infinite beyond the gate."""
-        size, course = np.exp(life.log_size), life.course
-        of_detector = np.square(CENTER_SPREAD * size)
-        variance = course.spread + of_detector
-        apart = boxes[:, :2] + boxes[:, 2:] / 2 - course.center
+        size, center_filter = np.exp(track.log_size), track.center_filter
+        of_detector = np.square(CENTER_STD * size)
+        variance = center_filter.center_variance + of_detector
+        apart = boxes[:, :2] + boxes[:, 2:] / 2 - center_filter.center
         squared = (np.square(apart) / variance).sum(axis=1)
         costs = (_TAIL + 2.0) / 2.0 * np.log1p(squared / _TAIL)
         costs += 0.5 * np.log(variance / of_detector).sum()
         sizes = np.square(np.log(boxes[:, 2:] / size) / _SIZE_SPREAD).sum(axis=1)
         costs += _SIZE_WEIGHT * np.minimum(sizes, _MOST_OF_SIZE)
-        label = life.label
+        label = track.label
         costs += _LABEL_WEIGHT * np.array([one.label != label for one in seen])
-        differs = self._appearance.distance(life.descriptor, descriptors)
-        costs += _APPEARANCE_WEIGHT * (differs / life.varies - _USUALLY)
+        differs = self._appearance.distance(track.descriptor, descriptors)
+        costs += _APPEARANCE_WEIGHT * (differs / track.mean_appearance_distance - _USUALLY)
         costs[squared > _GATE] = np.inf
         return costs
 
@@ -141,19 +141,19 @@ _NEAR = 2.0
 _MARGIN = 0.15
 
 
-def tell_apart(
-    lives: Sequence[Life], own: Sequence[Sighting | None], appearance: Appearance
-) -> tuple[Life, ...]:
+def correct_id_switches(
+    tracks: Sequence[Track], own: Sequence[Detection | None], appearance: Appearance
+) -> tuple[Track, ...]:
     """The targets, with those exchanged that came out of a crossing as each other.
 
     Who is who is asked of the appearance, as soon as detections show both alone; the filters go on.
 
     Args:
-        lives: The targets.
+        tracks: The targets.
         own: The detection of each, None where there is none.
         appearance: Compares descriptors.
     """
-    settled = list(lives)
+    settled = list(tracks)
     shown = [place for place, one in enumerate(own) if one is not None and one.is_clear]
     for place, other in itertools.combinations(shown, 2):
         one, another = settled[place], settled[other]
@@ -168,21 +168,21 @@ def tell_apart(
     return tuple(settled)
 
 
-def _are_near(one: Sighting, other: Sighting) -> bool:
+def _are_near(one: Detection, other: Detection) -> bool:
     apart = one.box[:2] + one.box[2:] / 2 - other.box[:2] - other.box[2:] / 2
     return math.hypot(*apart) < _NEAR * (one.box[3] + other.box[3]) / 2
 
 
-def _with_filter(life: Life, other: Life) -> Life:
+def _with_filter(track: Track, other: Track) -> Track:
     """Who the one is, where the other one was followed."""
     return replace(
-        life,
-        target=other.target,
-        course=other.course,
+        track,
+        filter_state=other.filter_state,
+        center_filter=other.center_filter,
         log_size=other.log_size,
-        learned_for=other.learned_for,
-        is_hidden=other.is_hidden,
-        glimpse=other.glimpse,
+        time_since_template_update=other.time_since_template_update,
+        is_occluded_by_other=other.is_occluded_by_other,
+        distractor_candidate=other.distractor_candidate,
     )
 
 
@@ -197,7 +197,7 @@ _MISSING_BELOW = -1.0
 _HOLDS_ABOVE = 0.8
 
 
-class Recognizer:
+class ReIdentifier:
     """Gives targets that a detector has started the names of those they were before.
 
     Nobody ends what was started by hand. If it is lost, though, the detector finds it before
@@ -211,90 +211,93 @@ class Recognizer:
     def __init__(self, appearance: Appearance) -> None:
         self._appearance = appearance
 
-    def recognize(self, crowd: Crowd) -> Crowd:
+    def reidentify(self, track_set: TrackSet) -> TrackSet:
         """The crowd with those recognized that a detection shows.
 
         What has ended is recognized by the first detection or not at all.
 
         Args:
-            crowd: In a frame that the detector saw.
+            track_set: In a frame that the detector saw.
         """
-        missing = [*crowd.gone, *(life for life in crowd.lives if _is_missing(life))]
-        shown = [life for life in crowd.lives if _may_be_another(life, crowd.lives)]
+        missing = [
+            *track_set.ended_tracks,
+            *(track for track in track_set.tracks if _is_missing(track)),
+        ]
+        shown = [track for track in track_set.tracks if _may_be_another(track, track_set.tracks)]
         if not missing or not shown:
-            return crowd
+            return track_set
         differs = np.array([self._differences(before, shown) for before in missing])
         pairs = assign(differs, _ALIKE_BELOW)
         known = {shown[column].key: missing[row] for row, column in pairs.items()}
         found = {before.key for before in known.values()}
         return replace(
-            crowd,
-            lives=tuple(
-                _as_before(life, known[life.key]) if life.key in known else life
-                for life in crowd.lives
-                if life.key not in found
+            track_set,
+            tracks=tuple(
+                _as_before(track, known[track.key]) if track.key in known else track
+                for track in track_set.tracks
+                if track.key not in found
             ),
-            gone=tuple(life for life in crowd.gone if life.key not in found),
+            ended_tracks=tuple(track for track in track_set.ended_tracks if track.key not in found),
         )
 
-    def _differences(self, before: Life, shown: Sequence[Life]) -> NDArray[np.float64]:
+    def _differences(self, before: Track, shown: Sequence[Track]) -> NDArray[np.float64]:
         """(N,) how unlike a missing target others are, in what it varies by; infinite if not it."""
         differs = self._appearance.distance(
-            before.descriptor, np.array([life.descriptor for life in shown])
+            before.descriptor, np.array([track.descriptor for track in shown])
         )
-        may_be = [_may_be(before, life) for life in shown]
-        return np.where(may_be, differs / before.varies, math.inf)
+        may_be = [_may_be(before, track) for track in shown]
+        return np.where(may_be, differs / before.mean_appearance_distance, math.inf)
 
 
-def _is_missing(life: Life) -> bool:
+def _is_missing(track: Track) -> bool:
     """Whether somebody asked for a target that neither the detector nor the image shows."""
-    is_seen = life.unconfirmed_for == 0.0 or life.target.estimate.state == "tracking"
-    return life.by_hand and not is_seen and life.belief < _MISSING_BELOW
+    is_seen = track.unconfirmed_for == 0.0 or track.filter_state.estimate.state == "tracking"
+    return track.is_manual and not is_seen and track.existence_log_odds < _MISSING_BELOW
 
 
-def _may_be_another(life: Life, lives: Sequence[Life]) -> bool:
+def _may_be_another(track: Track, tracks: Sequence[Track]) -> bool:
     """Whether a detection shows a target that a detector has started, and that one alone."""
-    if life.unconfirmed_for > 0.0 or life.by_hand or life.is_rival:
+    if track.unconfirmed_for > 0.0 or track.is_manual or track.is_distractor:
         return False
-    known = (one for one in lives if one is not life and one.is_told and not _is_missing(one))
-    others = [one.box for one in known if one.target.estimate.state != "lost"]
-    inside = covered(np.array(others).reshape(-1, 4), life.box[None])
+    known = (one for one in tracks if one is not track and one.is_reported and not _is_missing(one))
+    others = [one.box for one in known if one.filter_state.estimate.state != "lost"]
+    inside = covered(np.array(others).reshape(-1, 4), track.box[None])
     return bool((inside <= _HOLDS_ABOVE).all())
 
 
-def _may_be(before: Life, life: Life) -> bool:
+def _may_be(before: Track, track: Track) -> bool:
     """Whether another target may be the missing one, whatever it looks like."""
-    if before.gone_for is None:
-        since, began_after = before.unconfirmed_for, life.age <= before.unconfirmed_for
+    if before.time_since_end is None:
+        since, began_after = before.unconfirmed_for, track.age <= before.unconfirmed_for
     else:
-        since, began_after = before.gone_for, life.confirmations == 1
+        since, began_after = before.time_since_end, track.hits == 1
     # Nobody looks for what has ended: its course alone goes along where the camera turns.
-    one, other = life.box, before.box if before.gone_for is None else before.expected
+    one, other = track.box, before.box if before.time_since_end is None else before.expected
     apart = one[:2] + one[2:] / 2 - other[:2] - other[2:] / 2
     is_near = math.hypot(*apart) <= (_REACH + _SPEED * since) * other[3]
-    return began_after and is_near and _may_be_called(before, life.label)
+    return began_after and is_near and _may_be_called(before, track.label)
 
 
-def _may_be_called(before: Life, label: str) -> bool:
+def _may_be_called(before: Track, label: str) -> bool:
     """Whether a target may have a label: nobody has called it anything else alone."""
     known = set(before.votes) - {""}
     return not known or label in known or not label
 
 
-def _as_before(life: Life, before: Life) -> Life:
+def _as_before(track: Track, before: Track) -> Track:
     """A target that is the one of before, where it is now."""
     votes = {
-        label: before.votes.get(label, 0.0) + life.votes.get(label, 0.0)
-        for label in (*before.votes, *life.votes)
+        label: before.votes.get(label, 0.0) + track.votes.get(label, 0.0)
+        for label in (*before.votes, *track.votes)
     }
     return replace(
-        life,
+        track,
         key=before.key,
         descriptor=before.descriptor,
-        varies=before.varies,
-        views=before.views,
-        belief=max(life.belief, 0.5),
-        age=before.age + (before.gone_for or 0.0),
-        confirmations=before.confirmations + life.confirmations,
+        mean_appearance_distance=before.mean_appearance_distance,
+        appearance_samples=before.appearance_samples,
+        existence_log_odds=max(track.existence_log_odds, 0.5),
+        age=before.age + (before.time_since_end or 0.0),
+        hits=before.hits + track.hits,
         votes=votes,
     )

@@ -17,7 +17,7 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.detections import Detections
-from pf_tracker_ros.targets.track_manager import NOMINAL_INTERVAL, usual_arithmetic
+from pf_tracker_ros.targets.track_manager import NOMINAL_INTERVAL, default_numpy_errors
 from pf_tracker_ros.tracking.image_front_end import ImageFrontEnd
 from pf_tracker_ros.tracking.input_checks import check_image
 
@@ -188,7 +188,7 @@ class _Eye:
         if self.is_new:
             self._front_end = ImageFrontEnd(self._seed, removes_ghosts=True)
         frame = Frame(image)
-        with usual_arithmetic():
+        with default_numpy_errors():
             self._front_end.prepare(frame, interval, (), self._needs_foreground, follow_light=False)
         self._front_end.commit(frame)
         return frame
@@ -198,7 +198,7 @@ class _Eye:
 _NICENESS = 10
 
 
-class Finding(NamedTuple):
+class DetectorResult(NamedTuple):
     """What a detector found.
 
     Attributes:
@@ -210,7 +210,7 @@ class Finding(NamedTuple):
     stamp: int
 
 
-class DetectingThread:
+class DetectorThread:
     """Shows a detector a frame now and then, without waiting for what it says.
 
     Frames that come while it is busy are none of its business, so it may look at fewer than the
@@ -226,7 +226,7 @@ class DetectingThread:
         self._detector = detector
         self._spacing = NANOSECONDS / rate
         self._last = 0
-        self._working: Future[Finding | None] | None = None
+        self._working: Future[DetectorResult | None] | None = None
         self._is_disregarded = False
         self._executor = ThreadPoolExecutor(
             1, thread_name_prefix="detector", initializer=_stand_back
@@ -251,7 +251,7 @@ class DetectingThread:
         self._working = self._executor.submit(self._look, image, stamp, interval)
         return True
 
-    def take(self, *, wait: bool = False) -> Finding | None:
+    def take(self, *, wait: bool = False) -> DetectorResult | None:
         """What was found in the last frame that was looked at; None if nothing new is known.
 
         Args:
@@ -267,7 +267,7 @@ class DetectingThread:
         found = working.result()
         return None if self._is_disregarded else found
 
-    def disregard(self) -> None:
+    def discard_pending(self) -> None:
         """Let nothing be found in the frame that is looked at, as where time begins anew."""
         self._is_disregarded = True
 
@@ -275,9 +275,11 @@ class DetectingThread:
         """End the thread; a frame that it has not begun to look at stays unseen."""
         self._executor.shutdown(cancel_futures=True)
 
-    def _look(self, image: NDArray[np.generic], stamp: int, interval: float) -> Finding | None:
+    def _look(
+        self, image: NDArray[np.generic], stamp: int, interval: float
+    ) -> DetectorResult | None:
         detections = self._detector.detect(image, interval)
-        return Finding(detections, stamp) if detections is not None else None
+        return DetectorResult(detections, stamp) if detections is not None else None
 
 
 def _stand_back() -> None:

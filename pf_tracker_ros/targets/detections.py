@@ -21,7 +21,7 @@ _LONGEST_LABEL = 100
 # No camera shows more that could be told apart; the best scores are kept.
 _MOST = 200
 # Two boxes that overlap by more than this (intersection over union) are one object, seen twice.
-DOUBLED_ABOVE = 0.65
+DUPLICATE_ABOVE = 0.65
 # A box that overlaps another by less than this shows its own object alone.
 _CLEAR_BELOW = 0.1
 # Narrower and lower boxes hold too few pixels.
@@ -111,7 +111,7 @@ def _is_time(age: object) -> bool:
         return False
 
 
-class Sighting(NamedTuple):
+class Detection(NamedTuple):
     """One object that a detector found.
 
     Attributes:
@@ -172,21 +172,21 @@ def usable(
     cut = np.hstack([starts, ends - starts])
     # Scores again by rank: equal ones would be sorted in an order of OpenCV's own.
     ranks = np.linspace(1.0, 0.5, len(numbers))
-    kept = cv2.dnn.NMSBoxes(cut[numbers].tolist(), ranks.tolist(), 0.0, DOUBLED_ABOVE)
+    kept = cv2.dnn.NMSBoxes(cut[numbers].tolist(), ranks.tolist(), 0.0, DUPLICATE_ABOVE)
     numbers = numbers[np.asarray(kept, dtype=np.intp).ravel()]
     return numbers, cut[numbers], reasons
 
 
-def sightings(
+def describe_detections(
     detections: Detections, frame: Frame, score_above: float, appearance: Appearance
-) -> tuple[list[Sighting], list[str]]:
+) -> tuple[list[Detection], list[str]]:
     """What counts of the detections of a frame, all described at once; and why others do not."""
     numbers, boxes, reasons = usable(detections, frame.size, score_above)
     shared = overlaps(boxes, boxes)
     np.fill_diagonal(shared, 0.0)
     clear = shared.max(axis=1, initial=0.0) < _CLEAR_BELOW
     found = [
-        Sighting(
+        Detection(
             box,
             float(np.clip(detections.scores[number], 0.0, 1.0)),
             detections.labels[number][:_LONGEST_LABEL],
@@ -219,7 +219,7 @@ def _floats(values: ArrayLike, name: str) -> NDArray[np.float64]:
 _LARGEST = 500_000
 
 
-def check_length(octets: bytes) -> None:
+def check_message_size(octets: bytes) -> None:
     """Refuse a serialized message that would take too long to read.
 
     Raises:
@@ -232,7 +232,7 @@ def check_length(octets: bytes) -> None:
         )
 
 
-def detections_of(message: Any) -> Detections:
+def detections_from_message(message: Any) -> Detections:
     """The detections of a vision_msgs Detection2DArray.
 
     The label and the score are those of the hypothesis with the best score; without one there is no
@@ -240,7 +240,7 @@ def detections_of(message: Any) -> Detections:
     """
     boxes, scores, labels = [], [], []
     for detection in message.detections:
-        boxes.append(outline_of(detection.bbox))
+        boxes.append(upright_box(detection.bbox))
         best = max(
             (one.hypothesis for one in detection.results), key=lambda one: one.score, default=None
         )
@@ -249,7 +249,7 @@ def detections_of(message: Any) -> Detections:
     return Detections(boxes, scores, labels)
 
 
-def outline_of(box: Any) -> Box:
+def upright_box(box: Any) -> Box:
     """The box around a vision_msgs BoundingBox2D, which may be turned."""
     center = box.center
     return box_around_turned(

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.detections import Sighting
-from pf_tracker_ros.targets.tracks import Crowd, Key, Life
+from pf_tracker_ros.targets.detections import Detection
+from pf_tracker_ros.targets.tracks import Track, TrackKey, TrackSet
 
 # How long an operator may take to draw a target, with some reserve for the way there and back.
 _REACH = NANOSECONDS * 11 // 5
@@ -34,14 +34,14 @@ class ReducedFrame:
         pixels: The image, reduced.
         shape: Of the image before.
         reduction: Image pixels to one of the reduced ones along each axis.
-        seen_as: What was known of the frame beside its image, see `Frame.with_image`.
+        frame_info: What was known of the frame beside its image, see `Frame.with_image`.
     """
 
     stamp: int
     pixels: NDArray[Any]
     shape: tuple[int, ...]
     reduction: int
-    seen_as: Frame
+    frame_info: Frame
 
     @classmethod
     def of(cls, frame: Frame, reduction: int) -> ReducedFrame:
@@ -61,73 +61,95 @@ class ReducedFrame:
         below, beside = self.shape[0] - height, self.shape[1] - width
         if below or beside:
             image = cv2.copyMakeBorder(image, 0, below, 0, beside, cv2.BORDER_REPLICATE)
-        return self.seen_as.with_image(image)
+        return self.frame_info.with_image(image)
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class HistoryEntry:
     """A frame, and what is needed to work out again what it made of the targets.
 
     Attributes:
-        kept: The frame, in full or reduced.
+        stored_frame: The frame, in full or reduced.
         interval: Seconds since the moment before.
-        before: The targets as that left them.
-        seen: What a detector found in it; None where it did not run.
-        begun: Targets that were then asked for by hand.
+        tracks_before: The targets as that left them.
+        detections: What a detector found in it; None where it did not run.
+        started: Targets that were then asked for by hand.
         stopped: Targets that were then forgotten by hand, as they were.
     """
 
-    kept: Frame | ReducedFrame
+    stored_frame: Frame | ReducedFrame
     interval: float
-    before: Crowd
-    seen: tuple[Sighting, ...] | None = None
-    begun: tuple[Life, ...] = ()
-    stopped: tuple[Life, ...] = ()
+    tracks_before: TrackSet
+    detections: tuple[Detection, ...] | None = None
+    started: tuple[Track, ...] = ()
+    stopped: tuple[Track, ...] = ()
 
-    def without(self, keys: Collection[Key]) -> Moment:
+    def without(self, keys: Collection[TrackKey]) -> HistoryEntry:
         """The same, where some of the targets before it had not been there."""
-        lives = tuple(life for life in self.before.lives if life.key not in keys)
-        return replace(self, before=replace(self.before, lives=lives))
+        tracks = tuple(track for track in self.tracks_before.tracks if track.key not in keys)
+        return replace(self, tracks_before=replace(self.tracks_before, tracks=tracks))
 
-    def without_targets(self) -> Moment:
+    def without_targets(self) -> HistoryEntry:
         """The same, where nobody had been there, and nobody had said anything of it."""
-        return Moment(self.kept, self.interval, replace(self.before, lives=(), gone=()))
+        return HistoryEntry(
+            self.stored_frame,
+            self.interval,
+            replace(self.tracks_before, tracks=(), ended_tracks=()),
+        )
 
     @property
     def frame(self) -> Frame:
         """The frame; made anew at each call where it is kept reduced."""
-        return self.kept.restored() if isinstance(self.kept, ReducedFrame) else self.kept
+        return (
+            self.stored_frame.restored()
+            if isinstance(self.stored_frame, ReducedFrame)
+            else self.stored_frame
+        )
 
     @property
     def stamp(self) -> int:
         """Of the frame, nanoseconds."""
-        return self.kept.stamp
+        return self.stored_frame.stamp
 
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) of the frame, pixels."""
-        shape = self.kept.shape if isinstance(self.kept, ReducedFrame) else self.kept.image.shape
+        shape = (
+            self.stored_frame.shape
+            if isinstance(self.stored_frame, ReducedFrame)
+            else self.stored_frame.image.shape
+        )
         return shape[1], shape[0]
 
     @property
-    def is_told_of(self) -> bool:
+    def has_input(self) -> bool:
         """Whether somebody has said something of it that must not be forgotten."""
-        return self.seen is not None or bool(self.begun or self.stopped)
+        return self.detections is not None or bool(self.started or self.stopped)
 
-    def joined(self, dropped: Moment) -> Moment:
+    def merge_dropped(self, dropped: HistoryEntry) -> HistoryEntry:
         """This moment as the one after what came before another one, which is dropped."""
-        kept, motion = self.kept, dropped._seen_as.camera_motion
+        kept, motion = self.stored_frame, dropped._seen_as.camera_motion
         if motion is not None:
-            seen_as = self._seen_as.with_image(self._seen_as.image)
-            since = seen_as.camera_motion
-            seen_as.camera_motion = motion if since is None else since @ motion
-            kept = replace(kept, seen_as=seen_as) if isinstance(kept, ReducedFrame) else seen_as
+            frame_info = self._seen_as.with_image(self._seen_as.image)
+            since = frame_info.camera_motion
+            frame_info.camera_motion = motion if since is None else since @ motion
+            kept = (
+                replace(kept, frame_info=frame_info)
+                if isinstance(kept, ReducedFrame)
+                else frame_info
+            )
         interval = dropped.interval + self.interval
-        return replace(self, kept=kept, interval=interval, before=dropped.before)
+        return replace(
+            self, stored_frame=kept, interval=interval, tracks_before=dropped.tracks_before
+        )
 
     @property
     def _seen_as(self) -> Frame:
-        return self.kept.seen_as if isinstance(self.kept, ReducedFrame) else self.kept
+        return (
+            self.stored_frame.frame_info
+            if isinstance(self.stored_frame, ReducedFrame)
+            else self.stored_frame
+        )
 
 
 class FrameBuffer:
@@ -147,9 +169,9 @@ class FrameBuffer:
     """
 
     def __init__(self, frames: int = 1, megabytes: float = 0.0) -> None:
-        self._full: deque[Moment] = deque()
+        self._full: deque[HistoryEntry] = deque()
         # All of them older than those in full.
-        self._thinned: deque[Moment] = deque()
+        self._thinned: deque[HistoryEntry] = deque()
         self._bytes = 0
         self.dropped_until = 0
         self.limit(frames, megabytes)
@@ -159,18 +181,18 @@ class FrameBuffer:
         self._most_frames, self._megabytes = frames, megabytes
         self._trim()
 
-    def emptied(self) -> FrameBuffer:
+    def empty_copy(self) -> FrameBuffer:
         """Another one with the same bounds, and without moments."""
         return FrameBuffer(self._most_frames, self._megabytes)
 
-    def add(self, moment: Moment) -> None:
+    def add(self, entry: HistoryEntry) -> None:
         """Keep a moment, the newest.
 
         Those before are dropped if their frames are of another size or kind, or if time has gone
         back.
         """
-        assert isinstance(moment.kept, Frame)
-        stamp, image = moment.stamp, moment.kept.image
+        assert isinstance(entry.stored_frame, Frame)
+        stamp, image = entry.stamp, entry.stored_frame.image
         if stamp == 0:
             self.clear()
             return
@@ -183,7 +205,7 @@ class FrameBuffer:
                 self.dropped_until = last.stamp
             # What was made of an image is as large again, and seldom asked for once more.
             last.clear_cache()
-        self._full.append(moment)
+        self._full.append(entry)
         self._bytes += _held_bytes(image)
         while self._thinned and stamp - self._thinned[0].stamp > _REACH:
             self._drop_oldest()
@@ -193,38 +215,38 @@ class FrameBuffer:
         return len(self._thinned) + len(self._full)
 
     @property
-    def moments(self) -> list[Moment]:
+    def entries(self) -> list[HistoryEntry]:
         """All of them, the oldest first."""
         return [*self._thinned, *self._full]
 
     @property
     def stamps(self) -> list[int]:
         """The stamps of the frames that are kept."""
-        return [moment.stamp for moment in self.moments]
+        return [entry.stamp for entry in self.entries]
 
     @property
-    def first(self) -> Moment:
+    def first(self) -> HistoryEntry:
         """The oldest."""
         return (self._thinned or self._full)[0]
 
     @property
-    def last(self) -> Moment:
+    def last(self) -> HistoryEntry:
         """The newest."""
         return self._full[-1]
 
     @property
-    def is_whole(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether it goes back to the first frame of all."""
-        return len(self) > 0 and self.first.before.frame == 0
+        return len(self) > 0 and self.first.tracks_before.frame == 0
 
-    def since(self, stamp: int) -> list[Moment]:
+    def since(self, stamp: int) -> list[HistoryEntry]:
         """The moments from the one nearest to `stamp` on; none if all are before it."""
-        moments = self.moments
-        first = next((i for i, one in enumerate(moments) if one.stamp >= stamp), len(moments))
-        if 0 < first < len(moments):
-            before, after = stamp - moments[first - 1].stamp, moments[first].stamp - stamp
+        entries = self.entries
+        first = next((i for i, one in enumerate(entries) if one.stamp >= stamp), len(entries))
+        if 0 < first < len(entries):
+            before, after = stamp - entries[first - 1].stamp, entries[first].stamp - stamp
             first -= before < after
-        return moments[first:]
+        return entries[first:]
 
     def clear(self) -> None:
         """Forget all frames."""
@@ -233,22 +255,22 @@ class FrameBuffer:
         self._bytes = 0
         self.dropped_until = 0
 
-    def put(self, moments: Sequence[Moment]) -> None:
+    def replace_all(self, entries: Sequence[HistoryEntry]) -> None:
         """Keep these, in the same order, in the place of all; without any, all were dropped."""
-        dropped_until = self.last.stamp if len(self) and not moments else self.dropped_until
+        dropped_until = self.last.stamp if len(self) and not entries else self.dropped_until
         self.clear()
         self.dropped_until = dropped_until
-        reduced = [i for i, one in enumerate(moments) if isinstance(one.kept, ReducedFrame)]
+        reduced = [i for i, one in enumerate(entries) if isinstance(one.stored_frame, ReducedFrame)]
         thinned_out = reduced[-1] + 1 if reduced else 0
-        self._thinned.extend(moments[:thinned_out])
-        self._full.extend(moments[thinned_out:])
-        self._bytes = sum(map(_bytes_of, moments))
+        self._thinned.extend(entries[:thinned_out])
+        self._full.extend(entries[thinned_out:])
+        self._bytes = sum(map(_bytes_of, entries))
 
-    def revise(self, moments: Sequence[Moment]) -> None:
+    def replace_from(self, entries: Sequence[HistoryEntry]) -> None:
         """Put moments in the place of all from the first of their stamps on."""
-        if moments:
-            before = [one for one in self.moments if one.stamp < moments[0].stamp]
-            self.put([*before, *moments])
+        if entries:
+            before = [one for one in self.entries if one.stamp < entries[0].stamp]
+            self.replace_all([*before, *entries])
 
     def _trim(self) -> None:
         while len(self) > max(self._most_frames, 1):
@@ -266,19 +288,19 @@ class FrameBuffer:
 
     def _thin_out(self) -> None:
         """Keep the oldest frame in full only if it is the last of its time, and then reduced."""
-        moment = self._full.popleft()
-        self._bytes -= _bytes_of(moment)
-        is_last = moment.stamp // _SPACING != self._full[0].stamp // _SPACING
-        if is_last or (moment.is_told_of and self._thinned):
-            reduction = self._reduction(moment.frame.image)
+        entry = self._full.popleft()
+        self._bytes -= _bytes_of(entry)
+        is_last = entry.stamp // _SPACING != self._full[0].stamp // _SPACING
+        if is_last or (entry.has_input and self._thinned):
+            reduction = self._reduction(entry.frame.image)
             if reduction > 1:
-                moment = replace(moment, kept=ReducedFrame.of(moment.frame, reduction))
-            self._thinned.append(moment)
-            self._bytes += _bytes_of(moment)
+                entry = replace(entry, stored_frame=ReducedFrame.of(entry.frame, reduction))
+            self._thinned.append(entry)
+            self._bytes += _bytes_of(entry)
         elif self._thinned:
-            self._full[0] = self._full[0].joined(moment)
+            self._full[0] = self._full[0].merge_dropped(entry)
         else:
-            self.dropped_until = moment.stamp
+            self.dropped_until = entry.stamp
 
     def _reduction(self, image: NDArray[np.generic]) -> int:
         """The power of 2 by which frames are reduced so that all that are thinned out fit."""
@@ -292,26 +314,26 @@ class FrameBuffer:
         return reduction
 
 
-def thinned(moments: Sequence[Moment], most: int) -> list[Moment]:
+def thinned(entries: Sequence[HistoryEntry], most: int) -> list[HistoryEntry]:
     """At most so many moments after the first one, spread evenly; the last one is kept.
 
     Those of which somebody has said something are kept as well.
     """
-    steps = min(len(moments) - 1, most)
-    kept = set(np.linspace(0, len(moments) - 1, steps + 1).round().astype(int).tolist())
-    chosen: list[Moment] = []
-    skipped: list[Moment] = []
-    for place, moment in enumerate(moments):
-        if place not in kept and not moment.is_told_of:
-            skipped.append(moment)
+    steps = min(len(entries) - 1, most)
+    kept = set(np.linspace(0, len(entries) - 1, steps + 1).round().astype(int).tolist())
+    chosen: list[HistoryEntry] = []
+    skipped: list[HistoryEntry] = []
+    for place, entry in enumerate(entries):
+        if place not in kept and not entry.has_input:
+            skipped.append(entry)
             continue
-        chosen.append(reduce(Moment.joined, reversed(skipped), moment))
+        chosen.append(reduce(HistoryEntry.merge_dropped, reversed(skipped), entry))
         skipped = []
     return chosen
 
 
-def _bytes_of(moment: Moment) -> int:
-    kept = moment.kept
+def _bytes_of(entry: HistoryEntry) -> int:
+    kept = entry.stored_frame
     return kept.pixels.nbytes if isinstance(kept, ReducedFrame) else _held_bytes(kept.image)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxesByAxis
-from pf_tracker_ros.targets.tracks import Life
+from pf_tracker_ros.targets.tracks import Track
 
 # Fewer targets of a kind say nothing of the ground.
 _LEAST_TARGETS = 3
@@ -49,7 +49,7 @@ class Ground:
     squares: float
 
     @classmethod
-    def under(cls, boxes: NDArray[np.float64]) -> Ground | None:
+    def fit(cls, boxes: NDArray[np.float64]) -> Ground | None:
         """The ground that (N, 4) boxes stand on; None where they are too few to tell."""
         if len(boxes) < _LEAST_TARGETS:
             return None
@@ -66,24 +66,26 @@ class Ground:
         variance = (usual + float(rest @ rest)) / (_PRIOR_TARGETS + len(boxes) - 2.0)
         return cls(lower_edge, height, slope, variance**0.5, squares)
 
-    def log_likelihood(self, stood: NDArray[np.float64], boxes: BoxesByAxis) -> NDArray[np.float64]:
+    def log_likelihood(
+        self, ground_box: NDArray[np.float64], boxes: BoxesByAxis
+    ) -> NDArray[np.float64]:
         """Of the heights of boxes, where their lower edges are.
 
         A target keeps its own height relative to the line. The farther it has gone, the less the
         line tells, as with any prediction of a regression.
 
         Args:
-            stood: (4,) box of the target when that was known, pixels.
+            ground_box: (4,) box of the target when that was known, pixels.
             boxes: In any shape.
 
         Returns:
             Log likelihoods, up to a constant, in a shape that NumPy brings to that of the boxes:
             where they are across the image does not matter.
         """
-        stood_at = stood[1] + stood[3]
+        stood_at = ground_box[1] + ground_box[3]
         lower_edges = boxes.y + boxes.height
         there = self._height(lower_edges)
-        expected = stood[3] * there / self._height(stood_at)
+        expected = ground_box[3] * there / self._height(stood_at)
         gone = np.square(lower_edges - stood_at) / self.squares
         variance = np.square(_OWN_SHARE * self.deviation / there) * (1.0 + gone)
         squared = np.square(np.log(np.maximum(boxes.height, 1e-3) / expected)) / variance
@@ -96,11 +98,11 @@ class Ground:
         return np.maximum(line, _LEAST_HEIGHT * self.height)
 
 
-def grounds_of(lives: Sequence[Life]) -> Mapping[str, Ground]:
+def fit_grounds(tracks: Sequence[Track]) -> Mapping[str, Ground]:
     """Label to the ground that its targets stand on, of those of which enough is known."""
-    stood: dict[str, list[NDArray[np.float64]]] = {}
-    for life in lives:
-        if life.stood is not None:
-            stood.setdefault(life.label, []).append(life.stood)
-    grounds = {label: Ground.under(np.array(boxes)) for label, boxes in stood.items()}
+    ground_box: dict[str, list[NDArray[np.float64]]] = {}
+    for track in tracks:
+        if track.ground_box is not None:
+            ground_box.setdefault(track.label, []).append(track.ground_box)
+    grounds = {label: Ground.fit(np.array(boxes)) for label, boxes in ground_box.items()}
     return {label: ground for label, ground in grounds.items() if ground}

@@ -13,10 +13,10 @@ from pf_tracker_ros.appearances import Appearance, Descriptor
 from pf_tracker_ros.boxes import Box, as_box, is_cut, overlaps
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.association import CENTER_SPREAD
-from pf_tracker_ros.targets.course import Course
-from pf_tracker_ros.targets.detections import Sighting
-from pf_tracker_ros.targets.tracks import Crowd, Key, Life
+from pf_tracker_ros.targets.association import CENTER_STD
+from pf_tracker_ros.targets.center_kalman_filter import CenterKalmanFilter
+from pf_tracker_ros.targets.detections import Detection
+from pf_tracker_ros.targets.tracks import Track, TrackKey, TrackSet
 from pf_tracker_ros.tracking.target_filter import TargetFilter
 
 # A detection that overlaps a target without one by more than this is taken for a bad one of it.
@@ -49,14 +49,14 @@ class Initiator:
         self._most = most
         self._appearance = appearance
 
-    def begin(
+    def initiate_manual(
         self,
         frame: Frame,
         box: Box,
-        key: Key,
+        key: TrackKey,
         label: str,
         generator: np.random.Generator | None = None,
-    ) -> Life:
+    ) -> Track:
         """A target that somebody asked for.
 
         Args:
@@ -66,82 +66,100 @@ class Initiator:
             label: What it is.
             generator: Its source of randomness; None for one of its own among others.
         """
-        life = self._life(frame, np.array(box), key, generator=generator)
-        return life.voted(label, 1.0)
+        track = self._life(frame, np.array(box), key, generator=generator)
+        return track.add_label_vote(label, 1.0)
 
-    def begin_rival(self, frame: Frame, box: NDArray[np.float64], key: Key, host: Life) -> Life:
+    def initiate_distractor(
+        self, frame: Frame, box: NDArray[np.float64], key: TrackKey, host: Track
+    ) -> Track:
         """What looks like a target beside it, in a (4,) box: no detector has found it so far."""
-        life = self._life(frame, box, key).voted(host.label, 0.0)
-        return replace(life, belief=_RIVAL_BELIEF, confirmations=0, host=host.key, stood=None)
+        track = self._life(frame, box, key).add_label_vote(host.label, 0.0)
+        return replace(
+            track,
+            existence_log_odds=_RIVAL_BELIEF,
+            hits=0,
+            distracted_key=host.key,
+            ground_box=None,
+        )
 
-    def start(self, crowd: Crowd, frame: Frame, rest: Sequence[tuple[int, Sighting]]) -> Crowd:
+    def initiate(
+        self, track_set: TrackSet, frame: Frame, rest: Sequence[tuple[int, Detection]]
+    ) -> TrackSet:
         """The crowd with new targets.
 
         Args:
-            crowd: In this frame.
+            track_set: In this frame.
             frame: At hand.
             rest: The detections that are of none of the targets, with their places among all.
         """
-        lives = list(crowd.lives)
+        tracks = list(track_set.tracks)
         unconfirmed = [
-            life.box for life in lives if life.unconfirmed_for > 0.0 and not life.is_rival
+            track.box for track in tracks if track.unconfirmed_for > 0.0 and not track.is_distractor
         ]
         boxes = np.array(unconfirmed).reshape(-1, 4)
         for place, one in rest:
-            if sum(not life.is_rival for life in lives) >= self._most:
+            if sum(not track.is_distractor for track in tracks) >= self._most:
                 break
             if overlaps(one.box[None], boxes).max(initial=0.0) > _TAKEN_ABOVE:
                 continue
-            key = Key(crowd.frame, place)
-            life = self._life(frame, one.box, key, one.descriptor).voted(one.label, one.score)
-            life = replace(life, belief=_FIRST_BELIEF + 2.0 * (one.score - 1.0))
-            lives = [other for other in lives if not (other.is_rival and is_on(other, life.box))]
-            lives.append(life)
-        return replace(crowd, lives=tuple(lives))
+            key = TrackKey(track_set.frame, place)
+            track = self._life(frame, one.box, key, one.descriptor).add_label_vote(
+                one.label, one.score
+            )
+            track = replace(track, existence_log_odds=_FIRST_BELIEF + 2.0 * (one.score - 1.0))
+            tracks = [
+                other
+                for other in tracks
+                if not (other.is_distractor and is_same_object(other, track.box))
+            ]
+            tracks.append(track)
+        return replace(track_set, tracks=tuple(tracks))
 
-    def join(self, crowd: Crowd, drawn: Sequence[Life]) -> Crowd:
+    def add_manual(self, track_set: TrackSet, drawn: Sequence[Track]) -> TrackSet:
         """The crowd with targets that somebody drew on its frame.
 
         They take over those that a detector has started there, and have room before them.
 
         Args:
-            crowd: In that frame.
+            track_set: In that frame.
             drawn: As they begin in it.
         """
         if not drawn:
-            return crowd
-        lives = [
-            life
-            for life in crowd.lives
-            if life.by_hand or not any(is_on(life, one.box) for one in drawn)
+            return track_set
+        tracks = [
+            track
+            for track in track_set.tracks
+            if track.is_manual or not any(is_same_object(track, one.box) for one in drawn)
         ]
-        lives += drawn
-        surplus = self.surplus(lives)
-        return replace(crowd, lives=tuple(life for life in lives if life.key not in surplus))
+        tracks += drawn
+        surplus = self.surplus_keys(tracks)
+        return replace(
+            track_set, tracks=tuple(track for track in tracks if track.key not in surplus)
+        )
 
-    def surplus(self, lives: Sequence[Life]) -> set[Key]:
+    def surplus_keys(self, tracks: Sequence[Track]) -> set[TrackKey]:
         """Those that detectors have started beyond the number that there may be, the unsurest."""
-        followed = [life for life in lives if not life.is_rival]
-        started = [life for life in followed if not life.by_hand]
-        started.sort(key=lambda life: (life.is_told, life.belief))
-        return {life.key for life in started[: max(len(followed) - self._most, 0)]}
+        followed = [track for track in tracks if not track.is_distractor]
+        started = [track for track in followed if not track.is_manual]
+        started.sort(key=lambda track: (track.is_reported, track.existence_log_odds))
+        return {track.key for track in started[: max(len(followed) - self._most, 0)]}
 
-    def adopt(self, crowd: Crowd, own: Sequence[Sighting | None]) -> Crowd:
+    def promote_distractors(self, track_set: TrackSet, own: Sequence[Detection | None]) -> TrackSet:
         """The crowd in which the rivals that detections show are targets, while there is room.
 
         Args:
-            crowd: In this frame.
+            track_set: In this frame.
             own: The detection of each, None where there is none.
         """
-        lives = []
-        room = self._most - sum(not life.is_rival for life in crowd.lives)
-        for life, one in zip(crowd.lives, own, strict=True):
-            is_adopted = one is not None and life.is_rival and room > 0
+        tracks = []
+        room = self._most - sum(not track.is_distractor for track in track_set.tracks)
+        for track, one in zip(track_set.tracks, own, strict=True):
+            is_adopted = one is not None and track.is_distractor and room > 0
             room -= is_adopted
-            lives.append(replace(life, host=None) if is_adopted else life)
-        return replace(crowd, lives=tuple(lives))
+            tracks.append(replace(track, distracted_key=None) if is_adopted else track)
+        return replace(track_set, tracks=tuple(tracks))
 
-    def confirm(self, crowd: Crowd, image_size: tuple[int, int]) -> Crowd:
+    def confirm(self, track_set: TrackSet, image_size: tuple[int, int]) -> TrackSet:
         """The crowd with those targets confirmed that were so often enough, while there is room.
 
         A fast detector has to say it in as many answers as a moment holds; a slow one is believed
@@ -149,30 +167,30 @@ class Initiator:
         more: half an object looks like others, and detectors are wrong there more often.
 
         Args:
-            crowd: In this frame.
+            track_set: In this frame.
             image_size: (width, height), pixels.
         """
-        answers = math.ceil(_CONFIRMED_WITHIN / max(crowd.rhythm, 1e-3) - 1e-6)
+        answers = math.ceil(_CONFIRMED_WITHIN / max(track_set.detection_interval, 1e-3) - 1e-6)
         needed = max(answers, 1)
-        lives = []
+        tracks = []
         # Those that began before fewer targets were allowed may be too many.
-        room = self._most - sum(life.by_hand or life.is_confirmed for life in crowd.lives)
-        for life in crowd.lives:
-            is_sure = life.confirmations >= needed + is_cut(life.box, image_size)
-            if is_sure and not (life.is_confirmed or life.by_hand):
+        room = self._most - sum(track.is_manual or track.is_confirmed for track in track_set.tracks)
+        for track in track_set.tracks:
+            is_sure = track.hits >= needed + is_cut(track.box, image_size)
+            if is_sure and not (track.is_confirmed or track.is_manual):
                 is_sure = room > 0
                 room -= is_sure
-            lives.append(replace(life, is_confirmed=life.is_confirmed or is_sure))
-        return replace(crowd, lives=tuple(lives))
+            tracks.append(replace(track, is_confirmed=track.is_confirmed or is_sure))
+        return replace(track_set, tracks=tuple(tracks))
 
     def _life(
         self,
         frame: Frame,
         box: NDArray[np.float64],
-        key: Key,
+        key: TrackKey,
         descriptor: Descriptor | None = None,
         generator: np.random.Generator | None = None,
-    ) -> Life:
+    ) -> Track:
         if descriptor is None:
             (descriptor,) = self._appearance.extract(frame, box[None])
         if generator is None:
@@ -182,14 +200,22 @@ class Initiator:
                 np.random.SeedSequence(self._seed, spawn_key=spawn_key)
             )
         target = self._target_filter.initialize(frame, as_box(box), GeneratorState.of(generator))
-        course = Course.begin(box, CENTER_SPREAD * box[2:])
-        stood = None if is_cut(box, frame.size) else box
-        return Life(key, target, descriptor, course, np.log(box[2:]), _FIRST_BELIEF, stood=stood)
+        center_filter = CenterKalmanFilter.initiate(box, CENTER_STD * box[2:])
+        ground_box = None if is_cut(box, frame.size) else box
+        return Track(
+            key,
+            target,
+            descriptor,
+            center_filter,
+            np.log(box[2:]),
+            _FIRST_BELIEF,
+            ground_box=ground_box,
+        )
 
 
-def is_on(life: Life, box: NDArray[np.float64]) -> bool:
+def is_same_object(track: Track, box: NDArray[np.float64]) -> bool:
     """Whether a target and a (4,) box are on the same object."""
-    return bool(overlaps(life.box[None], box[None])[0, 0] > _TAKEN_ABOVE)
+    return bool(overlaps(track.box[None], box[None])[0, 0] > _TAKEN_ABOVE)
 
 
 # Belief below which there is no such target.
@@ -208,26 +234,33 @@ class Deleter:
     def __init__(self, remember: float) -> None:
         self._remember = remember
 
-    def end(self, crowd: Crowd, image_size: tuple[int, int], interval: float) -> Crowd:
+    def delete_tracks(
+        self, track_set: TrackSet, image_size: tuple[int, int], interval: float
+    ) -> TrackSet:
         """The crowd without those that end in this frame.
 
         Args:
-            crowd: In this frame.
+            track_set: In this frame.
             image_size: (width, height), pixels.
             interval: Seconds since the last frame.
         """
-        gone = [replace(life, gone_for=(life.gone_for or 0.0) + interval) for life in crowd.gone]
-        lives = []
-        for life in crowd.lives:
-            if life.by_hand or not (life.belief < _ENDS_BELOW or _has_left(life, image_size)):
-                lives.append(life)
-            elif life.is_confirmed:
-                gone.append(replace(life, gone_for=0.0))
-        kept = [life for life in gone if (life.gone_for or 0.0) < self._remember]
-        return replace(crowd, lives=tuple(lives), gone=tuple(kept))
+        gone = [
+            replace(track, time_since_end=(track.time_since_end or 0.0) + interval)
+            for track in track_set.ended_tracks
+        ]
+        tracks = []
+        for track in track_set.tracks:
+            if track.is_manual or not (
+                track.existence_log_odds < _ENDS_BELOW or _has_left(track, image_size)
+            ):
+                tracks.append(track)
+            elif track.is_confirmed:
+                gone.append(replace(track, time_since_end=0.0))
+        kept = [track for track in gone if (track.time_since_end or 0.0) < self._remember]
+        return replace(track_set, tracks=tuple(tracks), ended_tracks=tuple(kept))
 
 
-def _has_left(life: Life, image_size: tuple[int, int]) -> bool:
-    box = life.box
+def _has_left(track: Track, image_size: tuple[int, int]) -> bool:
+    box = track.box
     center, margin = box[:2] + box[2:] / 2, _LEFT_WITHIN * box[2:]
     return bool((center <= margin).any() or (center >= np.array(image_size) - margin).any())

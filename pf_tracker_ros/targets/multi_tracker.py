@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.association import check_installed
+from pf_tracker_ros.targets.association import require_scipy
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.out_of_sequence import StampedDetections
 from pf_tracker_ros.targets.track_manager import NOMINAL_INTERVAL, TrackManager
@@ -21,7 +21,7 @@ from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_i
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 
-MOST_TARGETS = 32
+DEFAULT_MAX_TARGETS = 32
 """Of several targets, where nobody says how many there may be."""
 # Frames that are kept for late detections, and most memory for their images, in units of 10^6
 # bytes.
@@ -42,7 +42,7 @@ class MultiTracker:
     detections.
 
     Attributes:
-        left_out: Why detections of the last update were no use.
+        rejected_detections: Why detections of the last update were no use.
 
     Args:
         parameters: Every tunable.
@@ -82,7 +82,7 @@ class MultiTracker:
             ParameterError: No such preset or parameter, or a value that is not allowed.
             ValueError: The seed is no whole number from 0.
         """
-        values = {**preset_parameters(preset, MOST_TARGETS), **(parameters or {})}
+        values = {**preset_parameters(preset, DEFAULT_MAX_TARGETS), **(parameters or {})}
         return cls(build(TrackerParameters, values), seed)
 
     @property
@@ -91,8 +91,8 @@ class MultiTracker:
         return self._manager.parameters
 
     @property
-    def left_out(self) -> tuple[str, ...]:  # noqa: D102
-        return self._manager.left_out
+    def rejected_detections(self) -> tuple[str, ...]:  # noqa: D102
+        return self._manager.rejected_detections
 
     def set_parameters(self, values: Mapping[str, Any]) -> None:
         """Change parameters, all or none, keeping the targets with their ids.
@@ -110,7 +110,7 @@ class MultiTracker:
         """
         values = {**self.parameters, **values}
         other = TrackManager(build(TrackerParameters, values), self._manager.seed)
-        self._manager.take_parameters(other)
+        self._manager.adopt_parameters(other)
 
     @property
     def targets(self) -> tuple[TrackedTarget, ...]:
@@ -140,7 +140,7 @@ class MultiTracker:
         first_box = check_box(box, (image.shape[1], image.shape[0]))
         manager, last = self._manager, self._manager.last_frame
         if not manager.accepts_image(image):
-            raise ValueError(manager.misfit(image))
+            raise ValueError(manager.image_mismatch(image))
         if last is None and self._stamp:
             raise ValueError(
                 "there is no frame so far, as in a fresh copy; give one to update first"
@@ -180,7 +180,7 @@ class MultiTracker:
             image: As for `Tracker.start`; of the same size and kind each time.
             dt: Seconds since the last frame; None means the nominal interval.
             detections: What a detector found in this frame, or in the earlier one that its age
-                names, or several such answers; None where it has said nothing. `left_out` tells
+                names, or several such answers; None where it has said nothing. `rejected_detections` tells
                 what was no use in it.
 
         Returns:
@@ -192,10 +192,10 @@ class MultiTracker:
         """
         check_image(image)
         if not self._manager.accepts_image(image):
-            raise ValueError(self._manager.misfit(image))
+            raise ValueError(self._manager.image_mismatch(image))
         answers = _answers(detections)
         if answers:
-            check_installed()
+            require_scipy()
         interval = NOMINAL_INTERVAL if dt is None else check_interval(dt)
         stamp = _FIRST_STAMP
         if self._stamp:

@@ -18,10 +18,10 @@ import numpy as np
 from pf_tracker_ros.boxes import overlaps
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.detections import DOUBLED_ABOVE, Detections, Sighting
-from pf_tracker_ros.targets.frame_buffer import FrameBuffer, Moment
-from pf_tracker_ros.targets.keeper import CrowdKeeper
-from pf_tracker_ros.targets.tracks import Crowd, Life
+from pf_tracker_ros.targets.detections import DUPLICATE_ABOVE, Detection, Detections
+from pf_tracker_ros.targets.frame_buffer import FrameBuffer, HistoryEntry
+from pf_tracker_ros.targets.pipeline import TrackingPipeline
+from pf_tracker_ros.targets.tracks import Track, TrackSet
 
 # How late a detection may be, in nanoseconds.
 _LATEST = 2 * NANOSECONDS
@@ -31,7 +31,7 @@ _SLOWEST = 5 * NANOSECONDS
 # Before the first frame of all there is none that could be nearer than by so much.
 _NEAR_FIRST = NANOSECONDS // 50
 # What counts of detections in a frame, None where they say nothing of it; why others do not.
-Looker = Callable[[Detections, Frame], tuple[tuple[Sighting, ...] | None, list[str]]]
+DetectionFilter = Callable[[Detections, Frame], tuple[tuple[Detection, ...] | None, list[str]]]
 
 
 class StampedDetections(NamedTuple):
@@ -42,8 +42,8 @@ class StampedDetections(NamedTuple):
 
 
 def insert_late(
-    buffer: FrameBuffer, late: Sequence[StampedDetections], now: int, look: Looker
-) -> tuple[list[Moment], list[str]]:
+    buffer: FrameBuffer, late: Sequence[StampedDetections], now: int, look: DetectionFilter
+) -> tuple[list[HistoryEntry], list[str]]:
     """The moments from the oldest on that late detections are of, with these in them.
 
     Args:
@@ -55,29 +55,29 @@ def insert_late(
     Returns:
         The moments, to be processed again, and what was left out.
     """
-    moments: list[Moment] = []
-    left_out: list[str] = []
+    entries: list[HistoryEntry] = []
+    rejected_detections: list[str] = []
     for stamp, detections in sorted(late, key=lambda one: one.stamp):
-        since = moments_since(buffer, stamp) if now - stamp <= _LATEST else []
+        since = entries_since(buffer, stamp) if now - stamp <= _LATEST else []
         if not since:
             oldest = max(buffer.first.stamp, now - _LATEST) if len(buffer) else now
             early = buffer.first.stamp - stamp if len(buffer) else 0
-            if not (buffer.is_whole and _NEAR_FIRST < early < _SLOWEST):
-                left_out.append(
+            if not (buffer.is_complete and _NEAR_FIRST < early < _SLOWEST):
+                rejected_detections.append(
                     f"the detections are {(now - stamp) / NANOSECONDS:.3g} s old, and frames of "
                     f"the last {(now - oldest) / NANOSECONDS:.2g} s are kept"
                 )
             continue
-        moments = moments or since
-        place = len(moments) - len(since)
-        moment = moments[place]
-        seen, reasons = look(detections, moment.frame)
-        moments[place] = replace(moment, seen=merged(moment.seen, seen))
-        left_out += reasons
-    return moments, left_out
+        entries = entries or since
+        place = len(entries) - len(since)
+        entry = entries[place]
+        seen, reasons = look(detections, entry.frame)
+        entries[place] = replace(entry, detections=merge_detections(entry.detections, seen))
+        rejected_detections += reasons
+    return entries, rejected_detections
 
 
-def moments_since(buffer: FrameBuffer, stamp: int) -> list[Moment]:
+def entries_since(buffer: FrameBuffer, stamp: int) -> list[HistoryEntry]:
     """The moments from the one on that a stamp is of; none where that is not kept.
 
     Args:
@@ -86,38 +86,43 @@ def moments_since(buffer: FrameBuffer, stamp: int) -> list[Moment]:
     """
     since = buffer.since(stamp)
     if not since:
-        return buffer.moments[-1:]
+        return buffer.entries[-1:]
     early = since[0].stamp - stamp
     allowed = round(since[0].interval * NANOSECONDS / 2)
-    if buffer.is_whole and since[0] is buffer.first:
+    if buffer.is_complete and since[0] is buffer.first:
         allowed = max(allowed, _NEAR_FIRST)
     return since if early <= allowed else []
 
 
-def reprocess(keeper: CrowdKeeper, moments: Sequence[Moment]) -> tuple[Crowd, list[Moment]]:
+def reprocess(
+    pipeline: TrackingPipeline, entries: Sequence[HistoryEntry]
+) -> tuple[TrackSet, list[HistoryEntry]]:
     """What moments make of the targets that there were before the first of them.
 
     Args:
-        keeper: Makes the crowd of a frame out of the one before.
-        moments: One after the other, at least one.
+        pipeline: Makes the crowd of a frame out of the one before.
+        entries: One after the other, at least one.
 
     Returns:
         The targets after the last, and the moments, each with the targets before it.
     """
-    crowd = moments[0].before
+    track_set = entries[0].tracks_before
     revised = []
-    for moment in moments:
-        revised.append(replace(moment, before=crowd))
-        crowd = keeper.advance(crowd, moment.frame, moment.interval, moment.seen)
-        crowd = keeper.initiator.join(crowd, moment.begun)
-        for life in moment.stopped:
-            crowd = crowd.without(life)
-    return crowd, revised
+    for entry in entries:
+        revised.append(replace(entry, tracks_before=track_set))
+        track_set = pipeline.advance(track_set, entry.frame, entry.interval, entry.detections)
+        track_set = pipeline.initiator.add_manual(track_set, entry.started)
+        for track in entry.stopped:
+            track_set = track_set.without(track)
+    return track_set, revised
 
 
 def replay_track(
-    keeper: CrowdKeeper, life: Life, moments: Sequence[Moment], taken_over: Sequence[Life] = ()
-) -> tuple[Life, list[Moment]]:
+    pipeline: TrackingPipeline,
+    track: Track,
+    entries: Sequence[HistoryEntry],
+    taken_over: Sequence[Track] = (),
+) -> tuple[Track, list[HistoryEntry]]:
     """Take a target that began in a moment through those since, which it joins.
 
     It is followed by itself: the others were there before it. What looks like it beside it helps to
@@ -125,32 +130,32 @@ def replay_track(
     not looked for elsewhere.
 
     Args:
-        keeper: Makes the crowd of a frame out of the one before.
-        life: Began in the first moment.
-        moments: That one and those since.
+        pipeline: Makes the crowd of a frame out of the one before.
+        track: Began in the first moment.
+        entries: That one and those since.
         taken_over: Those in whose place it is from the first moment on.
 
     Returns:
         The target after the last, and the moments with it.
     """
-    first, *others = moments
-    alone = Crowd(frame=life.key.frame, lives=(life,), idle_for=0.0)
+    first, *others = entries
+    alone = TrackSet(frame=track.key.frame, tracks=(track,), time_since_detection=0.0)
     keys = {one.key for one in taken_over}
-    begun = (one for one in first.begun if one.key not in keys)
+    begun = (one for one in first.started if one.key not in keys)
     # What only looks like a target, nobody would miss.
-    stopped = (*first.stopped, *(one for one in taken_over if not one.is_rival))
-    revised = [replace(first, begun=(*begun, life), stopped=stopped)]
-    for moment in others:
-        there = (one for one in moment.before.lives if one.key not in keys)
-        before = replace(moment.before, lives=(*there, alone.lives[0]))
-        revised.append(replace(moment, before=before))
-        alone = keeper.advance(alone, moment.frame, moment.interval, None)
-    return alone.lives[0], revised
+    stopped = (*first.stopped, *(one for one in taken_over if not one.is_distractor))
+    revised = [replace(first, started=(*begun, track), stopped=stopped)]
+    for entry in others:
+        there = (one for one in entry.tracks_before.tracks if one.key not in keys)
+        before = replace(entry.tracks_before, tracks=(*there, alone.tracks[0]))
+        revised.append(replace(entry, tracks_before=before))
+        alone = pipeline.advance(alone, entry.frame, entry.interval, None)
+    return alone.tracks[0], revised
 
 
-def merged(
-    known: tuple[Sighting, ...] | None, seen: tuple[Sighting, ...] | None
-) -> tuple[Sighting, ...] | None:
+def merge_detections(
+    known: tuple[Detection, ...] | None, seen: tuple[Detection, ...] | None
+) -> tuple[Detection, ...] | None:
     """What was said of a frame, and what is said of it in addition, each object once.
 
     What was known keeps its places, which targets are named by.
@@ -158,5 +163,5 @@ def merged(
     if not known or seen is None:
         return known if seen is None else seen
     boxes = np.array([one.box for one in known])
-    new = [one for one in seen if overlaps(one.box[None], boxes).max() <= DOUBLED_ABOVE]
+    new = [one for one in seen if overlaps(one.box[None], boxes).max() <= DUPLICATE_ABOVE]
     return (*known, *new)

@@ -18,14 +18,14 @@ from pf_tracker_ros.tracking.frame_clock import is_due
 from pf_tracker_ros.tracking.scaling import same_aspect_ratio, scaled_box, size_of
 
 
-class Drawn(NamedTuple):
+class ManualTarget(NamedTuple):
     """A target that somebody drew.
 
     Attributes:
         box: Pixels.
         label: What it is.
         stamp: Of the frame that it was drawn on, nanoseconds; 0 for the next one.
-        on_misfits: Whether the image before was refused, since it fits no target.
+        on_mismatch: Whether the image before was refused, since it fits no target.
         image_size: (width, height) of that frame, pixels; None before it began.
         is_selected: Whether it is to be the selected target.
         has_waited: Whether it has waited for a frame with which time goes back to it.
@@ -34,24 +34,24 @@ class Drawn(NamedTuple):
     box: Box
     label: str
     stamp: int
-    on_misfits: bool = False
+    on_mismatch: bool = False
     image_size: tuple[int, int] | None = None
     is_selected: bool = False
     has_waited: bool = False
 
-    def redraw(self, image: NDArray[np.generic], *, is_selected: bool) -> Drawn:
+    def redraw(self, image: NDArray[np.generic], *, is_selected: bool) -> ManualTarget:
         """The same, drawn on another image; its box is scaled if that has the same aspect ratio."""
         size, box = self.image_size, self.box
         if size is not None and same_aspect_ratio(size, size_of(image)):
             box = scaled_box(box, size, size_of(image))
-        return Drawn(box, self.label, 0, is_selected=is_selected)
+        return ManualTarget(box, self.label, 0, is_selected=is_selected)
 
 
 # The oldest beyond are dropped.
-MOST_ANSWERS = 20
+MAX_QUEUED_DETECTIONS = 20
 
 
-class WaitingAnswers:
+class DetectionQueue:
     """Answers of detectors until their frames come; stamps are in nanoseconds, 0 is unknown."""
 
     def __init__(self) -> None:
@@ -66,7 +66,7 @@ class WaitingAnswers:
             stamp: Of that frame, 0 for the next one.
         """
         self._answers.append(StampedDetections(stamp, detections))
-        if len(self._answers) > MOST_ANSWERS:
+        if len(self._answers) > MAX_QUEUED_DETECTIONS:
             del self._answers[0]
             self._dropped += 1
 
@@ -74,11 +74,11 @@ class WaitingAnswers:
         """Those that count with a frame; they are kept."""
         return [one for one in self._answers if is_due(one.stamp, stamp)]
 
-    def forget_due(self, stamp: int) -> None:
+    def discard_due(self, stamp: int) -> None:
         """Forget those that count with a frame."""
         self._answers = [one for one in self._answers if not is_due(one.stamp, stamp)]
 
-    def forget_all_of(self, is_meant: Callable[[int], bool]) -> tuple[str, ...]:
+    def discard_where(self, is_meant: Callable[[int], bool]) -> tuple[str, ...]:
         """Forget those of images that were of another size or kind than those of now.
 
         Args:
@@ -101,13 +101,13 @@ class WaitingAnswers:
         """Forget all; how many were dropped is still to be told."""
         self._answers = []
 
-    def tell_dropped(self) -> tuple[str, ...]:
+    def pop_dropped_message(self) -> tuple[str, ...]:
         """A sentence on those that were dropped since it was asked last; none without any."""
         count, self._dropped = self._dropped, 0
         if not count:
             return ()
         return (
-            f"{count} of the detector's answers left out: {MOST_ANSWERS} at most wait for a frame; "
+            f"{count} of the detector's answers left out: {MAX_QUEUED_DETECTIONS} at most wait for a frame; "
             "let frames come, and the detector give each the stamp of the image that it saw",
         )
 
@@ -118,7 +118,7 @@ _MOST_MISFITS = 10
 _SUBSTITUTE_WITHIN = NANOSECONDS
 
 
-class ImageKind:
+class ImageFormatGuard:
     """Knows what images the targets were followed in, and those in a row that fit none of them."""
 
     def __init__(self) -> None:
@@ -130,12 +130,12 @@ class ImageKind:
         self._misfits = self._misfits_since = 0
 
     @property
-    def is_doubtful(self) -> bool:
+    def is_mismatched(self) -> bool:
         """Whether the last image fits no target."""
         return self._misfits > 0
 
     @property
-    def is_another(self) -> bool:
+    def is_new_format(self) -> bool:
         """Whether so many images in a row fit no target that others will not come."""
         return self._misfits >= _MOST_MISFITS
 
@@ -148,26 +148,26 @@ class ImageKind:
             self._others_until = self._stamp
         self._name, self._stamp = name, stamp
 
-    def is_of_others(self, stamp: int) -> bool:
+    def is_before_change(self, stamp: int) -> bool:
         """Whether a stamp is of the time when the images were of another size or kind."""
         return 0 < stamp <= self._others_until
 
-    def check_drawn(self, drawn: Drawn) -> None:
+    def check_manual_target(self, drawn: ManualTarget) -> None:
         """Refuse a target that was drawn on an image of another size or kind than those of now.
 
         Raises:
             ValueError: It was.
         """
-        if self.is_of_others(drawn.stamp):
+        if self.is_before_change(drawn.stamp):
             raise ValueError(
                 f"it was drawn on an image of another size or kind than the last one, {self._name}"
             )
 
-    def fit(self) -> None:
+    def count_match(self) -> None:
         """Count an image that the targets can go on with, or that all begins anew with."""
         self._misfits = 0
 
-    def misfit(self, stamp: int) -> None:
+    def count_mismatch(self, stamp: int) -> None:
         """Count an image that fits no target.
 
         Args:
@@ -176,7 +176,7 @@ class ImageKind:
         self._misfits_since = min(self._misfits_since, stamp) if self._misfits else stamp
         self._misfits += 1
 
-    def is_of_misfits(self, drawn: Drawn, stamp: int) -> bool:
+    def is_on_mismatched_image(self, drawn: ManualTarget, stamp: int) -> bool:
         """Whether a target was drawn on an image that fits no target.
 
         Args:
@@ -184,10 +184,10 @@ class ImageKind:
             stamp: Of the last such image, nanoseconds.
         """
         if drawn.stamp == 0:
-            return drawn.on_misfits
+            return drawn.on_mismatch
         return self._misfits_since <= drawn.stamp and is_due(drawn.stamp, stamp)
 
-    def brought_over(self, requested: Sequence[Drawn], stamp: int) -> list[Drawn]:
+    def moved_to_current(self, requested: Sequence[ManualTarget], stamp: int) -> list[ManualTarget]:
         """Targets that were asked for, those of images that were refused on the one at hand.
 
         Only those that were drawn a short time before it.
@@ -198,12 +198,12 @@ class ImageKind:
         """
         return [
             one._replace(stamp=0)
-            if self.is_of_misfits(one, stamp) and stamp - one.stamp <= _SUBSTITUTE_WITHIN
+            if self.is_on_mismatched_image(one, stamp) and stamp - one.stamp <= _SUBSTITUTE_WITHIN
             else one
             for one in requested
         ]
 
-    def refusal(self, image: NDArray[np.generic]) -> str:
+    def mismatch_message(self, image: NDArray[np.generic]) -> str:
         """Why an image is refused that fits no target."""
         return (
             f"image is {_name_of(image)}, but those that the targets were followed in were "
@@ -211,7 +211,7 @@ class ImageKind:
         )
 
 
-def ended_for_others(ids: Iterable[int]) -> str:
+def ended_message(ids: Iterable[int]) -> str:
     """What is told of targets that end because another was drawn on images that fit none."""
     return (
         f"ended: {', '.join(map(str, ids))}; a target was drawn on images of another size or kind, "

@@ -17,11 +17,16 @@ from typing import Any, Literal
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import build
-from pf_tracker_ros.targets.association import check_installed
+from pf_tracker_ros.targets.association import require_scipy
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.frame_buffer import FrameBuffer
-from pf_tracker_ros.targets.requests import Drawn, ImageKind, WaitingAnswers, ended_for_others
-from pf_tracker_ros.targets.track_manager import NotKeptError, Started, TrackManager
+from pf_tracker_ros.targets.requests import (
+    DetectionQueue,
+    ImageFormatGuard,
+    ManualTarget,
+    ended_message,
+)
+from pf_tracker_ros.targets.track_manager import FrameNotBufferedError, StartedTarget, TrackManager
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.frame_clock import FrameClock, TimePolicy, is_due
@@ -31,7 +36,7 @@ from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 FrameOutcome = Literal["started", "tracked", "duplicate", "late", "waiting"]
 Arrival = Literal["next", "jump", "again", "duplicate", "late"]
-DROPPED = ("duplicate", "late")
+DROPPED_ARRIVALS = ("duplicate", "late")
 """Arrivals of frames whose images nobody needs."""
 
 _DRAWN_BEFORE_JUMP = (
@@ -53,7 +58,7 @@ class Outcome:
         started: Ids of those that somebody asked for and that began with it.
         refused: Why others that were asked for did not begin.
         ended: Which targets ended because of the images, and why.
-        left_out: Why detections were no use.
+        rejected_detections: Why detections were no use.
         jumped_back: Seconds by which time went back with this frame, 0 if it did not.
         caught_up: Frames before this one that a target was followed through which began with it.
     """
@@ -64,7 +69,7 @@ class Outcome:
     started: tuple[int, ...] = ()
     refused: tuple[str, ...] = ()
     ended: tuple[str, ...] = ()
-    left_out: tuple[str, ...] = ()
+    rejected_detections: tuple[str, ...] = ()
     jumped_back: float = 0.0
     caught_up: int = 0
 
@@ -88,7 +93,7 @@ class Session:
     Attributes:
         time_policy: What to do when time jumps back; "restart" begins anew with the targets that
             somebody drew, and leaves the others to the detector. May be replaced at any time.
-        heard: Number of the answers of detectors so far.
+        detector_runs: Number of the answers of detectors so far.
 
     Args:
         parameters: Full name to value of the tracker's tunables.
@@ -100,15 +105,15 @@ class Session:
 
     def __init__(self, parameters: Mapping[str, Any], seed: int) -> None:
         self.time_policy = TimePolicy()
-        self.heard = 0
+        self.detector_runs = 0
         self._manager = TrackManager(build(TrackerParameters, parameters), seed)
         self._checked: tuple[Mapping[str, Any], int, TrackManager] | None = None
         self._clock = FrameClock()
-        self._answers = WaitingAnswers()
-        self._kind = ImageKind()
+        self._answers = DetectionQueue()
+        self._kind = ImageFormatGuard()
         self._selected = 0
-        self._requested: list[Drawn] = []
-        self._drawn: dict[int, Drawn] = {}
+        self._requested: list[ManualTarget] = []
+        self._drawn: dict[int, ManualTarget] = {}
         # What the next outcome is to tell: the frame at hand may be refused, and tell nothing.
         self._refused: list[str] = []
         self._ended: list[str] = []
@@ -172,7 +177,7 @@ class Session:
         else:
             other = TrackManager(build(TrackerParameters, parameters), seed)
         selected = self.selected
-        self._manager.take_parameters(other)
+        self._manager.adopt_parameters(other)
         if self._manager.max_targets > 1:
             self._selected = selected
 
@@ -195,15 +200,15 @@ class Session:
                 targets as there may be, and the box is on none of them.
         """
         self._clock.check_ahead(stamp)
-        is_other_kind = self._kind.is_doubtful
+        is_other_kind = self._kind.is_mismatched
         if self._manager.max_targets == 1:
-            self.withdraw()
-        elif is_other_kind or not self._manager.is_followed(box):
+            self.cancel_requests()
+        elif is_other_kind or not self._manager.is_on_target(box):
             others = 0 if is_other_kind else len(self.targets)
-            self._manager.check_room(others + len(self._requested))
-        self._requested.append(Drawn(box, label, stamp, is_other_kind))
+            self._manager.check_capacity(others + len(self._requested))
+        self._requested.append(ManualTarget(box, label, stamp, is_other_kind))
 
-    def withdraw(self) -> None:
+    def cancel_requests(self) -> None:
         """Forget requested targets that have not been started."""
         self._requested = []
 
@@ -219,8 +224,8 @@ class Session:
             ValueError: The stamp is by another clock than those of the frames, or SciPy, which
                 detections need, is not installed.
         """
-        check_installed()
-        self.heard += 1
+        require_scipy()
+        self.detector_runs += 1
         self._clock.check_ahead(stamp)
         self._clock.check_behind(stamp)
         if not self._clock.was_skipped(stamp):
@@ -238,12 +243,12 @@ class Session:
             ValueError: There is no such target; the message lists those there are.
         """
         if id:
-            self._manager.check_known(id)
+            self._manager.get_track(id)
         self._selected = id
 
     def stop(self) -> None:
         """Forget all targets, requested ones, and what detectors have said so far."""
-        self.withdraw()
+        self.cancel_requests()
         self._forget_targets()
         self._clock.expect_jump()
 
@@ -268,7 +273,7 @@ class Session:
 
     # Frames
 
-    def pass_over(self, stamp: int) -> None:
+    def skip(self, stamp: int) -> None:
         """Let the clock go on with a frame that is not looked at, as while there is a pause.
 
         What detectors say of it, and have said of those before, counts nowhere.
@@ -276,8 +281,8 @@ class Session:
         Args:
             stamp: Of the frame.
         """
-        self._clock.pass_over(stamp)
-        self._answers.forget_due(stamp)
+        self._clock.skip(stamp)
+        self._answers.discard_due(stamp)
 
     def classify(self, stamp: int) -> Arrival:
         """What a frame is by its stamp alone; to be asked once, before `process` or `drop`.
@@ -315,7 +320,7 @@ class Session:
             ValueError: The tracker refuses the image; the targets are kept.
         """
         arrival = arrival or self.classify(frame.stamp)
-        if arrival in DROPPED:
+        if arrival in DROPPED_ARRIVALS:
             return self.drop(arrival)
         # Before anything is given up for it.
         check_image(frame.image)
@@ -341,7 +346,7 @@ class Session:
             self._refused.append(_DRAWN_BEFORE_JUMP)
         if policy == "keep":
             self._answers.clear()
-            self._manager.forget_past()
+            self._manager.clear_history()
         else:
             drawn = self._drawn if policy == "restart" else {}
             if self._manager.max_targets == 1:
@@ -357,7 +362,7 @@ class Session:
         self._requested = waiting
         return self._track(frame, None, seconds)
 
-    def _only_of(self, drawn: Mapping[int, Drawn]) -> dict[int, Drawn]:
+    def _only_of(self, drawn: Mapping[int, ManualTarget]) -> dict[int, ManualTarget]:
         """Of those that were drawn the selected one, or else the last, where only one may be."""
         last = list(drawn)[-1:]
         return {id: drawn[id] for id in ([self._selected] if self._selected in drawn else last)}
@@ -373,22 +378,26 @@ class Session:
         if self._fit(frame):
             interval = None
         self._kind.accept(frame)
-        of_others = self._answers.forget_all_of(self._kind.is_of_others)
+        of_others = self._answers.discard_where(self._kind.is_before_change)
         self._manager.update(frame, interval, self._answers.due(frame.stamp))
         self._clock.take(frame.stamp, interval)
-        self._answers.forget_due(frame.stamp)
+        self._answers.discard_due(frame.stamp)
         started = self._start_requested(frame)
         kept = {target.id for target in self.targets}
         self._drawn = {id: drawn for id, drawn in self._drawn.items() if id in kept}
-        left_out = (*self._manager.left_out, *of_others, *self._answers.tell_dropped())
+        rejected_detections = (
+            *self._manager.rejected_detections,
+            *of_others,
+            *self._answers.pop_dropped_message(),
+        )
         outcome: FrameOutcome = "tracked" if self.targets else "waiting"
-        return self._outcome(outcome, started, left_out, jumped_back)
+        return self._outcome(outcome, started, rejected_detections, jumped_back)
 
     def _outcome(
         self,
         frame: FrameOutcome,
-        started: Sequence[Started],
-        left_out: tuple[str, ...] = (),
+        started: Sequence[StartedTarget],
+        rejected_detections: tuple[str, ...] = (),
         jumped_back: float = 0.0,
     ) -> Outcome:
         """What became of a frame, with what has waited to be told."""
@@ -401,24 +410,28 @@ class Session:
             started=tuple(one.id for one in started),
             refused=tuple(refused),
             ended=tuple(ended),
-            left_out=left_out,
+            rejected_detections=rejected_detections,
             jumped_back=jumped_back,
             caught_up=max((one.caught_up for one in started), default=0),
         )
 
-    def _start_requested(self, frame: Frame) -> list[Started]:
+    def _start_requested(self, frame: Frame) -> list[StartedTarget]:
         """Start what was asked for on frames up to this one."""
         due = [one for one in self._requested if is_due(one.stamp, frame.stamp)]
         self._requested = [one for one in self._requested if one not in due]
-        started: list[Started] = []
+        started: list[StartedTarget] = []
         for drawn in due:
             try:
-                self._kind.check_drawn(drawn)
+                self._kind.check_manual_target(drawn)
                 stamp = drawn.stamp if frame.stamp else 0
                 begun = self._manager.start(drawn.box, stamp, drawn.label)
             except ValueError as error:
                 is_long_ago = frame.stamp - drawn.stamp > self.time_policy.late_within
-                if isinstance(error, NotKeptError) and is_long_ago and not drawn.has_waited:
+                if (
+                    isinstance(error, FrameNotBufferedError)
+                    and is_long_ago
+                    and not drawn.has_waited
+                ):
                     # A recording that begins again may have sent it before its first frame.
                     self._requested.append(drawn._replace(has_waited=True))
                 else:
@@ -433,7 +446,7 @@ class Session:
         there = {target.id for target in self.targets}
         return [one for one in started if one.id in there]
 
-    def _takes_the_place(self, drawn: Drawn, frame: Frame) -> bool:
+    def _takes_the_place(self, drawn: ManualTarget, frame: Frame) -> bool:
         """Whether a target will be the only one with a frame, whatever images the others are of."""
         if self._manager.max_targets > 1 or drawn.stamp:
             return False
@@ -456,21 +469,21 @@ class Session:
             ValueError: The image fits no target, and they are kept.
         """
         if self._manager.accepts_image(frame.image) or self._manager.resize(frame):
-            self._kind.fit()
+            self._kind.count_match()
             return False
-        self._kind.misfit(frame.stamp)
+        self._kind.count_mismatch(frame.stamp)
         is_drawn_on = any(
-            self._kind.is_of_misfits(one, frame.stamp) or self._takes_the_place(one, frame)
+            self._kind.is_on_mismatched_image(one, frame.stamp) or self._takes_the_place(one, frame)
             for one in self._requested
         )
-        has_changed = self._kind.is_another and not self._drawn
+        has_changed = self._kind.is_new_format and not self._drawn
         if self.targets and not (is_drawn_on or has_changed):
-            raise ValueError(self._kind.refusal(frame.image))
+            raise ValueError(self._kind.mismatch_message(frame.image))
         if is_drawn_on:
-            self._requested = self._kind.brought_over(self._requested, frame.stamp)
+            self._requested = self._kind.moved_to_current(self._requested, frame.stamp)
             if self.targets and self._manager.max_targets > 1:
-                self._ended.append(ended_for_others(target.id for target in self.targets))
-        self._manager.forget_camera()
+                self._ended.append(ended_message(target.id for target in self.targets))
+        self._manager.reset()
         self._answers.clear()
-        self._kind.fit()
+        self._kind.count_match()
         return True

@@ -20,26 +20,26 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import ParameterError, flatten
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.detections import Detections, Sighting, sightings, usable
-from pf_tracker_ros.targets.frame_buffer import FrameBuffer, Moment, thinned
-from pf_tracker_ros.targets.keeper import CrowdKeeper
-from pf_tracker_ros.targets.lifecycle import is_on
+from pf_tracker_ros.targets.detections import Detection, Detections, describe_detections, usable
+from pf_tracker_ros.targets.frame_buffer import FrameBuffer, HistoryEntry, thinned
+from pf_tracker_ros.targets.lifecycle import is_same_object
 from pf_tracker_ros.targets.out_of_sequence import (
     StampedDetections,
     insert_late,
-    merged,
+    merge_detections,
     replay_track,
     reprocess,
 )
+from pf_tracker_ros.targets.pipeline import TrackingPipeline
 from pf_tracker_ros.targets.relearning import (
-    Sight,
-    learned_again,
-    needs_learning,
+    LastSeen,
+    needs_relearning,
     reconfigured,
+    relearned,
     resized,
 )
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
-from pf_tracker_ros.targets.tracks import Crowd, Key, Life, Names
+from pf_tracker_ros.targets.tracks import Track, TrackIds, TrackKey, TrackSet
 from pf_tracker_ros.tracking.image_front_end import ImageFrontEnd
 from pf_tracker_ros.tracking.input_checks import check_box, check_seed
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
@@ -56,11 +56,11 @@ _SUBSTITUTE_WITHIN = NANOSECONDS
 _MOST_CAUGHT_UP = 30
 
 
-class NotKeptError(ValueError):
+class FrameNotBufferedError(ValueError):
     """The frame that a target was drawn on is not kept any more."""
 
 
-class Started(NamedTuple):
+class StartedTarget(NamedTuple):
     """A target that somebody asked for.
 
     Attributes:
@@ -82,7 +82,7 @@ class TrackManager:
     It can be copied and pickled, with its targets but without the frames for late detections.
 
     Attributes:
-        left_out: Why detections of the last update were no use.
+        rejected_detections: Why detections of the last update were no use.
 
     Args:
         parameters: Every tunable.
@@ -96,19 +96,19 @@ class TrackManager:
     def __init__(self, parameters: TrackerParameters, seed: int = 0) -> None:
         self._parameters = parameters
         self._seed = check_seed(seed)
-        with usual_arithmetic():
+        with default_numpy_errors():
             self._target_filter = TargetFilter(parameters)
-        self._keeper = CrowdKeeper(self._target_filter, parameters, self._seed)
+        self._pipeline = TrackingPipeline(self._target_filter, parameters, self._seed)
         self._front_end = self._new_front_end()
-        self._crowd = Crowd()
+        self._track_set = TrackSet()
         self.frames = FrameBuffer()
-        self._names = Names()
-        self._sights: dict[Key, Sight] = {}
-        self.left_out: tuple[str, ...] = ()
+        self._track_ids = TrackIds()
+        self._last_seen: dict[TrackKey, LastSeen] = {}
+        self.rejected_detections: tuple[str, ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
         # Images would only make a copy large.
-        return self.__dict__ | {"frames": self.frames.emptied(), "_sights": {}}
+        return self.__dict__ | {"frames": self.frames.empty_copy(), "_last_seen": {}}
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -133,41 +133,44 @@ class TrackManager:
     @property
     def targets(self) -> tuple[TrackedTarget, ...]:
         """The targets as the last frame left them, in the order of their ids."""
-        told = [
+        reported = [
             TrackedTarget(
-                self._names[life.key],
-                life.label,
-                life.target.estimate,
-                life.age,
-                life.unconfirmed_for,
+                self._track_ids[track.key],
+                track.label,
+                track.filter_state.estimate,
+                track.age,
+                track.unconfirmed_for,
             )
-            for life in self._names.told(self._crowd.lives).values()
+            for track in self._track_ids.reported(self._track_set.tracks).values()
         ]
-        return tuple(sorted(told, key=lambda target: target.id))
+        return tuple(sorted(reported, key=lambda target: target.id))
 
     def map_likelihood(self, id: int) -> LikelihoodMap | None:
         """How likely a target is around its box, in the frame that was given last.
 
         Nothing is tracked by it. None where there is no such target, or no frame as in a copy.
         """
-        life, frame = self._names.told(self._crowd.lives).get(id), self._front_end.frame
-        if life is None or frame is None:
+        track, frame = (
+            self._track_ids.reported(self._track_set.tracks).get(id),
+            self._front_end.frame,
+        )
+        if track is None or frame is None:
             return None
-        with usual_arithmetic():
-            return self._target_filter.map_likelihood(life.target, frame)
+        with default_numpy_errors():
+            return self._target_filter.map_likelihood(track.filter_state, frame)
 
     # Parameters
 
     def check_parameters(self, other: TrackManager) -> None:
-        """Try what `take_parameters` would do, and change nothing.
+        """Try what `adopt_parameters` would do, and change nothing.
 
         Raises:
-            ParameterError: As `take_parameters`.
+            ParameterError: As `adopt_parameters`.
         """
-        with usual_arithmetic():
+        with default_numpy_errors():
             self._adapted(other)
 
-    def take_parameters(self, other: TrackManager) -> None:
+    def adopt_parameters(self, other: TrackManager) -> None:
         """Go on with the parameters and the seed of another manager, keeping the targets.
 
         What decides on how a target is described, such as the motion model, learns every target
@@ -180,40 +183,40 @@ class TrackManager:
         Raises:
             ParameterError: A target was never seen that would have to be learned again.
         """
-        with usual_arithmetic():
-            crowd, moments = self._adapted(other)
-        self.frames.put(moments)
+        with default_numpy_errors():
+            track_set, entries = self._adapted(other)
+        self.frames.replace_all(entries)
         if other._target_filter.needs_foreground != self._target_filter.needs_foreground:
             self._front_end.reset_background()
-        self._crowd, self._seed = crowd, other._seed
+        self._track_set, self._seed = track_set, other._seed
         self._parameters, self._target_filter = other._parameters, other._target_filter
-        self._keeper = other._keeper
+        self._pipeline = other._pipeline
         self._front_end.configure(several=self.max_targets > 1)
 
-    def _adapted(self, other: TrackManager) -> tuple[Crowd, Sequence[Moment]]:
+    def _adapted(self, other: TrackManager) -> tuple[TrackSet, Sequence[HistoryEntry]]:
         """The targets, and the moments to be kept, for the parameters of another manager."""
-        moments, target_filter = self.frames.moments, other._target_filter
-        before = (one for moment in moments for one in moment.before.lives)
-        lives = [*self._crowd.lives, *self._crowd.gone, *before]
-        if not needs_learning(lives, self.parameters, other.parameters):
-            return reconfigured(self._crowd, target_filter), [
+        entries, target_filter = self.frames.entries, other._target_filter
+        before = (one for entry in entries for one in entry.tracks_before.tracks)
+        tracks = [*self._track_set.tracks, *self._track_set.ended_tracks, *before]
+        if not needs_relearning(tracks, self.parameters, other.parameters):
+            return reconfigured(self._track_set, target_filter), [
                 replace(
-                    moment,
-                    before=reconfigured(moment.before, target_filter),
-                    begun=reconfigured(Crowd(lives=moment.begun), target_filter).lives,
+                    entry,
+                    tracks_before=reconfigured(entry.tracks_before, target_filter),
+                    started=reconfigured(TrackSet(tracks=entry.started), target_filter).tracks,
                 )
-                for moment in moments
+                for entry in entries
             ]
         is_same = other._parameters.appearance == self._parameters.appearance
-        appearance = None if is_same else other._keeper.appearance
-        crowd, unseen = learned_again(self._crowd, self._sights, target_filter, appearance)
-        for life in unseen:
-            if life.is_told and life.key in self._names:
+        appearance = None if is_same else other._pipeline.appearance
+        track_set, unseen = relearned(self._track_set, self._last_seen, target_filter, appearance)
+        for track in unseen:
+            if track.is_reported and track.key in self._track_ids:
                 raise ParameterError(
-                    f"the target {self._names[life.key]} would have to be learned again, and no "
+                    f"the target {self._track_ids[track.key]} would have to be learned again, and no "
                     "frame that is still kept shows it; stop it first, or wait until it is seen"
                 )
-        return crowd, []
+        return track_set, []
 
     # Frames
 
@@ -221,7 +224,7 @@ class TrackManager:
         """Whether an image has the size and kind of those before; any does before the first."""
         return self._is_waiting or self._front_end.accepts_image(image)
 
-    def misfit(self, image: NDArray[np.generic]) -> str:
+    def image_mismatch(self, image: NDArray[np.generic]) -> str:
         """Why an image that does not fit is refused."""
         return (
             f"image is {image.shape} {image.dtype}, but the others were {self._front_end.image_format}; "
@@ -246,46 +249,57 @@ class TrackManager:
             ValueError: The image does not fit; the last good state is kept.
         """
         if not self.accepts_image(frame.image):
-            raise ValueError(self.misfit(frame.image))
+            raise ValueError(self.image_mismatch(frame.image))
         interval = NOMINAL_INTERVAL if interval is None else interval
-        self.left_out = ()
+        self.rejected_detections = ()
         if not detections and self._is_waiting:
             self._front_end = self._new_front_end(frame)
-            self.frames.add(Moment(frame, interval, self._crowd))
+            self.frames.add(HistoryEntry(frame, interval, self._track_set))
             return
         if not self._front_end.accepts_image(frame.image):
-            self.forget_camera()
-        with usual_arithmetic():
-            told = self._names.told(self._crowd.lives)
-            self._open(self._front_end, frame, interval, self._crowd.boxes)
+            self.reset()
+        with default_numpy_errors():
+            reported = self._track_ids.reported(self._track_set.tracks)
+            self._open(self._front_end, frame, interval, self._track_set.boxes)
             of_now = [one for one in detections if _is_of_now(one.stamp, frame.stamp, interval)]
             late = [one for one in detections if one not in of_now]
-            moments, left_out = insert_late(self.frames, late, frame.stamp, self._sightings)
-            crowd, revised = reprocess(self._keeper, moments) if moments else (self._crowd, [])
-            seen: tuple[Sighting, ...] | None = None
+            entries, rejected_detections = insert_late(
+                self.frames, late, frame.stamp, self._sightings
+            )
+            track_set, revised = (
+                reprocess(self._pipeline, entries) if entries else (self._track_set, [])
+            )
+            seen: tuple[Detection, ...] | None = None
             for answer in of_now:
                 found, reasons = self._sightings(answer.detections, frame)
-                seen = merged(seen, found)
-                left_out += reasons
-            moment = Moment(frame, interval, crowd, seen)
-            crowd = self._keeper.advance(crowd, frame, interval, seen)
+                seen = merge_detections(seen, found)
+                rejected_detections += reasons
+            entry = HistoryEntry(frame, interval, track_set, seen)
+            track_set = self._pipeline.advance(track_set, frame, interval, seen)
         self._front_end.commit(frame)
-        self.frames.revise(revised)
-        self.frames.add(moment)
-        self.left_out = tuple(dict.fromkeys(left_out))
+        self.frames.replace_from(revised)
+        self.frames.add(entry)
+        self.rejected_detections = tuple(dict.fromkeys(rejected_detections))
         if revised:
-            self._names.pass_on(told, crowd)
-        self._crowd, self._sights = crowd, _sights_after(frame, crowd, self._sights)
-        for life in crowd.lives:
-            if life.is_told:
-                self._names.name(life)
-        oldest = self.frames.first.before if len(self.frames) else crowd
-        self._names.forget(crowd, oldest.frame)
+            self._track_ids.inherit_ids(reported, track_set)
+        self._track_set, self._last_seen = (
+            track_set,
+            _sights_after(frame, track_set, self._last_seen),
+        )
+        for track in track_set.tracks:
+            if track.is_reported:
+                self._track_ids.assign_id(track)
+        oldest = self.frames.first.tracks_before if len(self.frames) else track_set
+        self._track_ids.prune(track_set, oldest.frame)
 
     @property
     def _is_waiting(self) -> bool:
         """Whether nothing depends on a frame: a single target, which is not there yet, is all."""
-        return self.max_targets == 1 and not self._crowd.lives and not self._crowd.is_heard
+        return (
+            self.max_targets == 1
+            and not self._track_set.tracks
+            and not self._track_set.has_detector
+        )
 
     def _open(
         self, front_end: ImageFrontEnd, frame: Frame, interval: float, boxes: Sequence[Box]
@@ -295,10 +309,12 @@ class TrackManager:
 
     def _sightings(
         self, detections: Detections, frame: Frame
-    ) -> tuple[tuple[Sighting, ...] | None, list[str]]:
+    ) -> tuple[tuple[Detection, ...] | None, list[str]]:
         detector = self._parameters.detector
         wanted = detections.with_labels(detector.labels)
-        seen, reasons = sightings(wanted, frame, detector.score_above, self._keeper.appearance)
+        seen, reasons = describe_detections(
+            wanted, frame, detector.score_above, self._pipeline.appearance
+        )
         if seen or not len(wanted) or len(usable(wanted, frame.size, -np.inf)[0]):
             return tuple(seen), reasons
         # None of the boxes makes sense: that does not say that nothing is there.
@@ -326,24 +342,26 @@ class TrackManager:
         if known is None or last is None:
             return False
         front_end, opened = self._new_front_end(), Frame(last, known.stamp)
-        boxes = [scaled_box(box, known.size, opened.size) for box in self._crowd.boxes]
+        boxes = [scaled_box(box, known.size, opened.size) for box in self._track_set.boxes]
         if any(min(box[2:]) < 1.0 for box in boxes):
             return False
-        with usual_arithmetic():
+        with default_numpy_errors():
             self._open(front_end, opened, 0.0, boxes)
-            crowd, sights = resized(self._crowd, self._sights, self._target_filter, known, opened)
+            track_set, last_seen = resized(
+                self._track_set, self._last_seen, self._target_filter, known, opened
+            )
         front_end.commit(opened)
-        self._front_end, self._crowd, self._sights = front_end, crowd, sights
+        self._front_end, self._track_set, self._last_seen = front_end, track_set, last_seen
         self.frames.clear()
         return True
 
-    def forget_past(self) -> None:
+    def clear_history(self) -> None:
         """Let no detection be of the frames so far, as where time begins anew."""
         self.frames.clear()
 
     # Targets
 
-    def check_room(self, count: int) -> None:
+    def check_capacity(self, count: int) -> None:
         """Refuse one more target where there are as many as there may be, or more.
 
         A single target makes room for the next one.
@@ -367,12 +385,12 @@ class TrackManager:
                 f"there are {count} targets, and there may be {most}; stop {count - most + 1} first"
             )
 
-    def is_followed(self, box: Box) -> bool:
+    def is_on_target(self, box: Box) -> bool:
         """Whether a box, pixels, is on a target as the last frame left it."""
-        told = self._names.told(self._crowd.lives).values()
-        return any(_is_shown_in(life, box) for life in told)
+        reported = self._track_ids.reported(self._track_set.tracks).values()
+        return any(_is_shown_in(track, box) for track in reported)
 
-    def start_on(self, frame: Frame, box: Box, label: str = "") -> Started:
+    def start_on(self, frame: Frame, box: Box, label: str = "") -> StartedTarget:
         """Take a target on a frame with which all begins.
 
         Args:
@@ -382,16 +400,16 @@ class TrackManager:
             label: What it is.
         """
         if self.max_targets == 1:
-            with usual_arithmetic():
+            with default_numpy_errors():
                 return self._start_alone(frame, box, label, ())
-        with usual_arithmetic():
+        with default_numpy_errors():
             self._open(self._front_end, frame, 0.0, [box])
             self._front_end.commit(frame)
-            self.frames.add(Moment(frame, 0.0, self._crowd))
-            self._crowd = self._keeper.advance(self._crowd, frame, 0.0, None)
-            return self._start_beside(frame, box, label, self.frames.moments)
+            self.frames.add(HistoryEntry(frame, 0.0, self._track_set))
+            self._track_set = self._pipeline.advance(self._track_set, frame, 0.0, None)
+            return self._start_beside(frame, box, label, self.frames.entries)
 
-    def start(self, box: Box, stamp: int = 0, label: str = "") -> Started:
+    def start(self, box: Box, stamp: int = 0, label: str = "") -> StartedTarget:
         """Take a new target by hand; no detector ends it.
 
         A box on a target that there is, and that is not lost, takes that one over, with its id.
@@ -404,19 +422,19 @@ class TrackManager:
         Raises:
             ValueError: The box is not usable, or there are as many targets as there may be; all are
                 kept.
-            NotKeptError: The frame is not kept any more.
+            FrameNotBufferedError: The frame is not kept any more.
         """
-        moments = self._moments_from(stamp)
-        frame = moments[0].frame if moments else self._front_end.frame
+        entries = self._moments_from(stamp)
+        frame = entries[0].frame if entries else self._front_end.frame
         if frame is None:
             raise ValueError("there is no frame so far, as in a fresh copy; give one first")
         first_box = check_box(box, frame.size)
-        with usual_arithmetic():
+        with default_numpy_errors():
             if self.max_targets == 1:
-                return self._start_alone(frame, first_box, label, moments)
-            return self._start_beside(frame, first_box, label, moments)
+                return self._start_alone(frame, first_box, label, entries)
+            return self._start_beside(frame, first_box, label, entries)
 
-    def _moments_from(self, stamp: int) -> list[Moment]:
+    def _moments_from(self, stamp: int) -> list[HistoryEntry]:
         """The moments from the one on that a target was drawn on; none where no frame is kept.
 
         Where they are too many, those in between are thinned out evenly.
@@ -426,79 +444,79 @@ class TrackManager:
         """
         last = self._front_end.frame
         if last is None or stamp in (0, last.stamp) or last.stamp == 0:
-            return self.frames.moments[-1:]
-        moments = self.frames.since(stamp)
-        first = moments[0].stamp if moments else last.stamp
+            return self.frames.entries[-1:]
+        entries = self.frames.since(stamp)
+        first = entries[0].stamp if entries else last.stamp
         behind = first - stamp
         # What was dropped before time went back says nothing of the frames since.
         is_dropped = stamp <= self.frames.dropped_until <= last.stamp
         if behind > _SUBSTITUTE_WITHIN or is_dropped:
-            raise NotKeptError(
+            raise FrameNotBufferedError(
                 f"it was drawn on a frame from {behind / NANOSECONDS:.3f} s before the oldest one "
-                f"here; allowed: one of the last {counted(max(len(moments), 1), 'frame')}, back to "
+                f"here; allowed: one of the last {counted(max(len(entries), 1), 'frame')}, back to "
                 f"{(last.stamp - first) / NANOSECONDS:.3f} s ago (parameters 'history_frames' and "
                 "'history_megabytes'), or stamp 0 for the next one"
             )
-        return thinned(moments, _MOST_CAUGHT_UP)
+        return thinned(entries, _MOST_CAUGHT_UP)
 
     def _start_alone(
-        self, frame: Frame, box: Box, label: str, moments: Sequence[Moment]
-    ) -> Started:
+        self, frame: Frame, box: Box, label: str, entries: Sequence[HistoryEntry]
+    ) -> StartedTarget:
         """Take the only target there may be; all begins anew with its frame."""
-        front_end, keeper = self._new_front_end(), self._keeper
+        front_end, pipeline = self._new_front_end(), self._pipeline
         self._open(front_end, frame, 0.0, [box])
-        then = moments[1].before if len(moments) > 1 else self._crowd
-        key = self._names.next_by_hand(then.frame)
+        then = entries[1].tracks_before if len(entries) > 1 else self._track_set
+        key = self._track_ids.next_manual_key(then.frame)
         generator_state = np.random.default_rng(np.random.SeedSequence(self._seed))
-        life = keeper.initiator.begin(frame, box, key, label, generator_state)
-        crowd = replace(then, lives=(life,), gone=())
-        sights = {key: Sight(frame, box)}
+        track = pipeline.initiator.initiate_manual(frame, box, key, label, generator_state)
+        track_set = replace(then, tracks=(track,), ended_tracks=())
+        last_seen = {key: LastSeen(frame, box)}
         earlier = [
             one.without_targets()
-            for one in self.frames.moments
-            if moments and one.stamp < moments[0].stamp
+            for one in self.frames.entries
+            if entries and one.stamp < entries[0].stamp
         ]
-        revised = [Moment(frame, 0.0, replace(crowd, lives=()), begun=(life,))]
-        for moment in moments[1:]:
+        revised = [HistoryEntry(frame, 0.0, replace(track_set, tracks=()), started=(track,))]
+        for entry in entries[1:]:
             front_end.commit(frame)
-            frame = moment.frame
-            self._open(front_end, frame, moment.interval, crowd.boxes)
-            revised.append(Moment(frame, moment.interval, crowd, moment.seen))
-            crowd = keeper.advance(crowd, frame, moment.interval, moment.seen)
-            sights = _sights_after(frame, crowd, sights)
+            frame = entry.frame
+            self._open(front_end, frame, entry.interval, track_set.boxes)
+            revised.append(HistoryEntry(frame, entry.interval, track_set, entry.detections))
+            track_set = pipeline.advance(track_set, frame, entry.interval, entry.detections)
+            last_seen = _sights_after(frame, track_set, last_seen)
         front_end.commit(frame)
-        self._front_end, self._crowd, self._sights = front_end, crowd, sights
-        self.frames.put([*earlier, *revised] if frame.stamp else ())
-        return Started(self._names.name(life), len(revised) - 1)
+        self._front_end, self._track_set, self._last_seen = front_end, track_set, last_seen
+        self.frames.replace_all([*earlier, *revised] if frame.stamp else ())
+        return StartedTarget(self._track_ids.assign_id(track), len(revised) - 1)
 
     def _start_beside(
-        self, frame: Frame, box: Box, label: str, moments: Sequence[Moment]
-    ) -> Started:
+        self, frame: Frame, box: Box, label: str, entries: Sequence[HistoryEntry]
+    ) -> StartedTarget:
         """Take one more target."""
-        then = moments[1].before if len(moments) > 1 else self._crowd
-        same = [one for one in then.lives if _is_shown_in(one, box)]
-        if not any(one.key in self._names for one in same):
-            self.check_room(len(self.targets))
-        key = self._names.next_by_hand(then.frame)
-        life = self._keeper.initiator.begin(frame, box, key, label)
+        then = entries[1].tracks_before if len(entries) > 1 else self._track_set
+        same = [one for one in then.tracks if _is_shown_in(one, box)]
+        if not any(one.key in self._track_ids for one in same):
+            self.check_capacity(len(self.targets))
+        key = self._track_ids.next_manual_key(then.frame)
+        track = self._pipeline.initiator.initiate_manual(frame, box, key, label)
         if same and not label:
-            life = replace(life, votes=same[0].votes)
-        revised: list[Moment] = []
-        if moments:
-            life, revised = replay_track(self._keeper, life, moments, same)
+            track = replace(track, votes=same[0].votes)
+        revised: list[HistoryEntry] = []
+        if entries:
+            track, revised = replay_track(self._pipeline, track, entries, same)
         keys = [one.key for one in same]
-        others = [one for one in self._crowd.lives if one.key not in keys]
+        others = [one for one in self._track_set.tracks if one.key not in keys]
         # What a detector has started since, where the target is by now, is the target.
-        keys += [one.key for one in others if not one.by_hand and _are_the_same(one, life)]
+        keys += [one.key for one in others if not one.is_manual and _are_the_same(one, track)]
         others = [one for one in others if one.key not in keys]
-        surplus = self._keeper.initiator.surplus([*others, life])
+        surplus = self._pipeline.initiator.surplus_keys([*others, track])
         others = [one for one in others if one.key not in surplus]
-        self.frames.revise([one.without([*keys, *surplus]) for one in revised])
-        self._crowd = replace(self._crowd, lives=(*others, life))
-        sights = {**self._sights, key: Sight(frame, box)}
-        self._sights = _sights_after(self._front_end.frame or frame, self._crowd, sights)
-        self._names.hand_over(keys, life.key)
-        return Started(self._names.name(life), max(len(moments) - 1, 0))
+        self.frames.replace_from([one.without([*keys, *surplus]) for one in revised])
+        self._track_set = replace(self._track_set, tracks=(*others, track))
+        last_seen = {**self._last_seen, key: LastSeen(frame, box)}
+        self._last_seen = _sights_after(self._front_end.frame or frame, self._track_set, last_seen)
+        self._track_ids.transfer_id(keys, track.key)
+        return StartedTarget(self._track_ids.assign_id(track), max(len(entries) - 1, 0))
 
     def stop(self, id: int) -> None:
         """Forget a target; a detector that still sees it will start it again, with another id.
@@ -506,45 +524,46 @@ class TrackManager:
         Raises:
             ValueError: There is no such target; the message lists those there are.
         """
-        life = self.check_known(id)
-        self._crowd = self._crowd.without(life)
+        track = self.get_track(id)
+        self._track_set = self._track_set.without(track)
         if len(self.frames):
             last = self.frames.last
-            self.frames.revise([replace(last, stopped=(*last.stopped, life))])
+            self.frames.replace_from([replace(last, stopped=(*last.stopped, track))])
 
-    def check_known(self, id: int) -> Life:
+    def get_track(self, id: int) -> Track:
         """The target of an id, be it that it has ended and is remembered.
 
         Raises:
             ValueError: There is no such target; the message lists those there are.
         """
-        lives = {
-            self._names.get(life.key): life for life in (*self._crowd.lives, *self._crowd.gone)
+        tracks = {
+            self._track_ids.get(track.key): track
+            for track in (*self._track_set.tracks, *self._track_set.ended_tracks)
         }
         is_number = isinstance(id, int | np.integer) and not isinstance(id, bool)
-        life = lives.get(id) if is_number else None
-        if life is None:
+        track = tracks.get(id) if is_number else None
+        if track is None:
             known = ", ".join(str(target.id) for target in self.targets) or "none"
             raise ValueError(f"no target has the id {id!r}; there are: {known}")
-        return life
+        return track
 
     def clear(self) -> None:
         """Forget all targets, those that have ended too; what the detector sees, it starts again.
 
         Their ids are not used again. The frames stay, for a target that was drawn on one of them.
         """
-        self._crowd = replace(self._crowd, lives=(), gone=())
-        self._sights = {}
-        self.frames.put([one.without_targets() for one in self.frames.moments])
+        self._track_set = replace(self._track_set, tracks=(), ended_tracks=())
+        self._last_seen = {}
+        self.frames.replace_all([one.without_targets() for one in self.frames.entries])
 
-    def forget_camera(self) -> None:
+    def reset(self) -> None:
         """Forget all targets, and take images of any size and kind."""
         self.clear()
         self.frames.clear()
         self._front_end = self._new_front_end()
 
 
-def usual_arithmetic() -> np.errstate:
+def default_numpy_errors() -> np.errstate:
     """NumPy's own error handling, whatever the program around it has set.
 
     Likelihoods far from the target vanish, which `numpy.seterr(all="raise")` would make an error.
@@ -552,16 +571,18 @@ def usual_arithmetic() -> np.errstate:
     return np.errstate(divide="warn", over="warn", under="ignore", invalid="warn")
 
 
-def _sights_after(frame: Frame, crowd: Crowd, before: Mapping[Key, Sight]) -> dict[Key, Sight]:
+def _sights_after(
+    frame: Frame, track_set: TrackSet, before: Mapping[TrackKey, LastSeen]
+) -> dict[TrackKey, LastSeen]:
     """Where each target was last seen, after a frame."""
-    sights: dict[Key, Sight] = {}
-    for life in crowd.lives:
-        estimate = life.target.estimate
+    last_seen: dict[TrackKey, LastSeen] = {}
+    for track in track_set.tracks:
+        estimate = track.filter_state.estimate
         if estimate.state == "tracking":
-            sights[life.key] = Sight(frame, estimate.box)
-        elif life.key in before:
-            sights[life.key] = before[life.key]
-    return sights
+            last_seen[track.key] = LastSeen(frame, estimate.box)
+        elif track.key in before:
+            last_seen[track.key] = before[track.key]
+    return last_seen
 
 
 def _is_of_now(stamp: int, now: int, interval: float) -> bool:
@@ -569,10 +590,12 @@ def _is_of_now(stamp: int, now: int, interval: float) -> bool:
     return 0 in (stamp, now) or (now - stamp) / NANOSECONDS <= interval / 2
 
 
-def _is_shown_in(life: Life, box: Box) -> bool:
+def _is_shown_in(track: Track, box: Box) -> bool:
     """Whether a box is on a target; where a lost one is, nobody knows."""
-    return life.target.estimate.state != "lost" and is_on(life, np.array(box))
+    return track.filter_state.estimate.state != "lost" and is_same_object(track, np.array(box))
 
 
-def _are_the_same(one: Life, other: Life) -> bool:
-    return other.target.estimate.state != "lost" and _is_shown_in(one, other.target.estimate.box)
+def _are_the_same(one: Track, other: Track) -> bool:
+    return other.filter_state.estimate.state != "lost" and _is_shown_in(
+        one, other.filter_state.estimate.box
+    )

@@ -28,7 +28,7 @@ class TrackedTarget:
     unconfirmed_for: float
 
 
-def state_of(targets: Sequence[TrackedTarget], selected: int) -> str:
+def overall_state(targets: Sequence[TrackedTarget], selected: int) -> str:
     """The state of the selected target, lost if it is gone; without one of that seen best.
 
     `idle` where there is none.
@@ -43,10 +43,10 @@ def state_of(targets: Sequence[TrackedTarget], selected: int) -> str:
 
 
 def description(targets: Sequence[TrackedTarget], selected: int) -> str:
-    """How all of them are, in words; arguments as of `state_of`."""
+    """How all of them are, in words; arguments as of `overall_state`."""
     count = len(targets)
     if selected or count < 2:
-        return DESCRIPTIONS[state_of(targets, selected)]
+        return DESCRIPTIONS[overall_state(targets, selected)]
     unseen = sum(target.estimate.state != "tracking" for target in targets)
     return f"tracking {count} targets" + (f", {unseen} of them out of sight" if unseen else "")
 
@@ -58,20 +58,20 @@ def severity(target: TrackedTarget) -> int:
 
 
 def common_values(
-    targets: Sequence[TrackedTarget], selected: int, heard: int, estimate: Estimate | None
+    targets: Sequence[TrackedTarget], selected: int, detector_runs: int, estimate: Estimate | None
 ) -> dict[str, str | float | int]:
     """What is known of them together and of the selected one, under the keys of the status.
 
     Args:
         targets: All that there are.
         selected: Id, 0 for none.
-        heard: Number of the answers of detectors so far.
+        detector_runs: Number of the answers of detectors so far.
         estimate: Of the selected target; None where there is none.
     """
     values: dict[str, str | float | int] = {
         "targets": len(targets),
         "selected": selected,
-        "detector_answers": heard,
+        "detector_answers": detector_runs,
     }
     return values | (estimate_values(estimate) if estimate else {})
 

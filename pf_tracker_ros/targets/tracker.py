@@ -103,7 +103,7 @@ class Tracker:
         """
         values = {**self.parameters, **values}
         other = type(self)(build(TrackerParameters, values), self._manager.seed)
-        self._manager.take_parameters(other._manager)
+        self._manager.adopt_parameters(other._manager)
 
     def start(self, image: NDArray[np.generic], box: ArrayLike) -> Estimate:
         """Take a new target, in the place of the one before.
@@ -127,7 +127,7 @@ class Tracker:
 
     def stop(self) -> None:
         """Forget the target."""
-        self._manager.forget_camera()
+        self._manager.reset()
 
     def update(self, image: NDArray[np.generic], dt: float | None = None) -> Estimate:
         """Follow the target into the next frame.
@@ -147,7 +147,7 @@ class Tracker:
             raise RuntimeError("no target: call start(image, box) first")
         check_image(image)
         if not self._manager.accepts_image(image):
-            raise ValueError(self._manager.misfit(image))
+            raise ValueError(self._manager.image_mismatch(image))
         self._manager.update(Frame(image.copy()), None if dt is None else check_interval(dt))
         return self._manager.targets[0].estimate
 

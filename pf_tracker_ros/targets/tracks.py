@@ -1,7 +1,7 @@
 """Tracks: what is known of each target beside the filter, all of them after a frame, their ids.
 
-A track (`Life`) is a value: where it came from, what speaks for it, what it has been called. All of
-a frame are one value, too (`Crowd`), so that the past can be processed again. Ids count from 1 in
+A track (`Track`) is a value: where it came from, what speaks for it, what it has been called. All of
+a frame are one value, too (`TrackSet`), so that the past can be processed again. Ids count from 1 in
 the order in which targets are reported, and are never used again.
 """
 
@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from pf_tracker_ros.appearances import Appearance, Descriptor
 from pf_tracker_ros.boxes import Box, overlaps
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.course import Course
+from pf_tracker_ros.targets.center_kalman_filter import CenterKalmanFilter
 from pf_tracker_ros.tracking.filter_state import FilterState
 
 # How far a target usually is from its own descriptor, before it is known, and how many detections
 # that is worth.
-USUALLY_VARIES, _PRIOR_VIEWS = 0.12, 10
+PRIOR_APPEARANCE_DISTANCE, _PRIOR_VIEWS = 0.12, 10
 # Detections that a descriptor, and how much it varies, are averages of; the least that it varies.
 _VIEWS, _LEAST_VARIES = 30, 0.02
 # Labels of a target that are counted.
@@ -32,7 +32,7 @@ _MOST_LABELS = 10
 _RATE = 0.05
 
 
-class Key(NamedTuple):
+class TrackKey(NamedTuple):
     """Names a target for good, even where what happened since is worked out again.
 
     Attributes:
@@ -45,88 +45,88 @@ class Key(NamedTuple):
     place: int
 
 
-class Glimpse(NamedTuple):
+class DistractorCandidate(NamedTuple):
     """What looks like a target beside it.
 
     Attributes:
         box: (4,) in the last frame, pixels.
-        course: Where it goes.
+        center_filter: Where it goes.
         seconds: From the first to the last of the frames in a row that showed it.
     """
 
     box: NDArray[np.float64]
-    course: Course
+    center_filter: CenterKalmanFilter
     seconds: float
 
 
 @dataclass(frozen=True, eq=False)
-class Life:
+class Track:
     """A target, and what is known of it beside its place and its templates; a value.
 
     Attributes:
         key: Its name for good.
-        target: As the filter follows it.
+        filter_state: As the filter follows it.
         descriptor: Of its appearance, as far as confirmed.
-        varies: How far its detections usually are from that, 0 to 1.
-        views: Detections that both were made of.
-        course: Where it goes.
+        mean_appearance_distance: How far its detections usually are from that, 0 to 1.
+        appearance_samples: Detections that both were made of.
+        center_filter: Where it goes.
         log_size: (2,) logarithms of its width and height, smoothed over the detections.
-        belief: Logarithm of the odds that there is such a target.
+        existence_log_odds: Logarithm of the odds that there is such a target.
         votes: Label to the sum of the scores with which it was given.
         age: Seconds since it began.
-        confirmations: Detections that were taken for it, the first one too.
+        hits: Detections that were taken for it, the first one too.
         unconfirmed_for: Seconds since the last of them.
-        learned_for: Seconds since it was learned anew.
+        time_since_template_update: Seconds since it was learned anew.
         is_confirmed: Whether it was confirmed often enough to be told.
-        is_hidden: Whether another target is in front of it.
-        is_doubled: Whether its box, then, is as good as that of the other one.
-        is_doubted: Whether it may be another one by now, which it was seen beside.
-        host: The target that it looks like and is beside of, where only that is known of it: a
+        is_occluded_by_other: Whether another target is in front of it.
+        is_duplicate: Whether its box, then, is as good as that of the other one.
+        may_have_switched: Whether it may be another one by now, which it was seen beside.
+        distracted_key: The target that it looks like and is beside of, where only that is known of it: a
             rival, which is followed to be told apart, and not told. None for all others.
         unseen_for: Seconds for which a rival was not seen; more where it should have been.
-        glimpse: What looks like it beside it; None where nothing does.
-        gone_for: Seconds since it ended; None while it is followed.
-        stood: (4,) box that somebody or the detector last told of it whole, pixels; None where
+        distractor_candidate: What looks like it beside it; None where nothing does.
+        time_since_end: Seconds since it ended; None while it is followed.
+        ground_box: (4,) box that somebody or the detector last told of it whole, pixels; None where
             nobody did, or the camera has moved since.
     """
 
-    key: Key
-    target: FilterState
+    key: TrackKey
+    filter_state: FilterState
     descriptor: Descriptor
-    course: Course
+    center_filter: CenterKalmanFilter
     log_size: NDArray[np.float64]
-    belief: float
-    varies: float = USUALLY_VARIES
-    views: int = 1
+    existence_log_odds: float
+    mean_appearance_distance: float = PRIOR_APPEARANCE_DISTANCE
+    appearance_samples: int = 1
     votes: Mapping[str, float] = field(default_factory=dict)
     age: float = 0.0
-    confirmations: int = 1
+    hits: int = 1
     unconfirmed_for: float = 0.0
-    learned_for: float = 0.0
+    time_since_template_update: float = 0.0
     is_confirmed: bool = False
-    is_hidden: bool = False
-    is_doubled: bool = False
-    is_doubted: bool = False
-    host: Key | None = None
+    is_occluded_by_other: bool = False
+    is_duplicate: bool = False
+    may_have_switched: bool = False
+    distracted_key: TrackKey | None = None
     unseen_for: float = 0.0
-    glimpse: Glimpse | None = None
-    gone_for: float | None = None
-    stood: NDArray[np.float64] | None = None
+    distractor_candidate: DistractorCandidate | None = None
+    time_since_end: float | None = None
+    ground_box: NDArray[np.float64] | None = None
 
     @property
-    def by_hand(self) -> bool:
+    def is_manual(self) -> bool:
         """Whether somebody asked for it, so that only they end it."""
         return self.key.place < 0
 
     @property
-    def is_on_its_own(self) -> bool:
+    def is_undetected(self) -> bool:
         """Whether nobody has told of it since somebody asked for it: no detector knows it."""
-        return self.by_hand and self.confirmations == 1
+        return self.is_manual and self.hits == 1
 
     @property
-    def is_rival(self) -> bool:
+    def is_distractor(self) -> bool:
         """Whether it is only known to look like another."""
-        return self.host is not None
+        return self.distracted_key is not None
 
     @property
     def label(self) -> str:
@@ -136,15 +136,15 @@ class Life:
     @property
     def box(self) -> NDArray[np.float64]:
         """(4,) as the last frame left it, pixels."""
-        return np.array(self.target.estimate.box)
+        return np.array(self.filter_state.estimate.box)
 
     @property
     def expected(self) -> NDArray[np.float64]:
         """(4,) box where its course is, pixels."""
         size = self.box[2:]
-        return np.concatenate([self.course.center - size / 2, size])
+        return np.concatenate([self.center_filter.center - size / 2, size])
 
-    def carried(self, camera_motion: NDArray[np.float64]) -> Life:
+    def compensate_camera_motion(self, camera_motion: NDArray[np.float64]) -> Track:
         """The same after the camera has moved: courses are those through the scene.
 
         Its particles stay: they look for it in the image, near where its course leads, and
@@ -153,24 +153,33 @@ class Life:
         Args:
             camera_motion: (3, 3), see `EgoMotion.follow`.
         """
-        glimpse = self.glimpse
-        if glimpse:
-            glimpse = glimpse._replace(course=glimpse.course.carry(camera_motion))
-        course = self.course.carry(camera_motion)
-        return replace(self, course=course, glimpse=glimpse, stood=None)
+        distractor_candidate = self.distractor_candidate
+        if distractor_candidate:
+            distractor_candidate = distractor_candidate._replace(
+                center_filter=distractor_candidate.center_filter.compensate_camera_motion(
+                    camera_motion
+                )
+            )
+        center_filter = self.center_filter.compensate_camera_motion(camera_motion)
+        return replace(
+            self,
+            center_filter=center_filter,
+            distractor_candidate=distractor_candidate,
+            ground_box=None,
+        )
 
-    def predicted(self, interval: float) -> Life:
+    def predict(self, interval: float) -> Track:
         """The same, with its course so many seconds later."""
-        return replace(self, course=self.course.predict(interval, self.box[3]))
+        return replace(self, center_filter=self.center_filter.predict(interval, self.box[3]))
 
     @property
-    def is_told(self) -> bool:
+    def is_reported(self) -> bool:
         """Whether it is sure enough, and seen well enough, to be told."""
-        is_seen = self.belief > 0.0 and self.target.estimate.state != "lost"
-        is_seen = is_seen and not (self.is_doubled or self.is_rival)
-        return self.by_hand or (self.is_confirmed and is_seen)
+        is_seen = self.existence_log_odds > 0.0 and self.filter_state.estimate.state != "lost"
+        is_seen = is_seen and not (self.is_duplicate or self.is_distractor)
+        return self.is_manual or (self.is_confirmed and is_seen)
 
-    def voted(self, label: str, score: float) -> Life:
+    def add_label_vote(self, label: str, score: float) -> Track:
         """The same, called by a label once more; without one, nothing is said."""
         if not label:
             return self
@@ -181,21 +190,27 @@ class Life:
             del votes[least]
         return replace(self, votes=votes)
 
-    def described(self, frame: Frame, box: Box, appearance: Appearance) -> Life:
+    def reset_descriptor(self, frame: Frame, box: Box, appearance: Appearance) -> Track:
         """The same, described anew by what is in its box."""
         (descriptor,) = appearance.extract(frame, np.array([box]))
-        return replace(self, descriptor=descriptor, varies=USUALLY_VARIES, views=1)
+        return replace(
+            self,
+            descriptor=descriptor,
+            mean_appearance_distance=PRIOR_APPEARANCE_DISTANCE,
+            appearance_samples=1,
+        )
 
-    def viewed(self, seen: Descriptor, appearance: Appearance) -> Life:
+    def update_descriptor(self, seen: Descriptor, appearance: Appearance) -> Track:
         """The same, seen once more alone."""
-        views = self.views + 1
+        views = self.appearance_samples + 1
         rate = 1.0 / min(views + _PRIOR_VIEWS, _VIEWS)
         differs = max(float(appearance.distance(self.descriptor, seen[None])[0]), _LEAST_VARIES)
         return replace(
             self,
             descriptor=appearance.blend(self.descriptor, seen, max(1.0 / views, _RATE)),
-            varies=self.varies + rate * (differs - self.varies),
-            views=views,
+            mean_appearance_distance=self.mean_appearance_distance
+            + rate * (differs - self.mean_appearance_distance),
+            appearance_samples=views,
         )
 
 
@@ -205,42 +220,44 @@ more than this."""
 
 
 @dataclass(frozen=True, eq=False)
-class Crowd:
+class TrackSet:
     """All targets after a frame, a value.
 
     Attributes:
         frame: Number of that frame.
-        lives: The targets that are followed, told or not.
-        gone: Those that have ended and are remembered.
-        idle_for: Seconds since the detector saw a frame.
-        rhythm: Seconds between the last two frames that it saw; infinite before the second.
+        tracks: The targets that are followed, told or not.
+        ended_tracks: Those that have ended and are remembered.
+        time_since_detection: Seconds since the detector saw a frame.
+        detection_interval: Seconds between the last two frames that it saw; infinite before the second.
     """
 
     frame: int = 0
-    lives: tuple[Life, ...] = ()
-    gone: tuple[Life, ...] = ()
-    idle_for: float = math.inf
-    rhythm: float = math.inf
+    tracks: tuple[Track, ...] = ()
+    ended_tracks: tuple[Track, ...] = ()
+    time_since_detection: float = math.inf
+    detection_interval: float = math.inf
 
     @property
-    def is_heard(self) -> bool:
+    def has_detector(self) -> bool:
         """Whether a detector has ever said something."""
-        return self.idle_for < math.inf
+        return self.time_since_detection < math.inf
 
     @property
     def boxes(self) -> list[Box]:
         """Where the targets are, pixels."""
-        return [life.target.estimate.box for life in self.lives]
+        return [track.filter_state.estimate.box for track in self.tracks]
 
-    def carried(self, camera_motion: NDArray[np.float64]) -> Crowd:
-        """The same after the camera has moved, see `Life.carried`."""
+    def compensate_camera_motion(self, camera_motion: NDArray[np.float64]) -> TrackSet:
+        """The same after the camera has moved, see `Track.compensate_camera_motion`."""
         return replace(
             self,
-            lives=tuple(life.carried(camera_motion) for life in self.lives),
-            gone=tuple(life.carried(camera_motion) for life in self.gone),
+            tracks=tuple(track.compensate_camera_motion(camera_motion) for track in self.tracks),
+            ended_tracks=tuple(
+                track.compensate_camera_motion(camera_motion) for track in self.ended_tracks
+            ),
         )
 
-    def without(self, stopped: Life) -> Crowd:
+    def without(self, stopped: Track) -> TrackSet:
         """The same, without one of them, followed or gone.
 
         Where a late detection has started another one in its place, without that.
@@ -248,20 +265,20 @@ class Crowd:
         Args:
             stopped: As it was when it was to be forgotten.
         """
-        everybody = (*self.lives, *self.gone)
+        everybody = (*self.tracks, *self.ended_tracks)
         key = stopped.key
         if all(one.key != key for one in everybody):
             key = _in_place_of(stopped, everybody)
         return replace(
             self,
-            lives=tuple(one for one in self.lives if one.key != key),
-            gone=tuple(one for one in self.gone if one.key != key),
+            tracks=tuple(one for one in self.tracks if one.key != key),
+            ended_tracks=tuple(one for one in self.ended_tracks if one.key != key),
         )
 
 
-def _in_place_of(stopped: Life, others: Sequence[Life]) -> Key:
+def _in_place_of(stopped: Track, others: Sequence[Track]) -> TrackKey:
     """The key of the target that a detector started where another one was; else that one's own."""
-    started = [one for one in others if not one.by_hand]
+    started = [one for one in others if not one.is_manual]
     if not started:
         return stopped.key
     same = overlaps(stopped.box[None], np.array([one.box for one in started]))[0]
@@ -269,79 +286,83 @@ def _in_place_of(stopped: Life, others: Sequence[Life]) -> Key:
     return started[best].key if same[best] > SAME_ABOVE else stopped.key
 
 
-# Names of targets that are remembered beyond those that there are.
+# TrackIds of targets that are remembered beyond those that there are.
 _MOST_NAMES = 10_000
 
 
-class Names:
-    """Key of a target to its id."""
+class TrackIds:
+    """TrackKey of a target to its id."""
 
     def __init__(self) -> None:
-        self._ids: dict[Key, int] = {}
+        self._ids: dict[TrackKey, int] = {}
         self._last = 0
 
-    def __contains__(self, key: Key) -> bool:
+    def __contains__(self, key: TrackKey) -> bool:
         return key in self._ids
 
-    def __getitem__(self, key: Key) -> int:
+    def __getitem__(self, key: TrackKey) -> int:
         return self._ids[key]
 
-    def get(self, key: Key) -> int | None:
+    def get(self, key: TrackKey) -> int | None:
         """The id of a target, None while it has none."""
         return self._ids.get(key)
 
-    def name(self, life: Life) -> int:
+    def assign_id(self, track: Track) -> int:
         """The id of a target, which gets one if it has none."""
-        if life.key not in self._ids:
+        if track.key not in self._ids:
             self._last += 1
-            self._ids[life.key] = self._last
-        return self._ids[life.key]
+            self._ids[track.key] = self._last
+        return self._ids[track.key]
 
-    def told(self, lives: Sequence[Life]) -> dict[int, Life]:
+    def reported(self, tracks: Sequence[Track]) -> dict[int, Track]:
         """Id to target, of those that are told."""
-        return {self._ids[life.key]: life for life in lives if life.is_told and life.key in self}
+        return {
+            self._ids[track.key]: track
+            for track in tracks
+            if track.is_reported and track.key in self
+        }
 
-    def next_by_hand(self, frame: int) -> Key:
+    def next_manual_key(self, frame: int) -> TrackKey:
         """A key for a target that is asked for in a frame."""
         places = (key.place for key in self._ids if key.frame == frame)
         # Not by their number: one that was taken over has left its place.
-        return Key(frame, min(0, min(places, default=0)) - 1)
+        return TrackKey(frame, min(0, min(places, default=0)) - 1)
 
-    def hand_over(self, before: Sequence[Key], now: Key) -> None:
+    def transfer_id(self, before: Sequence[TrackKey], now: TrackKey) -> None:
         """Let a target be called as the first of some that it takes over, which are no more."""
         names = [name for key in before if (name := self._ids.pop(key, None)) is not None]
         if names:
             self._ids[now] = names[0]
 
-    def pass_on(self, told: Mapping[int, Life], crowd: Crowd) -> None:
+    def inherit_ids(self, reported: Mapping[int, Track], track_set: TrackSet) -> None:
         """Let targets that took the places of others, when those were worked out again, be them.
 
         Args:
-            told: Id to target, as told before.
-            crowd: As worked out again.
+            reported: Id to target, as told before.
+            track_set: As worked out again.
         """
-        there = {life.key for life in (*crowd.lives, *crowd.gone)}
-        lost = [(name, life) for name, life in told.items() if life.key not in there]
-        for life in crowd.lives:
-            if not lost or not life.is_told or life.key in self._ids:
+        there = {track.key for track in (*track_set.tracks, *track_set.ended_tracks)}
+        lost = [(name, track) for name, track in reported.items() if track.key not in there]
+        for track in track_set.tracks:
+            if not lost or not track.is_reported or track.key in self._ids:
                 continue
-            same = overlaps(life.box[None], np.array([one.box for _, one in lost]))[0]
+            same = overlaps(track.box[None], np.array([one.box for _, one in lost]))[0]
             best = int(same.argmax())
             if same[best] > SAME_ABOVE:
                 name, before = lost.pop(best)
                 # Worked out once more, that one may be back, as another one.
                 del self._ids[before.key]
-                self._ids[life.key] = name
+                self._ids[track.key] = name
 
-    def forget(self, crowd: Crowd, oldest: int) -> None:
+    def prune(self, track_set: TrackSet, oldest: int) -> None:
         """Forget those that no frame can bring back.
 
         Args:
-            crowd: All targets that there are.
+            track_set: All targets that there are.
             oldest: Number of the oldest frame that may be worked out again.
         """
         if len(self._ids) > _MOST_NAMES:
-            there = {life.key for life in (*crowd.lives, *crowd.gone)}
+            there = {track.key for track in (*track_set.tracks, *track_set.ended_tracks)}
             self._ids = {
                 key: name for key, name in self._ids.items() if key in there or key.frame >= oldest
             }

@@ -23,11 +23,11 @@ from pf_tracker_ros.boxes import (
     sides_apart,
 )
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.association import CENTER_SPREAD
-from pf_tracker_ros.targets.course import Course
-from pf_tracker_ros.targets.detections import Sighting
-from pf_tracker_ros.targets.ground import Ground, grounds_of
-from pf_tracker_ros.targets.tracks import Life
+from pf_tracker_ros.targets.association import CENTER_STD
+from pf_tracker_ros.targets.center_kalman_filter import CenterKalmanFilter
+from pf_tracker_ros.targets.detections import Detection
+from pf_tracker_ros.targets.ground import Ground, fit_grounds
+from pf_tracker_ros.targets.tracks import Track
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import ExternalLikelihood, FramePrediction
 from pf_tracker_ros.tracking.target_filter import TargetFilter
@@ -106,67 +106,67 @@ class Updater:
 
     def update(
         self,
-        lives: Sequence[Life],
+        tracks: Sequence[Track],
         frame: Frame,
         interval: float,
-        own: Sequence[Sighting | None],
-        idle_for: float,
-    ) -> tuple[Life, ...]:
+        own: Sequence[Detection | None],
+        time_since_detection: float,
+    ) -> tuple[Track, ...]:
         """The targets one frame later.
 
         Args:
-            lives: N targets after the last frame, their courses in the next one.
+            tracks: N targets after the last frame, their courses in the next one.
             frame: The next one.
             interval: Seconds since the last one.
             own: The detection of each, None where there is none.
-            idle_for: Seconds since the detector saw a frame.
+            time_since_detection: Seconds since the detector saw a frame.
         """
-        updated = list(lives)
-        grounds = grounds_of(lives)
-        predicted = np.array([life.expected for life in lives]).reshape(-1, 4)
-        front: list[Life] = []
+        updated = list(tracks)
+        grounds = fit_grounds(tracks)
+        predicted = np.array([track.expected for track in tracks]).reshape(-1, 4)
+        front: list[Track] = []
         # What was just confirmed explains its pixels first, and a guess last; of the others, what
         # stands lower in the image, since it is nearer to the camera.
         lower = predicted[:, 1] + predicted[:, 3]
         unseen = np.array([one is None for one in own], dtype=np.bool_)
-        guessed = unseen & np.array([_is_guess(life) for life in lives], dtype=np.bool_)
-        is_silent = idle_for > _SILENT_AFTER
-        alone = _are_alone(lives, predicted) & (idle_for > _ON_THEIR_OWN_AFTER)
-        expected = self._expect(lives, frame, interval, own, alone, is_silent=is_silent)
+        guessed = unseen & np.array([_is_guess(track) for track in tracks], dtype=np.bool_)
+        is_silent = time_since_detection > _SILENT_AFTER
+        alone = _are_alone(tracks, predicted) & (time_since_detection > _ON_THEIR_OWN_AFTER)
+        expected = self._expect(tracks, frame, interval, own, alone, is_silent=is_silent)
         for place in np.lexsort((-lower, guessed, unseen)).tolist():
-            life = lives[place]
-            if life.is_rival and own[place] is None:
+            track = tracks[place]
+            if track.is_distractor and own[place] is None:
                 target = self._target_filter.operations.move_to(
-                    life.target, as_box(predicted[place])
+                    track.filter_state, as_box(predicted[place])
                 )
-                life = replace(life, target=target)
+                track = replace(track, filter_state=target)
             else:
-                life = self._follow(
-                    life,
+                track = self._follow(
+                    track,
                     predicted[place],
                     frame,
                     interval,
                     own=own[place],
                     expected=expected.get(place),
                     front=front,
-                    ground=grounds.get(life.label),
+                    ground=grounds.get(track.label),
                     is_alone=bool(alone[place]),
                     is_silent=is_silent,
                 )
-                if own[place] is None and life.is_on_its_own:
-                    rivals = [one.host == life.key for one in lives]
-                    life = self._doubt(life, lives[place], predicted[rivals])
-            updated[place] = life
-            if not _is_guess(life):
-                front.append(life)
+                if own[place] is None and track.is_undetected:
+                    rivals = [one.distracted_key == track.key for one in tracks]
+                    track = self._doubt(track, tracks[place], predicted[rivals])
+            updated[place] = track
+            if not _is_guess(track):
+                front.append(track)
         return tuple(updated)
 
     def _expect(
         self,
-        lives: Sequence[Life],
+        tracks: Sequence[Track],
         frame: Frame,
         interval: float,
-        own: Sequence[Sighting | None],
+        own: Sequence[Detection | None],
         alone: NDArray[np.bool_],
         *,
         is_silent: bool,
@@ -177,63 +177,65 @@ class Updater:
         """
         will_begin_anew = interval > _PAUSED_AFTER
         places, targets = [], []
-        for place, (life, one) in enumerate(zip(lives, own, strict=True)):
-            if will_begin_anew if one else life.is_rival or life.is_hidden:
+        for place, (track, one) in enumerate(zip(tracks, own, strict=True)):
+            if will_begin_anew if one else track.is_distractor or track.is_occluded_by_other:
                 continue
             places.append(place)
-            asks_for_size = bool(alone[place]) or _asks_for_size(life, one, is_silent)
-            targets.append((life.target, asks_for_size))
+            asks_for_size = bool(alone[place]) or _asks_for_size(track, one, is_silent)
+            targets.append((track.filter_state, asks_for_size))
         return dict(zip(places, self._target_filter.predict(targets, frame, interval), strict=True))
 
     def count_misses(
-        self, lives: Sequence[Life], own: Sequence[Sighting | None], rhythm: float
-    ) -> tuple[Life, ...]:
+        self, tracks: Sequence[Track], own: Sequence[Detection | None], detection_interval: float
+    ) -> tuple[Track, ...]:
         """The targets, those that the detector did not find believed in less.
 
         Args:
-            lives: In the frame that it saw.
+            tracks: In the frame that it saw.
             own: The detection of each, None where there is none.
-            rhythm: Seconds since the frame that it saw before.
+            detection_interval: Seconds since the frame that it saw before.
         """
-        boxes = np.array([life.box for life in lives]).reshape(-1, 4)
+        boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
         lower = boxes[:, 1] + boxes[:, 3]
         hiding = covered(boxes, boxes) * (lower[None] > lower[:, None])
         visible = 1.0 - hiding.max(axis=1, initial=0.0)
-        decided = 1.0 - math.exp(-rhythm / _DECIDES_ANEW)
+        decided = 1.0 - math.exp(-detection_interval / _DECIDES_ANEW)
         loss = self._log_miss * decided * np.maximum(visible, _LEAST_VISIBLE)
         return tuple(
-            life if one else replace(life, belief=life.belief + float(lost))
-            for life, one, lost in zip(lives, own, loss, strict=True)
+            track
+            if one
+            else replace(track, existence_log_odds=track.existence_log_odds + float(lost))
+            for track, one, lost in zip(tracks, own, loss, strict=True)
         )
 
     def _follow(
         self,
-        life: Life,
+        track: Track,
         predicted: NDArray[np.float64],
         frame: Frame,
         interval: float,
         *,
-        own: Sighting | None,
+        own: Detection | None,
         expected: FramePrediction | None,
-        front: Sequence[Life],
+        front: Sequence[Track],
         ground: Ground | None,
         is_alone: bool,
         is_silent: bool,
-    ) -> Life:
+    ) -> Track:
         """One target, behind others."""
         if own and interval > _PAUSED_AFTER:
-            return self._begin_anew(life, frame, interval, own)
-        target, is_hidden = life.target, False
-        is_sized = _is_sized(life, own, is_silent)
+            return self._begin_anew(track, frame, interval, own)
+        target, is_occluded_by_other = track.filter_state, False
+        is_sized = _is_sized(track, own, is_silent)
         evidence: list[ExternalLikelihood] = []
         if own:
             evidence.append(_of_detection(own.box))
         elif not is_alone:
-            evidence.append(_of_course(life))
-        if is_sized and not is_alone and ground and life.stood is not None:
-            evidence.append(partial(ground.log_likelihood, life.stood))
+            evidence.append(_of_course(track))
+        if is_sized and not is_alone and ground and track.ground_box is not None:
+            evidence.append(partial(ground.log_likelihood, track.ground_box))
         # What is taken for a rival may be none: only what it looks like yields to it.
-        front = [one for one in front if one.host in (None, life.key)]
+        front = [one for one in front if one.distracted_key in (None, track.key)]
         boxes = np.array([one.box for one in front]).reshape(-1, 4)
         are_near = _are_near(boxes, predicted)
         front, boxes = list(compress(front, are_near)), boxes[are_near]
@@ -241,48 +243,48 @@ class Updater:
             hidden = covered(predicted[None], boxes)[0]
             evidence.append(_of_others(boxes, hidden))
             # What is only like a target hides it where its course is sure; else it is looked for.
-            is_sure = life.target.estimate.confidence > _FULLY_ABOVE
-            hides = np.array([is_sure or not one.is_rival for one in front])
-            is_hidden = own is None and bool((hidden * hides).max() > _HIDDEN_ABOVE)
-        if not is_hidden:
+            is_sure = track.filter_state.estimate.confidence > _FULLY_ABOVE
+            hides = np.array([is_sure or not one.is_distractor for one in front])
+            is_occluded_by_other = own is None and bool((hidden * hides).max() > _HIDDEN_ABOVE)
+        if not is_occluded_by_other:
             if expected is None:
-                asked = (target, is_alone or _asks_for_size(life, own, is_silent))
+                asked = (target, is_alone or _asks_for_size(track, own, is_silent))
                 (expected,) = self._target_filter.predict([asked], frame, interval)
             followed = self._target_filter.step(
                 expected, _all_of(evidence), searches_everywhere=is_alone
             )
             if own is None and len(boxes):
                 found = np.array(followed.estimate.box)
-                is_hidden = _is_on_one(found, boxes)
-                is_on_rival = _is_on_one(found, boxes[[one.is_rival for one in front]])
+                is_occluded_by_other = _is_on_one(found, boxes)
+                is_on_rival = _is_on_one(found, boxes[[one.is_distractor for one in front]])
                 known = followed.known_distractor if is_on_rival else target.known_distractor
                 target = replace(target, known_distractor=known)
-        course, log_size = life.course, life.log_size
-        if is_hidden:
+        center_filter, log_size = track.center_filter, track.log_size
+        if is_occluded_by_other:
             target = self._target_filter.operations.coast(target, frame, interval)
             target = self._target_filter.operations.move_to(target, _inside(predicted, frame.size))
         else:
             target = followed
             if own is None:
-                course, log_size = _corrected_by_image(life, target)
-        is_doubled = is_hidden and life.unconfirmed_for > _DOUBLED_AFTER
-        if is_doubled:
-            are_told = [not one.is_rival for one in front]
-            is_doubled = _is_on_one(np.array(target.estimate.box), boxes[are_told])
-        life = replace(
-            life,
-            target=target,
-            course=course,
+                center_filter, log_size = _corrected_by_image(track, target)
+        is_duplicate = is_occluded_by_other and track.unconfirmed_for > _DOUBLED_AFTER
+        if is_duplicate:
+            are_told = [not one.is_distractor for one in front]
+            is_duplicate = _is_on_one(np.array(target.estimate.box), boxes[are_told])
+        track = replace(
+            track,
+            filter_state=target,
+            center_filter=center_filter,
             log_size=log_size,
-            age=life.age + interval,
-            unconfirmed_for=life.unconfirmed_for + interval,
-            learned_for=life.learned_for + interval,
-            is_hidden=is_hidden,
-            is_doubled=is_doubled,
+            age=track.age + interval,
+            unconfirmed_for=track.unconfirmed_for + interval,
+            time_since_template_update=track.time_since_template_update + interval,
+            is_occluded_by_other=is_occluded_by_other,
+            is_duplicate=is_duplicate,
         )
-        return self._correct(life, frame, own) if own else life
+        return self._correct(track, frame, own) if own else track
 
-    def _doubt(self, life: Life, before: Life, rivals: NDArray[np.float64]) -> Life:
+    def _doubt(self, track: Track, before: Track, rivals: NDArray[np.float64]) -> Track:
         """A target that may be another one by now, without its course moved, and not told as seen.
 
         It is doubted from when it jumps to what was seen beside it, and the filter does not know
@@ -290,98 +292,108 @@ class Updater:
         leads, and once it is lost: where it is found again is where it is.
 
         Args:
-            life: In this frame.
+            track: In this frame.
             before: After the last one, its course in this frame.
             rivals: (K, 4) boxes of what looks like it.
         """
-        target, box, last = life.target, life.box, before.target
+        target, box, last = track.filter_state, track.box, before.filter_state
         if last.status.state == "lost":
-            return replace(life, is_doubted=False)
+            return replace(track, may_have_switched=False)
         is_on_rival = overlaps(box[None], rivals).max(initial=0.0) > _ON_RIVAL
         is_doubted = bool(is_on_rival) or (
             target.known_distractor is None and _has_jumped(last, box)
         )
-        if not is_doubted and before.is_doubted:
-            variance = before.course.spread + np.square(_IMAGE_SPREAD * box[2:])
-            apart = box[:2] + box[2:] / 2 - before.course.center
+        if not is_doubted and before.may_have_switched:
+            variance = before.center_filter.center_variance + np.square(_IMAGE_SPREAD * box[2:])
+            apart = box[:2] + box[2:] / 2 - before.center_filter.center
             is_doubted = bool((np.square(apart) / variance).sum() > _DOUBT_GATE)
         if not is_doubted:
-            return replace(life, is_doubted=False)
+            return replace(track, may_have_switched=False)
         if target.estimate.state == "tracking":
             target = replace(target, estimate=replace(target.estimate, state="occluded"))
-        return replace(life, target=target, course=before.course, is_doubted=True)
-
-    def _begin_anew(self, life: Life, frame: Frame, interval: float, own: Sighting) -> Life:
-        """A target that a detection shows after a pause, where its motion tells of no place."""
-        target = self._target_filter.initialize(frame, as_box(own.box), life.target.generator_state)
-        life = replace(
-            life,
-            target=target,
-            age=life.age + interval,
-            learned_for=life.learned_for + interval,
-            is_hidden=False,
-            is_doubled=False,
+        return replace(
+            track, filter_state=target, center_filter=before.center_filter, may_have_switched=True
         )
-        return self._correct(life, frame, own)
 
-    def _correct(self, life: Life, frame: Frame, own: Sighting) -> Life:
+    def _begin_anew(self, track: Track, frame: Frame, interval: float, own: Detection) -> Track:
+        """A target that a detection shows after a pause, where its motion tells of no place."""
+        target = self._target_filter.initialize(
+            frame, as_box(own.box), track.filter_state.generator_state
+        )
+        track = replace(
+            track,
+            filter_state=target,
+            age=track.age + interval,
+            time_since_template_update=track.time_since_template_update + interval,
+            is_occluded_by_other=False,
+            is_duplicate=False,
+        )
+        return self._correct(track, frame, own)
+
+    def _correct(self, track: Track, frame: Frame, own: Detection) -> Track:
         """A target that a detection confirms, with its box brought towards that."""
-        box = life.box
+        box = track.box
         is_far = bool(overlaps(box[None], own.box[None])[0, 0] < _FAR_BELOW)
         # Where the image is sure, it takes a second detection to say that it is wrong.
-        is_doubted = is_far and life.target.estimate.confidence > _SURE_ABOVE
+        is_doubted = is_far and track.filter_state.estimate.confidence > _SURE_ABOVE
         goes_over = is_far and not is_doubted
-        share = 1.0 / min(life.confirmations + 1, _SIZES)
-        log_size = life.log_size + share * (np.log(own.box[2:]) - life.log_size)
+        share = 1.0 / min(track.hits + 1, _SIZES)
+        log_size = track.log_size + share * (np.log(own.box[2:]) - track.log_size)
         size = np.exp(log_size)
         center, seen = box[:2] + box[2:] / 2, own.box[:2] + own.box[2:] / 2
         center = center + (1.0 if goes_over else _GAIN) * (seen - center)
         target = self._target_filter.operations.move_to(
-            life.target, as_box([*(center - size / 2), *size])
+            track.filter_state, as_box([*(center - size / 2), *size])
         )
-        learns = goes_over or (life.learned_for >= _LEARN_EVERY and not is_doubted)
+        learns = goes_over or (track.time_since_template_update >= _LEARN_EVERY and not is_doubted)
         if learns:
             target = self._target_filter.operations.relearn(target, frame)
-        life = life.viewed(own.descriptor, self._appearance) if own.is_clear else life
+        track = track.update_descriptor(own.descriptor, self._appearance) if own.is_clear else track
         return replace(
-            life.voted(own.label, own.score),
-            target=target,
-            course=life.course.correct(seen, CENTER_SPREAD * size),
+            track.add_label_vote(own.label, own.score),
+            filter_state=target,
+            center_filter=track.center_filter.correct(seen, CENTER_STD * size),
             log_size=log_size,
-            belief=min(max(life.belief, _LEAST_BELIEF) + _HIT, _MOST_BELIEF),
-            confirmations=life.confirmations + 1,
+            existence_log_odds=min(
+                max(track.existence_log_odds, _LEAST_BELIEF) + _HIT, _MOST_BELIEF
+            ),
+            hits=track.hits + 1,
             unconfirmed_for=0.0,
-            learned_for=0.0 if learns else life.learned_for,
-            stood=life.stood if is_cut(own.box, frame.size) else np.array(target.estimate.box),
+            time_since_template_update=0.0 if learns else track.time_since_template_update,
+            ground_box=track.ground_box
+            if is_cut(own.box, frame.size)
+            else np.array(target.estimate.box),
         )
 
 
-def _corrected_by_image(life: Life, target: FilterState) -> tuple[Course, NDArray[np.float64]]:
+def _corrected_by_image(
+    track: Track, target: FilterState
+) -> tuple[CenterKalmanFilter, NDArray[np.float64]]:
     """The course and the (2,) log size of a target, corrected by where the image shows it."""
-    log_size, box = life.log_size, np.array(target.estimate.box)
+    log_size, box = track.log_size, np.array(target.estimate.box)
     deviation = _IMAGE_SPREAD * box[2:]
-    if life.is_on_its_own:
+    if track.is_undetected:
         count = min(target.estimate.confidence / _FULLY_ABOVE, 1.0)
         deviation = deviation / max(count, _LEAST_COUNT)
         if target.status.state == "tracking":
             log_size = np.log(box[2:])
-    return life.course.correct(box[:2] + box[2:] / 2, deviation), log_size
+    return track.center_filter.correct(box[:2] + box[2:] / 2, deviation), log_size
 
 
-def _is_guess(life: Life) -> bool:
+def _is_guess(track: Track) -> bool:
     """Whether nobody knows where a target is; those of a detector end once it does not see them."""
-    return life.by_hand and life.target.estimate.state == "lost"
+    return track.is_manual and track.filter_state.estimate.state == "lost"
 
 
-def _is_sized(life: Life, own: Sighting | None, is_silent: bool) -> bool:
+def _is_sized(track: Track, own: Detection | None, is_silent: bool) -> bool:
     """Whether the image has to tell a target's size."""
-    return own is None and (life.is_on_its_own or is_silent)
+    return own is None and (track.is_undetected or is_silent)
 
 
-def _asks_for_size(life: Life, own: Sighting | None, is_silent: bool) -> bool:
+def _asks_for_size(track: Track, own: Detection | None, is_silent: bool) -> bool:
     """Whether it has to in this frame."""
-    is_due = life.target.followed_frames % _SIZE_EVERY == 0
-    return is_due and _is_sized(life, own, is_silent)
+    is_due = track.filter_state.followed_frames % _SIZE_EVERY == 0
+    return is_due and _is_sized(track, own, is_silent)
 
 
 def _has_jumped(last: FilterState, box: NDArray[np.float64]) -> bool:
@@ -400,9 +412,9 @@ def _inside(box: NDArray[np.float64], image_size: tuple[int, int]) -> Box:
     return as_box([*(center - half), *box[2:]])
 
 
-def _are_alone(lives: Sequence[Life], predicted: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _are_alone(tracks: Sequence[Track], predicted: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(N,) which target is the only one, with no rival near its (4,) of the (N, 4) predictions."""
-    is_only = sum(not life.is_rival for life in lives) == 1
+    is_only = sum(not track.is_distractor for track in tracks) == 1
     return np.array([is_only and _are_near(predicted, box).sum() == 1 for box in predicted], bool)
 
 
@@ -420,7 +432,7 @@ def _is_on_one(box: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
 
 def _of_detection(box: NDArray[np.float64]) -> ExternalLikelihood:
     """The factor of a detection: near it a box is likelier, up to that it may be wrong."""
-    center, spread = box[:2] + box[2:] / 2, CENTER_SPREAD * box[2:]
+    center, spread = box[:2] + box[2:] / 2, CENTER_STD * box[2:]
 
     def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
         x, y, width, height = boxes
@@ -431,10 +443,10 @@ def _of_detection(box: NDArray[np.float64]) -> ExternalLikelihood:
     return log_likelihood
 
 
-def _of_course(life: Life) -> ExternalLikelihood:
+def _of_course(track: Track) -> ExternalLikelihood:
     """The factor of how a target has moved: it seldom jumps aside."""
-    center, size = life.course.center, life.box[2:]
-    variance = life.course.spread + np.square(_IMAGE_SPREAD * size)
+    center, size = track.center_filter.center, track.box[2:]
+    variance = track.center_filter.center_variance + np.square(_IMAGE_SPREAD * size)
 
     def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
         x, y, width, height = boxes

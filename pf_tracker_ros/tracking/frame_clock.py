@@ -148,7 +148,7 @@ class FrameClock:
         self._late_in_a_row, self.expects_jump = 0, False
         self._interval = interval or self._interval
 
-    def pass_over(self, stamp: int) -> None:
+    def skip(self, stamp: int) -> None:
         """Let time go on with a frame that nobody looks at."""
         self._seen = stamp
         after, until = self._passed

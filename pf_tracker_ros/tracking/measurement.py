@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import BoxesByAxis
 from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import (
-    DistractorRatios,
     CueWeights,
+    DistractorRatios,
     Responses,
     Templates,
     smooth_distractor_ratios,

@@ -10,8 +10,8 @@ import numpy as np
 from pf_tracker_ros.filter import (
     LONGEST_PREDICTION,
     DegenerateError,
-    KalmanFilteredMotion,
     KalmanFilter,
+    KalmanFilteredMotion,
     ParticleSet,
     ProposalParameters,
 )

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.filter import (
     MOTION_MODELS,
-    KalmanFilteredMotion,
     KalmanFilter,
+    KalmanFilteredMotion,
     MotionModel,
     ParticleSet,
 )

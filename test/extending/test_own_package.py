@@ -161,11 +161,11 @@ def ids(**parameters):
     for number, image in enumerate(images):
         seen = Detections([boxes[number]]) if number % 2 == 0 else None
         told.append([target.id for target in tracker.update(image, 0.1, seen)])
-    life, = tracker._manager._crowd.lives
+    life, = tracker._manager._track_set.lives
     return told[-1], life.descriptor.tolist(), tracker
 last, color, tracker = ids(**{"appearance.kind": "mean_color", "appearance.mean_color.scale": 5.0})
 tracker.set_parameters({"appearance.kind": "color_stripes"})
-life, = tracker._manager._crowd.lives
+life, = tracker._manager._track_set.lives
 again = [target.id for target in tracker.update(images[-1], 0.1, Detections([boxes[-1]]))]
 print(json.dumps([last, color, len(life.descriptor), again]))
 """

@@ -8,8 +8,8 @@ from hypothesis.extra.numpy import arrays
 
 from pf_tracker_ros.filter import (
     RESAMPLERS,
-    ElitistResampler,
     EffectiveSampleSizeResampler,
+    ElitistResampler,
     ParticleSet,
     ResamplingParameters,
     build_resampler,

@@ -8,7 +8,7 @@ import pytest
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.targets.built_in_detectors import (
-    DetectingThread,
+    DetectorThread,
     MotionDetector,
     PeopleDetector,
 )
@@ -135,7 +135,7 @@ def start():
     threads = []
 
     def make(detector, rate=10.0):
-        threads.append((detector, DetectingThread(detector, rate)))
+        threads.append((detector, DetectorThread(detector, rate)))
         return threads[-1][1]
 
     yield make
@@ -182,7 +182,7 @@ def test_what_is_found_in_a_frame_of_a_time_gone_by_is_no_answer(start):
     gate = Gate()
     thread = start(gate)
     assert thread.offer(picture(1), 5 * SECOND)
-    thread.disregard()
+    thread.discard_pending()
     gate.opened.set()
     assert thread.take(wait=True) is None
     assert thread.offer(picture(1), SECOND)

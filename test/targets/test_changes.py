@@ -57,7 +57,7 @@ def test_a_tuned_tracker_still_takes_late_detections(started, walkers):
     tracker = started()
     tracker.set_parameters({"particles": 60})
     tracker.update(walkers.images[8], INTERVAL, walkers.detections(4, age=4 * INTERVAL))
-    assert tracker.left_out == ()
+    assert tracker.rejected_detections == ()
     assert [target.id for target in tracker.targets] == [1, 2, 3]
 
 
@@ -146,7 +146,7 @@ def test_ids_are_not_used_again_after_all_were_forgotten(started, walkers):
 
 def test_another_camera_may_send_other_images(started, walkers, start_earlier):
     tracker = started()
-    tracker._manager.forget_camera()
+    tracker._manager.reset()
     gray = [image[:100, :, 0].copy() for image in walkers.images]
     assert tracker.update(gray[0], INTERVAL) == ()
     assert start_earlier(tracker, walkers.boxes[0][0]) == 4
@@ -214,13 +214,13 @@ def test_only_labels_that_are_asked_for_count(walkers, make_tracker):
         found = walkers.detections(number, labels=["person", "car", "dog"])
         told = tracker.update(walkers.images[number], INTERVAL, found)
     assert sorted(target.label for target in told) == ["dog", "person"]
-    assert tracker.left_out == ()
+    assert tracker.rejected_detections == ()
 
 
 def test_a_history_of_fewer_frames_reaches_less_far(started, walkers):
     tracker = started()
     tracker._manager.frames.limit(3, 100.0)
     tracker.update(walkers.images[8], INTERVAL, walkers.detections(4, age=4 * INTERVAL))
-    assert "s old" in tracker.left_out[0]
+    assert "s old" in tracker.rejected_detections[0]
     tracker.update(walkers.images[9], INTERVAL, walkers.detections(8, age=INTERVAL))
-    assert tracker.left_out == ()
+    assert tracker.rejected_detections == ()

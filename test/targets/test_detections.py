@@ -4,14 +4,14 @@ import pytest
 from pf_tracker_ros import Detections
 from pf_tracker_ros.appearances.color_stripes import ColorStripes
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.detections import sightings
+from pf_tracker_ros.targets.detections import describe_detections
 
 SIZE = (320, 200)
 
 
 def found(detections, score_above=0.0):
     image = np.full((SIZE[1], SIZE[0], 3), 90, np.uint8)
-    return sightings(detections, Frame(image), score_above, ColorStripes())
+    return describe_detections(detections, Frame(image), score_above, ColorStripes())
 
 
 @pytest.mark.parametrize(
@@ -101,4 +101,4 @@ def test_of_ten_thousand_the_best_count(make_tracker, walkers):
     tracker = make_tracker(max_targets=6)
     answer = tracker.update(walkers.images[0], 0.1, detections)
     assert len(answer) <= 6
-    assert len(tracker.left_out) == 1
+    assert len(tracker.rejected_detections) == 1

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.frame_buffer import FrameBuffer, Moment, ReducedFrame, thinned
-from pf_tracker_ros.targets.tracks import Crowd
+from pf_tracker_ros.targets.frame_buffer import FrameBuffer, HistoryEntry, ReducedFrame, thinned
+from pf_tracker_ros.targets.tracks import TrackSet
 
 IMAGE = np.zeros((10, 100), np.uint8)
 # No whole number of tenths of a second.
@@ -19,14 +19,14 @@ FIRST = 1_234_567_890_123_456_789
 SHAPES = {"1080p": (1080, 1920, 3), "4K": (2160, 3840, 3)}
 
 
-def moment(image, stamp, interval=0.0, number=0, *, seen=None, motion=None):
+def entry(image, stamp, interval=0.0, number=0, *, seen=None, motion=None):
     frame = Frame(image, stamp)
     frame.camera_motion = motion
-    return Moment(frame, interval, Crowd(frame=number), seen)
+    return HistoryEntry(frame, interval, TrackSet(frame=number), seen)
 
 
 def add(buffer, image, stamp):
-    buffer.add(moment(image, stamp))
+    buffer.add(entry(image, stamp))
 
 
 def filled(image, count, rate=30.0, *, frames=120, megabytes=64.0, seen=()):
@@ -38,18 +38,18 @@ def filled(image, count, rate=30.0, *, frames=120, megabytes=64.0, seen=()):
     for index in range(count):
         stamps.append(FIRST + round(index * NANOSECONDS / rate))
         found = () if index in seen else None
-        buffer.add(moment(image.copy(), stamps[-1], 1.0 / rate, index, seen=found))
+        buffer.add(entry(image.copy(), stamps[-1], 1.0 / rate, index, seen=found))
     return buffer, stamps
 
 
 def held(buffer):
     """Bytes of what is kept, as it is kept."""
-    kept = [one.kept for one in buffer.moments]
+    kept = [one.stored_frame for one in buffer.entries]
     return sum((one.image if isinstance(one, Frame) else one.pixels).nbytes for one in kept)
 
 
 def is_reduced(one):
-    return isinstance(one.kept, ReducedFrame)
+    return isinstance(one.stored_frame, ReducedFrame)
 
 
 def test_the_newest_frames_are_kept_up_to_their_number():
@@ -71,7 +71,7 @@ def test_the_newest_frames_are_kept_up_to_their_bytes_and_the_last_one_always():
     buffer.limit(0, 0.0)
     add(buffer, IMAGE, 6)
     assert buffer.stamps == [6]
-    assert FrameBuffer().emptied().stamps == []
+    assert FrameBuffer().empty_copy().stamps == []
 
 
 def test_an_image_counts_with_all_the_data_that_it_holds():
@@ -108,7 +108,7 @@ def test_frames_that_nobody_can_name_are_not_kept_and_nothing_before_them():
 
 def test_another_one_with_the_same_bounds():
     buffer, _ = filled(IMAGE, 5, frames=3)
-    other = buffer.emptied()
+    other = buffer.empty_copy()
     assert (len(buffer), len(other)) == (3, 0)
     for stamp in range(1, 6):
         add(other, IMAGE, stamp)
@@ -134,10 +134,10 @@ def test_large_frames_of_two_seconds_are_kept_thinned_out(size):
 def test_the_intervals_of_thinned_frames_add_up_to_the_time_between_them():
     buffer, _ = filled(np.zeros(SHAPES["1080p"], np.uint8), 90)
     assert len(buffer) < 60
-    told = [one.interval for one in buffer.moments[1:]]
+    told = [one.interval for one in buffer.entries[1:]]
     np.testing.assert_allclose(told, np.diff(buffer.stamps) / NANOSECONDS, atol=1e-7)
     # Each still begins with the targets that the frame before it in the buffer left.
-    numbers = [one.before.frame for one in buffer.moments]
+    numbers = [one.tracks_before.frame for one in buffer.entries]
     shown = [round((stamp - FIRST) / NANOSECONDS * 30) for stamp in buffer.stamps]
     assert numbers[1:] == [number + 1 for number in shown[:-1]]
 
@@ -145,7 +145,7 @@ def test_the_intervals_of_thinned_frames_add_up_to_the_time_between_them():
 def test_what_a_detector_has_said_of_a_frame_outlives_the_thinning():
     told = {45, 52, 53, 61, 70}
     buffer, stamps = filled(np.zeros(SHAPES["1080p"], np.uint8), 90, seen=told)
-    kept = {stamps.index(one.stamp) for one in buffer.moments if one.seen is not None}
+    kept = {stamps.index(one.stamp) for one in buffer.entries if one.detections is not None}
     assert kept == told
 
 
@@ -155,7 +155,7 @@ def test_the_newest_of_large_frames_are_the_images_themselves():
         images.append(np.zeros(SHAPES["1080p"], np.uint8))
         add(buffer, images[-1], FIRST + round(index * NANOSECONDS / 30))
         images = images[-4:]
-    kept = buffer.moments[-4:]
+    kept = buffer.entries[-4:]
     assert [one.frame.image is image for one, image in zip(kept, images, strict=True)] == [True] * 4
 
 
@@ -167,7 +167,7 @@ def test_a_frame_that_was_reduced_looks_as_it_did_at_every_place(shape, dtype):
     coarse = np.random.default_rng(0).uniform(50.0, 200.0, (6, 9, *shape[2:]))
     image = cv2.resize(coarse, shape[1::-1], interpolation=cv2.INTER_CUBIC).astype(dtype)
     buffer, _ = filled(image, 90, megabytes=30 * image.nbytes / 3 / 1e6)
-    for one in buffer.moments:
+    for one in buffer.entries:
         assert (one.frame.image.shape, one.frame.image.dtype) == (image.shape, image.dtype)
         assert one.size == (shape[1], shape[0])
         error = np.abs(one.frame.image.astype(float) - image)[2:-2, 2:-2]
@@ -210,7 +210,7 @@ def test_whatever_the_images_and_bounds_the_newest_is_kept_and_the_bounds_hold(
     # What was dropped with all before it is older than what is kept.
     assert buffer.dropped_until < buffer.stamps[0]
     # No time is lost between those that are kept.
-    for one, interval in zip(buffer.moments[1:], np.diff(buffer.stamps), strict=True):
+    for one, interval in zip(buffer.entries[1:], np.diff(buffer.stamps), strict=True):
         assert one.interval == pytest.approx(interval / NANOSECONDS, abs=1e-6)
     buffer.limit(1, megabytes)
     assert buffer.stamps == stamps[-1:]
@@ -221,7 +221,7 @@ def test_frames_that_fit_are_kept_in_full_however_old():
     image = np.zeros((48, 64), np.uint8)
     buffer, stamps = filled(image, 50, rate=5.0, megabytes=1.0)
     assert buffer.stamps == stamps
-    assert not any(map(is_reduced, buffer.moments))
+    assert not any(map(is_reduced, buffer.entries))
 
 
 def test_the_nearest_frame_stands_in_for_one_that_is_not_there():
@@ -235,10 +235,10 @@ def test_the_nearest_frame_stands_in_for_one_that_is_not_there():
 
 def test_it_is_whole_until_the_first_frame_of_all_is_dropped():
     buffer, _ = filled(IMAGE, 3, frames=3)
-    assert buffer.is_whole
-    buffer.add(moment(IMAGE, FIRST + NANOSECONDS, 0.1, 3))
-    assert not buffer.is_whole
-    assert not FrameBuffer().is_whole
+    assert buffer.is_complete
+    buffer.add(entry(IMAGE, FIRST + NANOSECONDS, 0.1, 3))
+    assert not buffer.is_complete
+    assert not FrameBuffer().is_complete
 
 
 def test_of_all_frames_but_the_newest_only_the_image_is_kept():
@@ -249,7 +249,7 @@ def test_of_all_frames_but_the_newest_only_the_image_is_kept():
     for number in range(5):
         frame = Frame(image.copy(), number + 1, span=(0.0, 60_000.0))
         seen.append((frame, frame.pixels.copy()))
-        buffer.add(Moment(frame, 0.04, Crowd(frame=number)))
+        buffer.add(HistoryEntry(frame, 0.04, TrackSet(frame=number)))
     memory = tracemalloc.get_traced_memory()[0] - sum(view.nbytes for _, view in seen)
     tracemalloc.stop()
     # Five images, and one view of 8 bit.
@@ -263,21 +263,21 @@ def test_of_all_frames_but_the_newest_only_the_image_is_kept():
 
 def test_revised_moments_take_the_place_of_those_from_the_first_of_them_on():
     buffer, stamps = filled(IMAGE, 4)
-    revised = [moment(IMAGE, stamp, 0.5, 70) for stamp in stamps[2:]]
-    buffer.revise(revised)
+    revised = [entry(IMAGE, stamp, 0.5, 70) for stamp in stamps[2:]]
+    buffer.replace_from(revised)
     assert buffer.stamps == stamps
-    assert [one.before.frame for one in buffer.moments] == [0, 1, 70, 70]
-    buffer.revise([])
+    assert [one.tracks_before.frame for one in buffer.entries] == [0, 1, 70, 70]
+    buffer.replace_from([])
     assert len(buffer) == 4
 
 
 def test_moments_that_were_put_in_place_count_for_the_bounds():
     buffer, stamps = filled(IMAGE, 4, megabytes=0.0045)
-    buffer.revise(buffer.moments[2:])
+    buffer.replace_from(buffer.entries[2:])
     add(buffer, IMAGE, stamps[-1] + 1)
     assert buffer.stamps == [*stamps[1:], stamps[-1] + 1]
     assert buffer.dropped_until == stamps[0]
-    buffer.put(buffer.moments[2:])
+    buffer.replace_all(buffer.entries[2:])
     assert buffer.stamps == [stamps[3], stamps[-1] + 1]
     assert held(buffer) == 2 * IMAGE.nbytes
 
@@ -288,16 +288,16 @@ def test_frames_stay_in_order_when_some_are_reduced_after_others_were_thinned_ou
     buffer, stamps = filled(image, 200, 50.0, frames=1000, megabytes=60 * megabytes)
     buffer.limit(1000, 20 * megabytes)
     for index in range(30):
-        buffer.add(moment(image.copy(), stamps[-1] + (index + 1) * NANOSECONDS // 50, 0.02))
-    assert {is_reduced(one) for one in buffer.moments[:15]} == {False, True}
+        buffer.add(entry(image.copy(), stamps[-1] + (index + 1) * NANOSECONDS // 50, 0.02))
+    assert {is_reduced(one) for one in buffer.entries[:15]} == {False, True}
     before = buffer.stamps
-    buffer.put(buffer.moments)
+    buffer.replace_all(buffer.entries)
     assert buffer.stamps == before == sorted(before)
 
 
 def test_where_all_are_dropped_it_tells_until_when():
     buffer, stamps = filled(IMAGE, 5)
-    buffer.put([])
+    buffer.replace_all([])
     assert (len(buffer), buffer.dropped_until) == (0, stamps[-1])
 
 
@@ -307,19 +307,19 @@ def motion(across, down, scale=1.0):
 
 def test_a_moment_after_one_that_is_dropped_tells_of_the_time_and_the_motion_of_both():
     """A point at (10, 20) goes to (13, 20), then to (26, 45)."""
-    dropped = moment(IMAGE, 1, 0.25, 5, motion=motion(3.0, 0.0))
-    after = moment(IMAGE, 2, 0.5, 6, motion=motion(0.0, 5.0, scale=2.0))
-    joined = after.joined(dropped)
-    assert (joined.stamp, joined.interval, joined.before) == (2, 0.75, dropped.before)
+    dropped = entry(IMAGE, 1, 0.25, 5, motion=motion(3.0, 0.0))
+    after = entry(IMAGE, 2, 0.5, 6, motion=motion(0.0, 5.0, scale=2.0))
+    joined = after.merge_dropped(dropped)
+    assert (joined.stamp, joined.interval, joined.tracks_before) == (2, 0.75, dropped.tracks_before)
     np.testing.assert_allclose(joined.frame.camera_motion @ [10.0, 20.0, 1.0], [26.0, 45.0, 1.0])
 
 
 @pytest.mark.parametrize(("first", "second"), [(None, True), (True, None), (None, None)])
 def test_where_one_of_two_tells_no_motion_the_other_one_counts(first, second):
     known = motion(3.0, 4.0)
-    dropped = moment(IMAGE, 1, 0.1, motion=known if first else None)
-    after = moment(IMAGE, 2, 0.1, motion=known if second else None)
-    told = after.joined(dropped).frame.camera_motion
+    dropped = entry(IMAGE, 1, 0.1, motion=known if first else None)
+    after = entry(IMAGE, 2, 0.1, motion=known if second else None)
+    told = after.merge_dropped(dropped).frame.camera_motion
     assert told is None if not (first or second) else np.array_equal(told, known)
 
 
@@ -329,27 +329,27 @@ def test_reduced_frames_are_joined_alike():
         frame = Frame(np.zeros((8, 8), np.uint8), stamp)
         frame.camera_motion = motion(across, 0.0)
         frames.append(ReducedFrame.of(frame, 2))
-    dropped, after = (Moment(frame, 0.1, Crowd()) for frame in frames)
-    joined = after.joined(dropped)
+    dropped, after = (HistoryEntry(frame, 0.1, TrackSet()) for frame in frames)
+    joined = after.merge_dropped(dropped)
     assert joined.interval == pytest.approx(0.2)
     np.testing.assert_array_equal(joined.frame.camera_motion, motion(7.0, 0.0))
 
 
 def test_joining_leaves_the_moment_as_it_was():
-    dropped = moment(IMAGE, 1, 0.1, motion=motion(3.0, 0.0))
-    after = moment(IMAGE, 2, 0.1, motion=motion(4.0, 0.0))
+    dropped = entry(IMAGE, 1, 0.1, motion=motion(3.0, 0.0))
+    after = entry(IMAGE, 2, 0.1, motion=motion(4.0, 0.0))
     for _ in range(2):
-        told = after.joined(dropped).frame.camera_motion
+        told = after.merge_dropped(dropped).frame.camera_motion
         np.testing.assert_array_equal(told, motion(7.0, 0.0))
     np.testing.assert_array_equal(after.frame.camera_motion, motion(4.0, 0.0))
 
 
 @pytest.mark.parametrize(("count", "most", "expected"), [(5, 10, 5), (11, 10, 11), (101, 30, 31)])
 def test_of_many_moments_as_many_as_may_be_are_taken_evenly(count, most, expected):
-    moments = filled(IMAGE, count)[0].moments
-    chosen = thinned(moments, most)
+    entries = filled(IMAGE, count)[0].entries
+    chosen = thinned(entries, most)
     assert len(chosen) == expected
-    assert (chosen[0], chosen[-1].stamp) == (moments[0], moments[-1].stamp)
+    assert (chosen[0], chosen[-1].stamp) == (entries[0], entries[-1].stamp)
     # 100 steps of a 30th of a second in 30.
     steps = {round(one.interval * 30) for one in chosen[1:]}
     assert steps == ({1} if count < 100 else {3, 4})
@@ -357,9 +357,9 @@ def test_of_many_moments_as_many_as_may_be_are_taken_evenly(count, most, expecte
 
 
 def test_those_that_somebody_has_told_of_are_taken_as_well():
-    moments = filled(IMAGE, 101, seen={50, 51, 52})[0].moments
-    chosen = thinned(moments, 10)
-    told = [one for one in chosen if one.seen is not None]
-    assert [one.stamp for one in told] == [moments[number].stamp for number in (50, 51, 52)]
+    entries = filled(IMAGE, 101, seen={50, 51, 52})[0].entries
+    chosen = thinned(entries, 10)
+    told = [one for one in chosen if one.detections is not None]
+    assert [one.stamp for one in told] == [entries[number].stamp for number in (50, 51, 52)]
     assert len(chosen) == 13
     assert sum(one.interval for one in chosen[1:]) == pytest.approx(100 / 30)

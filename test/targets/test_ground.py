@@ -8,7 +8,7 @@ from scipy.stats import t as student
 from pf_tracker_ros import Detections
 from pf_tracker_ros.boxes import BoxesByAxis
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.ground import Ground, grounds_of
+from pf_tracker_ros.targets.ground import Ground, fit_grounds
 
 INTERVAL = 0.1
 # The horizon is at y = 0, and a height a fifth of what the lower edge is below it.
@@ -36,9 +36,9 @@ def heights_at(lower_edge):
         ([0.0, 160.0, 10.0, 40.0], -50.0, 15.0),
     ],
 )
-def test_a_target_is_as_high_as_the_ground_says(stood, lower_edge, expected):
-    ground = Ground.under(STANDING)
-    found = ground.log_likelihood(np.array(stood), heights_at(lower_edge))
+def test_a_target_is_as_high_as_the_ground_says(ground_box, lower_edge, expected):
+    ground = Ground.fit(STANDING)
+    found = ground.log_likelihood(np.array(ground_box), heights_at(lower_edge))
     assert HEIGHTS[found.argmax()] == pytest.approx(expected, rel=0.01)
 
 
@@ -47,33 +47,33 @@ def test_what_it_is_worth_is_that_of_a_regression():
     lower_edges = np.array([200.0, 260.0, 310.0, 400.0, 420.0])
     heights = np.array([41.0, 50.0, 66.0, 75.0, 88.0])
     zeros = np.zeros(5)
-    ground = Ground.under(np.column_stack([zeros, lower_edges - heights, zeros + 9.0, heights]))
+    ground = Ground.fit(np.column_stack([zeros, lower_edges - heights, zeros + 9.0, heights]))
     line, (rest, *_) = np.polynomial.Polynomial.fit(lower_edges, heights, 1, full=True)
     deviation = np.sqrt((2.0 * (0.1 * heights.mean()) ** 2 + rest[0]) / 5.0)
-    stood = np.array([0.0, 150.0, 10.0, 50.0])
+    ground_box = np.array([0.0, 150.0, 10.0, 50.0])
     for lower_edge in (200.0, 280.0, 420.0):
         apart = np.square(lower_edge - 200.0) / np.square(lower_edges - lower_edges.mean()).sum()
         scale = 0.5 * deviation / line(lower_edge) * np.sqrt(1.0 + apart)
         expected = 50.0 * line(lower_edge) / line(200.0)
         wanted = student.logpdf(np.log(HEIGHTS / expected) / scale, 3)
-        found = ground.log_likelihood(stood, heights_at(lower_edge))
+        found = ground.log_likelihood(ground_box, heights_at(lower_edge))
         assert found - found.max() == pytest.approx(wanted - wanted.max(), abs=1e-3)
 
 
 def test_two_tell_nothing():
-    assert Ground.under(STANDING[:2]) is None
-    assert Ground.under(np.empty((0, 4))) is None
+    assert Ground.fit(STANDING[:2]) is None
+    assert Ground.fit(np.empty((0, 4))) is None
 
 
 def test_targets_on_no_common_ground_say_little():
     """How much likelier the line's height is than half of it."""
     unlike = np.tile(STANDING, (2, 1))
     unlike[:, 3] = [80.0, 12.0, 40.0, 20.0, 90.0, 8.0]
-    stood = np.array([0.0, 240.0, 10.0, 60.0])
+    ground_box = np.array([0.0, 240.0, 10.0, 60.0])
     said = []
     for boxes in (STANDING, unlike):
-        ground = Ground.under(boxes)
-        found = ground.log_likelihood(stood, heights_at(300.0))
+        ground = Ground.fit(boxes)
+        found = ground.log_likelihood(ground_box, heights_at(300.0))
         half = 0.5 * HEIGHTS[found.argmax()]
         said.append(found.max() - np.interp(half, HEIGHTS, found))
     assert said[0] > 8.0
@@ -88,14 +88,14 @@ def begun(walkers, make_tracker):
         tracker = make_tracker()
         for box, label in zip(walkers.boxes[0], labels, strict=True):
             tracker.start(image, box, label)
-        return tracker._manager._crowd
+        return tracker._manager._track_set
 
     return begin
 
 
 def test_each_kind_has_a_ground_of_its_own(begun):
-    assert grounds_of(begun(["person", "person", "car"]).lives) == {}
-    (label, ground), *others = grounds_of(begun(["person"] * 3).lives).items()
+    assert fit_grounds(begun(["person", "person", "car"]).tracks) == {}
+    (label, ground), *others = fit_grounds(begun(["person"] * 3).tracks).items()
     assert (label, others) == ("person", [])
     # Where all are of one height, wherever they stand, that is so.
     assert (ground.height, ground.slope) == pytest.approx((40.0, 0.0))
@@ -103,15 +103,15 @@ def test_each_kind_has_a_ground_of_its_own(begun):
 
 def test_nothing_is_known_of_a_ground_before_a_camera_that_moves(begun):
     motion = np.array([[1.0, 0.0, 8.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    assert grounds_of(begun(["person"] * 3).carried(motion).lives) == {}
+    assert fit_grounds(begun(["person"] * 3).compensate_camera_motion(motion).tracks) == {}
 
 
 def test_what_the_border_cuts_tells_no_height(walkers, make_tracker):
     tracker = make_tracker()
     box = walkers.boxes[0][0]
     tracker.start(walkers.images[0], (0.0, box[1], box[0] + box[2], box[3]))
-    (life,) = tracker._manager._crowd.lives
-    assert life.stood is None
+    (track,) = tracker._manager._track_set.tracks
+    assert track.ground_box is None
 
 
 def test_detections_tell_where_targets_stand_now(walkers, make_tracker):
@@ -119,19 +119,21 @@ def test_detections_tell_where_targets_stand_now(walkers, make_tracker):
     tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
     taller = walkers.boxes[1] + (0.0, -8.0, 0.0, 8.0)
     tracker.update(walkers.images[1], INTERVAL, Detections(taller, np.full(3, 0.95)))
-    for life, box, before in zip(
-        tracker._manager._crowd.lives, walkers.boxes[1], walkers.boxes[0], strict=True
+    for track, box, before in zip(
+        tracker._manager._track_set.tracks, walkers.boxes[1], walkers.boxes[0], strict=True
     ):
-        assert before[3] < life.stood[3] < before[3] + 8.0
-        assert life.stood[:2] + life.stood[2:] / 2 == pytest.approx(box[:2] + box[2:] / 2, abs=5.0)
+        assert before[3] < track.ground_box[3] < before[3] + 8.0
+        assert track.ground_box[:2] + track.ground_box[2:] / 2 == pytest.approx(
+            box[:2] + box[2:] / 2, abs=5.0
+        )
 
 
 def test_it_goes_with_the_size_of_the_images(walkers, make_tracker):
     tracker = make_tracker()
     tracker.start(walkers.images[0], walkers.boxes[0][0])
     assert tracker._manager.resize(Frame(cv2.resize(walkers.images[0], None, fx=2.0, fy=2.0)))
-    (life,) = tracker._manager._crowd.lives
-    assert life.stood == pytest.approx(2.0 * walkers.boxes[0][0])
+    (track,) = tracker._manager._track_set.tracks
+    assert track.ground_box == pytest.approx(2.0 * walkers.boxes[0][0])
 
 
 def size_errors(drawn, labels, make_tracker, seed):

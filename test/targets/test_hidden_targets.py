@@ -41,12 +41,12 @@ def test_a_hidden_target_goes_on_as_it_went(footage, request, make_tracker, iou)
         if number == 5:
             walker = min(told, key=lambda one: one.estimate.box[0]).id
         if number > 5:
-            life = next(
+            track = next(
                 one
-                for one in tracker._manager._crowd.lives
-                if tracker._manager._names.get(one.key) == walker
+                for one in tracker._manager._track_set.tracks
+                if tracker._manager._track_ids.get(one.key) == walker
             )
-            assert iou(life.box, passage.boxes[number][0]) > 0.5, number
+            assert iou(track.box, passage.boxes[number][0]) > 0.5, number
 
 
 def test_a_target_behind_another_is_not_told_on_the_same_spot_for_long(pair, make_tracker, iou):
@@ -82,9 +82,9 @@ def test_one_that_leaves_behind_another_is_told_in_the_image(leaving_pair, make_
         tracker.start(leaving_pair.images[0], box)
     for image in leaving_pair.images[1:]:
         tracker.update(image, INTERVAL)
-        for life in tracker._manager._crowd.lives:
-            hidden += life.is_hidden
-            center = life.box[:2] + life.box[2:] / 2
+        for track in tracker._manager._track_set.tracks:
+            hidden += track.is_occluded_by_other
+            center = track.box[:2] + track.box[2:] / 2
             assert (center >= 0).all()
             assert (center <= (image.shape[1], image.shape[0])).all()
     assert hidden > 5

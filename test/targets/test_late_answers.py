@@ -53,10 +53,10 @@ def test_detections_beyond_the_history_are_left_out_with_a_reason(run, walkers, 
     run(tracker, walkers, frames=5)
     old = walkers.detections(0, age=100.0)
     assert len(tracker.update(walkers.images[5], INTERVAL, old)) == 3
-    assert len(tracker.left_out) == 1
-    assert "100 s old" in tracker.left_out[0]
+    assert len(tracker.rejected_detections) == 1
+    assert "100 s old" in tracker.rejected_detections[0]
     tracker.update(walkers.images[6], INTERVAL)
-    assert tracker.left_out == ()
+    assert tracker.rejected_detections == ()
 
 
 def test_what_a_detector_saw_before_the_first_frame_is_no_fault(walkers, make_tracker, run):
@@ -64,12 +64,12 @@ def test_what_a_detector_saw_before_the_first_frame_is_no_fault(walkers, make_tr
     run(tracker, walkers, frames=5)
     before = walkers.detections(0, age=2.0)
     tracker.update(walkers.images[5], INTERVAL, before)
-    assert tracker.left_out == ()
+    assert tracker.rejected_detections == ()
     for number in range(6, 29):
         tracker.update(walkers.images[number], INTERVAL)
     # By then the first frames are not kept any more, so something is missed.
     tracker.update(walkers.images[29], INTERVAL, walkers.detections(0, age=2.9))
-    assert "2.9 s old" in tracker.left_out[0]
+    assert "2.9 s old" in tracker.rejected_detections[0]
 
 
 def test_another_detector_s_later_answer_of_the_same_frame_keeps_the_ids(walkers, make_tracker):

@@ -176,7 +176,7 @@ def test_one_wrong_detection_does_not_carry_a_target_away(walkers, make_tracker,
     assert iou(walkers.boxes[12][0], answer[0].estimate.box) > 0.55
 
 
-# Life
+# Track
 
 
 def test_one_that_left_comes_back_with_its_id_while_it_is_remembered(run, leaver, make_tracker):
@@ -271,7 +271,7 @@ def test_answers_of_which_nothing_makes_sense_do_not_say_that_nothing_is_there(
     for image in walkers.images[1:]:
         targets = tracker.update(image, INTERVAL, Detections([box]))
         assert [target.id for target in targets] == [1, 2, 3]
-        assert "1 of 1 detection left out" in tracker.left_out[0]
+        assert "1 of 1 detection left out" in tracker.rejected_detections[0]
 
 
 def test_a_detector_that_writes_more_into_its_labels_each_time_needs_no_more_memory(

@@ -218,7 +218,7 @@ def test_of_many_detections_one_starts_the_single_target(make_session, walkers):
     session = make_session(1)
     outcome = show(session, walkers, range(12), dict.fromkeys(range(0, 12, 3)))
     assert len(outcome.targets) == 1
-    assert outcome.left_out == ()
+    assert outcome.rejected_detections == ()
 
 
 def test_detections_confirm_and_correct_the_target_that_was_drawn(make_session, walkers, iou):
@@ -265,7 +265,7 @@ def test_a_single_target_takes_late_detections_by_their_stamps(make_session, wal
             if number == 6 + late:
                 session.add_detections(walkers.detections(6, [0]), at(6))
             outcome = show(session, walkers, [number])
-            assert outcome.left_out == ()
+            assert outcome.rejected_detections == ()
         told.append(as_told(outcome.targets))
     assert told[0] == told[1]
 
@@ -300,7 +300,7 @@ def test_one_that_looks_like_the_single_target_is_no_second_one_though_detection
     session.request(tuple(twins.boxes[0][0]))
     for number, image in enumerate(twins.images):
         stamp = START + number * STEP * 2 // 5
-        if any(life.is_rival for life in session._manager._crowd.lives):
+        if any(track.is_distractor for track in session._manager._track_set.tracks):
             session.add_detections(twins.detections(number), stamp)
             told += 1
         assert ids(session.process(Frame(image, stamp))) == [1]
@@ -417,15 +417,15 @@ def test_what_is_told_late_is_of_a_frame_that_was_thinned_out_and_reduced(
     place = np.arange(count) // 2
     for number in range(count - 1):
         session.process(Frame(walkers.images[place[number]].copy(), stamps[number]))
-    moments = session.history.since(stamps[of])
-    assert moments[0].kept is not moments[0].frame
-    assert len(moments) < count - 1 - of
+    entries = session.history.since(stamps[of])
+    assert entries[0].stored_frame is not entries[0].frame
+    assert len(entries) < count - 1 - of
     if told == "drawn":
         session.request(tuple(walkers.boxes[place[of]][0]), stamps[of])
     else:
         session.add_detections(walkers.detections(place[of], [0]), stamps[of])
     outcome = session.process(Frame(walkers.images[place[-1]].copy(), stamps[-1]))
-    assert (outcome.refused, outcome.left_out) == ((), ())
+    assert (outcome.refused, outcome.rejected_detections) == ((), ())
     (target,) = outcome.targets
     assert iou(target.estimate.box, walkers.boxes[place[-1]][0]) > 0.6
     assert target.age == pytest.approx((stamps[-1] - stamps[of]) / SECOND, abs=0.07)

@@ -7,8 +7,8 @@ import pytest
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.appearances.color_stripes import ColorStripes
-from pf_tracker_ros.targets.association import Recognizer
-from pf_tracker_ros.targets.tracks import Crowd
+from pf_tracker_ros.targets.association import ReIdentifier
+from pf_tracker_ros.targets.tracks import TrackSet
 
 INTERVAL, EVERY = 0.1, 5
 
@@ -97,25 +97,27 @@ def test_a_box_around_somebody_else_is_nobody_who_was_gone(walkers, make_tracker
     by_detector, by_hand, box = make_tracker(), make_tracker(), walkers.boxes[0][0]
     by_detector.update(walkers.images[0], INTERVAL, Detections(box[None], np.ones(1)))
     by_hand.start(walkers.images[0], box + (4 + aside, 6, -8, -12))
-    (begun,), (other,) = by_detector._manager._crowd.lives, by_hand._manager._crowd.lives
-    ended = replace(begun, key=begun.key._replace(frame=0), gone_for=INTERVAL)
-    crowd = Crowd(lives=(begun, other), gone=(ended,))
-    known, _ = Recognizer(ColorStripes()).recognize(crowd).lives
+    (begun,), (other,) = by_detector._manager._track_set.tracks, by_hand._manager._track_set.tracks
+    ended = replace(begun, key=begun.key._replace(frame=0), time_since_end=INTERVAL)
+    track_set = TrackSet(tracks=(begun, other), ended_tracks=(ended,))
+    known, _ = ReIdentifier(ColorStripes()).reidentify(track_set).tracks
     assert (known.key == ended.key) == (aside == 60)
 
 
 @pytest.mark.parametrize("turned", [0, 150])
 def test_one_that_has_ended_is_where_the_camera_has_taken_it(walkers, make_tracker, turned):
-    lives = []
+    tracks = []
     for shift in (0, 150):
         tracker = make_tracker()
         box = walkers.boxes[0][0] + (shift, 0, 0, 0)
         image = np.roll(walkers.images[0], shift, axis=1)
         tracker.update(image, INTERVAL, Detections(box[None], np.ones(1)))
-        lives += tracker._manager._crowd.lives
-    ended, begun = lives
-    ended = replace(ended, key=ended.key._replace(frame=0), gone_for=INTERVAL)
+        tracks += tracker._manager._track_set.tracks
+    ended, begun = tracks
+    ended = replace(ended, key=ended.key._replace(frame=0), time_since_end=INTERVAL)
     motion = np.array([[1.0, 0, turned], [0, 1, 0], [0, 0, 1]])
-    crowd = replace(Crowd(gone=(ended,)).carried(motion), lives=(begun,))
-    (known,) = Recognizer(ColorStripes()).recognize(crowd).lives
+    track_set = replace(
+        TrackSet(ended_tracks=(ended,)).compensate_camera_motion(motion), tracks=(begun,)
+    )
+    (known,) = ReIdentifier(ColorStripes()).reidentify(track_set).tracks
     assert (known.key == ended.key) == (turned == 150)

@@ -6,7 +6,7 @@ import pytest
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.requests import MOST_ANSWERS
+from pf_tracker_ros.targets.requests import MAX_QUEUED_DETECTIONS
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.frame_clock import TimePolicy
 from pf_tracker_ros.tracking.presets import preset_parameters
@@ -103,19 +103,19 @@ def test_an_answer_older_than_what_is_kept_is_left_out_with_the_reason(session, 
     show(session, walkers, range(2))
     session.add_detections(walkers.detections(0), at(0) - 5 * SECOND)
     outcome = show(session, walkers, [2])
-    assert len(outcome.left_out) == 1
-    assert "5.2 s old" in outcome.left_out[0]
-    assert show(session, walkers, [3]).left_out == ()
+    assert len(outcome.rejected_detections) == 1
+    assert "5.2 s old" in outcome.rejected_detections[0]
+    assert show(session, walkers, [3]).rejected_detections == ()
 
 
 def test_answers_whose_frames_do_not_come_take_no_more_memory(session, walkers):
     show(session, walkers, [0])
-    for number in range(MOST_ANSWERS + 5):
+    for number in range(MAX_QUEUED_DETECTIONS + 5):
         session.add_detections(walkers.detections(0), at(20 + number))
     outcome = show(session, walkers, [1])
-    assert len(outcome.left_out) == 1
-    assert outcome.left_out[0].startswith("5 of the detector's answers left out")
-    assert show(session, walkers, [2]).left_out == ()
+    assert len(outcome.rejected_detections) == 1
+    assert outcome.rejected_detections[0].startswith("5 of the detector's answers left out")
+    assert show(session, walkers, [2]).rejected_detections == ()
 
 
 def test_ten_thousand_boxes_and_broken_ones_are_survived_with_a_sentence_each(session, walkers):
@@ -126,9 +126,9 @@ def test_ten_thousand_boxes_and_broken_ones_are_survived_with_a_sentence_each(se
     session.add_detections(many, at(6))
     session.add_detections(broken, at(6))
     outcome = show(session, walkers, [6])
-    assert len(outcome.left_out) == 2
-    assert "best scores count" in outcome.left_out[0]
-    assert "not finite" in outcome.left_out[1]
+    assert len(outcome.rejected_detections) == 2
+    assert "best scores count" in outcome.rejected_detections[0]
+    assert "not finite" in outcome.rejected_detections[1]
     assert {1, 2, 3} <= {*ids(show(session, walkers, [7]))}
 
 
@@ -162,7 +162,7 @@ def test_a_target_that_waits_for_its_frame_is_named(session, walkers):
     assert show(session, walkers, [3]).started == (1,)
     assert session.requested_stamp is None
     session.request((10.0, 10.0, 20.0, 20.0), at(9))
-    session.withdraw()
+    session.cancel_requests()
     assert session.requested_stamp is None
 
 
@@ -206,7 +206,7 @@ def test_an_answer_that_was_under_way_at_the_stop_is_no_fault(session, walkers):
     session.stop()
     session.add_detections(walkers.detections(4), at(4))
     outcome = session.process(Frame(walkers.images[6], at(6)))
-    assert (outcome.targets, outcome.left_out) == ((), ())
+    assert (outcome.targets, outcome.rejected_detections) == ((), ())
     assert ids(show(session, walkers, range(7, 12), every=2)) == [4, 5, 6]
 
 
@@ -267,7 +267,7 @@ def test_answers_of_the_time_before_a_jump_make_no_ghosts(session, walkers, poli
                 session.add_detections(ghost, at(18))
         outcome = session.process(Frame(walkers.images[19], at(number)))
         assert "ghost" not in {target.label for target in outcome.targets}
-        assert outcome.left_out == ()
+        assert outcome.rejected_detections == ()
 
 
 @pytest.mark.parametrize("pace", [1, 10])
@@ -277,7 +277,7 @@ def test_after_a_jump_a_detector_may_be_ahead_of_the_images(session, walkers, pa
         # Those of the frame at the jump are dropped, for all that is known they are of before.
         session.add_detections(walkers.detections(number), at(pace * number))
         outcome = session.process(Frame(walkers.images[number], at(pace * number)))
-        assert outcome.left_out == ()
+        assert outcome.rejected_detections == ()
     assert {target.unconfirmed_for for target in outcome.targets} == {0.0}
     session.add_detections(walkers.detections(24), at(pace * 23) + 30 * SECOND)
 
@@ -304,14 +304,14 @@ def test_frames_that_are_passed_over_move_the_clock_on(session, walkers):
     show(session, walkers, range(8), every=4)
     for second in range(1, 100, 5):
         session.add_detections(walkers.detections(7), at(7) + second * SECOND)
-        session.pass_over(at(7) + second * SECOND)
+        session.skip(at(7) + second * SECOND)
     now = at(7) + 97 * SECOND
     # Of a frame that nobody looked at: it is no use, and no fault.
     session.add_detections(walkers.detections(7), now - SECOND)
     session.add_detections(walkers.detections(8), now)
     session.request(tuple(walkers.boxes[8][0]), now)
     outcome = session.process(Frame(walkers.images[8], now))
-    assert (len(outcome.started), outcome.left_out, outcome.refused) == (1, (), ())
+    assert (len(outcome.started), outcome.rejected_detections, outcome.refused) == (1, (), ())
     assert 0.0 in [target.unconfirmed_for for target in outcome.targets]
 
 
@@ -319,10 +319,10 @@ def test_what_was_said_of_a_frame_that_was_passed_over_starts_nothing(session, w
     show(session, walkers, range(3))
     for number in (3, 4):
         session.add_detections(walkers.detections(number), at(number))
-        session.pass_over(at(number))
+        session.skip(at(number))
     session.add_detections(walkers.detections(4), at(4))
     outcome = show(session, walkers, [5, 6])
-    assert (ids(outcome), outcome.left_out) == ([], ())
+    assert (ids(outcome), outcome.rejected_detections) == ([], ())
 
 
 def test_without_stamps_frames_and_answers_are_of_now(session, walkers):
@@ -330,7 +330,7 @@ def test_without_stamps_frames_and_answers_are_of_now(session, walkers):
         session.add_detections(walkers.detections(number), 0)
         outcome = session.process(Frame(walkers.images[number], 0))
     assert ids(outcome) == [1, 2, 3]
-    assert outcome.left_out == ()
+    assert outcome.rejected_detections == ()
 
 
 @pytest.mark.parametrize("scale", [0.5, 2.0])
@@ -362,7 +362,7 @@ def test_what_is_of_images_of_another_size_counts_nowhere(session, walkers, rate
     session.add_detections(walkers.detections(1), stamps[1])
     outcome = session.process(Frame(larger, stamps[4]))
     assert outcome.targets == ()
-    assert outcome.left_out == (
+    assert outcome.rejected_detections == (
         "2 answers of the detector left out, of images of another size or kind than those of now",
     )
     session.request(tuple(2.0 * walkers.boxes[3][0]), stamps[3])

@@ -4,7 +4,7 @@ import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.keeper import CrowdKeeper
+from pf_tracker_ros.targets.pipeline import TrackingPipeline
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.frame_clock import LATE_WITHIN, TimePolicy
 from pf_tracker_ros.tracking.presets import preset_parameters
@@ -117,7 +117,7 @@ def test_a_target_that_waits_does_not_hold_up_the_last_one(started, images, box)
 
 def test_a_withdrawn_target_is_not_started(session, images, box):
     session.request(box)
-    session.withdraw()
+    session.cancel_requests()
     assert session.process(Frame(images[0], START)).frame == "waiting"
 
 
@@ -334,13 +334,13 @@ def test_a_target_is_caught_up_through_a_bounded_number_of_frames(
     for index in range(100):
         session.process(Frame(image, START + index * 10_000_000))
     intervals = []
-    advance = CrowdKeeper.advance
+    advance = TrackingPipeline.advance
 
-    def counting(self, crowd, frame, interval, seen):
+    def counting(self, track_set, frame, interval, seen):
         intervals.append(interval)
-        return advance(self, crowd, frame, interval, seen)
+        return advance(self, track_set, frame, interval, seen)
 
-    monkeypatch.setattr(CrowdKeeper, "advance", counting)
+    monkeypatch.setattr(TrackingPipeline, "advance", counting)
     session.request(box, START)
     outcome = session.process(Frame(image, START + 100 * 10_000_000))
     assert (outcome.frame, outcome.caught_up) == ("started", 30)
@@ -498,9 +498,9 @@ def test_a_hidden_target_is_learned_from_before_it_was_hidden(session, images, b
 )
 def test_a_target_that_outgrew_the_image_can_be_learned_again(started, images, estimated):
     # An estimate is bounded by the motion model, a new target by the image as well.
-    sights = started._manager._sights
-    for key, sight in sights.items():
-        sights[key] = sight._replace(box=estimated)
+    last_seen = started._manager._last_seen
+    for key, sight in last_seen.items():
+        last_seen[key] = sight._replace(box=estimated)
     started.configure(preset_parameters("zhang2015"), seed=0)
     assert started.process(Frame(images[0], START + SECOND)).frame == "tracked"
 

@@ -9,7 +9,7 @@ from pf_tracker_ros.frames import frame as frame_module
 from pf_tracker_ros.frames.exposure import GainControl
 from pf_tracker_ros.frames.frame import TiledImage
 from pf_tracker_ros.parameters import build
-from pf_tracker_ros.targets.track_manager import NotKeptError, TrackManager
+from pf_tracker_ros.targets.track_manager import FrameNotBufferedError, TrackManager
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 
@@ -122,7 +122,7 @@ def test_whoever_begins_the_background_anew_is_told_where_all_targets_are(
 ):
     manager = make_manager("li2007")
     begin(manager, walkers.images, walkers.boxes[0])
-    manager.take_parameters(
+    manager.adopt_parameters(
         make_manager("li2007", cues=("color_histogram", "gradient_orientation", "foreground"))
     )
     go_on(manager, walkers.images, [1])
@@ -131,11 +131,11 @@ def test_whoever_begins_the_background_anew_is_told_where_all_targets_are(
 
 def test_the_gray_range_goes_on_once_a_frame(make_manager, walkers, monkeypatch):
     intervals = []
-    follow = GainControl.follow
+    update = GainControl.update
 
     def counted(gain, image, interval):
         intervals.append(interval)
-        return follow(gain, image, interval)
+        return update(gain, image, interval)
 
     monkeypatch.setattr(GainControl, "update", counted)
     images = [sixteen_bit(image) for image in walkers.images[:4]]
@@ -170,7 +170,7 @@ def test_targets_of_one_seed_draw_their_own_numbers(make_manager, walkers):
     [
         ((500.0, 10.0, 20.0, 20.0), 0, ValueError),
         ((10.0, 10.0, 0.0, 20.0), at(3), ValueError),
-        ((10.0, 10.0, 20.0, 20.0), at(0) - 2 * 10**9, NotKeptError),
+        ((10.0, 10.0, 20.0, 20.0), at(0) - 2 * 10**9, FrameNotBufferedError),
     ],
 )
 def test_a_start_that_is_refused_leaves_all_as_it_was(make_manager, walkers, as_told, most, drawn):
@@ -194,9 +194,9 @@ def test_one_too_many_drawn_long_ago_leaves_the_frames_as_they_were(make_manager
     manager = make_manager("default", 1 + 1)
     begin(manager, images, walkers.boxes[0][:2])
     go_on(manager, images, range(1, 45))
-    before = [moment.frame.camera_motion for moment in manager.frames.moments]
+    before = [entry.frame.camera_motion for entry in manager.frames.entries]
     with pytest.raises(ValueError, match="as many as there may be"):
         manager.start(tuple(walkers.boxes[0][2]), at(0))
-    after = [moment.frame.camera_motion for moment in manager.frames.moments]
+    after = [entry.frame.camera_motion for entry in manager.frames.entries]
     assert any(motion is not None for motion in before)
     assert all(one is other for one, other in zip(before, after, strict=True))

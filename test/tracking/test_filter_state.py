@@ -46,7 +46,7 @@ def test_what_differs_is_told_apart(make_target_filter, couple):
     targets, _ = followed(make_target_filter("default"), couple.images[:3], tuple(couple.first[0]))
     assert same(targets[1], copy.deepcopy(targets[1]))
     for earlier, later in itertools.pairwise(targets):
-        for field in ("particles", "templates", "randomness", "estimate", "followed_frames"):
+        for field in ("particles", "templates", "generator_state", "estimate", "followed_frames"):
             assert not same(getattr(earlier, field), getattr(later, field))
 
 
@@ -99,9 +99,9 @@ def test_a_target_of_a_tracker_stays_as_it_was(couple):
     held, kept = [], []
 
     def hold():
-        (life,) = tracker._manager._crowd.lives
-        held.append(life.target)
-        kept.append(copy.deepcopy(life.target))
+        (track,) = tracker._manager._track_set.tracks
+        held.append(track.filter_state)
+        kept.append(copy.deepcopy(track.filter_state))
 
     hold()
     for image in couple.images[1:6]:

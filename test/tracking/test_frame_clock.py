@@ -123,8 +123,8 @@ def test_other_clocks_are_refused_on_their_side_alone(clock, check):
 
 
 def test_frames_that_were_passed_over_are_those_since_the_last_one_taken(clock):
-    clock.pass_over(at(30))
-    clock.pass_over(at(31))
+    clock.skip(at(30))
+    clock.skip(at(31))
     assert [clock.was_skipped(at(seconds)) for seconds in (29.9, 30, 31, 31.1)] == [
         *(False, True, True, False)
     ]
@@ -137,13 +137,13 @@ def test_frames_that_were_passed_over_are_those_since_the_last_one_taken(clock):
 def test_frames_before_a_new_beginning_count_no_more_also_with_a_pause_after_it(clock):
     clock.expect_jump()
     assert [clock.was_skipped(at(seconds)) for seconds in (1, 29, 30)] == [True, True, False]
-    clock.pass_over(at(40))
+    clock.skip(at(40))
     assert [clock.was_skipped(at(seconds)) for seconds in (29, 40, 41)] == [True, True, False]
     assert not clock.was_skipped(0)
 
 
 def test_frames_that_are_passed_over_move_the_time_that_detectors_know(clock):
-    clock.pass_over(at(100))
+    clock.skip(at(100))
     clock.check_ahead(at(159))
     clock.check_behind(at(41))
     with pytest.raises(ValueError, match="another clock"):

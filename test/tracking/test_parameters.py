@@ -125,8 +125,8 @@ def make_tracker(couple):
 
 
 def target_of(tracker):
-    (life,) = tracker._manager._crowd.lives
-    return life.target
+    (track,) = tracker._manager._track_set.tracks
+    return track.filter_state
 
 
 def learned(tracker):

@@ -16,7 +16,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from pf_tracker_ros.boxes import bounding_box
 from pf_tracker_ros.messages import PARTICLE_FIELDS
-from pf_tracker_ros.targets.detections import outline_of
+from pf_tracker_ros.targets.detections import upright_box
 
 Json = dict[str, Any]
 
@@ -96,7 +96,7 @@ def detections_of(message: Any) -> list[Json]:
     """The boxes of a vision_msgs Detection2DArray, [x, y, width, height] in pixels, with labels."""
     detections = []
     for detection in message.detections[:_MOST_TARGETS]:
-        box = outline_of(detection.bbox)
+        box = upright_box(detection.bbox)
         if not all(math.isfinite(value) for value in box):
             continue
         scored = [one.hypothesis for one in detection.results]

@@ -20,7 +20,7 @@ from pf_tracker_ros.node.messages import message_class
 from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, subscribe, take_waiting
 from pf_tracker_ros.node.tracker.reporter import Throttle
 from pf_tracker_ros.stamps import stamp_of
-from pf_tracker_ros.targets.detections import check_length, detections_of
+from pf_tracker_ros.targets.detections import check_message_size, detections_from_message
 from pf_tracker_ros.targets.session import Session
 
 # Not a dependency: a robot without it loses this topic alone.
@@ -150,12 +150,12 @@ class Inputs:
         self._session().stop_target(message.data)
 
     def _on_detections(self, message: Any) -> None:
-        self._session().add_detections(detections_of(message), stamp_of(message.header))
+        self._session().add_detections(detections_from_message(message), stamp_of(message.header))
 
 
 def _deserialized(octets: bytes, message_type: Any) -> Any:
     if message_type is DETECTIONS_TYPE:
-        check_length(octets)
+        check_message_size(octets)
     elif len(octets) > _LARGEST:
         raise ValueError(f"its message has {len(octets)} bytes; allowed: up to {_LARGEST}")
     try:

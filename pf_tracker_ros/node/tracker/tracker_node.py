@@ -50,7 +50,7 @@ from pf_tracker_ros.node.tracker.tracking import Tracking
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.stamps import stamp_of
-from pf_tracker_ros.targets.session import DROPPED, Outcome, Session
+from pf_tracker_ros.targets.session import DROPPED_ARRIVALS, Outcome, Session
 from pf_tracker_ros.topics import FrameResult
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import ActivePreset, preset_parameters
@@ -251,7 +251,7 @@ class TrackerNode(ManagedNode):
     def _request_target_box(self) -> None:
         box, session = self._values["target_box"], self._session()
         if not box:
-            session.withdraw()
+            session.cancel_requests()
             return
         try:
             session.request(box)
@@ -320,7 +320,7 @@ class TrackerNode(ManagedNode):
         """
         stamp = stamp_of(message.header)
         if not self._enabled:
-            self._tracking.pass_over(stamp)
+            self._tracking.skip(stamp)
             return _Result("paused")
         session = self._tracking.session
         if session is None:
@@ -329,13 +329,17 @@ class TrackerNode(ManagedNode):
         for error in self._throttle.pick(self._tracking.take_detections()):
             self._reporter.report(error)
         arrival = session.classify(stamp)
-        if arrival in DROPPED:
+        if arrival in DROPPED_ARRIVALS:
             return _Result(session.drop(arrival).frame)
         frame = Frame(self._decoder.decode(message), stamp)
         outcome = session.process(frame, arrival)
         self._tracking.offer(frame.image, stamp, jumped_back=bool(outcome.jumped_back))
         result = self._known(frame.image)
-        for error in (*outcome.refused, *outcome.ended, *self._throttle.pick(outcome.left_out)):
+        for error in (
+            *outcome.refused,
+            *outcome.ended,
+            *self._throttle.pick(outcome.rejected_detections),
+        ):
             self._reporter.report(error)
         self._log_progress(outcome)
         # A duplicate that a target could have started on says nothing new.
@@ -357,7 +361,7 @@ class TrackerNode(ManagedNode):
             targets=targets,
             selected=session.selected,
             max_targets=max(self._values["max_targets"], len(targets)),
-            heard=session.heard,
+            detector_runs=session.detector_runs,
             image=image,
         )
 

@@ -9,7 +9,7 @@ from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import build, declarations
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.built_in_detectors import DETECTORS, DetectingThread, Detector
+from pf_tracker_ros.targets.built_in_detectors import DETECTORS, Detector, DetectorThread
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.frame_clock import TimePolicy
 from pf_tracker_ros.tracking.parameters import TrackerParameters
@@ -65,7 +65,7 @@ class Tracking:
 
     def __init__(self) -> None:
         self.session: Session | None = None
-        self._detecting: DetectingThread | None = None
+        self._detecting: DetectorThread | None = None
         self._detector = _ChosenDetector()
 
     def check(self, values: Values) -> None:
@@ -103,7 +103,7 @@ class Tracking:
         self.session.history.limit(values["history_frames"], values["history_megabytes"])
         if chosen != self._detector:
             self._end_detecting()
-            self._detecting = DetectingThread(detector, chosen.rate) if detector else None
+            self._detecting = DetectorThread(detector, chosen.rate) if detector else None
             self._detector = chosen
 
     def forget(self) -> None:
@@ -146,15 +146,15 @@ class Tracking:
         """
         if self._detecting:
             if jumped_back:
-                self._detecting.disregard()
+                self._detecting.discard_pending()
             self._detecting.offer(image, stamp)
 
-    def pass_over(self, stamp: int) -> None:
+    def skip(self, stamp: int) -> None:
         """Let the clock go on with a frame that is not looked at; its stamp, nanoseconds."""
         if self.session:
-            self.session.pass_over(stamp)
+            self.session.skip(stamp)
         if self._detecting:
-            self._detecting.disregard()
+            self._detecting.discard_pending()
 
     def _end_detecting(self) -> None:
         if self._detecting:

@@ -9,8 +9,8 @@ from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.recordings.detections.hearing import Answer, Hearing
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame
-from pf_tracker_ros.targets.built_in_detectors import DETECTORS, DetectingThread
-from pf_tracker_ros.targets.session import DROPPED, Outcome
+from pf_tracker_ros.targets.built_in_detectors import DETECTORS, DetectorThread
+from pf_tracker_ros.targets.session import DROPPED_ARRIVALS, Outcome
 
 _FINDS = {
     "people": "people who are at least 100 px high",
@@ -38,7 +38,7 @@ class BuiltInDetector(Hearing):
         self._name = name
         self._shown = self._last_shown = self._found = 0
         try:
-            self._thread = DetectingThread(
+            self._thread = DetectorThread(
                 DETECTORS.make(name, DETECTORS.parameters_of(name)()), rate
             )
         except ValueError as error:
@@ -70,7 +70,7 @@ class BuiltInDetector(Hearing):
                 yield Answer(found.detections, found.stamp)
 
     def after(self, frame: RecordedFrame, outcome: Outcome) -> None:  # noqa: D102
-        if frame.image is None or outcome.frame in DROPPED:
+        if frame.image is None or outcome.frame in DROPPED_ARRIVALS:
             return
         if self._thread.offer(frame.image, frame.stamp):
             self._shown, self._last_shown = self._shown + 1, frame.index

@@ -12,7 +12,7 @@ from pf_tracker_ros.messages import DETECTIONS_TYPE
 from pf_tracker_ros.recordings.detections.hearing import Answer, Hearing
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_DETECTIONS, RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame
-from pf_tracker_ros.targets.detections import check_length, detections_of
+from pf_tracker_ros.targets.detections import check_message_size, detections_from_message
 
 
 class DetectionTopic(Hearing):
@@ -57,11 +57,11 @@ class DetectionTopic(Hearing):
 
     def _answer(self, octets: bytes) -> Answer:
         try:
-            check_length(octets)
+            check_message_size(octets)
         except ValueError as error:
             return Answer(None, refused=f"detections refused: {error}")
         try:
             message = read_detections(octets)
         except FootageError as error:
             raise FootageError(f"{self._name}, message {self._count}: {error}") from error
-        return Answer(detections_of(message), message.stamp)
+        return Answer(detections_from_message(message), message.stamp)

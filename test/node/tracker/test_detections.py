@@ -9,7 +9,7 @@ from geometry_msgs.msg import PoseWithCovariance
 from std_msgs.msg import Header
 
 from pf_tracker_ros.node.tracker.inputs import DETECTIONS_TYPE
-from pf_tracker_ros.targets.detections import detections_of
+from pf_tracker_ros.targets.detections import detections_from_message
 
 
 # The definitions of vision_msgs 4, for machines without it: what is not in them cannot be set.
@@ -75,21 +75,21 @@ def test_the_best_hypothesis_is_what_a_detector_means():
             detection(),
         ]
     )
-    detections = detections_of(said)
+    detections = detections_from_message(said)
     assert detections.labels == ("cat", "")
     assert detections.scores.tolist() == [0.7, 1.0]
     assert detections.boxes[0].tolist() == [20.0, 35.0, 20.0, 10.0]
 
 
 def test_a_box_that_is_turned_counts_as_its_outline():
-    quarter = detections_of(Detection2DArray(detections=[detection(theta=math.pi / 2)]))
+    quarter = detections_from_message(Detection2DArray(detections=[detection(theta=math.pi / 2)]))
     assert quarter.boxes[0] == pytest.approx([25.0, 30.0, 10.0, 20.0])
-    broken = detections_of(Detection2DArray(detections=[detection(theta=math.nan)]))
+    broken = detections_from_message(Detection2DArray(detections=[detection(theta=math.nan)]))
     assert np.isfinite(broken.boxes).all()
 
 
 def test_no_detections_are_an_answer_too():
-    assert len(detections_of(Detection2DArray())) == 0
+    assert len(detections_from_message(Detection2DArray())) == 0
 
 
 def test_detections_come_with_each_frame(graph, moving_square):

@@ -9,7 +9,7 @@ from visualization_msgs.msg import MarkerArray
 
 from pf_tracker_ros.recordings import open_recording
 from pf_tracker_ros.recordings.__main__ import main
-from pf_tracker_ros.targets.built_in_detectors import DetectingThread
+from pf_tracker_ros.targets.built_in_detectors import DetectorThread
 
 # As many as `track` follows at most by default.
 SEVERAL = {"max_targets": 32, "image_reliability": "reliable", "seed": 3}
@@ -178,9 +178,9 @@ def test_a_built_in_detector_that_keeps_up_finds_the_same(
     output = tmp_path / "out"
     given = ("--detector", "motion", "--detector-rate", "25", "--seed", "3")
     assert main([str(source), "--output", str(output), *given]) == 0
-    take = DetectingThread.take
+    take = DetectorThread.take
     # As on a machine that has nothing else to do.
-    monkeypatch.setattr(DetectingThread, "take", lambda self, **_: take(self, wait=True))
+    monkeypatch.setattr(DetectorThread, "take", lambda self, **_: take(self, wait=True))
     client, heard = lockstep(
         output, images, built_in_detector="motion", built_in_detector_rate=25.0
     )

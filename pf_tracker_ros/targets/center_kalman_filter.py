@@ -21,7 +21,7 @@ _MOST_DEVIATIONS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class CenterKalmanFilter:
     """A Kalman filter of nearly constant velocity, both axes on their own; a value.
 
     Particles tell where a target is in the image at hand. This remembers how it has moved, over
@@ -30,19 +30,21 @@ class Course:
     Attributes:
         center: (2,) of the box, pixels.
         velocity: (2,) pixels per second.
-        spread: (2,) variance of the center, px^2.
-        shared: (2,) covariance of center and velocity, px^2/s.
-        speed_spread: (2,) variance of the velocity, px^2/s^2.
+        center_variance: (2,) variance of the center, px^2.
+        center_velocity_covariance: (2,) covariance of center and velocity, px^2/s.
+        velocity_variance: (2,) variance of the velocity, px^2/s^2.
     """
 
     center: NDArray[np.float64]
     velocity: NDArray[np.float64]
-    spread: NDArray[np.float64]
-    shared: NDArray[np.float64]
-    speed_spread: NDArray[np.float64]
+    center_variance: NDArray[np.float64]
+    center_velocity_covariance: NDArray[np.float64]
+    velocity_variance: NDArray[np.float64]
 
     @classmethod
-    def begin(cls, box: NDArray[np.float64], deviation: NDArray[np.float64]) -> Course:
+    def initiate(
+        cls, box: NDArray[np.float64], deviation: NDArray[np.float64]
+    ) -> CenterKalmanFilter:
         """That of a target at rest, in all likelihood.
 
         Args:
@@ -52,51 +54,55 @@ class Course:
         speed = np.full(2, np.square(_FIRST_SPEED * box[3]))
         return cls(box[:2] + box[2:] / 2, np.zeros(2), np.square(deviation), np.zeros(2), speed)
 
-    def predict(self, interval: float, height: float) -> Course:
+    def predict(self, interval: float, height: float) -> CenterKalmanFilter:
         """The course some seconds later, for a target of a height in pixels.
 
         After a pause nobody knows whether it has gone on as it went: it is expected around where it
         was, the less surely the faster it went and the longer that was, up to ten seconds.
         """
         if interval > _LONGEST_STEP:
-            stopped = self.speed_spread + np.square(self.velocity)
-            at_rest = replace(self, velocity=np.zeros(2), speed_spread=stopped)
+            stopped = self.velocity_variance + np.square(self.velocity)
+            at_rest = replace(self, velocity=np.zeros(2), velocity_variance=stopped)
             return at_rest._step(min(interval, _LONGEST_PAUSE), height)
         return self._step(interval, height)
 
-    def _step(self, interval: float, height: float) -> Course:
+    def _step(self, interval: float, height: float) -> CenterKalmanFilter:
         noise = np.square(_ACCELERATION * height) * interval
         return replace(
             self,
             center=self.center + interval * self.velocity,
-            spread=self.spread
-            + 2.0 * interval * self.shared
-            + interval**2 * self.speed_spread
+            center_variance=self.center_variance
+            + 2.0 * interval * self.center_velocity_covariance
+            + interval**2 * self.velocity_variance
             + noise * interval**2 / 3.0,
-            shared=self.shared + interval * self.speed_spread + noise * interval / 2.0,
-            speed_spread=self.speed_spread + noise,
+            center_velocity_covariance=self.center_velocity_covariance
+            + interval * self.velocity_variance
+            + noise * interval / 2.0,
+            velocity_variance=self.velocity_variance + noise,
         )
 
-    def correct(self, center: NDArray[np.float64], deviation: NDArray[np.float64]) -> Course:
+    def correct(
+        self, center: NDArray[np.float64], deviation: NDArray[np.float64]
+    ) -> CenterKalmanFilter:
         """The course after the center was measured.
 
         Args:
             center: (2,) pixels.
             deviation: (2,) standard deviation of it, pixels.
         """
-        total = self.spread + np.square(deviation)
+        total = self.center_variance + np.square(deviation)
         farthest = _MOST_DEVIATIONS * np.sqrt(total)
         surprise = np.clip(center - self.center, -farthest, farthest)
-        gain, speed_gain = self.spread / total, self.shared / total
-        return Course(
+        gain, speed_gain = self.center_variance / total, self.center_velocity_covariance / total
+        return CenterKalmanFilter(
             self.center + gain * surprise,
             self.velocity + speed_gain * surprise,
-            (1.0 - gain) * self.spread,
-            (1.0 - gain) * self.shared,
-            self.speed_spread - speed_gain * self.shared,
+            (1.0 - gain) * self.center_variance,
+            (1.0 - gain) * self.center_velocity_covariance,
+            self.velocity_variance - speed_gain * self.center_velocity_covariance,
         )
 
-    def carry(self, camera_motion: NDArray[np.float64]) -> Course:
+    def compensate_camera_motion(self, camera_motion: NDArray[np.float64]) -> CenterKalmanFilter:
         """The same course, seen by a camera that has moved; see `EgoMotion.follow`.
 
         Args:
@@ -106,13 +112,13 @@ class Course:
         center, velocity = linear @ self.center + shift, linear @ self.velocity
         return replace(self, center=center, velocity=velocity)
 
-    def scale(self, factors: NDArray[np.float64]) -> Course:
+    def scale(self, factors: NDArray[np.float64]) -> CenterKalmanFilter:
         """The same course in an image of another size, by (2,) factors of its width and height."""
         squares = np.square(factors)
-        return Course(
+        return CenterKalmanFilter(
             self.center * factors,
             self.velocity * factors,
-            self.spread * squares,
-            self.shared * squares,
-            self.speed_spread * squares,
+            self.center_variance * squares,
+            self.center_velocity_covariance * squares,
+            self.velocity_variance * squares,
         )

@@ -13,7 +13,7 @@ NOTHING = Detections(np.empty((0, 4)))
 
 
 def rivals(tracker):
-    return [life for life in tracker._manager._crowd.lives if life.is_rival]
+    return [track for track in tracker._manager._track_set.tracks if track.is_distractor]
 
 
 def begun(tracker, drawn):
@@ -79,11 +79,13 @@ def test_a_rival_that_is_one_who_was_gone_comes_back_with_its_id(passing, make_t
             passing.images[number], INTERVAL, passing.detections(number, labels=["p", "p"])
         )
     (one,) = (one.id for one in tracker.targets if iou(one.estimate.box, passing.boxes[2][1]) > 0.5)
-    crowd = tracker._manager._crowd
-    ended = next(life for life in crowd.lives if tracker._manager._names[life.key] == one)
-    gone = (replace(ended, gone_for=0.0),)
-    lives = tuple(life for life in crowd.lives if life is not ended)
-    tracker._manager._crowd = replace(crowd, lives=lives, gone=gone)
+    track_set = tracker._manager._track_set
+    ended = next(
+        track for track in track_set.tracks if tracker._manager._track_ids[track.key] == one
+    )
+    gone = (replace(ended, time_since_end=0.0),)
+    tracks = tuple(track for track in track_set.tracks if track is not ended)
+    tracker._manager._track_set = replace(track_set, tracks=tracks, ended_tracks=gone)
     for number in range(3, 20):
         seen = passing.detections(number, targets=[1], labels=["p"]) if rivals(tracker) else None
         told = tracker.update(passing.images[number], INTERVAL, seen)
@@ -141,7 +143,7 @@ def test_targets_drawn_on_one_frame_gone_by_bring_no_rival_twice(
     for _ in range(2):
         start_earlier(tracker, footage.boxes[0][0], 19 * INTERVAL)
     for number in range(20, 26):
-        keys = [life.key for life in tracker._manager._crowd.lives]
+        keys = [track.key for track in tracker._manager._track_set.tracks]
         assert len(set(keys)) == len(keys)
         tracker.update(footage.images[number], INTERVAL, footage.detections(number))
 
@@ -188,4 +190,4 @@ def test_without_a_search_nothing_is_followed_beside_a_single_target(passing):
     tracker.start(passing.images[0], passing.boxes[0][0])
     for image in passing.images[1:]:
         tracker.update(image, INTERVAL)
-        assert len(tracker._manager._crowd.lives) == 1
+        assert len(tracker._manager._track_set.tracks) == 1
