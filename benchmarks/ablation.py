@@ -29,7 +29,7 @@ from typing import Any
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
-import carry_over
+import cross_validation
 import intervals
 from outcomes import Outcome, figure, write_csv
 from tables import Table, bold
@@ -156,7 +156,7 @@ def _row(outcome: Outcome, base: Outcome) -> list[str]:
         f"{scores.success_auc:.3f}",
         "" if outcome is base else _change(outcome, base),
         figure(outcome.deviation, ".3f"),
-        figure(outcome.mean_auc_deviation, ".3f"),
+        figure(outcome.mean_auc_std, ".3f"),
         f"{scores.precision_20px:.3f}",
         f"{scores.cpu_ms_median:.2f}",
     ]
@@ -178,7 +178,7 @@ def write_markdown(path: Path, table: Table, left_out: Table | None, jobs: int) 
     timing = "" if jobs == 1 else f" {jobs} processes at a time, so times are not comparable."
     lines = [f"# {table.title}", "", *table.markdown(), "", NOTE + timing]
     if left_out:
-        lines += ["", f"## {left_out.title}", "", *left_out.markdown(), "", carry_over.NOTE]
+        lines += ["", f"## {left_out.title}", "", *left_out.markdown(), "", cross_validation.NOTE]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -219,14 +219,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         compared = variants(options.preset, options.particles, options.off)
         sequences = read_sequences(options.sequences)
         names = [sequence.name for sequence in sequences]
-        groups = carry_over.grouped(names, options.group) if options.group else {}
+        groups = cross_validation.grouped(names, options.group) if options.group else {}
         options.output.mkdir(parents=True, exist_ok=True)
         outcomes = run(options.preset, compared, sequences, options.seeds, options.jobs)
         seeds = counted(options.seeds, "seed")
         footage = counted(len(sequences), "sequence")
         table = summary(outcomes, f"Ablation of preset {options.preset}: {footage}, {seeds}")
         table.show()
-        left_out = carry_over.summary(outcomes, groups) if groups else None
+        left_out = cross_validation.summary(outcomes, groups) if groups else None
         if left_out:
             left_out.show()
         write_csv(options.output / "ablation.csv", "variant", outcomes, options.preset)

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class BoxAnswer:
+class PlainEstimate:
     """What a tracker says of a frame, as the evaluation wants it.
 
     Attributes:
@@ -61,7 +61,7 @@ class ColorImageTracker(ABC):
         self._learn(self._color(image), self._box.copy())
         return self._last_box()
 
-    def update(self, image: NDArray[Any], _dt: float | None = None) -> BoxAnswer:
+    def update(self, image: NDArray[Any], _dt: float | None = None) -> PlainEstimate:
         """Track into the next image, of the same size and kind as the first; time is not used.
 
         Raises:
@@ -76,9 +76,9 @@ class ColorImageTracker(ABC):
         color = self._color(image)
         found = self._find(color, self._box.copy())
         if found is None or not np.isfinite(found).all():
-            return BoxAnswer(self._last_box(), "lost")
+            return PlainEstimate(self._last_box(), "lost")
         self._box = self._within_reach(np.asarray(found, np.float64), color)
-        return BoxAnswer(self._last_box(), "tracking")
+        return PlainEstimate(self._last_box(), "tracking")
 
     @abstractmethod
     def _learn(self, image: Image, box: Array) -> None:

@@ -31,8 +31,8 @@ from tracker_families import FAMILIES
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import (
     EvaluationError,
-    MakeTracker,
     SequenceResult,
+    TrackerFactory,
     evaluate_sequence,
     read_sequences,
 )
@@ -44,7 +44,7 @@ from pf_tracker_ros.progress import OnProgress, progress_bar
 PRESET = "zhang_bo"
 
 
-TRACKERS: Mapping[str, MakeTracker] = {
+TRACKERS: Mapping[str, TrackerFactory] = {
     **FAMILIES,
     PRESET: functools.partial(Tracker.from_preset, PRESET),
 }

@@ -48,7 +48,7 @@ ANSWERS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 TRACKER, BARE = "tracker", "bare subscriber"
 
 
-def image_quality(reliability: str) -> QoSProfile:
+def image_qos(reliability: str) -> QoSProfile:
     """As most cameras publish, with the reliability asked for."""
     return QoSProfile(depth=10, reliability=ReliabilityPolicy[reliability.upper()])
 
@@ -90,7 +90,7 @@ class Camera(Node):
     def __init__(self, reliability: str) -> None:
         super().__init__("camera")
         self.answered: dict[int, float] = {}
-        self.publisher = self.create_publisher(Image, "image", image_quality(reliability))
+        self.publisher = self.create_publisher(Image, "image", image_qos(reliability))
         self.create_subscription(Header, "bare/answer", self._on_answer, ANSWERS)
         self.create_subscription(
             DiagnosticArray, "pf_tracker/status", lambda m: self._on_answer(m.header), ANSWERS

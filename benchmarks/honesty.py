@@ -1,6 +1,6 @@
 r"""Does a preset say "tracking" when it is not? Footage that misleads it, made of sequences.
 
-Light that changes in the middle; a cut to another scene, in which the target is not; and a target
+GainOverTime that changes in the middle; a cut to another scene, in which the target is not; and a target
 that leaves for five seconds, over moving backgrounds, alone and from beside another of the same.
 
     python benchmarks/honesty.py SEQUENCE_DIR... --preset default --seeds 1
@@ -31,14 +31,14 @@ import cv2
 import numpy as np
 from honesty_footage import (
     Clip,
+    GainOverTime,
     Image,
-    Light,
     beside_its_like,
     cut,
     departure,
     flicker,
     ramp,
-    relit,
+    relight,
     same_place,
     step,
 )
@@ -56,7 +56,7 @@ from pf_tracker_ros.evaluation import (
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.parameters import ParameterError
 
-LIGHTS: dict[str, Light] = {
+LIGHTS: dict[str, GainOverTime] = {
     "as it is": step(1.0),
     "half from one frame on": step(0.5),
     "1.7 times from one frame on": step(1.7),
@@ -79,7 +79,7 @@ RIGHT_ABOVE = 0.5
 
 
 @dataclass(frozen=True)
-class Told:
+class TrackerTrace:
     """What was told of F frames, without the first.
 
     Attributes:
@@ -120,9 +120,9 @@ class Run:
     is_apart: bool = False
 
 
-def told(
+def trace(
     preset: str, seed: int, images: Iterable[Image], box: NDArray[np.float64], interval: float
-) -> Told:
+) -> TrackerTrace:
     """What a preset tells of the images after the first one."""
     cv2.setNumThreads(1)
     tracker = Tracker.from_preset(preset, seed)
@@ -132,7 +132,7 @@ def told(
             estimates.append(tracker.update(image, interval))
         else:
             tracker.start(image, box)
-    return Told(
+    return TrackerTrace(
         np.array([one.box for one in estimates]),
         np.array([one.state == "tracking" for one in estimates]),
         np.array([one.confidence for one in estimates]),
@@ -142,7 +142,7 @@ def told(
 def in_light(preset: str, seed: int, folder: Path, kind: str) -> Run:
     """Mean overlap in the second half of a sequence, in which the light is another."""
     clip = read(folder)
-    answer = told(preset, seed, relit(clip, LIGHTS[kind]), clip.boxes[0], clip.interval)
+    answer = trace(preset, seed, relight(clip, LIGHTS[kind]), clip.boxes[0], clip.interval)
     middle = len(clip.images) // 2
     boxes, true_boxes = answer.boxes[middle - 1 :], clip.boxes[middle:]
     known = has_target(true_boxes)
@@ -153,7 +153,7 @@ def after_cut(preset: str, seed: int, folder: Path, scene_folder: Path) -> Run:
     """Frames of another scene in which the target is told to be tracked."""
     clip, scene = read(folder, BEFORE_CUT), read(scene_folder, AFTER_CUT)
     images = cut(clip, scene, AFTER_CUT)
-    answer = told(preset, seed, images, clip.boxes[0], clip.interval)
+    answer = trace(preset, seed, images, clip.boxes[0], clip.interval)
     count = int(answer.is_sure[-AFTER_CUT:].sum())
     name = f"{clip.name} to {scene.name}"
     return Run("cut", name, seed, count, is_apart=same_place(clip, scene))
@@ -163,7 +163,7 @@ def away(preset: str, seed: int, folder: Path, background_folder: Path, kind: st
     """Frames in which a target that is gone is told to be tracked, and how soon it is back."""
     clip, background = read(folder, 1), read(background_folder, MOST_BACKGROUND)
     shown = DEPARTURES[kind](clip, background, DEPARTURE, INTERVAL)
-    answer = told(preset, seed, shown.images, shown.boxes[0], INTERVAL)
+    answer = trace(preset, seed, shown.images, shown.boxes[0], INTERVAL)
     true_boxes = shown.boxes[1:]
     is_there = has_target(true_boxes)
     gone = np.flatnonzero(~is_there)
@@ -230,7 +230,7 @@ def light_table(runs: Sequence[Run]) -> Table:
             ]
         )
     headings = ("light", "worst sequence", "mean overlap after", "change", "of the worst")
-    return Table("Light that changes", headings, [rows], names=2)
+    return Table("GainOverTime that changes", headings, [rows], names=2)
 
 
 def cut_table(runs: Sequence[Run]) -> Table:

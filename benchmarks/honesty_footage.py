@@ -16,7 +16,7 @@ from pf_tracker_ros.footage import Footage
 Image = NDArray[np.uint8]
 # Correlation of two images' pixels from which on they show the same place.
 _SAME_ABOVE = 0.9
-Light = Callable[[float], float]
+GainOverTime = Callable[[float], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,22 +69,22 @@ def same_place(one: Clip, other: Clip) -> bool:
     return float(np.corrcoef(first, second)[0, 1]) > _SAME_ABOVE
 
 
-def step(gain: float) -> Light:
-    """Light that jumps at time 0."""
+def step(gain: float) -> GainOverTime:
+    """GainOverTime that jumps at time 0."""
     return lambda time: 1.0 if time < 0.0 else gain
 
 
-def ramp(gain: float, seconds: float) -> Light:
-    """Light that changes evenly from time 0 on."""
+def ramp(gain: float, seconds: float) -> GainOverTime:
+    """GainOverTime that changes evenly from time 0 on."""
     return lambda time: 1.0 + (gain - 1.0) * min(max(time / seconds, 0.0), 1.0)
 
 
-def flicker(depth: float, hertz: float) -> Light:
-    """Light that pulses from time 0 on, between `1 - depth` and `1 + depth`."""
+def flicker(depth: float, hertz: float) -> GainOverTime:
+    """GainOverTime that pulses from time 0 on, between `1 - depth` and `1 + depth`."""
     return lambda time: 1.0 + depth * math.sin(2.0 * math.pi * hertz * time) * (time >= 0.0)
 
 
-def relit(clip: Clip, light: Light) -> Iterator[Image]:
+def relight(clip: Clip, light: GainOverTime) -> Iterator[Image]:
     """The images of a clip in another light, time 0 in its middle."""
     middle = len(clip.images) // 2
     for index, image in enumerate(clip.images):

@@ -31,13 +31,13 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import arguments as options_of
 import cv2
 from arguments import at_least
-from bars import bars_table, save_tables
 from kernel_stages.growth import AXES, Cost, along, draw_growth, exponent, measure_stages
 from kernel_stages.li2007 import CLOUDS, Row, measure_li2007
-from kernel_stages.must_hold import measure_bars
+from kernel_stages.must_hold import measure_limits
 from kernel_stages.python_share import measure_python_share
 from kernel_stages.setting import Setting
 from kernel_stages.stages import STAGES
+from limits import limits_table, save_tables
 from tables import Table
 
 LOOP_SIDES = (20, 40, 80, 160)
@@ -140,12 +140,12 @@ def python_tables(given: argparse.Namespace) -> list[Table]:
     return [Table("Python's overhead in an update of `default` at 768x576", headings, [rows])]
 
 
-def bar_tables(given: argparse.Namespace) -> list[Table]:
+def limit_tables(given: argparse.Namespace) -> list[Table]:
     """The ratios that must hold."""
-    return [bars_table(measure_bars(given.turns))]
+    return [limits_table(measure_limits(given.turns))]
 
 
-PARTS = {"loop": loop_tables, "stages": stage_tables, "python": python_tables, "bars": bar_tables}
+PARTS = {"loop": loop_tables, "stages": stage_tables, "python": python_tables, "bars": limit_tables}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

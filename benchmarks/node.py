@@ -36,7 +36,7 @@ from typing import NamedTuple
 import arguments as options_of
 import numpy as np
 from arguments import at_least
-from bars import Bar, bars_table, save_tables
+from limits import Limit, limits_table, save_tables
 from node_runs.camera import (
     SIZES,
     Footage,
@@ -61,7 +61,7 @@ from tables import Table
 from pf_tracker_ros.ros_domains import unused_domain
 from pf_tracker_ros.tracking.presets import PRESETS
 
-QUALITIES = {
+QOS_SETTINGS = {
     "best effort": {"reliability": "best_effort", "large_images": False},
     "reliable": {"reliability": "reliable", "large_images": False},
     "large images": {"reliability": "reliable", "large_images": True},
@@ -78,7 +78,7 @@ class Measured(NamedTuple):
     """What one part of the benchmark found."""
 
     tables: list[Table]
-    bars: list[Bar]
+    limits: list[Limit]
 
 
 def turn(footage: Footage, listener: str, *parameters: str, every: int = 100) -> Run:
@@ -102,8 +102,8 @@ def measure_latency(given: argparse.Namespace) -> Measured:
     groups = []
     for size in given.size or SIZES:
         for rate in given.rate or RATES:
-            for quality in given.quality or QUALITIES:
-                footage = Footage(size, float(rate), given.seconds, **QUALITIES[quality])
+            for quality in given.quality or QOS_SETTINGS:
+                footage = Footage(size, float(rate), given.seconds, **QOS_SETTINGS[quality])
                 name = f"{size}, {rate} fps, {quality}"
                 progress(name)
                 runs = by_turns(footage, given.rounds, f"preset:={given.preset}")
@@ -162,8 +162,8 @@ def measure_cost(given: argparse.Namespace) -> Measured:
     return Measured(
         [Table(title, ["", "ms"], [rows])],
         [
-            Bar("CPU that the node adds to a frame", median(added), 0.8, unit=" ms"),
-            Bar("share of one core at 30 fps", 100 * median(shares), 40.0, unit=" %"),
+            Limit("CPU that the node adds to a frame", median(added), 0.8, unit=" ms"),
+            Limit("share of one core at 30 fps", 100 * median(shares), 40.0, unit=" %"),
         ],
     )
 
@@ -186,7 +186,7 @@ def measure_start(given: argparse.Namespace) -> Measured:
     bound = 1.5 * min(found[BARE]) + 0.7
     return Measured(
         [Table("Seconds from the start of a process to its first answer", _SPREAD, [rows])],
-        [Bar("start to the first box, least", min(found[TRACKER]), round(bound, 2), unit=" s")],
+        [Limit("start to the first box, least", min(found[TRACKER]), round(bound, 2), unit=" s")],
     )
 
 
@@ -218,18 +218,18 @@ def measure_overload(given: argparse.Namespace) -> Measured:
     return Measured([Table(title, headings, groups, names=2)], bars)
 
 
-def _age_bars(answered: Sequence[Quarters], begun: Sequence[Quarters], rate: float) -> list[Bar]:
+def _age_bars(answered: Sequence[Quarters], begun: Sequence[Quarters], rate: float) -> list[Limit]:
     intervals = rate / 1e3
     first, last = (median(percentiles(run[part], 50)[0] for run in answered) for part in (0, 3))
     return [
-        Bar(
+        Limit(
             f"oldest processed frame of the last quarter at {rate:g} fps, {moment}",
             median(percentiles(run[3], 100)[0] for run in ages) * intervals,
             2.0,
             unit=" intervals",
         )
         for moment, ages in (("when begun", begun), ("when answered", answered))
-    ] + [Bar("median age of the last quarter, of that of the first", last / first, 1.1)]
+    ] + [Limit("median age of the last quarter, of that of the first", last / first, 1.1)]
 
 
 def _quarters(values: Sequence[float]) -> Quarters:
@@ -249,7 +249,7 @@ def measure_memory(given: argparse.Namespace) -> Measured:
     return Measured(
         [Table("Memory that the tracker's process holds, MB", ["after frame", "MB"], [kept])],
         [
-            Bar(
+            Limit(
                 f"growth of memory from frame {EARLY_FRAME} to {given.frames}",
                 growth,
                 5.0,
@@ -335,7 +335,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--size", action="append", choices=SIZES, help="for the latency")
     parser.add_argument("--rate", action="append", type=at_least(1), help="for the latency")
-    parser.add_argument("--quality", action="append", choices=QUALITIES, help="for the latency")
+    parser.add_argument("--quality", action="append", choices=QOS_SETTINGS, help="for the latency")
     parser.add_argument("--preset", choices=PRESETS, default="default", help="for the latency")
     given = parser.parse_args(arguments)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -345,11 +345,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for part in given.only or PARTS:
             found = PARTS[part](given)
             tables += found.tables
-            bars += found.bars
+            bars += found.limits
             for table in found.tables:
                 table.show()
     if bars:
-        tables.append(bars_table(bars))
+        tables.append(limits_table(bars))
         tables[-1].show()
     save_tables(given.output, tables, "node.py", arguments)
     return 0

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.evaluation import Scores, SequenceResult, mean_scores
 
-_SCORES = ("frames", "seeds", "success_auc", "success_auc_deviation", "precision_20px")
+_SCORES = ("frames", "seeds", "success_auc", "success_auc_std", "precision_20px")
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Outcome:
 
         NaN for a single seed.
         """
-        return float(np.mean([result.success_auc_deviation for result in self.results]))
+        return float(np.mean([result.success_auc_std for result in self.results]))
 
     @property
     def success_aucs(self) -> NDArray[np.float64]:
@@ -46,7 +46,7 @@ class Outcome:
         return np.array([result.scores.success_auc for result in self.results])
 
     @property
-    def mean_auc_deviation(self) -> float:
+    def mean_auc_std(self) -> float:
         """Standard deviation over the seeds of the mean success AUC; NaN for a single seed."""
         if len(self.results[0].seeds) < 2:
             return float("nan")
@@ -80,7 +80,7 @@ def write_csv(path: Path, kind: str, outcomes: Sequence[Outcome], yardstick: str
                 scores = result.scores
                 figures = (
                     scores.success_auc,
-                    result.success_auc_deviation,
+                    result.success_auc_std,
                     scores.precision_20px,
                     scores.cpu_ms_median,
                     scores.cpu_ms_median / time,

@@ -32,7 +32,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from tables import Table
-from targets import Annotated, read_sequence
+from targets import AnnotatedSequence, read_sequence
 
 from pf_tracker_ros import Detections, MultiTracker, Tracker
 from pf_tracker_ros.evaluation.metrics import overlap, success_auc
@@ -57,7 +57,7 @@ class Window:
     """
 
     footage: Footage
-    everybody: Annotated
+    everybody: AnnotatedSequence
     target: int
     first: int
 
@@ -69,7 +69,7 @@ class Window:
         return boxes
 
 
-def find_window(footage: Footage, everybody: Annotated) -> Window:
+def find_window(footage: Footage, everybody: AnnotatedSequence) -> Window:
     """Which target of the footage a window has, and where it begins: by the true boxes.
 
     Raises:
@@ -88,7 +88,7 @@ def find_window(footage: Footage, everybody: Annotated) -> Window:
     raise ValueError(f"nobody of {everybody.name} has the boxes of {footage.name}")
 
 
-def follow_alone(window: Window, seed: int) -> NDArray[np.float64]:
+def track_alone(window: Window, seed: int) -> NDArray[np.float64]:
     """(frames, 4) boxes of the target by a tracker of its own."""
     tracker = Tracker.from_preset("default", seed)
     boxes = [window.truth[0]]
@@ -100,7 +100,7 @@ def follow_alone(window: Window, seed: int) -> NDArray[np.float64]:
     return np.array(boxes)
 
 
-def follow_with_all(window: Window, seed: int, every: int = 0) -> NDArray[np.float64]:
+def track_with_others(window: Window, seed: int, every: int = 0) -> NDArray[np.float64]:
     """(frames, 4) boxes of the target by a tracker of all.
 
     Args:
@@ -135,9 +135,9 @@ def _others(window: Window, shape: tuple[int, ...]) -> NDArray[np.float64]:
 
 
 WAYS: dict[str, Callable[[Window, int], NDArray[np.float64]]] = {
-    "alone": follow_alone,
-    "with all": follow_with_all,
-    "with a detector": lambda window, seed: follow_with_all(window, seed, EVERY),
+    "alone": track_alone,
+    "with all": track_with_others,
+    "with a detector": lambda window, seed: track_with_others(window, seed, EVERY),
 }
 
 

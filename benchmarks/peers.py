@@ -34,7 +34,7 @@ from tables import Table, bold
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import (
     EvaluationError,
-    MakeTracker,
+    TrackerFactory,
     evaluate_sequence,
     read_sequences,
 )
@@ -66,7 +66,7 @@ class Contender:
     """
 
     name: str
-    make_tracker: MakeTracker
+    make_tracker: TrackerFactory
     is_random: bool
 
 

@@ -62,7 +62,7 @@ def pictures() -> list[NDArray[np.uint8]]:
     return images
 
 
-class Life(Node):
+class SoakTest(Node):
     """Feeds a tracker and watches what it answers.
 
     Attributes:
@@ -115,7 +115,7 @@ class Life(Node):
             "contradiction": lambda: self._set(**{"proposal.method": "kalman"}),
         }
 
-    def meet(self) -> None:
+    def connect(self) -> None:
         """Wait until the tracker answers."""
         deadline = time.monotonic() + 6 * TIMEOUT
         ping = Image(height=1, width=1, encoding="ping")
@@ -226,7 +226,7 @@ def resident_megabytes(process: subprocess.Popen[bytes]) -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def live(frames: int, seed: int, log: Path) -> tuple[Table, bool]:
+def run_soak(frames: int, seed: int, log: Path) -> tuple[Table, bool]:
     """Run it, and tell what came of it and whether all held."""
     settings = {
         "preset": "li2007",
@@ -242,8 +242,8 @@ def live(frames: int, seed: int, log: Path) -> tuple[Table, bool]:
     with log.open("wb") as output:
         process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
     try:
-        life = Life(seed)
-        life.meet()
+        life = SoakTest(seed)
+        life.connect()
         life.start(0)
         memory = []
         for index in track(range(1, frames), "soak", transient=True):
@@ -290,7 +290,7 @@ def main() -> int:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     with unused_domain() as domain, tempfile.TemporaryDirectory() as folder:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
-        table, held = live(arguments.frames, arguments.seed, Path(folder) / "tracker.log")
+        table, held = run_soak(arguments.frames, arguments.seed, Path(folder) / "tracker.log")
     Console().print(table)
     if arguments.output:
         arguments.output.parent.mkdir(parents=True, exist_ok=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros import Detections, MultiTracker, Tracker
-from pf_tracker_ros.boxes import overlaps
+from pf_tracker_ros.boxes import pairwise_iou
 
 Answer = tuple[NDArray[np.intp], NDArray[np.float64]]
 
@@ -46,7 +46,7 @@ class TargetTracker(Protocol):
         """
 
 
-class Several(TargetTracker):
+class MultiTargets(TargetTracker):
     """`MultiTracker`, as it is shipped.
 
     Args:
@@ -67,7 +67,7 @@ class Several(TargetTracker):
         return _answer([(target.id, target.estimate.box) for target in told])
 
 
-class OneEach(TargetTracker):
+class SingleTargets(TargetTracker):
     """The plainest combination: a `Tracker` a target.
 
     It starts on a detection that none is on, ends where a frame that was seen has none for it, and
@@ -101,7 +101,7 @@ class OneEach(TargetTracker):
         assign = importlib.import_module("scipy.optimize").linear_sum_assignment
         names = list(self._trackers)
         places = np.array([self._trackers[name].estimate.box for name in names]).reshape(-1, 4)
-        shared = overlaps(places, boxes)
+        shared = pairwise_iou(places, boxes)
         kept, used = {}, set()
         for row, column in zip(*assign(-shared), strict=True):
             if shared[row, column] > self.SAME_ABOVE:
@@ -129,21 +129,21 @@ class Settings:
     """Settings of a tracker that sees detections alone.
 
     Attributes:
-        missed: Detections in a row that a track may miss before it ends.
-        told: Detections in a row that a track may miss and still be told.
-        overlap: Least overlap of a track with its detection, 0 to 1; of DIoU from -1 on.
-        score: Least score of a detection that starts a track, 0 to 1.
+        max_misses: Detections in a row that a track may miss before it ends.
+        max_misses_reported: Detections in a row that a track may miss and still be told.
+        iou_threshold: Least overlap of a track with its detection, 0 to 1; of DIoU from -1 on.
+        score_threshold: Least score of a detection that starts a track, 0 to 1.
         options: Further arguments of the tracker.
     """
 
-    missed: int
-    told: int
-    overlap: float
-    score: float
+    max_misses: int
+    max_misses_reported: int
+    iou_threshold: float
+    score_threshold: float
     options: Mapping[str, Any] = field(default_factory=dict)
 
 
-class DetectionsAlone(TargetTracker):
+class DetectionOnlyTracker(TargetTracker):
     """A tracker that never looks at the image.
 
     Its Kalman filter's prediction gives the boxes between detections. The settings are those of
@@ -177,10 +177,10 @@ class DetectionsAlone(TargetTracker):
 
     def _is_told(self, idle: int) -> bool:
         """Whether a track is told, so many frames after its last detection."""
-        return idle < (self._settings.told + 1) * self._every
+        return idle < (self._settings.max_misses_reported + 1) * self._every
 
 
-class _Roboflow(DetectionsAlone):
+class _Roboflow(DetectionOnlyTracker):
     """One of the package `trackers`."""
 
     package = "trackers"
@@ -203,9 +203,9 @@ class _Roboflow(DetectionsAlone):
         return getattr(module, self.kind)(
             # Counted in frames, as the package does at 30 of them a second.
             frame_rate=30.0,
-            lost_track_buffer=settings.missed * self._every,
+            lost_track_buffer=settings.max_misses * self._every,
             minimum_consecutive_frames=1,
-            **{self.overlapping: settings.overlap, self.scored: settings.score},
+            **{self.overlapping: settings.iou_threshold, self.scored: settings.score_threshold},
             **options,
         )
 
@@ -320,7 +320,7 @@ class BotSort(_Roboflow):
         self._tracker.update(detections, image)
 
 
-class Norfair(DetectionsAlone):
+class Norfair(DetectionOnlyTracker):
     """norfair, by the overlap of boxes."""
 
     package = "norfair"
@@ -336,9 +336,9 @@ class Norfair(DetectionsAlone):
         filters = self._norfair.OptimizedKalmanFilterFactory(**self._settings.options)
         return self._norfair.Tracker(
             distance_function="iou",
-            distance_threshold=1.0 - self._settings.overlap,
+            distance_threshold=1.0 - self._settings.iou_threshold,
             initialization_delay=0,
-            hit_counter_max=(self._settings.missed + 1) * self._every,
+            hit_counter_max=(self._settings.max_misses + 1) * self._every,
             filter_factory=filters,
         )
 
@@ -352,7 +352,7 @@ class Norfair(DetectionsAlone):
         else:
             found = [
                 self._norfair.Detection(np.array([box[:2], box[:2] + box[2:4]]), data=self._frame)
-                for box in seen[seen[:, 4] >= self._settings.score]
+                for box in seen[seen[:, 4] >= self._settings.score_threshold]
             ]
             told = self._tracker.update(found, period=self._every)
         return _answer(
@@ -370,8 +370,8 @@ def _answer(told: list[tuple[int, Any]]) -> Answer:
 
 
 TRACKERS: Mapping[str, type[TargetTracker]] = {
-    "pf_tracker_ros": Several,
-    "one Tracker a target": OneEach,
+    "pf_tracker_ros": MultiTargets,
+    "one Tracker a target": SingleTargets,
     "SORT": Sort,
     "ByteTrack": ByteTrack,
     "OC-SORT": OcSort,

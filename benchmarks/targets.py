@@ -1,4 +1,4 @@
-"""Several targets and a slow detector: `MultiTracker` beside trackers that never look at the image.
+"""MultiTargets targets and a slow detector: `MultiTracker` beside trackers that never look at the image.
 
 A detector sees every k-th frame, boxes are wanted for all. A folder of a sequence holds `gt.txt`
 and `det.txt` as the MOT challenge has them, and `seqinfo.ini` (frameRate); the frames are a video
@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 from tables import Table, bold
 from target_trackers import TRACKERS, TargetTracker
 
-from pf_tracker_ros.boxes import overlaps
+from pf_tracker_ros.boxes import pairwise_iou
 from pf_tracker_ros.footage import FootageError, open_footage
 
 OURS = "pf_tracker_ros"
@@ -51,7 +51,7 @@ PHASES = {1: (0,), 5: (0, 1, 3), 12: (0, 4, 8)}
 FIGURES = ("HOTA", "IDF1", "MOTA", "switches", "overlap %", "CPU ms", "CPU ms / target")
 
 
-class Told(NamedTuple):
+class FrameTracks(NamedTuple):
     """What a tracker tells of a frame, or what is true.
 
     Attributes:
@@ -64,7 +64,7 @@ class Told(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Annotated:
+class AnnotatedSequence:
     """A sequence with everybody's ground truth and a detector's boxes.
 
     Attributes:
@@ -79,25 +79,27 @@ class Annotated:
     name: str
     frames: Path
     interval: float
-    truth: tuple[Told, ...]
+    truth: tuple[FrameTracks, ...]
     detections: tuple[NDArray[np.float64], ...]
     camera: MovingCamera | None = None
 
-    def carried(self) -> Annotated:
+    def carried(self) -> AnnotatedSequence:
         """The same, seen by a camera that moves."""
         height, width = next(iter(open_footage(self.frames).frames())).image.shape[:2]
         camera = MovingCamera.carried(len(self.truth), self.interval, (width, height))
         truth, detections = [], []
         for number, (told, found) in enumerate(zip(self.truth, self.detections, strict=True)):
             boxes, in_view = camera.place(number, told.boxes)
-            truth.append(Told(told.ids[in_view], boxes[in_view]))
+            truth.append(FrameTracks(told.ids[in_view], boxes[in_view]))
             rows, in_view = camera.place(number, found)
             detections.append(rows[in_view])
         name = f"{self.name}, moving camera"
-        return Annotated(name, self.frames, self.interval, tuple(truth), tuple(detections), camera)
+        return AnnotatedSequence(
+            name, self.frames, self.interval, tuple(truth), tuple(detections), camera
+        )
 
 
-def read_sequence(folder: Path, frames: Path, *, also_unscored: bool = False) -> Annotated:
+def read_sequence(folder: Path, frames: Path, *, also_unscored: bool = False) -> AnnotatedSequence:
     """Read the files of the MOT challenge; their x and y count from 1.
 
     Args:
@@ -119,12 +121,12 @@ def read_sequence(folder: Path, frames: Path, *, also_unscored: bool = False) ->
     if not also_unscored:
         truth = truth[truth[:, 6] != 0]
     count = int(max(truth[:, 0].max(), found[:, 0].max()))
-    return Annotated(
+    return AnnotatedSequence(
         folder.name,
         frames,
         1.0 / info.getfloat("Sequence", "frameRate"),
         tuple(
-            Told(rows[:, 1].astype(np.intp), rows[:, 2:6])
+            FrameTracks(rows[:, 1].astype(np.intp), rows[:, 2:6])
             for rows in (truth[truth[:, 0] == number] for number in range(1, count + 1))
         ),
         tuple(found[found[:, 0] == number][:, 2:7] for number in range(1, count + 1)),
@@ -135,15 +137,15 @@ class Run(NamedTuple):
     """What a tracker did on a sequence.
 
     Attributes:
-        told: Frame by frame.
+        tracks: Frame by frame.
         seconds: CPU time in all.
     """
 
-    told: list[Told]
+    tracks: list[FrameTracks]
     seconds: float
 
 
-def run(tracker: TargetTracker, sequence: Annotated, every: int, first: int) -> Run:
+def run(tracker: TargetTracker, sequence: AnnotatedSequence, every: int, first: int) -> Run:
     """Follow all targets through a sequence, with a detector that sees every so many frames.
 
     Args:
@@ -160,7 +162,7 @@ def run(tracker: TargetTracker, sequence: Annotated, every: int, first: int) -> 
         start = time.process_time()
         answer = tracker.update(image, sequence.interval, seen)
         seconds += time.process_time() - start
-        told.append(Told(*answer))
+        told.append(FrameTracks(*answer))
     if len(told) < len(sequence.truth):
         raise ValueError(
             f"{sequence.frames} has {len(told)} frames; {sequence.name} needs {len(sequence.truth)}"
@@ -168,27 +170,27 @@ def run(tracker: TargetTracker, sequence: Annotated, every: int, first: int) -> 
     return Run(told, seconds)
 
 
-def score(truth: Sequence[Told], done: Run) -> dict[str, float]:
+def score(truth: Sequence[FrameTracks], done: Run) -> dict[str, float]:
     """The figures of one run."""
     metrics = importlib.import_module("trackeval.metrics")
     silent = {"PRINT_CONFIG": False, "THRESHOLD": 0.5}
-    data = _numbered(truth, done.told)
+    data = _numbered(truth, done.tracks)
     hota = metrics.HOTA().eval_sequence(data)
     identity = metrics.Identity(silent).eval_sequence(data)
     clear = metrics.CLEAR(silent).eval_sequence(data)
-    boxes = sum(len(one.ids) for one in done.told)
+    boxes = sum(len(one.ids) for one in done.tracks)
     return {
         "HOTA": 100.0 * float(np.mean(hota["HOTA"])),
         "IDF1": 100.0 * float(identity["IDF1"]),
         "MOTA": 100.0 * float(clear["MOTA"]),
         "switches": float(clear["IDSW"]),
-        "overlap %": 100.0 * sum(map(_doubled, done.told)) / max(boxes, 1),
-        "CPU ms": 1e3 * done.seconds / len(done.told),
+        "overlap %": 100.0 * sum(map(_doubled, done.tracks)) / max(boxes, 1),
+        "CPU ms": 1e3 * done.seconds / len(done.tracks),
         "CPU ms / target": 1e3 * done.seconds / max(boxes, 1),
     }
 
 
-def _numbered(truth: Sequence[Told], told: Sequence[Told]) -> dict[str, Any]:
+def _numbered(truth: Sequence[FrameTracks], told: Sequence[FrameTracks]) -> dict[str, Any]:
     """What `trackeval` wants of a sequence: ids counted from 0, and overlaps."""
     true_ids = np.unique(np.concatenate([one.ids for one in truth]))
     told_ids = np.unique(np.concatenate([one.ids for one in told]))
@@ -201,14 +203,14 @@ def _numbered(truth: Sequence[Told], told: Sequence[Told]) -> dict[str, Any]:
         "gt_ids": [np.searchsorted(true_ids, one.ids) for one in truth],
         "tracker_ids": [np.searchsorted(told_ids, one.ids) for one in told],
         "similarity_scores": [
-            overlaps(one.boxes, other.boxes) for one, other in zip(truth, told, strict=True)
+            pairwise_iou(one.boxes, other.boxes) for one, other in zip(truth, told, strict=True)
         ],
     }
 
 
-def _doubled(told: Told) -> int:
+def _doubled(told: FrameTracks) -> int:
     """How many boxes overlap another one by more than a half."""
-    shared = overlaps(told.boxes, told.boxes)
+    shared = pairwise_iou(told.boxes, told.boxes)
     np.fill_diagonal(shared, 0.0)
     return int((shared.max(axis=1, initial=0.0) > 0.5).sum())
 
@@ -224,7 +226,7 @@ class Outcome:
 
 
 def compare(
-    sequences: Iterable[Annotated], trackers: dict[str, Callable[..., TargetTracker]]
+    sequences: Iterable[AnnotatedSequence], trackers: dict[str, Callable[..., TargetTracker]]
 ) -> Iterator[Outcome]:
     """Run all trackers on all sequences at all intervals."""
     for sequence in sequences:
@@ -256,7 +258,7 @@ def table(outcomes: Sequence[Outcome]) -> Table:
             [bold(cell, one.tracker == OURS) for cell in cells]
         )
     headings = ("sequence", "every", "tracker", *FIGURES)
-    return Table("Several targets", headings, list(groups.values()), names=3)
+    return Table("MultiTargets targets", headings, list(groups.values()), names=3)
 
 
 def plot(path: Path, outcomes: Sequence[Outcome]) -> None:

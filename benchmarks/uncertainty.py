@@ -25,9 +25,9 @@ from pathlib import Path
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
-import carry_over
+import confidence_cross_validation
+import cross_validation
 import numpy as np
-import odds_carry_over
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from tables import Table
@@ -207,7 +207,7 @@ class CarriedOver:
     """
 
     frames: Mapping[str, Frames]
-    weights: Mapping[str, odds_carry_over.Weights]
+    weights: Mapping[str, confidence_cross_validation.Weights]
 
 
 def carried_over(
@@ -215,7 +215,7 @@ def carried_over(
     preset: str,
     groups: Mapping[str, Sequence[int]],
     told: Sequence[Sequence[Frames]],
-    heard: Mapping[tuple[int, int], odds_carry_over.HeardConfidence],
+    heard: Mapping[tuple[int, int], confidence_cross_validation.RecordedConfidence],
 ) -> CarriedOver | None:
     """Each group, tracked with a confidence that was fitted on the other groups.
 
@@ -230,29 +230,31 @@ def carried_over(
         None where the confidence asks no questions.
     """
 
-    def answers(numbers: Sequence[int]) -> odds_carry_over.Answers:
+    def answers(numbers: Sequence[int]) -> confidence_cross_validation.LabeledOdds:
         runs = [(number, seed) for number in numbers for seed in range(len(told[number]))]
         frames = [told[number][seed] for number, seed in runs]
         odds = [
             heard[run].odds[one] for run, of in zip(runs, frames, strict=True) for one in of.number
         ]
-        return odds_carry_over.Answers(odds, together(frames).is_right)
+        return confidence_cross_validation.LabeledOdds(odds, together(frames).is_right)
 
     said = {name: answers(numbers) for name, numbers in groups.items()}
     if not any(odds for of in said.values() for odds in of.odds):
         return None
     carried, fitted = {}, {}
     for left, numbers in groups.items():
-        fitted[left] = odds_carry_over.fit([of for name, of in said.items() if name != left])
-        make_tracker = partial(odds_carry_over.fitted_tracker, preset, fitted[left])
+        fitted[left] = confidence_cross_validation.fit(
+            [of for name, of in said.items() if name != left]
+        )
+        make_tracker = partial(confidence_cross_validation.fitted_tracker, preset, fitted[left])
         members = [sequences[number] for number in numbers]
         runs = measured(members, lambda _, seed, make=make_tracker: make(seed), len(told[0]))
         carried[left] = together([frames for of in runs for frames in of])
-    fitted["none"] = odds_carry_over.fit(list(said.values()))
+    fitted["none"] = confidence_cross_validation.fit(list(said.values()))
     return CarriedOver(carried, fitted)
 
 
-def weights_table(weights: Mapping[str, odds_carry_over.Weights]) -> Table:
+def weights_table(weights: Mapping[str, confidence_cross_validation.Weights]) -> Table:
     """What was fitted, by what was left out."""
     questions = sorted({name for of in weights.values() for name in of.factors})
     rows = [
@@ -359,11 +361,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sequences = read_sequences(options.sequences)
         options.output.mkdir(parents=True, exist_ok=True)
         names = [footage.name for footage in sequences]
-        members = carry_over.grouped(names, options.group) if options.group else {}
-        heard: dict[tuple[int, int], odds_carry_over.HeardConfidence] = {}
+        members = cross_validation.grouped(names, options.group) if options.group else {}
+        heard: dict[tuple[int, int], confidence_cross_validation.RecordedConfidence] = {}
 
         def tracker(number: int, seed: int) -> Tracker:
-            made, heard[number, seed] = odds_carry_over.heard_tracker(options.preset, seed)
+            made, heard[number, seed] = confidence_cross_validation.recording_tracker(
+                options.preset, seed
+            )
             return made
 
         told = measured(sequences, tracker, options.seeds)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from recording import BOX, BOXES, OVERLAY, STATUS, Recorder, status_values, target_values
 from rich.table import Table
 
-from pf_tracker_ros.decoding.image_decoding import decode
+from pf_tracker_ros.decoding.image_decoding import decode_raw
 from pf_tracker_ros.footage import BagWriter
 from pf_tracker_ros.messages import box_of_polygon
 
@@ -178,7 +178,7 @@ def read_overlays(recorder: Recorder, stamps: list[int]) -> list[Picture]:
         raise DemoError(f"the tracker published no overlay for frames {missing}")
     overlays = []
     for stamp in stamps:
-        overlay = decode(messages[stamp])
+        overlay = decode_raw(messages[stamp])
         factor = max(1, round(_SCREEN_HEIGHT / overlay.shape[0]))
         overlays.append(
             cv2.resize(overlay, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)

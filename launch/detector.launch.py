@@ -15,21 +15,27 @@ from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
 from launch_ros.actions import Node
 
-from pf_tracker_ros.launching import Given, argument, shared, tracker_nodes, tracker_parameters
+from pf_tracker_ros.launching import (
+    LaunchArguments,
+    argument,
+    shared_arguments,
+    tracker_nodes,
+    tracker_parameters,
+)
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 # Arguments that are parameters of the tracker and have the names of these.
-OF_THE_NODE = ("max_targets", "built_in_detector", "built_in_detector_rate")
+EXTRA_TRACKER_PARAMETERS = ("max_targets", "built_in_detector", "built_in_detector_rate")
 
 
 def start_tracker(context: LaunchContext) -> list[Node]:
     """The tracker node with what was given, and a console; the rest is for their own defaults."""
-    given = Given(context)
+    given = LaunchArguments(context)
     parameters = tracker_parameters(given)
     declared = declarations(NodeParameters)
-    for name in OF_THE_NODE:
+    for name in EXTRA_TRACKER_PARAMETERS:
         if given.text(name):
             parameters[name] = given.parameter(name, declared[name])
     if labels := given.words("labels"):
@@ -47,7 +53,7 @@ def generate_launch_description() -> LaunchDescription:
     """Arguments and the tracker; an empty argument leaves the node's own default in force."""
     return LaunchDescription(
         [
-            *shared("image"),
+            *shared_arguments("image"),
             argument(
                 "detections",
                 "Topic of the detector, vision_msgs/Detection2DArray with the stamps of the "
@@ -63,9 +69,11 @@ def generate_launch_description() -> LaunchDescription:
                 "built_in_detector", "none, people or motion: a detector of the tracker's own."
             ),
             argument("built_in_detector_rate", "Most frames in a second that it looks at."),
-            *shared("namespace", "preset", "params_file"),
-            *shared("image_reliability", "image_transport", "seed"),
-            *shared("console", "console_port", "use_sim_time", "large_images", "log_level"),
+            *shared_arguments("namespace", "preset", "params_file"),
+            *shared_arguments("image_reliability", "image_transport", "seed"),
+            *shared_arguments(
+                "console", "console_port", "use_sim_time", "large_images", "log_level"
+            ),
             OpaqueFunction(function=start_tracker),
         ]
     )

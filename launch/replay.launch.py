@@ -24,14 +24,14 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from pf_tracker_ros.launching import PACKAGE, Given, argument, shared
+from pf_tracker_ros.launching import PACKAGE, LaunchArguments, argument, shared_arguments
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.parameters import declarations
 
 TEXTS = ("bag_topic",)
 FLAGS = ("loop", "start_paused", "lockstep", "target_from_ground_truth", "publish_clock")
 # Handed on to the tracker as they are.
-FOR_THE_TRACKER = (
+FORWARDED_ARGUMENTS = (
     "namespace",
     "preset",
     "params_file",
@@ -46,7 +46,7 @@ FOR_THE_TRACKER = (
 
 def start_replay(context: LaunchContext) -> list[Node | GroupAction | RegisterEventHandler]:
     """The replay publisher with what was given, and the tracker that it plays to."""
-    given = Given(context)
+    given = LaunchArguments(context)
     parameters = {name: ParameterValue(given.text(name), value_type=str) for name in TEXTS}
     parameters |= {name: given.flag(name) for name in FLAGS}
     parameters["rate"] = given.parameter("rate", declarations(ReplayParameters)["rate"])
@@ -64,7 +64,7 @@ def start_replay(context: LaunchContext) -> list[Node | GroupAction | RegisterEv
             Shutdown(reason="the replay has ended"),
             OpaqueFunction(function=fail_with, args=["replay publisher"]),
         ],
-        **given.of_each_node(),
+        **given.common_node_options(),
     )
     if not given.flag("tracker"):
         return [replay]
@@ -72,7 +72,7 @@ def start_replay(context: LaunchContext) -> list[Node | GroupAction | RegisterEv
     tracker = IncludeLaunchDescription(
         PythonLaunchDescriptionSource(str(launch_file)),
         launch_arguments={
-            **{name: given.text(name) for name in FOR_THE_TRACKER},
+            **{name: given.text(name) for name in FORWARDED_ARGUMENTS},
             "image": image,
             # The replay publisher sends the target, after which it plays the first frame.
             "target_box": "",
@@ -134,7 +134,7 @@ def generate_launch_description() -> LaunchDescription:
                 "Publish the recording's time on /clock, and track by it.",
                 default="false",
             ),
-            *shared("image"),
+            *shared_arguments("image"),
             argument("namespace", "Namespace of both nodes."),
             argument("tracker", "Start a tracker as well.", default="true"),
             argument(
@@ -142,7 +142,7 @@ def generate_launch_description() -> LaunchDescription:
                 "Serve the tracker's page on the loopback as long as the replay runs.",
                 default="false",
             ),
-            *shared("console_port"),
+            *shared_arguments("console_port"),
             argument("preset", "Preset of the tracker."),
             argument("params_file", "ROS parameter file of the tracker."),
             argument(

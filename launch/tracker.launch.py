@@ -10,12 +10,18 @@ from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
 from launch_ros.actions import Node
 
-from pf_tracker_ros.launching import Given, argument, shared, tracker_nodes, tracker_parameters
+from pf_tracker_ros.launching import (
+    LaunchArguments,
+    argument,
+    shared_arguments,
+    tracker_nodes,
+    tracker_parameters,
+)
 
 
 def start_tracker(context: LaunchContext) -> list[Node]:
     """The tracker node with what was given, and a console; the rest is for their own defaults."""
-    given = Given(context)
+    given = LaunchArguments(context)
     parameters = tracker_parameters(given)
     if not given.flag("autostart"):
         parameters["autostart"] = False
@@ -28,19 +34,21 @@ def generate_launch_description() -> LaunchDescription:
     """Arguments and the tracker; an empty argument leaves the node's own default in force."""
     return LaunchDescription(
         [
-            *shared("image", "namespace", "preset", "params_file"),
+            *shared_arguments("image", "namespace", "preset", "params_file"),
             argument(
                 "target_box",
                 "Box to track from the first image on, [x, y, width, height] in pixels; without it "
                 "the tracker waits for a target on ~/target.",
             ),
-            *shared("image_reliability", "image_transport", "seed"),
+            *shared_arguments("image_reliability", "image_transport", "seed"),
             argument(
                 "autostart",
                 "Start tracking at once; false leaves it to a lifecycle manager.",
                 default="true",
             ),
-            *shared("console", "console_port", "use_sim_time", "large_images", "log_level"),
+            *shared_arguments(
+                "console", "console_port", "use_sim_time", "large_images", "log_level"
+            ),
             OpaqueFunction(function=start_tracker),
         ]
     )

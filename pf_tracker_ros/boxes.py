@@ -77,7 +77,9 @@ def bounding_box(points: ArrayLike) -> Box:
     return left, top, right - left, bottom - top
 
 
-def box_around_turned(center: tuple[float, float], size: tuple[float, float], angle: float) -> Box:
+def bounding_box_of_rotated(
+    center: tuple[float, float], size: tuple[float, float], angle: float
+) -> Box:
     """The smallest box around a rectangle that is turned.
 
     Args:
@@ -92,7 +94,7 @@ def box_around_turned(center: tuple[float, float], size: tuple[float, float], an
     return x - width / 2, y - height / 2, width, height
 
 
-def shared_areas(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+def intersection_areas(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
     """(...,) px^2 that (..., 4) boxes share with (..., 4) others."""
     ends, other_ends = one[..., :2] + one[..., 2:], other[..., :2] + other[..., 2:]
     sides = np.minimum(ends, other_ends) - np.maximum(one[..., :2], other[..., :2])
@@ -101,25 +103,28 @@ def shared_areas(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArra
     return areas
 
 
-def overlaps(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+def pairwise_iou(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, M) intersection over union, 0 to 1, of (N, 4) and (M, 4) boxes."""
-    shared = shared_areas(one[:, None], other)
+    shared = intersection_areas(one[:, None], other)
     areas, other_areas = one[:, 2] * one[:, 3], other[:, 2] * other[:, 3]
     return shared / np.maximum(areas[:, None] + other_areas - shared, 1e-9)
 
 
-def covered(boxes: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float64]:
+def pairwise_coverage(boxes: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, M) share, 0 to 1, of each of (N, 4) boxes that each of (M, 4) covers."""
-    return shared_areas(boxes[:, None], by) / np.maximum(boxes[:, 2] * boxes[:, 3], 1e-9)[:, None]
+    return (
+        intersection_areas(boxes[:, None], by)
+        / np.maximum(boxes[:, 2] * boxes[:, 3], 1e-9)[:, None]
+    )
 
 
-def is_cut(box: NDArray[np.float64], image_size: tuple[int, int]) -> bool:
+def is_truncated(box: NDArray[np.float64], image_size: tuple[int, int]) -> bool:
     """Whether a (4,) box goes to the border of an image of (width, height)."""
     ends = box[:2] + box[2:]
     return bool((box[:2] < _CUT_WITHIN).any() or (ends > np.array(image_size) - _CUT_WITHIN).any())
 
 
-def sides_apart(boxes: ArrayLike, place: ArrayLike) -> NDArray[Any]:
+def relative_center_distances(boxes: ArrayLike, place: ArrayLike) -> NDArray[Any]:
     """How far boxes are from another one.
 
     Args:
@@ -136,7 +141,7 @@ def sides_apart(boxes: ArrayLike, place: ArrayLike) -> NDArray[Any]:
     return apart
 
 
-def are_at(boxes: ArrayLike, place: ArrayLike) -> NDArray[Any]:
+def are_same_place(boxes: ArrayLike, place: ArrayLike) -> NDArray[Any]:
     """(...,) whether boxes, (..., 4), are where another one is, (4,), and not beside it."""
-    is_there: NDArray[Any] = sides_apart(boxes, place) <= _SAME_PLACE
+    is_there: NDArray[Any] = relative_center_distances(boxes, place) <= _SAME_PLACE
     return is_there

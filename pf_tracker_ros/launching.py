@@ -19,7 +19,7 @@ from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
 
 PACKAGE = "pf_tracker_ros"
 # Arguments that are parameters of the tracker and have the names of these.
-OF_THE_TRACKER = ("preset", "image_reliability", "image_transport", "seed")
+TRACKER_PARAMETERS = ("preset", "image_reliability", "image_transport", "seed")
 _LOG_LEVELS = "debug, info, warn, error, fatal"
 
 # Description and default of the arguments of every launch file that starts a tracker first of all.
@@ -47,7 +47,7 @@ _SHARED = {
 _FLAGS = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
 
 
-class Given:
+class LaunchArguments:
     """The arguments of a launch file as they were given, or their defaults.
 
     Args:
@@ -147,7 +147,7 @@ class Given:
         profile = Path(get_package_share_directory(PACKAGE)) / "config/fastdds_large_images.xml"
         return {"FASTRTPS_DEFAULT_PROFILES_FILE": str(profile)}
 
-    def of_each_node(self) -> dict[str, Any]:
+    def common_node_options(self) -> dict[str, Any]:
         """What every node is started with, as keywords of `launch_ros.actions.Node`."""
         return {
             "package": PACKAGE,
@@ -163,12 +163,12 @@ def argument(name: str, description: str, default: str = "") -> DeclareLaunchArg
     return DeclareLaunchArgument(name, default_value=default, description=description)
 
 
-def shared(*names: str) -> list[DeclareLaunchArgument]:
+def shared_arguments(*names: str) -> list[DeclareLaunchArgument]:
     """Arguments that say the same in several launch files."""
     return [argument(name, *_SHARED[name]) for name in names]
 
 
-def tracker_parameters(given: Given) -> dict[str, Any]:
+def tracker_parameters(given: LaunchArguments) -> dict[str, Any]:
     """Parameters that every launch file with a tracker sets; what is not given is left out.
 
     Args:
@@ -179,14 +179,14 @@ def tracker_parameters(given: Given) -> dict[str, Any]:
     """
     parameters: dict[str, Any] = {"use_sim_time": given.flag("use_sim_time")}
     declared = declarations(NodeParameters)
-    for name in OF_THE_TRACKER:
+    for name in TRACKER_PARAMETERS:
         if given.text(name):
             parameters[name] = given.parameter(name, declared[name])
     return parameters
 
 
 def tracker_nodes(
-    given: Given, parameters: Mapping[str, Any], remappings: Mapping[str, str]
+    given: LaunchArguments, parameters: Mapping[str, Any], remappings: Mapping[str, str]
 ) -> list[Node]:
     """The tracker, and a console where it is asked for.
 
@@ -198,7 +198,7 @@ def tracker_nodes(
     Raises:
         ValueError: One of the arguments is not allowed.
     """
-    of_both = given.of_each_node() | {
+    of_both = given.common_node_options() | {
         "remappings": [*remappings.items()],
         "arguments": given.log_arguments(),
     }

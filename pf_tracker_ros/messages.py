@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import Box, bounding_box, box_corners
 from pf_tracker_ros.plurals import counted
 
-New = Callable[..., Any]
+MessageFactory = Callable[..., Any]
 """Makes a message."""
 
 IMAGE_TYPE = "sensor_msgs/msg/Image"
@@ -43,7 +43,7 @@ _LINE_STRIP, _TEXT, _ADD, _DELETE_ALL = 4, 9, 0, 3
 _FIELD, _FLOAT32 = "sensor_msgs/msg/PointField", 7
 
 
-class Outline(NamedTuple):
+class BoxMarker(NamedTuple):
     """A box with a text.
 
     Attributes:
@@ -77,7 +77,7 @@ class Status(NamedTuple):
     values: Mapping[str, str | float | int]
 
 
-def image_message(new: New, header: Any, image: NDArray[Any]) -> Any:
+def image_message(new: MessageFactory, header: Any, image: NDArray[Any]) -> Any:
     """An array as sensor_msgs/Image, of little-endian samples.
 
     Args:
@@ -98,7 +98,7 @@ def image_message(new: New, header: Any, image: NDArray[Any]) -> Any:
     )
 
 
-def box_message(new: New, header: Any, box: Sequence[float]) -> Any:
+def box_message(new: MessageFactory, header: Any, box: Sequence[float]) -> Any:
     """A box as geometry_msgs/PolygonStamped of its corners, clockwise from the top left.
 
     Args:
@@ -110,7 +110,7 @@ def box_message(new: New, header: Any, box: Sequence[float]) -> Any:
     return new(POLYGON_TYPE, header=header, polygon=new("geometry_msgs/msg/Polygon", points=points))
 
 
-def box_as_sent(box: Sequence[float]) -> Box:
+def box_in_single_precision(box: Sequence[float]) -> Box:
     """A box (x, y, width, height) as the corners of a message, in single precision, tell it."""
     # What is too large for single precision is infinite there, and refused where it is used.
     with np.errstate(over="ignore"):
@@ -142,7 +142,7 @@ def box_of_polygon(message: Any) -> Box:
 
 
 def particles_message(
-    new: New,
+    new: MessageFactory,
     header: Any,
     boxes: NDArray[np.float64],
     weights: NDArray[np.float64],
@@ -178,7 +178,7 @@ def particles_message(
     )
 
 
-def outlines_message(new: New, header: Any, outlines: Sequence[Outline]) -> Any:
+def markers_message(new: MessageFactory, header: Any, outlines: Sequence[BoxMarker]) -> Any:
     """Boxes as visualization_msgs/MarkerArray, which replaces all markers before it.
 
     The first marker deletes those; then come for each box a line (namespace `boxes`) and a text
@@ -217,7 +217,7 @@ def outlines_message(new: New, header: Any, outlines: Sequence[Outline]) -> Any:
     return new(MARKERS_TYPE, markers=markers)
 
 
-def status_message(new: New, header: Any, statuses: Sequence[Status]) -> Any:
+def status_message(new: MessageFactory, header: Any, statuses: Sequence[Status]) -> Any:
     """Statuses as diagnostic_msgs/DiagnosticArray; numbers read back to the same value."""
     messages = []
     for name, level, text, values in statuses:

@@ -29,7 +29,7 @@ class NodeParameters(TargetCountParameters):
         "still.",
         choices=("none", *DETECTORS),
     )
-    of_detectors: dict[str, Any] = parts("built_in_detector", DETECTORS)
+    detector_parameters: dict[str, Any] = parts("built_in_detector", DETECTORS)
     built_in_detector_rate: float = declared(
         1.0,
         "Most frames in a second that the built-in detector looks at, beside the tracker and as "
@@ -87,7 +87,7 @@ class NodeParameters(TargetCountParameters):
         "ten frames waiting, and gets none from a best-effort publisher.",
         choices=("auto", "best_effort", "reliable"),
     )
-    largest_image: int = declared(
+    max_image_pixels: int = declared(
         2**24,
         "Most pixels of a compressed image; one that announces more is refused before memory is "
         "taken for it.",
@@ -95,14 +95,14 @@ class NodeParameters(TargetCountParameters):
         minimum=1,
         maximum=2**30,
     )
-    history_frames: int = declared(
+    frame_buffer_length: int = declared(
         120,
         "Most frames that are kept, so that a target can be started on the one that it was drawn "
         "on; 0 keeps none.",
         minimum=0,
         maximum=10_000,
     )
-    history_megabytes: float = declared(
+    frame_buffer_megabytes: float = declared(
         64.0,
         "Most memory for the images of these frames. Where those of 2.2 s need more, the newest "
         "are kept in full, and of the others ten a second, halved in size until they fit. An image "
@@ -127,7 +127,7 @@ class NodeParameters(TargetCountParameters):
         minimum=0.0,
         maximum=3600.0,
     )
-    stale_after: float = declared(
+    image_timeout: float = declared(
         2.0,
         "Without an image for so long, /diagnostics warns.",
         unit="s",

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Color = tuple[int, int, int]
 
-COLORS: dict[str, Color] = {
+STATE_COLORS: dict[str, Color] = {
     "tracking": (255, 255, 255),
     "occluded": (0, 165, 255),
     "lost": (0, 0, 255),
@@ -42,7 +42,7 @@ def draw_tracked(
     targets: Sequence[TrackedTarget],
     selected: int = 0,
     *,
-    has_several: bool = False,
+    multi_target: bool = False,
 ) -> NDArray[Any]:
     """Draw what the tracker knows into a copy of the image.
 
@@ -50,13 +50,13 @@ def draw_tracked(
         image: (H, W, 3) uint8 BGR, or (H, W) uint8, uint16 or float32.
         targets: All that there are.
         selected: Id of the one that is drawn stronger than others, 0 for none.
-        has_several: Whether there may be several: then each is drawn in the color of its id.
+        multi_target: Whether there may be several: then each is drawn in the color of its id.
 
     Returns:
         (H, W, 3) uint8 BGR.
     """
-    if has_several:
-        return draw_targets(image, targets, selected)
+    if multi_target:
+        return draw_multi_target(image, targets, selected)
     estimate = targets[0].estimate if targets else None
     text = f"{estimate.state} {estimate.confidence:.2f}" if estimate else "no target"
     return draw_overlay(image, estimate, text)
@@ -78,17 +78,17 @@ def draw_overlay(image: NDArray[Any], estimate: Estimate | None, text: str = "")
     canvas = _canvas(image)
     scale = max(canvas.shape[0] / _NOMINAL_HEIGHT, 0.5)
     thickness = max(1, round(2 * scale))
-    color = COLORS["tracking"]
+    color = STATE_COLORS["tracking"]
     if estimate is not None:
-        color = COLORS[estimate.state]
-        _draw_boxes(canvas, _particle_boxes(estimate, scale), COLORS["tracking"], 1)
+        color = STATE_COLORS[estimate.state]
+        _draw_boxes(canvas, _particle_boxes(estimate, scale), STATE_COLORS["tracking"], 1)
         draw_box(canvas, np.array(estimate.box), color, thickness)
     if text:
         _write(canvas, text, (round(8 * scale), round(24 * scale)), color, scale)
     return canvas
 
 
-def draw_targets(
+def draw_multi_target(
     image: NDArray[Any], targets: Sequence[TrackedTarget], selected: int = 0
 ) -> NDArray[Any]:
     """Draw several targets into a copy of the image, each in the color of its id.
@@ -115,7 +115,7 @@ def draw_targets(
         draw_box(canvas, box, color, width)
         x, y = np.clip(box[:2], 0.0, canvas.shape[1::-1])
         above = round(y - 4 * scale) if y > 20 * scale else round(y + 20 * scale)
-        _write(canvas, target_text(target), (round(x), above), color, 0.8 * scale)
+        _write(canvas, target_caption(target), (round(x), above), color, 0.8 * scale)
     return canvas
 
 
@@ -132,7 +132,7 @@ def target_color(id: int) -> Color:
     return round(255 * blue), round(255 * green), round(255 * red)
 
 
-def target_text(target: TrackedTarget) -> str:
+def target_caption(target: TrackedTarget) -> str:
     """The id and the label of one of several targets."""
     return f"{target.id} {target.label}".rstrip()
 

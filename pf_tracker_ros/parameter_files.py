@@ -13,7 +13,7 @@ from pf_tracker_ros.parameters import ParameterError, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
-OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+COMMON_PARAMETER_PREFIXES = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """How the names of parameters begin that every node, or each of its endpoints, has."""
 
 _NODE_NAME = "pf_tracker"
@@ -70,13 +70,13 @@ def read_parameter_file(path: Path | str) -> TrackerSettings:
         {
             name: tuple(value) if isinstance(value, list) else value
             for name, value in values.items()
-            if name not in _NODE and not name.startswith(OF_EVERY_NODE)
+            if name not in _NODE and not name.startswith(COMMON_PARAMETER_PREFIXES)
         },
         "".join(others),
     )
 
 
-def names_for(document: Any, node_name: str) -> Iterator[str]:
+def parameter_names_for(document: Any, node_name: str) -> Iterator[str]:
     """The full names of the parameters that a file gives a node, some of them several times.
 
     Args:
@@ -84,16 +84,16 @@ def names_for(document: Any, node_name: str) -> Iterator[str]:
         node_name: Fully qualified name of the node.
     """
     for pattern, parameters in _sections(document, ""):
-        if applies(pattern, node_name):
+        if matches_node(pattern, node_name):
             yield from _flat(parameters, "")
 
 
-def patterns_of(document: Any) -> list[str]:
+def node_patterns(document: Any) -> list[str]:
     """The patterns of node names that a file has parameters for, in its order."""
     return list(dict.fromkeys(pattern for pattern, _ in _sections(document, "")))
 
 
-def applies(pattern: str, node_name: str) -> bool:
+def matches_node(pattern: str, node_name: str) -> bool:
     """Whether a node's fully qualified name is one that rcl's pattern of names is for."""
     parts = pattern.strip("/").split("/")
     expression = "".join(_WILDCARDS.get(part, "/" + re.escape(part)) for part in parts)

@@ -49,11 +49,11 @@ class Condition(NamedTuple):
     """That one of some parts is chosen.
 
     Attributes:
-        chooser: Full name of the tunable that chooses.
+        selector: Full name of the tunable that chooses.
         choices: Its values, or elements of its value, with which the condition holds.
     """
 
-    chooser: str
+    selector: str
     choices: tuple[str, ...]
 
 
@@ -108,11 +108,11 @@ class Declaration:
             return f"{lengths} numbers, each {text}"
         return text
 
-    def counts(self, values: Mapping[str, Any]) -> bool:
+    def is_active(self, values: Mapping[str, Any]) -> bool:
         """Whether it does with some values: full name to value of every tunable."""
         if self.condition is None:
             return True
-        value = values[self.condition.chooser]
+        value = values[self.condition.selector]
         chosen = value if isinstance(value, (list, tuple)) else (value,)
         return not set(self.condition.choices).isdisjoint(chosen)
 
@@ -326,8 +326,8 @@ def _walk(group_type: type, prefix: str, condition: Condition | None) -> Iterato
     for field in dataclasses.fields(group_type):
         name = prefix + field.name
         only_with = field.metadata.get(_CONDITION_KEY, ())
-        chooser, *choices = (only_with() if callable(only_with) else only_with) or ("",)
-        own = Condition(prefix + chooser, tuple(choices)) if chooser else condition
+        selector, *choices = (only_with() if callable(only_with) else only_with) or ("",)
+        own = Condition(prefix + selector, tuple(choices)) if selector else condition
         if _METADATA_KEY in field.metadata:
             if len(_choices(field)) != 1:
                 yield _declaration(name, types[field.name], field, own)

@@ -1,6 +1,6 @@
 """What the tracker publishes of each frame, whoever makes and serializes the messages.
 
-`OUTPUTS` has the topics with what others act on first; the status is apart, since a frame that was
+`OUTPUT_TOPICS` has the topics with what others act on first; the status is apart, since a frame that was
 not looked at has one, too. See `pf_tracker_ros.messages` for `new`.
 """
 
@@ -19,15 +19,15 @@ from pf_tracker_ros.messages import (
     MARKERS_TYPE,
     POINTS_TYPE,
     POLYGON_TYPE,
-    New,
-    Outline,
+    BoxMarker,
+    MessageFactory,
     Status,
     box_message,
     image_message,
-    outlines_message,
+    markers_message,
     particles_message,
 )
-from pf_tracker_ros.overlay import draw_tracked, target_color, target_text
+from pf_tracker_ros.overlay import draw_tracked, target_caption, target_color
 from pf_tracker_ros.targets.session import estimate_of
 from pf_tracker_ros.targets.tracked_target import (
     TrackedTarget,
@@ -111,11 +111,11 @@ class FrameResult:
         """
         if self.image is None:
             raise ValueError("there is no image to draw into")
-        has_several = self.max_targets > 1
-        return draw_tracked(self.image, self.targets, self.selected, has_several=has_several)
+        multi_target = self.max_targets > 1
+        return draw_tracked(self.image, self.targets, self.selected, multi_target=multi_target)
 
 
-class Output(NamedTuple):
+class OutputTopic(NamedTuple):
     """A topic on which the tracker tells of frames.
 
     Attributes:
@@ -123,39 +123,39 @@ class Output(NamedTuple):
         message_type: As `package/msg/Name`.
         build: Makes the message out of `new`, a header and what is known of the frame; None where
             there is none, such as a box while the target is lost.
-        is_for_people: Whether it is only looked at, and may come after what others act on.
+        is_visualization: Whether it is only looked at, and may come after what others act on.
     """
 
     name: str
     message_type: str
-    build: Callable[[New, Any, FrameResult], Any]
-    is_for_people: bool = False
+    build: Callable[[MessageFactory, Any, FrameResult], Any]
+    is_visualization: bool = False
 
 
-def _box(new: New, header: Any, result: FrameResult) -> Any:
+def _box(new: MessageFactory, header: Any, result: FrameResult) -> Any:
     estimate = result.estimate
     if estimate is None or estimate.state == "lost":
         return None
     return box_message(new, header, estimate.box)
 
 
-def _boxes(new: New, header: Any, result: FrameResult) -> Any:
+def _boxes(new: MessageFactory, header: Any, result: FrameResult) -> Any:
     outlines = []
     for target in result.present:
         blue, green, red = (value / 255.0 for value in target_color(target.id))
         color = (red, green, blue, 1.0 if target.estimate.state == "tracking" else 0.5)
         width = 2 * _LINE_WIDTH if target.id == result.selected else _LINE_WIDTH
-        box, text = target.estimate.box, target_text(target)
-        outlines.append(Outline(target.id, box, text, color, width))
-    return outlines_message(new, header, outlines)
+        box, text = target.estimate.box, target_caption(target)
+        outlines.append(BoxMarker(target.id, box, text, color, width))
+    return markers_message(new, header, outlines)
 
 
-def _detections(new: New, header: Any, result: FrameResult) -> Any:
+def _detections(new: MessageFactory, header: Any, result: FrameResult) -> Any:
     detections = [_detection(new, header, target) for target in result.present]
     return new(DETECTIONS_TYPE, header=header, detections=detections)
 
 
-def _detection(new: New, header: Any, target: TrackedTarget) -> Any:
+def _detection(new: MessageFactory, header: Any, target: TrackedTarget) -> Any:
     """A target as a Detection2D; its score is the confidence.
 
     The covariance of the center stands in the first two rows and columns of the pose's.
@@ -186,7 +186,7 @@ def _detection(new: New, header: Any, target: TrackedTarget) -> Any:
     return new("vision_msgs/msg/Detection2D", **fields)
 
 
-def _particles(new: New, header: Any, result: FrameResult) -> Any:
+def _particles(new: MessageFactory, header: Any, result: FrameResult) -> Any:
     """Those of all targets."""
     if not result.targets:
         return None
@@ -198,11 +198,11 @@ def _particles(new: New, header: Any, result: FrameResult) -> Any:
     return particles_message(new, header, boxes, weights, ids)
 
 
-def _overlay(new: New, header: Any, result: FrameResult) -> Any:
+def _overlay(new: MessageFactory, header: Any, result: FrameResult) -> Any:
     return None if result.image is None else image_message(new, header, result.draw())
 
 
-def _likelihood(new: New, header: Any, result: FrameResult) -> Any:
+def _likelihood(new: MessageFactory, header: Any, result: FrameResult) -> Any:
     """The fused log likelihood around the selected target, a pixel a place."""
     if result.likelihood is None:
         return None
@@ -219,12 +219,12 @@ def likelihood_values(likelihood: LikelihoodMap) -> Values:
     return values
 
 
-OUTPUTS: Sequence[Output] = (
-    Output("box", POLYGON_TYPE, _box),
-    Output("boxes", MARKERS_TYPE, _boxes),
-    Output("detections", DETECTIONS_TYPE, _detections),
-    Output("likelihood", IMAGE_TYPE, _likelihood),
-    Output("particles", POINTS_TYPE, _particles, is_for_people=True),
-    Output("overlay", IMAGE_TYPE, _overlay, is_for_people=True),
+OUTPUT_TOPICS: Sequence[OutputTopic] = (
+    OutputTopic("box", POLYGON_TYPE, _box),
+    OutputTopic("boxes", MARKERS_TYPE, _boxes),
+    OutputTopic("detections", DETECTIONS_TYPE, _detections),
+    OutputTopic("likelihood", IMAGE_TYPE, _likelihood),
+    OutputTopic("particles", POINTS_TYPE, _particles, is_visualization=True),
+    OutputTopic("overlay", IMAGE_TYPE, _overlay, is_visualization=True),
 )
 """The topics; `build` costs nothing worth saving but for those that people look at."""

@@ -5,25 +5,25 @@ import pytest
 
 from pf_tracker_ros.boxes import (
     bounding_box,
-    box_around_turned,
+    bounding_box_of_rotated,
     box_corners,
-    covered,
-    overlaps,
-    shared_areas,
+    intersection_areas,
+    pairwise_coverage,
+    pairwise_iou,
 )
 
 BOXES = np.array([[0.0, 0.0, 4.0, 2.0], [2.0, 1.0, 4.0, 2.0], [9.0, 9.0, 1.0, 1.0]])
 
 
 def test_boxes_share_what_lies_in_both():
-    assert shared_areas(BOXES, BOXES).tolist() == [8.0, 8.0, 1.0]
-    assert shared_areas(BOXES[0], BOXES[1:]).tolist() == [2.0, 0.0]
+    assert intersection_areas(BOXES, BOXES).tolist() == [8.0, 8.0, 1.0]
+    assert intersection_areas(BOXES[0], BOXES[1:]).tolist() == [2.0, 0.0]
 
 
 def test_pairs_overlap_by_the_shared_part_of_both_together_and_cover_by_that_of_the_first():
     # 2 px^2 of 8 + 8 - 2.
-    assert overlaps(BOXES[:2], BOXES) == pytest.approx(np.array([[1, 1 / 7, 0], [1 / 7, 1, 0]]))
-    assert covered(BOXES[:2], BOXES[:1]).tolist() == [[1.0], [0.25]]
+    assert pairwise_iou(BOXES[:2], BOXES) == pytest.approx(np.array([[1, 1 / 7, 0], [1 / 7, 1, 0]]))
+    assert pairwise_coverage(BOXES[:2], BOXES[:1]).tolist() == [[1.0], [0.25]]
 
 
 def test_a_box_is_the_one_around_its_corners():
@@ -44,4 +44,4 @@ def test_a_box_is_the_one_around_its_corners():
 def test_the_box_around_a_turned_one_keeps_its_center(angle, sides):
     width, height = sides
     expected = (10 - width / 2, 20 - height / 2, width, height)
-    assert box_around_turned((10, 20), (4, 2), angle) == pytest.approx(expected)
+    assert bounding_box_of_rotated((10, 20), (4, 2), angle) == pytest.approx(expected)

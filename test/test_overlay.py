@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Estimate
-from pf_tracker_ros.overlay import COLORS, draw_overlay
+from pf_tracker_ros.overlay import STATE_COLORS, draw_overlay
 
 HEIGHT, WIDTH = 288, 384
 GRAY = 90
@@ -38,11 +38,11 @@ def white_pixels(overlay, left, top, right, bottom):
     return int((overlay[top:bottom, left:right] == 255).all(axis=2).sum())
 
 
-@pytest.mark.parametrize("state", COLORS)
+@pytest.mark.parametrize("state", STATE_COLORS)
 def test_the_box_is_drawn_at_its_place_in_the_color_of_the_state(plain, state):
     overlay = draw_overlay(plain, make_estimate(state))
     for row, column in [(80, 130), (129, 130), (105, 100), (105, 159)]:
-        assert tuple(overlay[row, column]) == COLORS[state]
+        assert tuple(overlay[row, column]) == STATE_COLORS[state]
     for row, column in [(75, 130), (135, 130), (105, 95), (105, 165), (90, 115)]:
         assert tuple(overlay[row, column]) == (GRAY, GRAY, GRAY)
 

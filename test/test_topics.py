@@ -9,13 +9,19 @@ import pytest
 
 from pf_tracker_ros import Estimate
 from pf_tracker_ros.footage import BagWriter
-from pf_tracker_ros.messages import STATUS_TYPE, Status, box_as_sent, image_message, status_message
+from pf_tracker_ros.messages import (
+    STATUS_TYPE,
+    Status,
+    box_in_single_precision,
+    image_message,
+    status_message,
+)
 from pf_tracker_ros.overlay import target_color
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
-from pf_tracker_ros.topics import OUTPUTS, FrameResult
+from pf_tracker_ros.topics import OUTPUT_TOPICS, FrameResult
 from pf_tracker_ros.tracking.likelihood_map import CueLikelihood, LikelihoodMap
 
-BY_NAME = {output.name: output for output in OUTPUTS}
+BY_NAME = {output.name: output for output in OUTPUT_TOPICS}
 
 
 def target(id, state="tracking", box=(10.0, 20.0, 4.0, 6.0), label=""):
@@ -150,7 +156,7 @@ def test_16_bit_images_are_little_endian(writer):
 
 
 def test_a_box_is_sent_in_single_precision():
-    assert box_as_sent((0.1, 1.0, 2.0, 3.0))[0] == np.float32(0.1)
+    assert box_in_single_precision((0.1, 1.0, 2.0, 3.0))[0] == np.float32(0.1)
 
 
 @pytest.mark.parametrize("result", [MANY, ALONE])
@@ -173,7 +179,7 @@ def test_messages_of_rclpy_and_of_a_bag_say_the_same(writer, typestore, result):
     header = Header(frame_id="lens")
     header.stamp.sec, header.stamp.nanosec = 12, 34
     own = writer.header(12_000_000_034, "lens")
-    for output in OUTPUTS:
+    for output in OUTPUT_TOPICS:
         if output.name != "detections":
             assert_same(output.message_type, lambda new, its, o=output: o.build(new, its, result))
     statuses = [Status("/tracker", 2, "bad", {"a": 0.1, "b": "c"}), *result.target_statuses("/t")]

@@ -67,7 +67,7 @@ def _preset_file(preset: str) -> str:
 
 def _parameter_tables() -> str:
     presets = {preset: preset_parameters(preset) for preset in PRESETS}
-    choosers = dict.fromkeys(one.condition.chooser for one in _TRACKER.values() if one.condition)
+    choosers = dict.fromkeys(one.condition.selector for one in _TRACKER.values() if one.condition)
     sections = [
         "# Parameters",
         f"Written by `{_COMMAND}` from the declarations in the code.",

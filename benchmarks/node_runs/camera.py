@@ -55,37 +55,37 @@ class Footage:
 
 
 @dataclass
-class Answers:
+class ResponseTimes:
     """What one node answered after the warm-up; times in seconds.
 
     Attributes:
         published: When each frame was, by its stamp.
-        answered: When its box came, by the frame's stamp.
-        told: When its status came, by the frame's stamp.
+        box_received: When its box came, by the frame's stamp.
+        status_received: When its status came, by the frame's stamp.
         processing: The tracker's own time for each frame, as its status tells it.
     """
 
     published: dict[int, float] = field(default_factory=dict)
-    answered: dict[int, float] = field(default_factory=dict)
-    told: dict[int, float] = field(default_factory=dict)
+    box_received: dict[int, float] = field(default_factory=dict)
+    status_received: dict[int, float] = field(default_factory=dict)
     processing: dict[int, float] = field(default_factory=dict)
 
     @property
     def latencies(self) -> list[float]:
         """Milliseconds from before publishing to the box, in the order of publishing."""
         return [
-            1e3 * (self.answered[stamp] - began)
+            1e3 * (self.box_received[stamp] - began)
             for stamp, began in self.published.items()
-            if stamp in self.answered
+            if stamp in self.box_received
         ]
 
     @property
     def ages_when_begun(self) -> list[float]:
         """Milliseconds from before publishing to where the tracker began with the frame."""
         return [
-            1e3 * (self.told[stamp] - began - self.processing[stamp])
+            1e3 * (self.status_received[stamp] - began - self.processing[stamp])
             for stamp, began in self.published.items()
-            if stamp in self.told
+            if stamp in self.status_received
         ]
 
     @property
@@ -111,19 +111,19 @@ class Camera(Node):
         quality = QoSProfile(
             depth=_DEPTH, reliability=ReliabilityPolicy[footage.reliability.upper()]
         )
-        self.answers = [Answers() for _ in namespaces]
+        self.answers = [ResponseTimes() for _ in namespaces]
         self.images = []
         for namespace, answers in zip(namespaces, self.answers, strict=True):
             self.images.append(self.create_publisher(Image, f"{namespace}/image", quality))
             self._listen(f"{namespace}/{node}", answers)
 
-    def _listen(self, node: str, answers: Answers) -> None:
+    def _listen(self, node: str, answers: ResponseTimes) -> None:
         def on_box(box: PolygonStamped) -> None:
-            answers.answered[stamp_of(box.header)] = time.monotonic()
+            answers.box_received[stamp_of(box.header)] = time.monotonic()
 
         def on_status(message: DiagnosticArray) -> None:
             stamp = stamp_of(message.header)
-            answers.told[stamp] = time.monotonic()
+            answers.status_received[stamp] = time.monotonic()
             values = {item.key: item.value for item in message.status[0].values}
             answers.processing[stamp] = 1e-3 * float(values["processing_time_ms"])
 
@@ -171,7 +171,7 @@ class Run(NamedTuple):
         samples: Of the processes: one every so many frames, and one at the end.
     """
 
-    answers: list[Answers]
+    answers: list[ResponseTimes]
     samples: list[Sample]
 
     @property
@@ -302,18 +302,18 @@ class _Player:
             self._spin(lambda: False, time.monotonic() + 1.0 / self._footage.rate)
         began = due = time.monotonic()
         with subprocess.Popen([*command]) as child:
-            while not answers.answered and time.monotonic() - began < START_TIMEOUT:
+            while not answers.box_received and time.monotonic() - began < START_TIMEOUT:
                 self._publish(counts=False)
                 due += 1.0 / self._footage.rate
-                self._spin(lambda: bool(answers.answered), due)
+                self._spin(lambda: bool(answers.box_received), due)
             child.terminate()
             try:
                 child.wait(START_TIMEOUT)
             except subprocess.TimeoutExpired:
                 child.kill()
-        if not answers.answered:
+        if not answers.box_received:
             raise RuntimeError(f"no answer within {START_TIMEOUT:g} s")
-        return min(answers.answered.values()) - began
+        return min(answers.box_received.values()) - began
 
     def _publish(self, counts: bool) -> int:
         stamp, message = time.time_ns(), next(self._messages)
@@ -329,11 +329,12 @@ class _Player:
 
     def _told(self, stamp: int) -> Callable[[], bool]:
         return lambda: all(
-            stamp in one.told or stamp in one.answered for one in self._camera.answers
+            stamp in one.status_received or stamp in one.box_received
+            for one in self._camera.answers
         )
 
     def _is_all_answered(self) -> bool:
-        return all(one.published.keys() <= one.answered.keys() for one in self._camera.answers)
+        return all(one.published.keys() <= one.box_received.keys() for one in self._camera.answers)
 
     def _spin(self, until: Callable[[], bool], deadline: float) -> None:
         while not until() and time.monotonic() < deadline:

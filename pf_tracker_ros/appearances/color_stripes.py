@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances.appearance import APPEARANCES, Appearance, Descriptor
-from pf_tracker_ros.boxes import BoxesByAxis, overlaps
+from pf_tracker_ros.boxes import BoxesByAxis, pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.frame import PixelRect
 
@@ -120,7 +120,7 @@ class ColorStripes(Appearance):
         corners = np.stack(np.broadcast_arrays(x * reduction, y[:, None] * reduction), axis=-1)
         boxes = np.concatenate([corners, np.broadcast_to(size, corners.shape)], axis=-1)
         if len(excluded):
-            taken = overlaps(boxes.reshape(-1, 4), excluded).max(axis=1) > _TAKEN_ABOVE
+            taken = pairwise_iou(boxes.reshape(-1, 4), excluded).max(axis=1) > _TAKEN_ABOVE
             likeness[taken.reshape(likeness.shape)] = -np.inf
         best: list[NDArray[np.float64]] = []
         for _ in range(max_count):

@@ -72,12 +72,12 @@ class CompressedImage(Protocol):
     def data(self) -> Any: ...  # noqa: D102
 
 
-def decode_compressed(message: CompressedImage, largest: float) -> Pixels:
+def decode_compressed(message: CompressedImage, max_pixels: float) -> Pixels:
     """The image of a compressed message.
 
     Args:
         message: A JPEG or PNG image, gray or color, 8 or 16 bits a channel.
-        largest: Most pixels; nothing is allocated for an image that announces more.
+        max_pixels: Most pixels; nothing is allocated for an image that announces more.
 
     Returns:
         (height, width, 3) uint8 BGR, (height, width) uint8 or (height, width) uint16.
@@ -88,9 +88,9 @@ def decode_compressed(message: CompressedImage, largest: float) -> Pixels:
     """
     data = memoryview(message.data).cast("B")
     if data[: len(_PNG)] == _PNG:
-        parts = _parts_of_png(data, largest)
+        parts = _parts_of_png(data, max_pixels)
     elif data[: len(_JPEG)] == _JPEG:
-        parts = _parts_of_jpeg(data, largest)
+        parts = _parts_of_jpeg(data, max_pixels)
     else:
         hint = "; subscribe to another transport" if "compressedDepth" in message.format else ""
         raise ImageError(
@@ -109,12 +109,12 @@ def decode_compressed(message: CompressedImage, largest: float) -> Pixels:
     return image
 
 
-def _parts_of_png(data: memoryview, largest: float) -> list[bytes | memoryview]:
+def _parts_of_png(data: memoryview, max_pixels: float) -> list[bytes | memoryview]:
     """The chunks that the pixels need. Their order and checksums are the decoder's to check."""
     if len(data) < _PNG_HEADER_END or bytes(data[12:16]) != b"IHDR":
         raise _unusable(data, "is not a whole PNG image")
     width, height, depth, color_type = struct.unpack_from(">IIBB", data, 16)
-    _check_announced(width, height, largest)
+    _check_announced(width, height, max_pixels)
     parts: list[bytes | memoryview] = [data[:_PNG_HEADER_END]]
     pixels, end = [], _PNG_HEADER_END
     for _ in range(_MOST_CHUNKS + len(data) // _LEAST_CHUNK):
@@ -144,7 +144,7 @@ def _parts_of_png(data: memoryview, largest: float) -> list[bytes | memoryview]:
     return parts
 
 
-def _parts_of_jpeg(data: memoryview, largest: float) -> list[bytes | memoryview]:
+def _parts_of_jpeg(data: memoryview, max_pixels: float) -> list[bytes | memoryview]:
     """The segments that the pixels need: tables, frame, scans, and what tells the color space."""
     parts: list[bytes | memoryview] = [_JPEG_START]
     scans = scanned = least = 0
@@ -161,7 +161,7 @@ def _parts_of_jpeg(data: memoryview, largest: float) -> list[bytes | memoryview]
         content = data[start + 2 : end]
         if kind in _BLOCK_BITS and not least and len(content) >= 6:
             depth, height, width, components = struct.unpack(">BHHB", content[:6])
-            _check_announced(width, height, largest)
+            _check_announced(width, height, max_pixels)
             if depth != 8 or components not in (1, 3, 4):
                 found = f"{components} components of {depth} bits"
                 raise _unusable(data, f"has {found}; allowed: 1, 3 or 4 of 8 bits")
@@ -177,13 +177,13 @@ def _parts_of_jpeg(data: memoryview, largest: float) -> list[bytes | memoryview]
     raise _unusable(data, "has more segments than an image takes")
 
 
-def _check_announced(width: int, height: int, largest: float) -> None:
+def _check_announced(width: int, height: int, max_pixels: float) -> None:
     check_sides(width, height)
-    if width * height > largest:
+    if width * height > max_pixels:
         raise ImageError(
             "data",
-            f"it announces {width} x {height} px; allowed: {largest:.0f} px in all, the parameter "
-            "'largest_image'",
+            f"it announces {width} x {height} px; allowed: {max_pixels:.0f} px in all, the parameter "
+            "'max_image_pixels'",
         )
 
 

@@ -5,21 +5,21 @@ from __future__ import annotations
 from typing import cast
 
 from pf_tracker_ros.decoding.compressed_decoding import CompressedImage, decode_compressed
-from pf_tracker_ros.decoding.image_decoding import Pixels, RawImage, decode
+from pf_tracker_ros.decoding.image_decoding import Pixels, RawImage, decode_raw
 
 
 class ImageDecoder:
     """Decodes raw and compressed images.
 
     Attributes:
-        largest: Most pixels of a compressed image.
+        max_pixels: Most pixels of a compressed image.
 
     Args:
-        largest: As the attribute.
+        max_pixels: As the attribute.
     """
 
-    def __init__(self, largest: int) -> None:
-        self.largest = largest
+    def __init__(self, max_pixels: int) -> None:
+        self.max_pixels = max_pixels
 
     def decode(self, message: RawImage | CompressedImage) -> Pixels:
         """The image of a message.
@@ -33,5 +33,5 @@ class ImageDecoder:
         """
         # Either type has fields that the other lacks.
         if hasattr(message, "format"):
-            return decode_compressed(cast(CompressedImage, message), self.largest)
-        return decode(message)
+            return decode_compressed(cast(CompressedImage, message), self.max_pixels)
+        return decode_raw(message)

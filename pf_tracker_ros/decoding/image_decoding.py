@@ -164,7 +164,7 @@ ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
 )
 
 
-def decode(message: RawImage) -> Pixels:
+def decode_raw(message: RawImage) -> Pixels:
     """The image of a message.
 
     Nothing is allocated before the message's sizes have been found to agree with its data, and

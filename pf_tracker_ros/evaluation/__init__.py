@@ -6,6 +6,7 @@ For a tracker of one's own, `evaluate_sequence` needs no more than `start` and `
     print(result.scores.success_auc)
 """
 
+from pf_tracker_ros.evaluation.batch import evaluate_each, evaluate_sequences
 from pf_tracker_ros.evaluation.metrics import (
     center_errors,
     has_target,
@@ -14,6 +15,12 @@ from pf_tracker_ros.evaluation.metrics import (
     success_auc,
     success_curve,
 )
+from pf_tracker_ros.evaluation.one_pass import (
+    BoxEstimate,
+    BoxTracker,
+    TrackerFactory,
+    evaluate_sequence,
+)
 from pf_tracker_ros.evaluation.results import (
     EvaluationError,
     Scores,
@@ -21,23 +28,16 @@ from pf_tracker_ros.evaluation.results import (
     SequenceResult,
     mean_scores,
 )
-from pf_tracker_ros.evaluation.runner import (
-    Answer,
-    BoxTracker,
-    MakeTracker,
-    evaluate_sequence,
-)
-from pf_tracker_ros.evaluation.runs import evaluate_each, evaluate_sequences
 from pf_tracker_ros.evaluation.sequences import find_sequences, read_sequences
 
 __all__ = [
-    "Answer",
+    "BoxEstimate",
     "BoxTracker",
     "EvaluationError",
-    "MakeTracker",
     "Scores",
     "SequenceFailure",
     "SequenceResult",
+    "TrackerFactory",
     "center_errors",
     "evaluate_each",
     "evaluate_sequence",

@@ -12,18 +12,18 @@ from contextlib import closing
 from types import FrameType
 from typing import Any
 
+from pf_tracker_ros.evaluation.batch import evaluate_each
 from pf_tracker_ros.evaluation.command_line import (
+    errors_name_parameter_file,
+    merge_parameter_file,
     parse_parameters,
     parser,
-    take_parameter_file,
-    telling_of_file,
 )
-from pf_tracker_ros.evaluation.outputs import Outputs
-from pf_tracker_ros.evaluation.report import print_table
-from pf_tracker_ros.evaluation.reports.writing import EvaluationReport
+from pf_tracker_ros.evaluation.reports.evaluation_report import EvaluationReport
+from pf_tracker_ros.evaluation.result_files import ResultFiles
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure, SequenceResult
-from pf_tracker_ros.evaluation.runs import evaluate_each
 from pf_tracker_ros.evaluation.sequences import frame_count, open_sequences
+from pf_tracker_ros.evaluation.summary import print_table
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.progress import progress_bar
@@ -69,13 +69,13 @@ def _run(options: argparse.Namespace) -> int:
     if options.compare and not is_reported:
         raise EvaluationError("--compare is for the report; allowed: with --report DIR")
     report = EvaluationReport(options.report, options.compare) if is_reported else None
-    take_parameter_file(options)
+    merge_parameter_file(options)
     parameters = parse_parameters(options.parameter)
     make_tracker = functools.partial(Tracker.from_preset, options.preset, parameters=parameters)
-    with telling_of_file(options):
+    with errors_name_parameter_file(options):
         values = make_tracker(0).parameters
     summary = ActivePreset.of({"preset": options.preset, **values}).summary
-    outputs = Outputs(options.output, options.plot, options.preset, parameters, summary)
+    outputs = ResultFiles(options.output, options.plot, options.preset, parameters, summary)
     sequences, unopened = open_sequences(options.sequences)
     if not sequences:
         for failure in unopened:

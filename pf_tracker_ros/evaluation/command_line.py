@@ -106,7 +106,7 @@ def add_tracker_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def take_parameter_file(options: argparse.Namespace) -> TrackerSettings:
+def merge_parameter_file(options: argparse.Namespace) -> TrackerSettings:
     """Put what `--params-file` gives into preset and parameters, as if it had been typed.
 
     Args:
@@ -150,11 +150,11 @@ def take_parameter_file(options: argparse.Namespace) -> TrackerSettings:
 
 
 @contextmanager
-def telling_of_file(options: argparse.Namespace) -> Iterator[None]:
+def errors_name_parameter_file(options: argparse.Namespace) -> Iterator[None]:
     """Name the parameter file in what is said of a value that came from there.
 
     Args:
-        options: As `take_parameter_file` left them.
+        options: As `merge_parameter_file` left them.
 
     Raises:
         ParameterError: As in the block.

@@ -16,7 +16,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pf_tracker_ros.boxes import shared_areas
+from pf_tracker_ros.boxes import intersection_areas
 
 Measure = Callable[[ArrayLike, ArrayLike], NDArray[np.float64]]
 """How well boxes fit true boxes: a number for each pair."""
@@ -41,10 +41,10 @@ def overlap(boxes: ArrayLike, true_boxes: ArrayLike) -> NDArray[np.float64]:
         ValueError: The last axis does not have 4 columns, or a number in `boxes` is not finite.
     """
     first, second, known = _comparable(boxes, true_boxes)
-    shared = shared_areas(first, second)
+    shared = intersection_areas(first, second)
     # An area from width and height is rounded otherwise than one from corners, and equal boxes
     # could come out a little above or below 1.
-    union = shared_areas(first, first) + shared_areas(second, second) - shared
+    union = intersection_areas(first, first) + intersection_areas(second, second) - shared
     ratio = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
     return np.where(known, ratio, np.nan)
 

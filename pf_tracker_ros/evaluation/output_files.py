@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from pf_tracker_ros.atomic_files import atomic_write, hidden_folder
 from pf_tracker_ros.evaluation.results import EvaluationError
-from pf_tracker_ros.files import drafted, hidden_folder
 
 
 class OutputFile:
@@ -52,7 +52,7 @@ class OutputFile:
         """
         before, self.error = self.error, None
         try:
-            with drafted(self._path) as draft:
+            with atomic_write(self._path) as draft:
                 write(draft)
         except OSError as error:
             self.error = f"{_failure(self._path, error)}; what was written before is kept"

@@ -128,7 +128,7 @@ class SequenceResult:
         return np.mean([metrics.precision_curve(row) for row in self.center_errors], axis=0)
 
     @property
-    def success_auc_deviation(self) -> float:
+    def success_auc_std(self) -> float:
         """Standard deviation of the success AUC over the seeds; NaN for a single seed."""
         if len(self.seeds) < 2:
             return float("nan")

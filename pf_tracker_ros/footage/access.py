@@ -66,7 +66,7 @@ def exists(path: Path) -> bool:
         raise unreadable(path, "path", error) from error
 
 
-def is_there(path: Path) -> bool:
+def lexists(path: Path) -> bool:
     """Whether there is something at a path, be it a link that leads to nothing.
 
     Raises:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from pf_tracker_ros.footage.access import check_file, entries, exists
 from pf_tracker_ros.footage.base import FootageError
-from pf_tracker_ros.footage.mcap import cut_off_advice
+from pf_tracker_ros.footage.mcap import recovery_advice
 
 if TYPE_CHECKING:
     from pf_tracker_ros.footage.bag_reading_rosbag2 import Rosbag2Reader
@@ -100,7 +100,7 @@ def _check_files(path: Path) -> None:
 def _unreadable(path: Path, error: Exception) -> FootageError:
     lines = str(error).strip().splitlines()
     reason = lines[0] if lines else type(error).__name__
-    advice = cut_off_advice(path)
+    advice = recovery_advice(path)
     if advice is not None:
         return FootageError(f"bag {path} cannot be read ({reason}): {advice}")
     return FootageError(

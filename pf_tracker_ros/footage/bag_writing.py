@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.files import hidden_folder
+from pf_tracker_ros.atomic_files import hidden_folder
 from pf_tracker_ros.footage.base import Footage, FootageError
 from pf_tracker_ros.messages import IMAGE_TYPE, POLYGON_TYPE, box_message, image_message
 from pf_tracker_ros.stamps import parts

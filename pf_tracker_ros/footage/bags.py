@@ -24,7 +24,7 @@ from pf_tracker_ros.footage.cdr import header_stamp
 from pf_tracker_ros.messages import IMAGE_TYPE, POLYGON_TYPE
 
 COMPRESSED_IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
-GROUND_TRUTH_ENDING = "ground_truth"
+GROUND_TRUTH_SUFFIX = "ground_truth"
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ def _choose_ground_truth(bag: Path, topics: list[BagTopic], topic: str) -> str |
                 f"{', '.join(polygons) or 'none'}"
             )
         return topic
-    named = [name for name in polygons if name.endswith(GROUND_TRUTH_ENDING)]
+    named = [name for name in polygons if name.endswith(GROUND_TRUTH_SUFFIX)]
     if len(named) > 1:
         raise FootageError(
             f"bag {bag} has several topics with ground truth, choose one: {', '.join(named)}"

@@ -64,7 +64,7 @@ def frame_stamp(index: int, interval: float) -> int:
     return FIRST_STAMP + round(index * interval * NANOSECONDS)
 
 
-def describe(image: NDArray[Any]) -> str:
+def describe_image(image: NDArray[Any]) -> str:
     """Size and kind of an image in words, for messages."""
     channels = 1 if image.ndim == 2 else image.shape[2]
     return f"{image.shape[1]}x{image.shape[0]}, {channels} channel(s) of {image.dtype}"

@@ -56,7 +56,7 @@ def header_stamp(message: bytes) -> int:
     return join(seconds, nanoseconds)
 
 
-def read_image(message: bytes) -> Any:
+def deserialize_image(message: bytes) -> Any:
     """A serialized sensor_msgs/Image.
 
     Returns:
@@ -79,8 +79,8 @@ def read_image(message: bytes) -> Any:
     )
 
 
-def read_compressed_image(message: bytes) -> Any:
-    """A serialized sensor_msgs/CompressedImage; see `read_image`.
+def deserialize_compressed_image(message: bytes) -> Any:
+    """A serialized sensor_msgs/CompressedImage; see `deserialize_image`.
 
     Raises:
         FootageError: This is not such a message, or it is cut off.
@@ -91,7 +91,7 @@ def read_compressed_image(message: bytes) -> Any:
     )
 
 
-def read_polygon(message: bytes) -> list[tuple[float, float]]:
+def deserialize_polygon(message: bytes) -> list[tuple[float, float]]:
     """The points (x, y) of a serialized geometry_msgs/PolygonStamped.
 
     Raises:
@@ -106,7 +106,7 @@ def read_polygon(message: bytes) -> list[tuple[float, float]]:
     return points
 
 
-def read_detections(message: bytes) -> SimpleNamespace:
+def deserialize_detections(message: bytes) -> SimpleNamespace:
     """A serialized vision_msgs/Detection2DArray, as far as it tells of boxes.
 
     Returns:

@@ -15,7 +15,7 @@ from pf_tracker_ros.footage.access import check_file, entries, exists
 from pf_tracker_ros.footage.base import (
     DEFAULT_FRAME_RATE,
     FootageError,
-    describe,
+    describe_image,
     frame_stamp,
 )
 from pf_tracker_ros.frames import Frame
@@ -86,7 +86,7 @@ def read_image(path: Path) -> NDArray[Any]:
     sixteen_bit_gray = image.dtype == np.uint16 and image.ndim == 2
     if not eight_bit and not sixteen_bit_gray:
         raise FootageError(
-            f"image {path} is {describe(image)}; accepted are 8-bit color, 8-bit gray and "
+            f"image {path} is {describe_image(image)}; accepted are 8-bit color, 8-bit gray and "
             "16-bit gray"
         )
     return image
@@ -123,10 +123,10 @@ class ImageFolderFootage:
         expected = None
         for index, path in enumerate(self._paths):
             image = read_image(path)
-            expected = describe(image) if expected is None else expected
-            if describe(image) != expected:
+            expected = describe_image(image) if expected is None else expected
+            if describe_image(image) != expected:
                 raise FootageError(
-                    f"image {path} is {describe(image)}, but the first image of the folder is "
+                    f"image {path} is {describe_image(image)}, but the first image of the folder is "
                     f"{expected}; all must be alike"
                 )
             yield Frame(image, frame_stamp(index, self.nominal_interval))

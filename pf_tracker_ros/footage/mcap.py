@@ -26,7 +26,7 @@ def is_cut_off(path: Path) -> bool:
         return False
 
 
-def cut_off_advice(bag: Path) -> str | None:
+def recovery_advice(bag: Path) -> str | None:
     """What to do about cut-off MCAP files.
 
     Args:

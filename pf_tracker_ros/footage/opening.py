@@ -10,7 +10,7 @@ from pf_tracker_ros.footage.bags import is_bag
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE, Footage, FootageError
 from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILE, ground_truth_file
 from pf_tracker_ros.footage.images import IMAGE_SUFFIXES, ImageFolderFootage, image_paths
-from pf_tracker_ros.footage.mcap import cut_off_advice
+from pf_tracker_ros.footage.mcap import recovery_advice
 from pf_tracker_ros.footage.sequences import read_sequence
 from pf_tracker_ros.footage.videos import VideoFootage
 
@@ -63,7 +63,7 @@ def open_footage(path: str | Path, *, frame_rate: float = DEFAULT_FRAME_RATE) ->
         raise FootageError(
             f"folder {source} has {names} but no metadata.yaml, so it is not a rosbag2 folder; "
             + (
-                cut_off_advice(source)
+                recovery_advice(source)
                 or "`ros2 bag reindex` writes one, or give the .mcap file itself"
             )
         )

@@ -11,7 +11,7 @@ import cv2
 from pf_tracker_ros.footage.access import check_file, unreadable
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE, FootageError, frame_stamp
 from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILES
-from pf_tracker_ros.footage.texts import is_text
+from pf_tracker_ros.footage.text_files import is_text
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.plurals import counted
 

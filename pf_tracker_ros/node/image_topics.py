@@ -12,7 +12,7 @@ _OF_TRACKERS = ("overlay", "likelihood")
 _MOST_NAMED = 3
 
 
-def where_images_are(node: Node, topic: str, *, compressed: bool = False) -> str:
+def image_publisher_hint(node: Node, topic: str, *, compressed: bool = False) -> str:
     """What to do about images that do not come, where nobody publishes them.
 
     Args:
@@ -37,7 +37,7 @@ def where_images_are(node: Node, topic: str, *, compressed: bool = False) -> str
     return f": nobody publishes {topic}, but {text} ({cure})"
 
 
-def where_images_are_taken(node: Node, topic: str, *, compressed: bool) -> str:
+def image_subscriber_hint(node: Node, topic: str, *, compressed: bool) -> str:
     """Where else images are waited for, for a publisher that nobody listens to.
 
     Args:

@@ -12,7 +12,7 @@ import itertools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from pf_tracker_ros.parameter_files import applies, names_for, patterns_of
+from pf_tracker_ros.parameter_files import matches_node, node_patterns, parameter_names_for
 from pf_tracker_ros.ros_arguments import split_ros_arguments
 from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
@@ -20,7 +20,7 @@ _FILE_OPTIONS = ("--params-file",)
 _VALUE_OPTIONS = ("-p", "--param")
 
 
-def files_superseded_by(name: str, node_name: str, command_line: Sequence[str]) -> set[str]:
+def parameters_superseded_by(name: str, node_name: str, command_line: Sequence[str]) -> set[str]:
     """What parameter files give only before `name` is given for the last time.
 
     Args:
@@ -40,11 +40,11 @@ def files_superseded_by(name: str, node_name: str, command_line: Sequence[str]) 
             # parameters; a pipe is empty by then.
             with contextlib.suppress(YamlError):
                 document = read_yaml(Path(value), "parameter file")
-                sources.append((set(names_for(document, node_name)), True))
+                sources.append((set(parameter_names_for(document, node_name)), True))
         elif option in _VALUE_OPTIONS:
             # Of one node alone: node:name:=value.
             node, _, given = value.partition(":=")[0].rpartition(":")
-            if not node or applies(node, node_name):
+            if not node or matches_node(node, node_name):
                 sources.append(({given}, False))
     last = max((index for index, (names, _) in enumerate(sources) if name in names), default=0)
     before = {one for names, _ in sources[:last] for one in names}
@@ -53,19 +53,19 @@ def files_superseded_by(name: str, node_name: str, command_line: Sequence[str]) 
     )
 
 
-def files_for_others(node_name: str, command_line: Sequence[str]) -> Iterator[str]:
+def unmatched_file_warnings(node_name: str, command_line: Sequence[str]) -> Iterator[str]:
     """What is to be told of each parameter file that gives a node nothing, as rcl tells nothing.
 
     Args:
         node_name: Fully qualified name of the node.
-        command_line: As for `files_superseded_by`.
+        command_line: As for `parameters_superseded_by`.
     """
     for option, path in dict.fromkeys(_options(command_line)):
         if option not in _FILE_OPTIONS:
             continue
         with contextlib.suppress(YamlError):
-            patterns = patterns_of(read_yaml(Path(path), "parameter file"))
-            if patterns and not any(applies(pattern, node_name) for pattern in patterns):
+            patterns = node_patterns(read_yaml(Path(path), "parameter file"))
+            if patterns and not any(matches_node(pattern, node_name) for pattern in patterns):
                 yield (
                     f"the parameter file {path} gives {node_name} nothing: it is for "
                     f"{' and '.join(patterns)}; {node_name} or /** has to stand above its "

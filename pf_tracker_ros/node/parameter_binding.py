@@ -17,7 +17,7 @@ from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from pf_tracker_ros.node.parameter_group import ParameterGroup, Renews, Values
+from pf_tracker_ros.node.parameter_group import ParameterGroup, ResetCondition, Values
 from pf_tracker_ros.node.ros_parameters import descriptor_of, ros_parameter, ros_type
 from pf_tracker_ros.parameters import Declaration
 
@@ -92,8 +92,8 @@ class ParameterBinding:
         self,
         group_type: type,
         *,
-        usual: Callable[[Values], Values] | None = None,
-        renewed_by: Mapping[str, Renews] | None = None,
+        defaults: Callable[[Values], Values] | None = None,
+        reset_by: Mapping[str, ResetCondition] | None = None,
         kept: Collection[str] = (),
         superseded: Collection[str] = (),
         keeps_read_only: bool = True,
@@ -106,22 +106,22 @@ class ParameterBinding:
 
         Args:
             group_type: A frozen dataclass as `pf_tracker_ros.parameters.declarations` takes it.
-            usual: From the values of what was declared before to full name to value, where that is
+            defaults: From the values of what was declared before to full name to value, where that is
                 another than the declared default; may name what is not in the group.
-            renewed_by: Full name of a parameter that was declared before, to whether all of this
-                group begin anew from `usual` when it is set.
+            reset_by: Full name of a parameter that was declared before, to whether all of this
+                group begin anew from `defaults` when it is set.
             kept: Full names of those that do not.
             superseded: Full names that count as not given at start-up.
             keeps_read_only: Whether what is declared read-only is so on the node; it can't be
                 where it does not stay.
         """
         superseded = set(superseded) - set(kept)
-        usual = usual or (lambda _: {})
+        defaults = defaults or (lambda _: {})
         group = ParameterGroup(
             group_type,
             keeps_read_only,
-            usual,
-            renewed_by or {},
+            defaults,
+            reset_by or {},
             kept,
             declared=tuple(self._declarations),
         )
@@ -191,9 +191,9 @@ class ParameterBinding:
             self._report(reason)
         return faults
 
-    def renews(self, name: str) -> bool:
+    def resets_others(self, name: str) -> bool:
         """Whether others begin anew when a parameter is set, so that it has to come first."""
-        return any(name in group.renewed_by for group in self._groups)
+        return any(name in group.reset_by for group in self._groups)
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
         """Give each value its declared type, and add what follows.
@@ -216,7 +216,7 @@ class ParameterBinding:
         request = _Request({}, {}, {}, {})
         given = {parameter.name: parameter for parameter in parameters}
         for group in self._groups:
-            is_renewed = group.begins_anew(self.values, request.changes)
+            is_renewed = group.is_reset(self.values, request.changes)
             stays = group.kept if is_renewed else group.declarations
             before = {name: self.values[name] for name in stays}
             reading = group.read(given, before, request.values)

@@ -14,7 +14,7 @@ from pf_tracker_ros.node.ros_parameters import checked_value
 from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
 
 Values = Mapping[str, Any]
-Renews = Callable[[Any, Any], bool]
+ResetCondition = Callable[[Any, Any], bool]
 """Tells from a parameter's value as it is, and as it is set, whether others begin anew with it."""
 
 
@@ -40,18 +40,18 @@ class ParameterGroup:
     Attributes:
         group_type: A frozen dataclass as `declarations` takes it.
         keeps_read_only: Whether what is declared read-only is so on the node.
-        usual: From the values of the groups before to full name to value, where that is another
+        defaults: From the values of the groups before to full name to value, where that is another
             than the declared default; may name what is not in the group.
-        renewed_by: Full name of a parameter of a group before, to whether all of this group begin
-            anew from `usual` when it is set.
+        reset_by: Full name of a parameter of a group before, to whether all of this group begin
+            anew from `defaults` when it is set.
         kept: Full names of those that do not.
         declared: Full names of parameters of the groups before, which are not once more in this.
     """
 
     group_type: type
     keeps_read_only: bool
-    usual: Callable[[Values], Values]
-    renewed_by: Mapping[str, Renews]
+    defaults: Callable[[Values], Values]
+    reset_by: Mapping[str, ResetCondition]
     kept: Collection[str] = ()
     declared: Collection[str] = ()
 
@@ -64,11 +64,11 @@ class ParameterGroup:
             if name not in self.declared
         }
 
-    def begins_anew(self, before: Values, changes: Values) -> bool:
+    def is_reset(self, before: Values, changes: Values) -> bool:
         """Whether changes of the groups before renew this one; both full name to value."""
         return any(
             name in changes and renews(before[name], changes[name])
-            for name, renews in self.renewed_by.items()
+            for name, renews in self.reset_by.items()
         )
 
     def read(self, given: Mapping[str, Parameter], before: Values, others: Values) -> Reading:
@@ -79,10 +79,10 @@ class ParameterGroup:
             before: Full name to the value that stays where none is given.
             others: Full name to value, of the groups before.
         """
-        usual = {**self.usual(others), **before}
+        defaults = {**self.defaults(others), **before}
         reading = Reading({}, set(), {})
         for name, declaration in self.declarations.items():
-            reading.values[name] = usual.get(name, declaration.default)
+            reading.values[name] = defaults.get(name, declaration.default)
             if name not in given:
                 continue
             try:

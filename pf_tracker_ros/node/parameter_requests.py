@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 
 
-def take_whole_requests(node: Node, binding: ParameterBinding) -> None:
+def serve_atomic_requests(node: Node, binding: ParameterBinding) -> None:
     """Let the service `set_parameters` take a request as a whole, where that is allowed.
 
     rclpy sets the parameters of a request one by one in their order, so values that are right
@@ -42,7 +42,7 @@ def take_whole_requests(node: Node, binding: ParameterBinding) -> None:
                 results[index] = SetParametersResult(successful=False, reason=reason)
         changes = [index for index in changes if given[index].name not in faults]
         if len(changes) < 2 or not _set_as_a_whole(node, [given[index] for index in changes]):
-            order = sorted(changes, key=lambda index: not binding.renews(given[index].name))
+            order = sorted(changes, key=lambda index: not binding.resets_others(given[index].name))
             request.parameters = [given[index] for index in order]
             for index, result in zip(order, one_by_one(request, response).results, strict=True):
                 results[index] = result

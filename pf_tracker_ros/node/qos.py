@@ -19,7 +19,7 @@ from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPo
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
-Report = Callable[[str], None]
+ErrorCallback = Callable[[str], None]
 
 DEFAULT_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 # Whoever comes late hears the last ones too.
@@ -29,7 +29,7 @@ LATCHED_QOS = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 
-PREFIX = "qos_overrides."
+OVERRIDE_PREFIX = "qos_overrides."
 
 
 def subscribe(
@@ -39,7 +39,7 @@ def subscribe(
     callback: Callable[[Any], None],
     *,
     profile: QoSProfile,
-    report: Report,
+    report: ErrorCallback,
     on_mismatch: Callable[[Any], None] | None = None,
     raw: bool = False,
     group: CallbackGroup | None = None,
@@ -70,7 +70,7 @@ def subscribe(
     return _create(node, create, topic, entity="subscription", profile=profile, report=report)
 
 
-def take_waiting(subscription: Subscription, most: int | None = None) -> int:
+def take_pending(subscription: Subscription, most: int | None = None) -> int:
     """Run a subscription's callback with each message that waits for it; how many did.
 
     The executor takes one message of each subscription at a time, so of two that came before an
@@ -81,13 +81,13 @@ def take_waiting(subscription: Subscription, most: int | None = None) -> int:
         most: How many to take; None for all.
     """
     taken = 0
-    while taken != most and (message := take_one(subscription)) is not None:
+    while taken != most and (message := take_oldest(subscription)) is not None:
         subscription.callback(message)
         taken += 1
     return taken
 
 
-def take_one(subscription: Subscription) -> Any:
+def take_oldest(subscription: Subscription) -> Any:
     """The message of a subscription that waits longest, None if none waits."""
     with subscription.handle:
         found = subscription.handle.take_message(subscription.msg_type, subscription.raw)
@@ -95,7 +95,7 @@ def take_one(subscription: Subscription) -> Any:
 
 
 def advertise(
-    node: Node, message_type: Any, topic: str, *, profile: QoSProfile, report: Report
+    node: Node, message_type: Any, topic: str, *, profile: QoSProfile, report: ErrorCallback
 ) -> Publisher:
     """Publish with the user's QoS overrides; wrong ones are reported."""
     events = PublisherEventCallbacks(use_default_callbacks=False)
@@ -106,7 +106,7 @@ def advertise(
 def given_overrides(node: Node) -> set[str]:
     """Names of the QoS overrides that the user gave at start-up."""
     # rclpy has no public way to see an override before it is declared.
-    return {name for name in node._parameter_overrides if name.startswith(PREFIX)}
+    return {name for name in node._parameter_overrides if name.startswith(OVERRIDE_PREFIX)}
 
 
 def is_overridden(node: Node, topic: str, entity: str, policy: str) -> bool:
@@ -118,7 +118,7 @@ def is_overridden(node: Node, topic: str, entity: str, policy: str) -> bool:
         entity: `publisher` or `subscription`.
         policy: Such as `reliability`.
     """
-    return f"{PREFIX}{topic}.{entity}.{policy}" in given_overrides(node)
+    return f"{OVERRIDE_PREFIX}{topic}.{entity}.{policy}" in given_overrides(node)
 
 
 def _create(
@@ -128,7 +128,7 @@ def _create(
     *,
     entity: str,
     profile: QoSProfile,
-    report: Report,
+    report: ErrorCallback,
 ) -> Any:
     """Create an endpoint; overrides that cannot be are reported and left out.
 

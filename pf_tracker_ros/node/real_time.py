@@ -22,25 +22,25 @@ class RealTimePriority:
     of its own, such as by `chrt`, keeps it.
 
     Attributes:
-        in_force: From 1 to 99, or 0 for none.
+        granted: From 1 to 99, or 0 for none.
 
     Args:
         report: Called with a sentence where a priority that is asked for is not permitted.
     """
 
     def __init__(self, report: Callable[[str], None]) -> None:
-        self.in_force = 0
+        self.granted = 0
         self._report = report
         of_dds = [int(path.name) for path in _THREADS.glob("*") if _name(path).startswith("dds.")]
         self._threads = [thread for thread in of_dds if _has_usual_policy(thread)]
 
-    def ask(self, priority: int) -> None:
+    def request_priority(self, priority: int) -> None:
         """Ask for a priority.
 
         Args:
             priority: From 1 to 99, or 0 for none.
         """
-        if priority == self.in_force or not self._threads:
+        if priority == self.granted or not self._threads:
             return
         try:
             for thread in self._threads:
@@ -48,7 +48,7 @@ class RealTimePriority:
         except OSError:
             self._report(f"real-time priority {priority} is not permitted to this process: {_CURE}")
         else:
-            self.in_force = priority
+            self.granted = priority
 
 
 def _name(thread: Path) -> str:

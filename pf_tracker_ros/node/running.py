@@ -22,7 +22,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, try_shutdown
 
-from pf_tracker_ros.node.override_sources import files_for_others
+from pf_tracker_ros.node.override_sources import unmatched_file_warnings
 from pf_tracker_ros.signals import hold_signals, ignore_signals
 
 _HOW_TO_GIVE = (
@@ -143,7 +143,7 @@ def _live(create: Callable[[], Node], command_line: list[str], reader: int) -> N
                 if not ok():
                     raise
                 sys.exit(f"the node cannot start: {error}")
-            for problem in files_for_others(node.get_fully_qualified_name(), command_line):
+            for problem in unmatched_file_warnings(node.get_fully_qualified_name(), command_line):
                 node.get_logger().warning(problem)
             _spin(executor, node)
         except Exception:

@@ -43,7 +43,7 @@ class Access:
         machine = socket.gethostname().lower()
         self._names = {host.lower(), machine, f"{machine.partition('.')[0]}.local"}
 
-    def refuse_host(self, host: str) -> str:
+    def host_refusal(self, host: str) -> str:
         """Why a request is refused for its `Host` header, or empty.
 
         Args:
@@ -55,7 +55,7 @@ class Access:
         allowed = "localhost" if self._is_local else "this machine's name or address"
         return f"this page is not served under the name {host!r}; open it by {allowed}"
 
-    def refuse_origin(self, origin: str | None, host: str) -> str:
+    def origin_refusal(self, origin: str | None, host: str) -> str:
         """Why a request that could drive the tracker is refused for where it comes from, or empty.
 
         Args:

@@ -70,7 +70,7 @@ class Site:
             HTTPForbidden: Another page asks for it.
         """
         host = request.headers.get("Host", "")
-        if refusal := self._access.refuse_origin(request.headers.get("Origin"), host):
+        if refusal := self._access.origin_refusal(request.headers.get("Origin"), host):
             raise web.HTTPForbidden(text=refusal)
 
     @web.middleware
@@ -81,7 +81,7 @@ class Site:
     ) -> web.StreamResponse:
         """Let nobody in who may not be."""
         host = request.headers.get("Host", "")
-        if refusal := self._access.refuse_host(host):
+        if refusal := self._access.host_refusal(host):
             raise web.HTTPForbidden(text=refusal)
         cookie = f"console_{self.port}"
         given = request.query.get("token")

@@ -24,25 +24,29 @@ from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.command import run_archive
-from pf_tracker_ros.recordings.archives.sources import local_copy, tell_of, telling_of
-from pf_tracker_ros.recordings.archives.stores import as_place, is_url
-from pf_tracker_ros.recordings.beside import target_file
+from pf_tracker_ros.recordings.archives.sources import (
+    errors_name_source,
+    local_copy,
+    name_source_in,
+)
+from pf_tracker_ros.recordings.archives.stores import is_url, parse_path_or_url
 from pf_tracker_ros.recordings.command_line import parser
 from pf_tracker_ros.recordings.errors import RecordingError, unwritable
 from pf_tracker_ros.recordings.files import check_outputs, open_outputs
-from pf_tracker_ros.recordings.outputs import OutputFolder
+from pf_tracker_ros.recordings.output_folder import OutputFolder
 from pf_tracker_ros.recordings.plan import (
-    BESIDE,
+    SIDECAR,
     Plan,
+    apply_parameter_file,
     check_applies,
     check_request,
-    is_detected,
-    open_asked,
-    plan_for,
-    require,
-    take_settings,
+    make_plan,
+    open_from_options,
+    require_package,
+    uses_detector,
 )
 from pf_tracker_ros.recordings.recording import Recording
+from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import Target, save_targets
 from pf_tracker_ros.recordings.tracking import TrackedFrame
 from pf_tracker_ros.signals import handled_signals
@@ -62,8 +66,8 @@ class _Summary:
     name: str
     states: Counter[str] = field(default_factory=Counter)
     skipped: str = ""
-    remark: str = ""
-    remarks: int = 0
+    warning: str = ""
+    warnings: int = 0
     ids: set[int] = field(default_factory=set)
     targets_of: str = ""
     several: bool = False
@@ -73,9 +77,9 @@ class _Summary:
     def add(self, tracked: TrackedFrame) -> None:
         self.states[tracked.state] += 1
         self.skipped = self.skipped or tracked.problem or _SKIPPED_FOR.get(tracked.outcome, "")
-        if tracked.remarks and not self.remark:
-            self.remark = f"frame {tracked.frame.index}: {tracked.remarks[0]}"
-        self.remarks += len(tracked.remarks)
+        if tracked.warnings and not self.warning:
+            self.warning = f"frame {tracked.frame.index}: {tracked.warnings[0]}"
+        self.warnings += len(tracked.warnings)
         self.ids.update(target.id for target in tracked.targets)
 
     @property
@@ -134,19 +138,19 @@ def _run(options: argparse.Namespace, stop: _Stop, source_name: str | None) -> i
         ("matplotlib", "recordings", options.report is not None),
         ("jinja2", "recordings", options.report is not None),
         ("aiohttp", "console", options.draw),
-        ("scipy", "targets", is_detected(options)),
+        ("scipy", "targets", uses_detector(options)),
     ):
         if wanted:
-            require(package, extra)
+            require_package(package, extra)
     _check_kind(options)
-    take_settings(options)
+    apply_parameter_file(options)
     check_request(options)
     if options.archive is not None:
         stop.at_once = True
         return run_archive(options)
-    with local_copy(as_place(options.source)) as path:
+    with local_copy(parse_path_or_url(options.source)) as path:
         name = source_name or options.source
-        with telling_of(name, path):
+        with errors_name_source(name, path):
             return _run_one(options, path, name, stop, is_archived=source_name is not None)
 
 
@@ -162,7 +166,7 @@ def _check_kind(options: argparse.Namespace) -> None:
         message = "there is no SOURCE; give one, or --archive FOLDER_OR_LIST"
         for option in ("detections", "report"):
             taken = getattr(options, option)
-            if taken not in (None, BESIDE):
+            if taken not in (None, SIDECAR):
                 message += f"; {taken} was taken for --{option}: SOURCE comes first"
         raise RecordingError(message)
     if options.draw and options.box:
@@ -174,12 +178,12 @@ def _check_kind(options: argparse.Namespace) -> None:
 def _run_one(
     options: argparse.Namespace, path: Path, name: str, stop: _Stop, *, is_archived: bool
 ) -> int:
-    recording = open_asked(path, options)
+    recording = open_from_options(path, options)
     if not is_archived:
         check_applies(options, recording)
     check_outputs(options)
     draw = functools.partial(_draw, recording, options, stop) if options.draw else None
-    with closing(plan_for(recording, options, draw, is_archived=is_archived)) as plan:
+    with closing(make_plan(recording, options, draw, is_archived=is_archived)) as plan:
         return _run_plan(options, plan, name, stop)
 
 
@@ -193,9 +197,9 @@ def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -
         except (FootageError, RecordingError) as error:
             # Without a target, and a detector that might find one, there is nothing to keep.
             is_idle = summary.states.keys() <= {"idle", "skipped"}
-            if not summary.frames or (is_idle and not plan.hearing):
+            if not summary.frames or (is_idle and not plan.detection_source):
                 raise
-            tell_of(error, name, plan.recording.path)
+            name_source_in(error, name, plan.recording.path)
             failures.append(error)
         for folder in outputs:
             failures += folder.close()
@@ -203,10 +207,10 @@ def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -
         for folder in outputs:
             folder.discard()
         raise
-    remark = plan.hearing.remark if plan.hearing else ""
-    if remark and not plan.targets:
-        remark += ", --box gives a target without it"
-    return _report(options, summary, stop, failures, remark)
+    warning = plan.detection_source.warning if plan.detection_source else ""
+    if warning and not plan.targets:
+        warning += ", --box gives a target without it"
+    return _report(options, summary, stop, failures, warning)
 
 
 def _found_beside(options: argparse.Namespace, plan: Plan) -> str:
@@ -221,11 +225,11 @@ def _draw(
     recording: Recording, options: argparse.Namespace, stop: _Stop, most: int
 ) -> tuple[Target, ...]:
     """Have the targets drawn on a page, and save them beside the recording where that can be."""
-    from pf_tracker_ros.recordings.drawing.drawing import draw_targets
+    from pf_tracker_ros.recordings.drawing.server import prompt_for_targets
 
     stop.at_once = True
     try:
-        targets = draw_targets(recording, most, _announce)
+        targets = prompt_for_targets(recording, most, _announce)
     except KeyboardInterrupt:
         raise RecordingError(
             f"{stop.word} before a target was drawn; nothing was tracked", stop.exit_code
@@ -288,7 +292,7 @@ def _report(
     summary: _Summary,
     stop: _Stop,
     failures: list[Exception],
-    remark: str,
+    warning: str,
 ) -> int:
     """Say what came of it, and with which exit code.
 
@@ -297,7 +301,7 @@ def _report(
         summary: Of the frames.
         stop: Whether it was asked to end.
         failures: What went wrong.
-        remark: On the detector, or empty.
+        warning: On the detector, or empty.
     """
     code = errors.DONE
     # What cannot be written any further can as a rule not be finished either, and is told once.
@@ -314,20 +318,20 @@ def _report(
             stop.exit_code,
         )
     if code == errors.DONE:
-        remarks = []
+        warnings = []
         if summary.announced is not None and summary.frames < summary.announced:
-            remarks.append(
+            warnings.append(
                 f"{summary.name} announces {counted(summary.announced, 'frame')}, but only "
                 f"{summary.frames} could be read: it is damaged or cut off"
             )
         if summary.skipped:
-            remarks.append(f"frames were skipped, the first because {summary.skipped}")
-        if summary.remark:
-            remarks.append(
-                f"of {counted(summary.remarks, 'remark')} on detections and targets the first is: "
-                f"{summary.remark} (frames count from 0)"
+            warnings.append(f"frames were skipped, the first because {summary.skipped}")
+        if summary.warning:
+            warnings.append(
+                f"of {counted(summary.warnings, 'warning')} on detections and targets the first is: "
+                f"{summary.warning} (frames count from 0)"
             )
-        for each in filter(None, [*remarks, remark]):
+        for each in filter(None, [*warnings, warning]):
             print(f"track: {each}", file=sys.stderr)
         print(f"{options.source}: {summary.text}; results in {options.output}")
     return code

@@ -14,8 +14,8 @@ from pf_tracker_ros.command_lines import Parser
 from pf_tracker_ros.evaluation.command_line import add_tracker_options, positive
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
 from pf_tracker_ros.recordings import errors
-from pf_tracker_ros.recordings.archives.stores import as_place
-from pf_tracker_ros.recordings.plan import BESIDE
+from pf_tracker_ros.recordings.archives.stores import parse_path_or_url
+from pf_tracker_ros.recordings.plan import SIDECAR
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 
 _DESCRIPTION = """\
@@ -72,7 +72,7 @@ def parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--output",
-        type=as_place,
+        type=parse_path_or_url,
         required=True,
         metavar="DIR",
         help="folder for boxes.csv and the rest, made where it is missing; for an archive also a "
@@ -110,7 +110,7 @@ def parser() -> argparse.ArgumentParser:
         "--report",
         type=Path,
         nargs="?",
-        const=BESIDE,
+        const=SIDECAR,
         metavar="DIR",
         help="write report.html: plots and pictures on one page, into DIR or beside boxes.csv "
         "(needs Matplotlib and Jinja2)",
@@ -126,7 +126,7 @@ def parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--archive",
-        type=as_place,
+        type=parse_path_or_url,
         metavar="FOLDER_OR_LIST",
         help="track every recording below a folder that has its target file beside it or is a "
         "sequence (with detections or a detector every one), or those that a text file lists "
@@ -161,7 +161,7 @@ def _add_detections(parser: argparse.ArgumentParser) -> None:
         "--detections",
         type=Path,
         nargs="?",
-        const=BESIDE,
+        const=SIDECAR,
         metavar="FILE",
         help="a detector's boxes, which start, confirm and correct targets: lines frame,id,x,y,"
         "width,height,score[,label] with frame, x and y counted from 1, as of the MOT challenge; "

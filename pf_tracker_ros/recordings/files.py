@@ -8,8 +8,8 @@ from pathlib import Path
 
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
 from pf_tracker_ros.recordings.errors import RecordingError
-from pf_tracker_ros.recordings.outputs import MakeWriter, OutputFolder, check_free
-from pf_tracker_ros.recordings.plan import BESIDE, Plan
+from pf_tracker_ros.recordings.output_folder import OutputFolder, WriterFactory, check_free
+from pf_tracker_ros.recordings.plan import SIDECAR, Plan
 from pf_tracker_ros.recordings.report import RecordingReport
 from pf_tracker_ros.recordings.tables import COLUMNS, LABELED_COLUMNS, BoxesCsv, BoxesParquet
 from pf_tracker_ros.recordings.topics import TopicBag
@@ -73,12 +73,12 @@ def _places(options: argparse.Namespace) -> dict[Path, list[str]]:
     names += [BAG] if options.bag else []
     if options.report is None:
         return {options.output: names}
-    if options.report is BESIDE or options.report == options.output:
+    if options.report is SIDECAR or options.report == options.output:
         return {options.output: [*names, REPORT_FILE]}
     return {options.output: names, options.report: [REPORT_FILE]}
 
 
-def _makers(plan: Plan, name: str, seed: str) -> dict[str, MakeWriter]:
+def _makers(plan: Plan, name: str, seed: str) -> dict[str, WriterFactory]:
     """Name of each file to what begins it."""
     recording, preset, most = plan.recording, plan.summary, plan.max_targets
     columns = COLUMNS if most == 1 else LABELED_COLUMNS

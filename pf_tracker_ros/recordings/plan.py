@@ -11,20 +11,20 @@ from pathlib import Path
 from typing import Any
 
 from pf_tracker_ros.evaluation.command_line import (
+    errors_name_parameter_file,
+    merge_parameter_file,
     parse_parameters,
-    take_parameter_file,
-    telling_of_file,
 )
 from pf_tracker_ros.footage import is_bag
-from pf_tracker_ros.footage.access import is_there
+from pf_tracker_ros.footage.access import lexists
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
-from pf_tracker_ros.recordings.beside import detections_file
 from pf_tracker_ros.recordings.detections.built_in import BuiltInDetector
 from pf_tracker_ros.recordings.detections.file import DetectionFile
-from pf_tracker_ros.recordings.detections.hearing import Hearing
+from pf_tracker_ros.recordings.detections.source import DetectionSource
 from pf_tracker_ros.recordings.detections.topic import DetectionTopic
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS, RecordingError
 from pf_tracker_ros.recordings.recording import Recording, open_recording
+from pf_tracker_ros.recordings.sidecar_files import detections_file
 from pf_tracker_ros.recordings.target import Target, choose_targets
 from pf_tracker_ros.recordings.tracking import (
     TrackedFrame,
@@ -34,7 +34,7 @@ from pf_tracker_ros.recordings.tracking import (
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import ActivePreset
 
-BESIDE = Path()
+SIDECAR = Path()
 """What an option stands for that is given without its file or folder: the one beside.
 
 To be told by `is` from the folder that a user is in.
@@ -48,7 +48,7 @@ class Plan:
     Attributes:
         recording: In which.
         targets: Which, besides what a detector finds.
-        hearing: Hears what a detector says, None without one.
+        detection_source: Hears what a detector says, None without one.
         preset: Name of the preset.
         parameters: Full name to value of all parameters.
         seed: As for `Tracker`.
@@ -56,7 +56,7 @@ class Plan:
 
     recording: Recording
     targets: tuple[Target, ...]
-    hearing: Hearing | None
+    detection_source: DetectionSource | None
     preset: str
     parameters: Mapping[str, Any]
     seed: int
@@ -76,7 +76,7 @@ class Plan:
         return track_recording(
             self.recording,
             self.targets,
-            self.hearing,
+            self.detection_source,
             preset=self.preset,
             parameters=self.parameters,
             seed=self.seed,
@@ -84,11 +84,11 @@ class Plan:
 
     def close(self) -> None:
         """Let go of what hears the detector."""
-        if self.hearing is not None:
-            self.hearing.close()
+        if self.detection_source is not None:
+            self.detection_source.close()
 
 
-def open_asked(path: Path, options: argparse.Namespace) -> Recording:
+def open_from_options(path: Path, options: argparse.Namespace) -> Recording:
     """Open a recording as the options of `track` ask for.
 
     Raises:
@@ -116,7 +116,7 @@ def check_applies(options: argparse.Namespace, recording: Recording) -> None:
         )
 
 
-def plan_for(
+def make_plan(
     recording: Recording,
     options: argparse.Namespace,
     draw: Callable[[int], tuple[Target, ...]] | None = None,
@@ -137,25 +137,27 @@ def plan_for(
         ParameterError: A parameter is not allowed.
         FootageError: The detections of a bag cannot be read.
     """
-    detected = is_detected(options)
+    with_detector = uses_detector(options)
     targets: tuple[Target, ...] = ()
     if draw is None:
         targets = choose_targets(
-            recording, options.box or (), detected=detected, is_archived=is_archived
+            recording, options.box or (), with_detector=with_detector, is_archived=is_archived
         )
-    hearing = _hearing(recording, options, is_archived=is_archived) if detected else None
+    detection_source = (
+        _detection_source(recording, options, is_archived=is_archived) if with_detector else None
+    )
     try:
         if draw is not None:
             targets = draw(_parameters(options)["max_targets"])
         parameters = _parameters(options, targets)
-        return Plan(recording, targets, hearing, options.preset, parameters, options.seed)
+        return Plan(recording, targets, detection_source, options.preset, parameters, options.seed)
     except BaseException:
-        if hearing is not None:
-            hearing.close()
+        if detection_source is not None:
+            detection_source.close()
         raise
 
 
-def take_settings(options: argparse.Namespace) -> None:
+def apply_parameter_file(options: argparse.Namespace) -> None:
     """Put what a parameter file gives into preset, parameters and seed, as if it had been typed.
 
     Args:
@@ -165,12 +167,12 @@ def take_settings(options: argparse.Namespace) -> None:
         ParameterError: The file cannot be read, or is not for a tracker.
         EvaluationError: What is given contradicts it.
     """
-    settings = take_parameter_file(options)
+    settings = merge_parameter_file(options)
     if options.seed is None:
         options.seed = settings.seed or 0
 
 
-def is_detected(options: argparse.Namespace) -> bool:
+def uses_detector(options: argparse.Namespace) -> bool:
     """Whether a detector is to start targets."""
     return any((options.detections, options.detections_topic, options.detector))
 
@@ -188,13 +190,15 @@ def check_request(options: argparse.Namespace) -> None:
 def _parameters(options: argparse.Namespace, targets: Sequence[Target] = ()) -> dict[str, Any]:
     """Full name to value of all parameters, for some targets; raises as `check_request`."""
     given = parse_parameters(options.parameter)
-    with telling_of_file(options):
-        values = tracker_parameters(options.preset, given, targets, detected=is_detected(options))
+    with errors_name_parameter_file(options):
+        values = tracker_parameters(
+            options.preset, given, targets, with_detector=uses_detector(options)
+        )
         Session(values, options.seed)
     return values
 
 
-def require(package: str, extra: str) -> None:
+def require_package(package: str, extra: str) -> None:
     """Make sure that a package is installed.
 
     Raises:
@@ -209,15 +213,17 @@ def require(package: str, extra: str) -> None:
         ) from error
 
 
-def _hearing(recording: Recording, options: argparse.Namespace, *, is_archived: bool) -> Hearing:
+def _detection_source(
+    recording: Recording, options: argparse.Namespace, *, is_archived: bool
+) -> DetectionSource:
     if options.detections_topic:
         return DetectionTopic(recording.path, options.detections_topic)
     if options.detector:
         return BuiltInDetector(options.detector, options.detector_rate)
-    if options.detections is not BESIDE:
+    if options.detections is not SIDECAR:
         return DetectionFile(options.detections)
     path = detections_file(recording.path)
-    if not is_there(path):
+    if not lexists(path):
         otherwise = "" if is_archived else ", or give --detections FILE"
         raise RecordingError(
             f"no detections for {recording.path}: write {path.name} beside it{otherwise}",

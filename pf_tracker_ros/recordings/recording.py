@@ -26,11 +26,15 @@ from pf_tracker_ros.footage import (
 )
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE, BagImage
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
-from pf_tracker_ros.footage.cdr import read_compressed_image, read_image, read_polygon
+from pf_tracker_ros.footage.cdr import (
+    deserialize_compressed_image,
+    deserialize_image,
+    deserialize_polygon,
+)
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
 
-# As the parameter `largest_image` of the node has it.
+# As the parameter `max_image_pixels` of the node has it.
 _LARGEST_IMAGE = 2**24
 # What `replay` puts into the headers of footage that has none.
 _FRAME_ID = "camera"
@@ -45,7 +49,7 @@ class RecordedFrame:
     Attributes:
         index: Position in the recording, counted from 0.
         stamp: Of the header, nanoseconds; 0 means unknown.
-        time: When it was recorded, nanoseconds; the stamp where the recording does not tell.
+        log_time: When it was recorded, nanoseconds; the stamp where the recording does not tell.
         frame_id: Frame of the header.
         decoded: The image with its stamp, as for `Session.process`; None where the message holds
             none that can be decoded.
@@ -55,7 +59,7 @@ class RecordedFrame:
 
     index: int
     stamp: int
-    time: int
+    log_time: int
     frame_id: str
     decoded: Frame | None
     problem: str
@@ -151,7 +155,7 @@ class BagRecording:
 
     def _decoded(self, index: int, recorded: BagImage) -> RecordedFrame:
         is_compressed = self._bag.image_type == COMPRESSED_IMAGE_TYPE
-        read = read_compressed_image if is_compressed else read_image
+        read = deserialize_compressed_image if is_compressed else deserialize_image
         try:
             message = read(recorded.message)
         except FootageError as error:
@@ -163,7 +167,7 @@ class BagRecording:
             problem = str(error)
         true_box = None
         if recorded.ground_truth is not None:
-            true_box = _box_of(read_polygon(recorded.ground_truth))
+            true_box = _box_of(deserialize_polygon(recorded.ground_truth))
         return RecordedFrame(
             index, recorded.stamp, recorded.log_time, message.frame_id, frame, problem, true_box
         )

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.evaluation import metrics
-from pf_tracker_ros.evaluation.reports.content import SequenceContent, kept_boxes
+from pf_tracker_ros.evaluation.reports.content import SequenceContent, forward_fill
 from pf_tracker_ros.evaluation.reports.page import Report, Section, render
-from pf_tracker_ros.evaluation.reports.pictures import take_pictures
+from pf_tracker_ros.evaluation.reports.thumbnails import make_thumbnails
 from pf_tracker_ros.evaluation.results import FrameDetails, Scores
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings.recording import Recording
-from pf_tracker_ros.recordings.tracking import TrackedFrame, told_box
+from pf_tracker_ros.recordings.tracking import TrackedFrame, published_box
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 
 ABSENT = (np.nan, np.nan, np.nan, np.nan)
@@ -59,7 +59,7 @@ def summary_of(tracked: TrackedFrame, target: TrackedTarget | None = None) -> Fr
     return FrameSummary(
         stamp=tracked.frame.stamp,
         state=estimate.state if estimate else tracked.state,
-        box=told_box(estimate),
+        box=published_box(estimate),
         true_box=tracked.frame.true_box,
         confidence=float(estimate.confidence) if estimate else np.nan,
         seconds=tracked.seconds if tracked.outcome == "tracked" else np.nan,
@@ -164,7 +164,7 @@ def _page(recording: Recording, contents: Sequence[SequenceContent], **about: An
 
     # What could be read once is there again, or the page has no pictures.
     try:
-        pictures = take_pictures(contents, images())
+        pictures = make_thumbnails(contents, images())
     except FootageError:
         pictures = [{} for _ in contents]
     sections = list(map(Section, contents, pictures))
@@ -241,5 +241,5 @@ def _content_of(
         frames: In order, at least one.
         true_boxes: (frames, 4) what the boxes are compared with; None without such.
     """
-    boxes = kept_boxes([each.box for each in frames])
+    boxes = forward_fill([each.box for each in frames])
     return SequenceContent(name, boxes, true_boxes, **vars(FrameDetails.of(frames)))

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pf_tracker_ros.recordings.tracking import TrackedFrame, told_box
+from pf_tracker_ros.recordings.tracking import TrackedFrame, published_box
 
 COLUMNS = ("frame", "stamp", "id", "x", "y", "width", "height", "state", "confidence")
 LABELED_COLUMNS = (*COLUMNS, "label")
@@ -34,7 +34,7 @@ def rows(tracked: TrackedFrame) -> list[tuple[Any, ...]]:
         (
             *of_frame,
             target.id,
-            *(told_box(target.estimate) or (None,) * 4),
+            *(published_box(target.estimate) or (None,) * 4),
             target.estimate.state,
             float(target.estimate.confidence),
             _on_a_line(target.label) or None,

@@ -24,14 +24,14 @@ from pathlib import Path
 from textwrap import indent
 from typing import Any
 
+from pf_tracker_ros.atomic_files import atomic_write
 from pf_tracker_ros.boxes import Box, as_box
-from pf_tracker_ros.files import drafted
-from pf_tracker_ros.footage.access import is_there, resolved
-from pf_tracker_ros.messages import box_as_sent
+from pf_tracker_ros.footage.access import lexists, resolved
+from pf_tracker_ros.messages import box_in_single_precision
 from pf_tracker_ros.parameters import quoted
-from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_TARGET, RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
+from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
 _KEYS = {"target_box", "frame", "stamp", "label", "recording", "image_size"}
@@ -68,7 +68,7 @@ class Target:
             RecordingError: It was drawn on another recording.
         """
         if self.box is None:
-            return None if frame.true_box is None else box_as_sent(frame.true_box)
+            return None if frame.true_box is None else box_in_single_precision(frame.true_box)
         is_before = (
             frame.index < self.frame
             if self.frame is not None
@@ -87,7 +87,7 @@ class Target:
                 f"{_size_text(size)} px: it belongs to another recording",
                 WRONG_TARGET,
             )
-        return box_as_sent(self.box)
+        return box_in_single_precision(self.box)
 
     def missed(self) -> RecordingError:
         """The error of a recording that has not the frame that the target was drawn on."""
@@ -130,7 +130,7 @@ def choose_targets(
     recording: Recording,
     boxes: Sequence[Sequence[float]] = (),
     *,
-    detected: bool = False,
+    with_detector: bool = False,
     is_archived: bool = False,
 ) -> tuple[Target, ...]:
     """The targets of a recording: the boxes that are given, else its target file, else its truth.
@@ -138,7 +138,7 @@ def choose_targets(
     Args:
         recording: What is to be tracked.
         boxes: (x, y, width, height) in the first frame, in pixels.
-        detected: Whether a detector starts targets: then there need be no other, and the truth,
+        with_detector: Whether a detector starts targets: then there need be no other, and the truth,
             which is of one target, is none.
         is_archived: Whether it is one of an archive, for what is advised where there is none.
 
@@ -148,9 +148,9 @@ def choose_targets(
     if boxes:
         return tuple(Target(as_box(box), source="--box") for box in boxes)
     path = target_file(recording.path)
-    if is_there(path):
+    if lexists(path):
         return read_targets(path, recording.path)
-    if detected:
+    if with_detector:
         return ()
     if recording.has_ground_truth:
         return (Target(None, source="the ground truth"),)
@@ -238,7 +238,7 @@ def save_targets(targets: Sequence[Target], source: Path, *, may_replace: bool =
             file.
     """
     path = target_file(source)
-    with drafted(path, may_replace=may_replace) as draft:
+    with atomic_write(path, may_replace=may_replace) as draft:
         draft.write_text(_file_text(targets, source), encoding="utf-8")
     return path
 

@@ -9,7 +9,7 @@ from pf_tracker_ros.footage.bag_writing import BagWriter
 from pf_tracker_ros.messages import ERROR, STATUS_TYPE, WARN, Status, status_message
 from pf_tracker_ros.recordings.tracking import TrackedFrame
 from pf_tracker_ros.targets.tracked_target import description
-from pf_tracker_ros.topics import OUTPUTS, Values
+from pf_tracker_ros.topics import OUTPUT_TOPICS, Values
 from pf_tracker_ros.tracking.estimate import SEVERITIES
 
 NODE = "/pf_tracker"
@@ -34,7 +34,7 @@ class TopicBag:
 
     def __init__(self, path: Path, preset: str, max_targets: int) -> None:
         names = ["box", *(["boxes"] if max_targets > 1 else []), "particles", "overlay"]
-        self._outputs = {f"{NODE}/{one.name}": one for one in OUTPUTS if one.name in names}
+        self._outputs = {f"{NODE}/{one.name}": one for one in OUTPUT_TOPICS if one.name in names}
         types = {topic: output.message_type for topic, output in self._outputs.items()}
         self.topics: Mapping[str, str] = {**types, _STATUS: STATUS_TYPE}
         self._preset = preset
@@ -57,7 +57,7 @@ class TopicBag:
         messages[_STATUS] = status_message(new, header, statuses)
         for topic, message in messages.items():
             if message is not None:
-                self._writer.write_message(topic, frame.time, message)
+                self._writer.write_message(topic, frame.log_time, message)
 
     def close(self) -> None:
         """Finish the file."""
@@ -71,7 +71,7 @@ class TopicBag:
     def _status(self, tracked: TrackedFrame) -> Status:
         """What is told of the frame as a whole."""
         problems = [tracked.problem] if tracked.problem else []
-        problems += tracked.remarks
+        problems += tracked.warnings
         level = SEVERITIES[self._last_state]
         if problems:
             level = max(level, ERROR if tracked.problem else WARN)

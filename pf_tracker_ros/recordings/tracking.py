@@ -13,7 +13,7 @@ import cv2
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage.prefetch import Prefetch
 from pf_tracker_ros.opencv import one_opencv_thread
-from pf_tracker_ros.recordings.detections.hearing import Hearing
+from pf_tracker_ros.recordings.detections.source import DetectionSource
 from pf_tracker_ros.recordings.errors import WRONG_TARGET, RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
 from pf_tracker_ros.recordings.target import Target
@@ -27,7 +27,7 @@ from pf_tracker_ros.tracking.presets import preset_parameters
 SKIPPED = ("refused", *DROPPED_ARRIVALS)
 """What becomes of a frame that is not looked at, as the node's status says it."""
 
-# As the node's parameters `history_frames` and `history_megabytes` have them: late detections count
+# As the node's parameters `frame_buffer_length` and `frame_buffer_megabytes` have them: late detections count
 # in what is kept.
 _HISTORY = (120, 64.0)
 
@@ -43,7 +43,7 @@ class TrackedFrame(FrameResult):
         outcome: "started", "tracked", "waiting", "duplicate", "late" or "refused".
         problem: Why the frame was refused, or empty.
         seconds: What the tracker took for it.
-        remarks: Which detections were no use, and which targets ended for the images' sake, a
+        warnings: Which detections were no use, and which targets ended for the images' sake, a
             sentence each.
     """
 
@@ -51,7 +51,7 @@ class TrackedFrame(FrameResult):
     outcome: str
     problem: str = ""
     seconds: float = 0.0
-    remarks: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def state(self) -> str:
@@ -61,10 +61,10 @@ class TrackedFrame(FrameResult):
     @property
     def box(self) -> Box | None:
         """(x, y, width, height) of the selected target; None where the node publishes none."""
-        return told_box(self.estimate)
+        return published_box(self.estimate)
 
 
-def told_box(estimate: Estimate | None) -> Box | None:
+def published_box(estimate: Estimate | None) -> Box | None:
     """The box of an estimate; None of a target that is lost, and without one."""
     return None if estimate is None or estimate.state == "lost" else estimate.box
 
@@ -74,7 +74,7 @@ def tracker_parameters(
     parameters: Mapping[str, Any],
     targets: Sequence[Target] = (),
     *,
-    detected: bool = False,
+    with_detector: bool = False,
 ) -> dict[str, Any]:
     """The value of every parameter for some targets.
 
@@ -83,13 +83,13 @@ def tracker_parameters(
         parameters: Full name to value, where they differ from the preset's; `max_targets` is 1 for
             one target and no detector, and else 32, where it is not given.
         targets: To be tracked.
-        detected: Whether a detector starts targets, too.
+        with_detector: Whether a detector starts targets, too.
 
     Raises:
         ParameterError: There is no such preset.
         RecordingError: There are more targets than there may be.
     """
-    usual = 1 if len(targets) == 1 and not detected else DEFAULT_MAX_TARGETS
+    usual = 1 if len(targets) == 1 and not with_detector else DEFAULT_MAX_TARGETS
     given = parameters.get("max_targets", usual)
     # What is no number is refused by its name, with all values.
     most = given if isinstance(given, int) else usual
@@ -104,7 +104,7 @@ def tracker_parameters(
 def track_recording(
     recording: Recording,
     targets: Target | Sequence[Target],
-    hearing: Hearing | None = None,
+    detection_source: DetectionSource | None = None,
     *,
     preset: str = "default",
     parameters: Mapping[str, Any] | None = None,
@@ -118,7 +118,7 @@ def track_recording(
     Args:
         recording: What to track in.
         targets: What to track, besides what a detector finds.
-        hearing: Hears what a detector says, None for none; used up with this.
+        detection_source: Hears what a detector says, None for none; used up with this.
         preset: Name of a preset.
         parameters: Full name to value, where they differ from the preset's; `max_targets` is 1 for
             one target and no detector, and else 32, where it is not given.
@@ -133,9 +133,9 @@ def track_recording(
         FootageError: The recording cannot be read, or not any further.
     """
     wanted = [targets] if isinstance(targets, Target) else targets
-    detected = hearing is not None
-    values = tracker_parameters(preset, parameters or {}, wanted, detected=detected)
-    tracking = _Tracking(wanted, hearing, values, seed)
+    with_detector = detection_source is not None
+    values = tracker_parameters(preset, parameters or {}, wanted, with_detector=with_detector)
+    tracking = _Tracking(wanted, detection_source, values, seed)
     count = 0
     with one_opencv_thread(), closing(Prefetch(recording.frames())) as frames:
         for frame in frames:
@@ -149,7 +149,7 @@ class _Tracking:
 
     Args:
         targets: As for `track_recording`.
-        hearing: As for `track_recording`.
+        detection_source: As for `track_recording`.
         values: Of all parameters.
         seed: As for `track_recording`.
     """
@@ -157,18 +157,18 @@ class _Tracking:
     def __init__(
         self,
         targets: Sequence[Target],
-        hearing: Hearing | None,
+        detection_source: DetectionSource | None,
         values: Mapping[str, Any],
         seed: int,
     ) -> None:
         self._session = Session(values, seed)
-        if hearing is not None:
-            self._session.history.limit(*_HISTORY)
+        if detection_source is not None:
+            self._session.frame_buffer.limit(*_HISTORY)
         self._max_targets: int = values["max_targets"]
         self._waiting = list(targets)
         self._asked_for: list[Target] = []
         self._labels: dict[int, str] = {}
-        self._hearing = hearing or Hearing()
+        self._detection_source = detection_source or DetectionSource()
 
     def take(self, frame: RecordedFrame) -> TrackedFrame:
         """Track into a frame."""
@@ -182,7 +182,7 @@ class _Tracking:
             # What is known of it is as little as of one that came late.
             outcome, problem = Outcome("late"), str(error)
         seconds = time.perf_counter() - began
-        self._hearing.after(frame, outcome)
+        self._detection_source.on_frame(frame, outcome)
         if outcome.refused:
             raise _refused(frame, self._asked_for, "; ".join(outcome.refused))
         for id in outcome.started:
@@ -198,7 +198,7 @@ class _Tracking:
             image=frame.image,
             problem=problem,
             seconds=seconds,
-            remarks=(*refused, *outcome.ended, *outcome.rejected_detections),
+            warnings=(*refused, *outcome.ended, *outcome.rejected_detections),
         )
 
     def _process(self, frame: RecordedFrame) -> Outcome:
@@ -217,13 +217,13 @@ class _Tracking:
         """
         if self._waiting:
             raise self._waiting[0].missed()
-        self._hearing.finish(frame_count)
+        self._detection_source.finish(frame_count)
 
     def _hear(self, frame: RecordedFrame) -> list[str]:
         """Take what detectors have said before a frame; why it was refused."""
         refused = []
-        for answer in self._hearing.before(frame):
-            reason = answer.refused
+        for answer in self._detection_source.detections_before(frame):
+            reason = answer.error
             if answer.detections is not None:
                 try:
                     self._session.add_detections(answer.detections, answer.stamp)

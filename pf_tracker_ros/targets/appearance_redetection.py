@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance
-from pf_tracker_ros.boxes import are_at, as_box
+from pf_tracker_ros.boxes import are_same_place, as_box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.association import CENTER_STD
 from pf_tracker_ros.targets.center_kalman_filter import CenterKalmanFilter
@@ -81,7 +81,7 @@ class AppearanceRedetector:
         for place, differs in zip(places, self._distances(track, frame, places), strict=True):
             if differs < least:
                 found = self._target_filter.search_around(track.filter_state, frame, place)
-                is_there = found is not None and are_at(found.box, as_box(place))
+                is_there = found is not None and are_same_place(found.box, as_box(place))
                 if found is not None and is_there and found.confidence > _CONFIDENT_ABOVE:
                     best, least = found.box, differs
         return best

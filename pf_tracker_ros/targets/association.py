@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance
-from pf_tracker_ros.boxes import covered
+from pf_tracker_ros.boxes import pairwise_coverage
 from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.tracks import Track, TrackSet
 
@@ -261,7 +261,7 @@ def _may_be_another(track: Track, tracks: Sequence[Track]) -> bool:
         return False
     known = (one for one in tracks if one is not track and one.is_reported and not _is_missing(one))
     others = [one.box for one in known if one.filter_state.estimate.state != "lost"]
-    inside = covered(np.array(others).reshape(-1, 4), track.box[None])
+    inside = pairwise_coverage(np.array(others).reshape(-1, 4), track.box[None])
     return bool((inside <= _HOLDS_ABOVE).all())
 
 

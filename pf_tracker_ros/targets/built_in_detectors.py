@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import overlaps
+from pf_tracker_ros.boxes import pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.stamps import NANOSECONDS
@@ -136,7 +136,7 @@ class MotionDetector:
         for place in _clusters(mask):
             x, y, width, height = place
             part = np.s_[y : y + height, x : x + width]
-            is_known = overlaps(place[None], self._found).max(initial=0.0) > _SAME_ABOVE
+            is_known = pairwise_iou(place[None], self._found).max(initial=0.0) > _SAME_ABOVE
             if is_known or np.mean(changed[part]) > _LEAST_CHANGED:
                 boxes.append(place)
                 scores.append(float(np.mean(mask[part] > 0)))

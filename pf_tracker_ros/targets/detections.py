@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.appearances import Appearance, Descriptor
-from pf_tracker_ros.boxes import Box, box_around_turned, overlaps
+from pf_tracker_ros.boxes import Box, bounding_box_of_rotated, pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.plurals import counted
 
@@ -182,7 +182,7 @@ def describe_detections(
 ) -> tuple[list[Detection], list[str]]:
     """What counts of the detections of a frame, all described at once; and why others do not."""
     numbers, boxes, reasons = usable(detections, frame.size, score_above)
-    shared = overlaps(boxes, boxes)
+    shared = pairwise_iou(boxes, boxes)
     np.fill_diagonal(shared, 0.0)
     clear = shared.max(axis=1, initial=0.0) < _CLEAR_BELOW
     found = [
@@ -252,6 +252,6 @@ def detections_from_message(message: Any) -> Detections:
 def upright_box(box: Any) -> Box:
     """The box around a vision_msgs BoundingBox2D, which may be turned."""
     center = box.center
-    return box_around_turned(
+    return bounding_box_of_rotated(
         (center.position.x, center.position.y), (box.size_x, box.size_y), center.theta
     )

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import as_box, is_cut, overlaps
+from pf_tracker_ros.boxes import as_box, is_truncated, pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.association import CENTER_STD
 from pf_tracker_ros.targets.center_kalman_filter import CenterKalmanFilter
@@ -81,10 +81,10 @@ class DistractorManager:
             if rivals >= _MOST:
                 break
             others = np.array([track.box for track in tracks])
-            is_part = overlaps(distractor_candidate.box[None], others).max() > _APART_BELOW
+            is_part = pairwise_iou(distractor_candidate.box[None], others).max() > _APART_BELOW
             if (
                 is_part
-                or is_cut(distractor_candidate.box, frame.size)
+                or is_truncated(distractor_candidate.box, frame.size)
                 or not _will_meet(host, distractor_candidate)
             ):
                 continue
@@ -174,7 +174,7 @@ def _is_of_use(rival: Track, host: Track, others: Sequence[Track]) -> bool:
     if rival.unseen_for > _UNSEEN_FOR or not _are_within(rival.box, host.box, _FAR):
         return False
     boxes = np.array([one.box for one in others]).reshape(-1, 4)
-    return bool(overlaps(rival.box[None], boxes).max(initial=0.0) <= _SAME_ABOVE)
+    return bool(pairwise_iou(rival.box[None], boxes).max(initial=0.0) <= _SAME_ABOVE)
 
 
 def _are_within(one: NDArray[np.float64], other: NDArray[np.float64], sides: float) -> bool:

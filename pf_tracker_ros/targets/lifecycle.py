@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance, Descriptor
-from pf_tracker_ros.boxes import Box, as_box, is_cut, overlaps
+from pf_tracker_ros.boxes import Box, as_box, is_truncated, pairwise_iou
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.association import CENTER_STD
@@ -100,7 +100,7 @@ class Initiator:
         for place, one in rest:
             if sum(not track.is_distractor for track in tracks) >= self._most:
                 break
-            if overlaps(one.box[None], boxes).max(initial=0.0) > _TAKEN_ABOVE:
+            if pairwise_iou(one.box[None], boxes).max(initial=0.0) > _TAKEN_ABOVE:
                 continue
             key = TrackKey(track_set.frame, place)
             track = self._life(frame, one.box, key, one.descriptor).add_label_vote(
@@ -176,7 +176,7 @@ class Initiator:
         # Those that began before fewer targets were allowed may be too many.
         room = self._most - sum(track.is_manual or track.is_confirmed for track in track_set.tracks)
         for track in track_set.tracks:
-            is_sure = track.hits >= needed + is_cut(track.box, image_size)
+            is_sure = track.hits >= needed + is_truncated(track.box, image_size)
             if is_sure and not (track.is_confirmed or track.is_manual):
                 is_sure = room > 0
                 room -= is_sure
@@ -201,7 +201,7 @@ class Initiator:
             )
         target = self._target_filter.initialize(frame, as_box(box), GeneratorState.of(generator))
         center_filter = CenterKalmanFilter.initiate(box, CENTER_STD * box[2:])
-        ground_box = None if is_cut(box, frame.size) else box
+        ground_box = None if is_truncated(box, frame.size) else box
         return Track(
             key,
             target,
@@ -215,7 +215,7 @@ class Initiator:
 
 def is_same_object(track: Track, box: NDArray[np.float64]) -> bool:
     """Whether a target and a (4,) box are on the same object."""
-    return bool(overlaps(track.box[None], box[None])[0, 0] > _TAKEN_ABOVE)
+    return bool(pairwise_iou(track.box[None], box[None])[0, 0] > _TAKEN_ABOVE)
 
 
 # Belief below which there is no such target.

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pf_tracker_ros.boxes import overlaps
+from pf_tracker_ros.boxes import pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.detections import DUPLICATE_ABOVE, Detection, Detections
@@ -163,5 +163,5 @@ def merge_detections(
     if not known or seen is None:
         return known if seen is None else seen
     boxes = np.array([one.box for one in known])
-    new = [one for one in seen if overlaps(one.box[None], boxes).max() <= DUPLICATE_ABOVE]
+    new = [one for one in seen if pairwise_iou(one.box[None], boxes).max() <= DUPLICATE_ABOVE]
     return (*known, *new)

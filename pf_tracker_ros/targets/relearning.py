@@ -42,7 +42,7 @@ def needs_relearning(
         after: The same of the others.
     """
     for name, one in declarations(TrackerParameters).items():
-        if tracks and one.read_only and one.counts(before) and after[name] != before[name]:
+        if tracks and one.read_only and one.is_active(before) and after[name] != before[name]:
             return True
     knowing = {name for name in after["cues"] if after[f"{name}.weight"] > 0.0}
     return not all(knowing & track.filter_state.templates.keys() for track in tracks)

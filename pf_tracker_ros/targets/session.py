@@ -137,7 +137,7 @@ class Session:
         return estimate_of(self.targets, self.selected)
 
     @property
-    def history(self) -> FrameBuffer:
+    def frame_buffer(self) -> FrameBuffer:
         """The frames that a target can still be started on, and that detections may be of."""
         return self._manager.frames
 

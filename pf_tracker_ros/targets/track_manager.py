@@ -454,8 +454,8 @@ class TrackManager:
             raise FrameNotBufferedError(
                 f"it was drawn on a frame from {behind / NANOSECONDS:.3f} s before the oldest one "
                 f"here; allowed: one of the last {counted(max(len(entries), 1), 'frame')}, back to "
-                f"{(last.stamp - first) / NANOSECONDS:.3f} s ago (parameters 'history_frames' and "
-                "'history_megabytes'), or stamp 0 for the next one"
+                f"{(last.stamp - first) / NANOSECONDS:.3f} s ago (parameters 'frame_buffer_length' and "
+                "'frame_buffer_megabytes'), or stamp 0 for the next one"
             )
         return thinned(entries, _MOST_CAUGHT_UP)
 

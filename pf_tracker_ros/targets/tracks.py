@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance, Descriptor
-from pf_tracker_ros.boxes import Box, overlaps
+from pf_tracker_ros.boxes import Box, pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.center_kalman_filter import CenterKalmanFilter
 from pf_tracker_ros.tracking.filter_state import FilterState
@@ -281,7 +281,7 @@ def _in_place_of(stopped: Track, others: Sequence[Track]) -> TrackKey:
     started = [one for one in others if not one.is_manual]
     if not started:
         return stopped.key
-    same = overlaps(stopped.box[None], np.array([one.box for one in started]))[0]
+    same = pairwise_iou(stopped.box[None], np.array([one.box for one in started]))[0]
     best = int(same.argmax())
     return started[best].key if same[best] > SAME_ABOVE else stopped.key
 
@@ -346,7 +346,7 @@ class TrackIds:
         for track in track_set.tracks:
             if not lost or not track.is_reported or track.key in self._ids:
                 continue
-            same = overlaps(track.box[None], np.array([one.box for _, one in lost]))[0]
+            same = pairwise_iou(track.box[None], np.array([one.box for _, one in lost]))[0]
             best = int(same.argmax())
             if same[best] > SAME_ABOVE:
                 name, before = lost.pop(best)

@@ -15,12 +15,12 @@ from pf_tracker_ros.appearances import Appearance
 from pf_tracker_ros.boxes import (
     Box,
     BoxesByAxis,
-    are_at,
+    are_same_place,
     as_box,
-    covered,
-    is_cut,
-    overlaps,
-    sides_apart,
+    is_truncated,
+    pairwise_coverage,
+    pairwise_iou,
+    relative_center_distances,
 )
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.association import CENTER_STD
@@ -197,7 +197,7 @@ class Updater:
         """
         boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
         lower = boxes[:, 1] + boxes[:, 3]
-        hiding = covered(boxes, boxes) * (lower[None] > lower[:, None])
+        hiding = pairwise_coverage(boxes, boxes) * (lower[None] > lower[:, None])
         visible = 1.0 - hiding.max(axis=1, initial=0.0)
         decided = 1.0 - math.exp(-detection_interval / _DECIDES_ANEW)
         loss = self._log_miss * decided * np.maximum(visible, _LEAST_VISIBLE)
@@ -240,7 +240,7 @@ class Updater:
         are_near = _are_near(boxes, predicted)
         front, boxes = list(compress(front, are_near)), boxes[are_near]
         if len(boxes):
-            hidden = covered(predicted[None], boxes)[0]
+            hidden = pairwise_coverage(predicted[None], boxes)[0]
             evidence.append(_of_others(boxes, hidden))
             # What is only like a target hides it where its course is sure; else it is looked for.
             is_sure = track.filter_state.estimate.confidence > _FULLY_ABOVE
@@ -299,7 +299,7 @@ class Updater:
         target, box, last = track.filter_state, track.box, before.filter_state
         if last.status.state == "lost":
             return replace(track, may_have_switched=False)
-        is_on_rival = overlaps(box[None], rivals).max(initial=0.0) > _ON_RIVAL
+        is_on_rival = pairwise_iou(box[None], rivals).max(initial=0.0) > _ON_RIVAL
         is_doubted = bool(is_on_rival) or (
             target.known_distractor is None and _has_jumped(last, box)
         )
@@ -333,7 +333,7 @@ class Updater:
     def _correct(self, track: Track, frame: Frame, own: Detection) -> Track:
         """A target that a detection confirms, with its box brought towards that."""
         box = track.box
-        is_far = bool(overlaps(box[None], own.box[None])[0, 0] < _FAR_BELOW)
+        is_far = bool(pairwise_iou(box[None], own.box[None])[0, 0] < _FAR_BELOW)
         # Where the image is sure, it takes a second detection to say that it is wrong.
         is_doubted = is_far and track.filter_state.estimate.confidence > _SURE_ABOVE
         goes_over = is_far and not is_doubted
@@ -361,7 +361,7 @@ class Updater:
             unconfirmed_for=0.0,
             time_since_template_update=0.0 if learns else track.time_since_template_update,
             ground_box=track.ground_box
-            if is_cut(own.box, frame.size)
+            if is_truncated(own.box, frame.size)
             else np.array(target.estimate.box),
         )
 
@@ -400,8 +400,8 @@ def _has_jumped(last: FilterState, box: NDArray[np.float64]) -> bool:
     """Whether a target has jumped to a (4,) box, where something was seen beside it before."""
     return (
         last.second_peak is not None
-        and bool(are_at(box, last.second_peak))
-        and bool(sides_apart(box, last.estimate.box) >= 1.0)
+        and bool(are_same_place(box, last.second_peak))
+        and bool(relative_center_distances(box, last.estimate.box) >= 1.0)
     )
 
 
@@ -427,7 +427,7 @@ def _are_near(boxes: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray
 
 def _is_on_one(box: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
     """Whether a (4,) box is on the object of one of (K, 4) others."""
-    return bool(overlaps(box[None], others).max(initial=0.0) > _SAME_ABOVE)
+    return bool(pairwise_iou(box[None], others).max(initial=0.0) > _SAME_ABOVE)
 
 
 def _of_detection(box: NDArray[np.float64]) -> ExternalLikelihood:

@@ -7,8 +7,8 @@ In `conftest.py`:
 and in a test, with `drive.mcap` and `drive.target.yaml` beside it:
 
     def test_the_car_is_followed(tracked_recording):
-        run = tracked_recording("drive.mcap", preset="default", stored="drive.boxes.csv")
-        run.check(ends="tracking", overlap=0.8, longest_loss=0.5, milliseconds=30)
+        run = tracked_recording("drive.mcap", preset="default", baseline="drive.boxes.csv")
+        run.check(final_state="tracking", mean_overlap=0.8, longest_loss=0.5, milliseconds_per_frame=30)
 
 `pytest --update` stores what is found as the result to compare with. It is a plugin, as fixtures
 alone could not add that option; and one that is named, as one that pytest finds by itself would

@@ -15,7 +15,7 @@ from pf_tracker_ros.recordings.recording import open_recording
 from pf_tracker_ros.recordings.target import choose_target
 from pf_tracker_ros.testing.runs import TrackedRun, run_library, run_node
 
-Way = Literal["library", "node"]
+Backend = Literal["library", "node"]
 
 
 @dataclass(frozen=True)
@@ -25,12 +25,12 @@ class TrackRecording:
     Attributes:
         folder: That sources are relative to.
         reports: Folder for what a check that fails leaves behind.
-        is_update: Whether what is found is stored as the result to compare with.
+        updates_baseline: Whether what is found is stored as the result to compare with.
     """
 
     folder: Path
     reports: Path
-    is_update: bool
+    updates_baseline: bool
 
     def __call__(
         self,
@@ -40,21 +40,21 @@ class TrackRecording:
         preset: str = "default",
         parameters: Mapping[str, Any] | None = None,
         seed: int = 0,
-        through: Way = "library",
-        stored: str | Path | None = None,
+        backend: Backend = "library",
+        baseline: str | Path | None = None,
         bag_topic: str = "",
     ) -> TrackedRun:
         """Track one; see `tracked_recording`."""
         recording = open_recording(self.folder / source, bag_topic=bag_topic)
         target = choose_target(recording, box)
-        if through == "library":
+        if backend == "library":
             frames = run_library(recording, target, preset, parameters or {}, seed)
         else:
             tunables = {**(parameters or {}), "preset": preset, "seed": seed}
             frames = run_node(recording, target, tunables, bag_topic)
-        path = None if stored is None else self.folder / stored
-        run = TrackedRun(recording, frames, preset, through, path, self.reports)
-        if self.is_update:
+        path = None if baseline is None else self.folder / baseline
+        run = TrackedRun(recording, frames, preset, backend, path, self.reports)
+        if self.updates_baseline:
             run.store()
         return run
 
@@ -81,13 +81,13 @@ def tracked_recording(request: pytest.FixtureRequest, tmp_path: Path) -> TrackRe
 
     Its arguments: `source`, relative to the test's file; the target's `box`, by default that of the
     target file beside the source, or of its ground truth; `preset`, `parameters` and `seed` of the
-    tracker; `through` "library", which is fast, or "node", which replays it in lockstep over DDS
-    into the real node; `stored`, a file of boxes to compare with in place of the truth, which
+    tracker; `backend` "library", which is fast, or "node", which replays it in lockstep over DDS
+    into the real node; `baseline`, a file of boxes to compare with in place of the truth, which
     `pytest --update` writes; `bag_topic`, the image topic of a bag that has several.
     """
     given = request.config.getoption("--tracking-reports")
     reports = tmp_path
     if given:
         reports = Path(given).resolve() / re.sub(r"[^\w.-]+", "_", request.node.nodeid)
-    is_update = bool(request.config.getoption("--update"))
-    return TrackRecording(request.path.parent, reports, is_update)
+    updates_baseline = bool(request.config.getoption("--update"))
+    return TrackRecording(request.path.parent, reports, updates_baseline)

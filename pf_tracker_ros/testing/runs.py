@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pf_tracker_ros.atomic_files import atomic_write
 from pf_tracker_ros.evaluation import metrics
-from pf_tracker_ros.evaluation.reports.content import Stretch, stretches
+from pf_tracker_ros.evaluation.reports.content import FrameRange, frame_ranges
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
-from pf_tracker_ros.files import drafted
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE, is_bag, open_bag
-from pf_tracker_ros.overlay import COLORS, draw_box, draw_overlay
+from pf_tracker_ros.overlay import STATE_COLORS, draw_box, draw_overlay
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.report import ABSENT, FrameSummary, recording_page, summary_of
@@ -43,24 +43,24 @@ class TrackedRun:
         frames: What was found, in order.
         preset: That tracked.
         through: "library" or "node".
-        stored: File of boxes to compare with; None compares with the ground truth.
+        baseline: File of boxes to compare with; None compares with the ground truth.
         reports: Folder for the report and the pictures of a check that fails.
     """
 
     recording: Recording
     frames: Sequence[FrameSummary]
     preset: str
-    through: str
-    stored: Path | None
+    backend: str
+    baseline: Path | None
     reports: Path
 
     @property
-    def end(self) -> str:
+    def final_state(self) -> str:
         """The state after the last frame that was looked at."""
         return self._states[-1]
 
     @property
-    def overlap(self) -> float:
+    def mean_overlap(self) -> float:
         """Mean overlap with the reference, 0 to 1; a box that is missing overlaps by 0.
 
         Of all frames from the target's start on that have a reference; NaN where none has.
@@ -80,12 +80,12 @@ class TrackedRun:
     @cached_property
     def reference(self) -> NDArray[np.float64]:
         """(frames, 4) the stored boxes, or the true ones; a row of NaN where there is none."""
-        if self.stored is None:
+        if self.baseline is None:
             return np.array([each.true_box or ABSENT for each in self.frames], dtype=np.float64)
-        boxes = _read_boxes(self.stored)
+        boxes = _read_boxes(self.baseline)
         if len(boxes) != len(self.frames):
             pytest.fail(
-                f"{self.stored} holds {counted(len(boxes), 'frame')}, and {self.recording.path} "
+                f"{self.baseline} holds {counted(len(boxes), 'frame')}, and {self.recording.path} "
                 f"has {len(self.frames)}: it is of another recording; pytest --update stores it "
                 "anew",
                 pytrace=False,
@@ -98,7 +98,7 @@ class TrackedRun:
         return max((seconds for seconds, _ in self._losses), default=0.0)
 
     @property
-    def milliseconds(self) -> float:
+    def milliseconds_per_frame(self) -> float:
         """What the tracker takes for a frame, the median; NaN if it tracked none."""
         seconds = np.array([each.seconds for each in self.frames])
         return math.nan if np.isnan(seconds).all() else 1e3 * float(np.nanmedian(seconds))
@@ -106,25 +106,25 @@ class TrackedRun:
     def check(
         self,
         *,
-        ends: str | None = None,
-        overlap: float | None = None,
+        final_state: str | None = None,
+        mean_overlap: float | None = None,
         longest_loss: float | None = None,
-        milliseconds: float | None = None,
+        milliseconds_per_frame: float | None = None,
     ) -> None:
         """Fail the test where the run falls short; what is not given is not asked.
 
         A failure names the frame, and leaves a report and a picture of that frame.
 
         Args:
-            ends: State after the last frame, for example "tracking".
-            overlap: Least mean overlap with the stored boxes, or without such the true ones.
+            final_state: State after the last frame, for example "tracking".
+            mean_overlap: Least mean overlap with the stored boxes, or without such the true ones.
             longest_loss: Most seconds in a row for which the target may be lost.
-            milliseconds: Most milliseconds that a frame may take, in the median.
+            milliseconds_per_frame: Most milliseconds that a frame may take, in the median.
         """
         problems: list[str] = []
         pictured: int | None = None
-        if ends is not None and self.end != ends:
-            problems.append(f"the state at the end is {self.end}, expected {ends}")
+        if final_state is not None and self.final_state != final_state:
+            problems.append(f"the state at the end is {self.final_state}, expected {final_state}")
             pictured = len(self.frames) - 1
         if longest_loss is not None and self.longest_loss > longest_loss:
             seconds, (first, last) = max(self._losses, key=lambda loss: loss[0])
@@ -133,25 +133,28 @@ class TrackedRun:
                 f"{longest_loss:g} s"
             )
             pictured = first
-        if overlap is not None and not self.overlap >= overlap:
-            problem, pictured = self._short_overlap(overlap)
+        if mean_overlap is not None and not self.mean_overlap >= mean_overlap:
+            problem, pictured = self._short_overlap(mean_overlap)
             problems.append(problem)
-        if milliseconds is not None and not self.milliseconds <= milliseconds:
+        if (
+            milliseconds_per_frame is not None
+            and not self.milliseconds_per_frame <= milliseconds_per_frame
+        ):
             problems.append(
-                f"a frame takes {self.milliseconds:.3g} ms, expected at most {milliseconds:g} ms"
+                f"a frame takes {self.milliseconds_per_frame:.3g} ms, expected at most {milliseconds_per_frame:g} ms"
             )
         if problems:
             left = self._leave_behind(pictured)
-            what = f"{self.recording.path} with {self.preset} through the {self.through}"
+            what = f"{self.recording.path} with {self.preset} through the {self.backend}"
             lines = [f"{what}:", *(f"- {each}" for each in problems), *left]
             pytest.fail("\n".join(lines), pytrace=False)
 
     def store(self) -> None:
         """Write the boxes as the result to compare with, whole or not at all."""
-        if self.stored is None:
+        if self.baseline is None:
             return
-        self.stored.parent.mkdir(parents=True, exist_ok=True)
-        with drafted(self.stored) as draft, draft.open("w", newline="") as file:
+        self.baseline.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(self.baseline) as draft, draft.open("w", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(COLUMNS)
             for index, each in enumerate(self.frames):
@@ -169,25 +172,25 @@ class TrackedRun:
         return states
 
     @property
-    def _losses(self) -> list[tuple[float, Stretch]]:
+    def _losses(self) -> list[tuple[float, FrameRange]]:
         """Seconds of each loss up to the frame after it, and its frames."""
         stamps = [each.stamp for each in self.frames]
         ends = [*stamps[1:], stamps[-1]]
         return [
             ((ends[loss.last] - stamps[loss.first]) / NANOSECONDS, loss)
-            for loss in stretches(self._states, "lost")
+            for loss in frame_ranges(self._states, "lost")
         ]
 
     def _short_overlap(self, expected: float) -> tuple[str, int | None]:
-        kind = "the stored result" if self.stored else "the truth"
-        if math.isnan(self.overlap):
+        kind = "the stored result" if self.baseline else "the truth"
+        if math.isnan(self.mean_overlap):
             problem = f"no frame could be compared with {kind}, expected {expected:g}"
-            if self.stored is None:
-                problem += "; without a truth give stored='drive.boxes.csv', and pytest --update"
+            if self.baseline is None:
+                problem += "; without a truth give baseline='drive.boxes.csv', and pytest --update"
             return problem, None
         worst = int(np.nanargmin(self.overlaps))
         return (
-            f"the overlap with {kind} is {self.overlap:.3f}, expected at least {expected:g}; it is "
+            f"the overlap with {kind} is {self.mean_overlap:.3f}, expected at least {expected:g}; it is "
             f"least in frame {worst} ({self.overlaps[worst]:.2f})"
         ), worst
 
@@ -207,7 +210,7 @@ class TrackedRun:
                 self.frames,
                 self.reference if has_reference else None,
                 preset=self.preset,
-                facts={"recording": str(self.recording.path), "through": self.through},
+                facts={"recording": str(self.recording.path), "backend": self.backend},
             )
             path = self.reports / REPORT_FILE
             path.write_text(page, encoding="utf-8", errors="replace")
@@ -224,7 +227,7 @@ class TrackedRun:
             return None
         canvas = draw_overlay(image, None)
         found = self.frames[index]
-        color = COLORS.get(self._states[index], COLORS["tracking"])
+        color = STATE_COLORS.get(self._states[index], STATE_COLORS["tracking"])
         for box, drawn in ((self.reference[index], _REFERENCE_COLOR), (found.box, color)):
             if box is not None and np.isfinite(box).all():
                 draw_box(canvas, np.asarray(box, np.float64), drawn, 2)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box, are_at, as_box, sides_apart
+from pf_tracker_ros.boxes import Box, are_same_place, as_box, relative_center_distances
 from pf_tracker_ros.cues import CueFusion
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declared
@@ -177,8 +177,10 @@ class Redetector:
         look = self.search_around(target, measured.frame, measured.cue_weights, place)
         if not self._doubtful_below <= look.confidence < target.estimate.confidence:
             return None
-        is_clear = sides_apart(look.box, target.estimate.box) >= 1.0
-        return as_box(look.box) if is_clear and are_at(look.box, target.second_peak) else None
+        is_clear = relative_center_distances(look.box, target.estimate.box) >= 1.0
+        return (
+            as_box(look.box) if is_clear and are_same_place(look.box, target.second_peak) else None
+        )
 
     def search_around(
         self,
@@ -205,7 +207,7 @@ class Redetector:
             region, search.grid, strengths, target.templates, cue_weights
         )
         if but is not None:
-            likelihood[are_at(search.boxes, but)] = -np.inf
+            likelihood[are_same_place(search.boxes, but)] = -np.inf
         best = int(np.argmax(likelihood))
         if likelihood[best] == -np.inf:
             return Candidate(place, 0.0)

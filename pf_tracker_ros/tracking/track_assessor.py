@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pf_tracker_ros.boxes import are_at, as_box, sides_apart
+from pf_tracker_ros.boxes import are_same_place, as_box, relative_center_distances
 from pf_tracker_ros.tracking.assessment import Assessment, Confidence
 from pf_tracker_ros.tracking.estimate import TrackStatus, TrackThresholds
 from pf_tracker_ros.tracking.filter_state import FilterState
@@ -72,7 +72,7 @@ class TrackAssessor:
         known_distractor = target.known_distractor
         if now >= thresholds.occluded_below and _is_of_the_runner_up(target, measured):
             known_distractor = as_box(measured.box)
-        if known_distractor is not None and are_at(measured.box, known_distractor):
+        if known_distractor is not None and are_same_place(measured.box, known_distractor):
             # Whatever it looks like.
             now = glimpse = 0.0
         confidence = self._confidence.update(target.estimate.confidence, now)
@@ -138,6 +138,6 @@ def _is_of_the_runner_up(target: FilterState, measured: Measurement) -> bool:
     return (
         target.status.state == "tracking"
         and target.second_peak is not None
-        and bool(are_at(measured.box, target.second_peak))
-        and bool(sides_apart(measured.box, target.estimate.box) >= 1.0)
+        and bool(are_same_place(measured.box, target.second_peak))
+        and bool(relative_center_distances(measured.box, target.estimate.box) >= 1.0)
     )

@@ -122,7 +122,7 @@ def test_the_command_writes_tables_that_do_not_hang_on_the_number_of_processes(
         assert f"| {name} |" in table
         assert name in shown
     for one, other in zip(*rows, strict=True):
-        for column in ("success_auc", "success_auc_deviation", "precision_20px"):
+        for column in ("success_auc", "success_auc_std", "precision_20px"):
             assert one[column] == other[column]
 
 

@@ -12,7 +12,7 @@ BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
 
 @pytest.fixture
-def bars(benchmark):
+def limits(benchmark):
     return benchmark("bars")
 
 
@@ -21,15 +21,15 @@ def bars(benchmark):
     [(2.0, False, True), (2.1, False, False), (2.0, True, True), (1.9, True, False)],
 )
 def test_a_bar_is_met_up_to_its_bound(bars, value, is_least, is_met):
-    bar = bars.Bar("cost", value, 2.0, is_least)
+    bar = bars.Limit("cost", value, 2.0, is_least)
     assert bar.is_met is is_met
-    (row,) = bars.bars_table([bar]).groups[0]
+    (row,) = bars.limits_table([bar]).groups[0]
     assert row[-1] == ("met" if is_met else "**MISSED**")
 
 
 @pytest.mark.parametrize("is_least", [False, True])
 def test_a_bar_of_no_number_is_missed(bars, is_least):
-    assert not bars.Bar("cost", math.nan, 2.0, is_least).is_met
+    assert not bars.Limit("cost", math.nan, 2.0, is_least).is_met
 
 
 @pytest.mark.parametrize("power", [0.0, 0.5, 1.0])
@@ -80,7 +80,7 @@ def test_the_smallest_update_makes_the_same_calls(tmp_path):
 def test_answers_tell_ages_and_losses(benchmark):
     pytest.importorskip("rclpy", reason="needs ROS 2")
     camera = benchmark("node_runs.camera")
-    answers = camera.Answers(
+    answers = camera.ResponseTimes(
         published={1: 10.0, 2: 10.1, 3: 10.2},
         answered={1: 10.02, 3: 10.25},
         told={1: 10.03, 3: 10.26},

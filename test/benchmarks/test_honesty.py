@@ -38,7 +38,7 @@ def test_lights_by_hand(footage):
 
 def test_the_light_changes_in_the_middle(footage):
     plain = clip(footage)
-    images = list(footage.relit(plain, footage.step(0.5)))
+    images = list(footage.relight(plain, footage.step(0.5)))
     for index, image in enumerate(images):
         expected = plain.images[index] if index < 3 else np.rint(plain.images[index] * 0.5)
         np.testing.assert_allclose(image, expected, atol=1)
@@ -136,7 +136,7 @@ def test_the_command_writes_its_files(honesty, tmp_path, capsys):
     assert honesty.main([*arguments, "--output", str(tmp_path / "new")]) == 0
     text = (tmp_path / "new" / "honesty.md").read_text()
     assert "# Honesty of preset li2007" in text
-    assert "## Light that changes" in text
+    assert "## GainOverTime that changes" in text
     with (tmp_path / "new" / "honesty.csv").open() as file:
         kinds = [row["kind"] for row in csv.DictReader(file)]
     # Two sequences in each light; one is the scene and background of the other.

@@ -126,7 +126,7 @@ def answered(carry_over, generator, shares, wrong):
     is_right = generator.random(shares) > wrong
     a, b = (scale * (generator.normal(size=shares) + is_right - 0.5) for scale in (1.0, 10.0))
     odds = [{"cue.a": one, "cue.b": other} for one, other in zip(a, b, strict=True)]
-    return carry_over.Answers(odds, is_right)
+    return carry_over.LabeledOdds(odds, is_right)
 
 
 def test_questions_count_the_same_in_standard_deviations(carry_over):
@@ -157,7 +157,7 @@ def test_what_was_learned_last_has_half_the_weight(carry_over):
 
 
 def test_what_is_heard_is_what_the_confidence_is_made_of(carry_over, moving_square):
-    tracker, heard = carry_over.heard_tracker("default", 0)
+    tracker, heard = carry_over.recording_tracker("default", 0)
     plain = Tracker.from_preset("default", 0)
     same = carry_over.fitted_tracker("default", carry_over.Weights({}, 0.0), 0)
     doubting = carry_over.fitted_tracker("default", carry_over.Weights({}, -100.0), 0)

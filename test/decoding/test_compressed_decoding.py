@@ -99,7 +99,7 @@ def test_a_real_image_above_the_limit_is_refused_and_one_at_the_limit_is_not(noi
     with pytest.raises(ImageError) as refusal:
         decoded(encoded(noise(height=100, width=101), ".png"))
     assert refusal.value.field == "data"
-    assert "largest_image" in str(refusal.value)
+    assert "max_image_pixels" in str(refusal.value)
 
 
 def test_more_scans_than_an_image_has_are_refused():

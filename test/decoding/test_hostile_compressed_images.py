@@ -20,7 +20,7 @@ from sensor_msgs.msg import CompressedImage
 from pf_tracker_ros.decoding.compressed_decoding import decode_compressed
 from pf_tracker_ros.decoding.image_decoding import ImageError
 
-# The default of `largest_image`.
+# The default of `max_image_pixels`.
 LARGEST = 2**24
 MEGABYTE = 2**20
 
@@ -30,8 +30,8 @@ PHOTOGRAPH = cv2.GaussianBlur(
 )
 
 
-def decoded(data, largest=LARGEST):
-    return decode_compressed(CompressedImage(format="", data=array("B", data)), largest)
+def decoded(data, max_pixels=LARGEST):
+    return decode_compressed(CompressedImage(format="", data=array("B", data)), max_pixels)
 
 
 def by_opencv(data):
@@ -439,4 +439,4 @@ def test_interlaced_images_are_those_that_were_written():
 def test_the_size_is_refused_before_the_pixels_are_inflated(monkeypatch):
     monkeypatch.delattr(zlib, "decompressobj")
     with pytest.raises(ImageError, match="announces 8 x 8 px; allowed: 63 px"):
-        decoded(header() + PIXELS + END, largest=63)
+        decoded(header() + PIXELS + END, max_pixels=63)

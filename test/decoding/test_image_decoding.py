@@ -8,7 +8,7 @@ from sensor_msgs.msg import Image
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.decoding.decoder import ImageDecoder
-from pf_tracker_ros.decoding.image_decoding import ENCODINGS, LARGEST_SIDE, ImageError, decode
+from pf_tracker_ros.decoding.image_decoding import ENCODINGS, LARGEST_SIDE, ImageError, decode_raw
 
 
 def message(data, width, height, step, encoding, *, is_bigendian=0):
@@ -23,20 +23,20 @@ def message(data, width, height, step, encoding, *, is_bigendian=0):
 
 
 def test_rgb8_and_bgr8_of_the_same_colors_decode_alike():
-    rgb = decode(message([255, 0, 10, 1, 2, 3], 2, 1, 6, "rgb8"))
-    bgr = decode(message([10, 0, 255, 3, 2, 1], 2, 1, 6, "bgr8"))
+    rgb = decode_raw(message([255, 0, 10, 1, 2, 3], 2, 1, 6, "rgb8"))
+    bgr = decode_raw(message([10, 0, 255, 3, 2, 1], 2, 1, 6, "bgr8"))
     assert rgb.tolist() == bgr.tolist() == [[[10, 0, 255], [3, 2, 1]]]
 
 
 def test_mono8_keeps_its_gray_values():
-    image = decode(message([1, 2, 3, 4, 5, 6], 3, 2, 3, "mono8"))
+    image = decode_raw(message([1, 2, 3, 4, 5, 6], 3, 2, 3, "mono8"))
     assert image.tolist() == [[1, 2, 3], [4, 5, 6]]
     assert image.dtype == np.uint8
 
 
 @pytest.mark.parametrize(("is_bigendian", "data"), [(0, [0x34, 0x12]), (1, [0x12, 0x34])])
 def test_mono16_honors_its_byte_order(is_bigendian, data):
-    image = decode(message(data, 1, 1, 2, "mono16", is_bigendian=is_bigendian))
+    image = decode_raw(message(data, 1, 1, 2, "mono16", is_bigendian=is_bigendian))
     assert image.tolist() == [[0x1234]]
     assert image.dtype == np.uint16
     assert image.dtype.isnative
@@ -49,21 +49,21 @@ def test_padding_of_rows_is_left_out(encoding, pixel_size, padding):
     rows = np.arange(height * width * pixel_size, dtype=np.uint8).reshape(height, -1)
     padded = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
     step = padded.shape[1]
-    expected = decode(message(rows.tobytes(), width, height, rows.shape[1], encoding))
-    image = decode(message(padded.tobytes(), width, height, step, encoding))
+    expected = decode_raw(message(rows.tobytes(), width, height, rows.shape[1], encoding))
+    image = decode_raw(message(padded.tobytes(), width, height, step, encoding))
     assert np.array_equal(image, expected)
     assert image.flags.aligned
 
 
 def test_bgr8_is_a_read_only_view_of_the_data():
     received = message(range(12), 2, 2, 6, "bgr8")
-    image = decode(received)
+    image = decode_raw(received)
     assert np.shares_memory(image, np.frombuffer(received.data, np.uint8))
     assert not image.flags.writeable
 
 
 def test_data_after_the_last_row_is_ignored():
-    assert decode(message([7, 8, 9], 2, 1, 2, "mono8")).tolist() == [[7, 8]]
+    assert decode_raw(message([7, 8, 9], 2, 1, 2, "mono8")).tolist() == [[7, 8]]
 
 
 # Rows of bytes, and bytes in a row, of an image of 50 x 40 px.
@@ -92,8 +92,8 @@ def test_the_tracker_takes_what_is_decoded(encoding, noise, padding):
     rows, row = layout(encoding)
     # Padding follows each row, also where it is one of colors.
     data = noise(height=rows, width=row + padding, channels=1).tobytes()
-    decoder = ImageDecoder(largest=1)
-    image = decoder.decode(message(data, 50, 40, row + padding, encoding))
+    decoder = ImageDecoder(max_pixels=1)
+    image = decoder.decode_raw(message(data, 50, 40, row + padding, encoding))
     assert image.shape[:2] == (40, 50)
     tracker = Tracker.from_preset("li2007")
     tracker.start(image, (10, 10, 20, 20))
@@ -103,9 +103,9 @@ def test_the_tracker_takes_what_is_decoded(encoding, noise, padding):
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_one_byte_less_than_the_layout_needs_is_refused(encoding):
     rows, row = layout(encoding)
-    decode(message(bytes(rows * row), 50, 40, row, encoding))
+    decode_raw(message(bytes(rows * row), 50, 40, row, encoding))
     with pytest.raises(ImageError, match=f"at least {rows * row}"):
-        decode(message(bytes(rows * row - 1), 50, 40, row, encoding))
+        decode_raw(message(bytes(rows * row - 1), 50, 40, row, encoding))
 
 
 @pytest.mark.parametrize(
@@ -118,13 +118,13 @@ def test_one_byte_less_than_the_layout_needs_is_refused(encoding):
     ],
 )
 def test_color_comes_out_as_blue_green_red(encoding, data):
-    assert decode(message(data, 1, 1, len(data), encoding)).tolist() == [[[10, 20, 30]]]
+    assert decode_raw(message(data, 1, 1, len(data), encoding)).tolist() == [[[10, 20, 30]]]
 
 
 @pytest.mark.parametrize("encoding", ["bgr8", "8UC3", "mono8", "8UC1", "mono16", "16UC1"])
 def test_what_needs_no_conversion_is_not_copied(encoding):
     received = message(range(48), 4, 2, 24, encoding)
-    assert np.shares_memory(decode(received), np.frombuffer(received.data, np.uint8))
+    assert np.shares_memory(decode_raw(received), np.frombuffer(received.data, np.uint8))
 
 
 # ITU-R BT.601, video levels: (Y, U, V) of colors as (B, G, R).
@@ -154,7 +154,7 @@ def yuv_layouts(y, u, v):
 def test_yuv_comes_out_in_the_colors_of_the_standard(encoding):
     for yuv, color in COLORS.items():
         data, step = yuv_layouts(*yuv)[encoding]
-        image = decode(message(data, 4, 2, step, encoding))
+        image = decode_raw(message(data, 4, 2, step, encoding))
         assert image.shape == (2, 4, 3)
         assert np.abs(image.astype(int) - color).max() <= 3
 
@@ -172,7 +172,7 @@ def test_yuv_comes_out_in_the_colors_of_the_standard(encoding):
 )
 def test_sides_that_a_layout_does_not_have_are_refused(encoding, width, height, field):
     with pytest.raises(ImageError, match=f"its {field} is . px; allowed in {encoding}: "):
-        decode(message(bytes(200), width, height, 16, encoding))
+        decode_raw(message(bytes(200), width, height, 16, encoding))
 
 
 @pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
@@ -180,12 +180,12 @@ def test_a_bayer_pattern_comes_out_in_its_color(pattern):
     values = {"r": 200, "g": 100, "b": 50}
     tile = np.array([values[letter] for letter in pattern]).reshape(2, 2)
     mosaic = np.tile(tile, (4, 4))
-    image = decode(message(mosaic.astype(np.uint8).tobytes(), 8, 8, 8, f"bayer_{pattern}8"))
+    image = decode_raw(message(mosaic.astype(np.uint8).tobytes(), 8, 8, 8, f"bayer_{pattern}8"))
     assert (image == (50, 100, 200)).all()
     for order in ("<", ">"):
         data = (mosaic * 256).astype(f"{order}u2").tobytes()
         received = message(data, 8, 8, 16, f"bayer_{pattern}16", is_bigendian=order == ">")
-        gray = decode(received)
+        gray = decode_raw(received)
         # The weights of the luminance.
         expected = 256 * (0.299 * 200 + 0.587 * 100 + 0.114 * 50)
         assert gray.dtype == np.uint16
@@ -207,8 +207,8 @@ def test_floats_of_either_byte_order_reach_the_tracker_as_they_are(order):
     values = np.array([[0.5, -290.0, 1e30], [np.nan, np.inf, -np.inf]], np.float32)
     decoder = ImageDecoder(1)
     # Nothing is remembered of an image: what range it has is for the tracker to know.
-    decoder.decode(floats(np.full((2, 3), 1e9), stamp=1))
-    image = decoder.decode(floats(values, order, stamp=2))
+    decoder.decode_raw(floats(np.full((2, 3), 1e9), stamp=1))
+    image = decoder.decode_raw(floats(values, order, stamp=2))
     assert image.dtype == np.float32
     assert image.dtype.isnative
     np.testing.assert_array_equal(image, values)
@@ -243,7 +243,7 @@ MALFORMED = {
 def test_a_malformed_message_is_refused_with_field_value_and_what_is_allowed(name):
     malformed, field, found, allowed = MALFORMED[name]
     with pytest.raises(ImageError) as refusal:
-        decode(malformed)
+        decode_raw(malformed)
     assert refusal.value.field == field
     assert f"its {field} " in str(refusal.value)
     assert found in str(refusal.value).partition("allowed")[0]
@@ -257,7 +257,7 @@ def test_a_malformed_message_is_refused_with_field_value_and_what_is_allowed(nam
 )
 def test_an_encoding_is_quoted_short_and_without_what_a_terminal_obeys(encoding):
     with pytest.raises(ImageError) as refusal:
-        decode(message(range(24), 4, 2, 12, encoding))
+        decode_raw(message(range(24), 4, 2, 12, encoding))
     assert len(str(refusal.value)) < 400
     assert str(refusal.value).isprintable()
 
@@ -278,7 +278,7 @@ SIDES = st.integers(0, 12) | st.integers(0, 2**32 - 1)
 )
 def test_any_message_gives_an_image_of_its_size_or_a_refusal(received):
     try:
-        image = decode(received)
+        image = decode_raw(received)
     except ImageError as error:
         refusal = str(error)
     else:
@@ -291,6 +291,6 @@ def test_any_message_gives_an_image_of_its_size_or_a_refusal(received):
 
 def test_byte_order_is_not_asked_of_bytes():
     little, big = (
-        decode(message([1, 2, 3], 1, 1, 3, "bgr8", is_bigendian=order)) for order in (0, 1)
+        decode_raw(message([1, 2, 3], 1, 1, 3, "bgr8", is_bigendian=order)) for order in (0, 1)
     )
     assert little.tolist() == big.tolist()

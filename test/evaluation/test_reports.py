@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.evaluation.__main__ import main
-from pf_tracker_ros.evaluation.reports.content import SequenceContent, kept_boxes
+from pf_tracker_ros.evaluation.reports.content import SequenceContent, forward_fill
 from pf_tracker_ros.evaluation.reports.page import Report, Section, changes, read_results, render
 from pf_tracker_ros.evaluation.results import EvaluationError, Scores
 
@@ -226,7 +226,7 @@ def test_what_is_no_file_of_results_is_refused(tmp_path, text):
 
 def test_losses_are_the_frames_in_a_row_that_are_called_lost():
     states = ("tracking", "lost", "lost", "occluded", "lost", "tracking")
-    assert content(states=states).losses == [(1, 2), (4, 4)]
+    assert content(states=states).lost_ranges == [(1, 2), (4, 4)]
     assert content(states=states).share_by_state["lost"] == 0.5
 
 
@@ -267,7 +267,7 @@ def test_the_worst_frames_are_not_neighbors_and_come_worst_first():
 
 
 def test_a_box_is_kept_where_there_is_none():
-    kept = kept_boxes([None, (1, 2, 3, 4), None, (5, 6, 7, 8)])
+    kept = forward_fill([None, (1, 2, 3, 4), None, (5, 6, 7, 8)])
     assert np.isnan(kept[0]).all()
     assert kept[1:].tolist() == [[1, 2, 3, 4], [1, 2, 3, 4], [5, 6, 7, 8]]
 

@@ -240,7 +240,7 @@ from pf_tracker_ros.parameters import build, declarations
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 name = "built_in_detectors.bright.above"
 node = build(NodeParameters, {"built_in_detector": "bright", name: 100})
-detector = DETECTORS.make("bright", node.of_detectors["bright"])
+detector = DETECTORS.make("bright", node.detector_parameters["bright"])
 blind = DETECTORS.make("bright", DETECTORS.parameters_of("bright")(above=255))
 tracker = MultiTracker.from_preset("default")
 found = [tracker.update(image, 0.1, detector.detect(image)) for image in images]

@@ -5,10 +5,10 @@ from hypothesis import strategies as st
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.cdr import (
+    deserialize_compressed_image,
+    deserialize_image,
+    deserialize_polygon,
     header_stamp,
-    read_compressed_image,
-    read_image,
-    read_polygon,
 )
 
 
@@ -50,7 +50,7 @@ def test_images_are_read_as_rosbags_wrote_them(make_stamped, little_endian):
             step=12,
             data=data,
         )
-        image = read_image(message)
+        image = deserialize_image(message)
         assert (image.stamp, image.frame_id) == (stamp, "lens")
         assert (image.height, image.width, image.step) == (2, 4, 12)
         assert (image.encoding, image.is_bigendian) == (encoding, 1)
@@ -63,7 +63,7 @@ def test_images_are_read_as_rosbags_wrote_them(make_stamped, little_endian):
             format=name,
             data=data,
         )
-        compressed = read_compressed_image(message)
+        compressed = deserialize_compressed_image(message)
         assert (compressed.stamp, compressed.frame_id) == (stamp, "lens")
         assert compressed.format == name
         assert bytes(compressed.data) == data.tobytes()
@@ -78,15 +78,15 @@ def test_a_polygon_is_read_as_rosbags_wrote_it(make_stamped, make_polygon, littl
         little_endian=little_endian,
         polygon=make_polygon(*corners),
     )
-    assert read_polygon(message) == corners
+    assert deserialize_polygon(message) == corners
 
 
 @pytest.mark.parametrize(
     ("read", "message_type"),
     [
-        (read_image, "sensor_msgs/msg/Image"),
-        (read_compressed_image, "sensor_msgs/msg/CompressedImage"),
-        (read_polygon, "geometry_msgs/msg/PolygonStamped"),
+        (deserialize_image, "sensor_msgs/msg/Image"),
+        (deserialize_compressed_image, "sensor_msgs/msg/CompressedImage"),
+        (deserialize_polygon, "geometry_msgs/msg/PolygonStamped"),
     ],
 )
 def test_a_message_that_is_cut_off_is_refused_wherever_that_is(make_message, read, message_type):

@@ -43,7 +43,7 @@ FRAME_INTERVAL = 40_000_000
 FIRST_STAMP = 1_700_000_000_000_000_000
 EVERY_TUNABLE = declarations(TrackerParameters)
 # What rclpy declares by itself.
-OF_EVERY_NODE = {"use_sim_time", "start_type_description_service"}
+COMMON_PARAMETER_PREFIXES = {"use_sim_time", "start_type_description_service"}
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ class Client(Node):
     def parameter_names(self):
         """The parameters that the node has, without those of every node."""
         names = self.call(self.parameters.list_parameters).result.names
-        return [name for name in names if name not in OF_EVERY_NODE]
+        return [name for name in names if name not in COMMON_PARAMETER_PREFIXES]
 
     def tunables(self):
         """Name to value of each parameter of the tracker that the node has."""

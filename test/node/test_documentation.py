@@ -35,7 +35,7 @@ def test_the_table_of_encodings_is_complete():
 
 def test_parameters_that_are_named_exist():
     known = set(declarations(NodeParameters))
-    for name in ("time_jump", "history_frames", "autostart", "stale_after", "click_size"):
+    for name in ("time_jump", "frame_buffer_length", "autostart", "image_timeout", "click_size"):
         assert name in known
         assert f"`{name}`" in NODE
 

@@ -3,7 +3,7 @@
 import pytest
 from sensor_msgs.msg import CompressedImage, Image
 
-from pf_tracker_ros.node.image_topics import where_images_are, where_images_are_taken
+from pf_tracker_ros.node.image_topics import image_publisher_hint, image_subscriber_hint
 
 
 @pytest.fixture
@@ -16,12 +16,12 @@ def waiting(graph):
 
 
 def test_a_topic_that_is_published_needs_no_advice(waiting):
-    assert where_images_are(waiting[1], "/image") == ""
+    assert image_publisher_hint(waiting[1], "/image") == ""
 
 
 def test_topics_with_images_are_named_with_how_to_take_the_first(waiting):
     _, node = waiting
-    assert where_images_are(node, "/waiting/image") == (
+    assert image_publisher_hint(node, "/waiting/image") == (
         ": nobody publishes /waiting/image, but /image (-r image:=/image)"
     )
 
@@ -32,7 +32,7 @@ def test_of_many_topics_a_few_are_named_and_compressed_ones_get_their_transport(
     for topic in topics:
         client.create_publisher(CompressedImage, topic, 1)
     client.wait_for(lambda: all(node.count_publishers(topic) for topic in topics), "discovery")
-    assert where_images_are(node, "/none") == (
+    assert image_publisher_hint(node, "/none") == (
         ": nobody publishes /none, but /a0/compressed, /a1/compressed, /a2/compressed and 2 more "
         "(-r image:=/a0 -p image_transport:=compressed)"
     )
@@ -42,7 +42,7 @@ def test_raw_images_beside_a_topic_of_compressed_ones_are_taken_by_transport_or_
     _, node = waiting
     said = ": nobody publishes /image/compressed, but /image ("
     for compressed, cure in ((True, "-p image_transport:=raw"), (False, "-r image:=/image")):
-        found = where_images_are(node, "/image/compressed", compressed=compressed)
+        found = image_publisher_hint(node, "/image/compressed", compressed=compressed)
         assert found == f"{said}{cure})"
 
 
@@ -51,7 +51,7 @@ def test_what_a_node_publishes_itself_is_no_camera(graph):
     node.destroy_publisher(node.images)
     node.create_publisher(Image, "~/overlay", 1)
     node.wait_for(lambda: node.count_publishers("/client/overlay"), "its own topic")
-    assert where_images_are(node, "/none") == (
+    assert image_publisher_hint(node, "/none") == (
         ": nobody publishes /none, nor other images, with ROS_DOMAIN_ID "
         f"{node.context.get_domain_id()}"
     )
@@ -65,21 +65,21 @@ def test_subscribers_elsewhere_are_named_if_they_take_the_same_kind(waiting):
         lambda: node.count_subscribers("/raw") and node.count_subscribers("/camera/compressed"),
         "discovery",
     )
-    raw = where_images_are_taken(node, "/image", compressed=False)
+    raw = image_subscriber_hint(node, "/image", compressed=False)
     assert raw == " (there is one of /raw: -r image:=/raw)"
     client.create_subscription(CompressedImage, "/z", lambda message: None, 1)
     client.wait_for(lambda: node.count_subscribers("/z"), "discovery")
-    other = where_images_are_taken(node, "/camera/compressed", compressed=True)
+    other = image_subscriber_hint(node, "/camera/compressed", compressed=True)
     assert other == " (there is one of /z: -r image/compressed:=/z)"
-    compressed = where_images_are_taken(node, "/image/compressed", compressed=True)
+    compressed = image_subscriber_hint(node, "/image/compressed", compressed=True)
     assert compressed == " (there is one of /camera/compressed: -r image:=/camera)"
-    assert where_images_are_taken(node, "/raw", compressed=False) == ""
+    assert image_subscriber_hint(node, "/raw", compressed=False) == ""
 
 
 def test_what_a_tracker_makes_of_images_is_no_camera(waiting, graph):
     client, node = waiting
     graph.tracker()
     client.wait_for(lambda: node.count_publishers("/pf_tracker/overlay"), "the tracker")
-    assert where_images_are(node, "/none") == (
+    assert image_publisher_hint(node, "/none") == (
         ": nobody publishes /none, but /image (-r image:=/image)"
     )

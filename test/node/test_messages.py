@@ -12,7 +12,7 @@ from std_msgs.msg import Header
 
 from pf_tracker_ros import Estimate
 from pf_tracker_ros.background import BackgroundState
-from pf_tracker_ros.decoding.image_decoding import decode
+from pf_tracker_ros.decoding.image_decoding import decode_raw
 from pf_tracker_ros.messages import (
     WARN,
     Status,
@@ -101,13 +101,13 @@ def test_an_image_survives_the_way_through_a_message(header, noise):
     image = noise(height=7, width=5)
     message = image_message(new_message, header, image)
     assert isinstance(message.data, array)
-    assert np.array_equal(decode(message), image)
+    assert np.array_equal(decode_raw(message), image)
     assert message.header == header
 
 
 def test_an_image_that_is_not_contiguous_is_packed(header, noise):
     image = noise(height=7, width=10)[:, ::2]
-    assert np.array_equal(decode(image_message(new_message, header, image)), image)
+    assert np.array_equal(decode_raw(image_message(new_message, header, image)), image)
 
 
 def test_a_message_holds_the_only_copy_of_an_image(header, noise):

@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from pf_tracker_ros.node.override_sources import files_for_others, files_superseded_by
+from pf_tracker_ros.node.override_sources import parameters_superseded_by, unmatched_file_warnings
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 OWN = """\
@@ -81,7 +81,7 @@ def files(tmp_path):
 )
 def test_what_was_given_before_the_preset_is_known(files, node, arguments, before):
     command_line = ["tracker", "--ros-args", *arguments.format(**files).split()]
-    assert files_superseded_by("preset", node, command_line) == before
+    assert parameters_superseded_by("preset", node, command_line) == before
 
 
 @pytest.mark.parametrize(
@@ -96,16 +96,16 @@ def test_what_was_given_before_the_preset_is_known(files, node, arguments, befor
 def test_a_file_for_other_nodes_is_told(files, node, told):
     # Twice, which is told once.
     given = 2 * [word for path in files.values() for word in ("--params-file", path)]
-    problems = list(files_for_others(node, ["tracker", "--ros-args", *given]))
+    problems = list(unmatched_file_warnings(node, ["tracker", "--ros-args", *given]))
     assert len(problems) == len(told)
     for problem, (name, patterns) in zip(problems, told.items(), strict=True):
         assert f"{files[name]} gives {node} nothing: it is for {patterns}" in problem
-    assert list(files_for_others(node, ["tracker", *given])) == []
+    assert list(unmatched_file_warnings(node, ["tracker", *given])) == []
 
 
 def test_what_is_not_for_ros_is_left_alone(files):
     command_line = ["tracker", "--params-file", files["own"], "-p", "preset:=li2007"]
-    assert files_superseded_by("preset", "/pf_tracker", command_line) == set()
+    assert parameters_superseded_by("preset", "/pf_tracker", command_line) == set()
 
 
 @pytest.mark.parametrize(
@@ -180,4 +180,4 @@ def test_a_pipe_that_rcl_has_read_is_not_waited_for(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     command_line = ["tracker", "--ros-args", "--params-file", str(pipe), "-p", "preset:=li2007"]
-    assert files_superseded_by("preset", "/pf_tracker", command_line) == set()
+    assert parameters_superseded_by("preset", "/pf_tracker", command_line) == set()

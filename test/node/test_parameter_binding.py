@@ -49,9 +49,9 @@ class Bound:
 def bind(graph):
     """A function that makes a node with the overrides and binds the group to it."""
 
-    def make(usual=None, **overrides):
+    def make(defaults=None, **overrides):
         bound = Bound(graph.context(), overrides)
-        bound.binding.declare(Group, usual=usual)
+        bound.binding.declare(Group, defaults=defaults)
         return bound
 
     return make
@@ -84,7 +84,7 @@ def test_every_parameter_gets_its_type_description_range_and_default(bind):
 
 def test_what_is_given_at_start_up_comes_over_the_defaults(bind):
     bound = bind(
-        usual=lambda values: {"rate": 2.0, "count": 4},
+        defaults=lambda values: {"rate": 2.0, "count": 4},
         count=5,
         box=[1.0, 2.0, 3.0, 4.5],
         mode="fast",

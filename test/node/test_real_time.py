@@ -61,20 +61,20 @@ def kernel(monkeypatch, tmp_path):
 
 def test_the_threads_of_dds_have_it_and_no_others(kernel):
     priority = RealTimePriority(pytest.fail)
-    priority.ask(7)
+    priority.request_priority(7)
     assert kernel.scheduled == {11: (ROUND_ROBIN, 7), 12: (ROUND_ROBIN, 7)}
-    assert priority.in_force == 7
-    priority.ask(0)
+    assert priority.granted == 7
+    priority.request_priority(0)
     assert kernel.scheduled == {11: (USUAL, 0), 12: (USUAL, 0)}
-    assert priority.in_force == 0
+    assert priority.granted == 0
 
 
 def test_a_thread_that_has_ended_keeps_no_other_from_it(kernel):
     priority = RealTimePriority(pytest.fail)
     kernel.ended = {11}
-    priority.ask(1)
+    priority.request_priority(1)
     assert kernel.scheduled == {12: (ROUND_ROBIN, 1)}
-    assert priority.in_force == 1
+    assert priority.granted == 1
 
 
 @pytest.mark.parametrize("refusal", [PermissionError(), OSError(errno.EINVAL, "not known")])
@@ -83,8 +83,8 @@ def test_what_is_not_permitted_is_told_once_for_each_time_that_it_is_asked_for(k
     told = []
     priority = RealTimePriority(told.append)
     for count in (1, 2):
-        priority.ask(4)
-        assert priority.in_force == 0
+        priority.request_priority(4)
+        assert priority.granted == 0
         assert len(told) == count
         assert "real-time priority 4 is not permitted" in told[-1]
         assert "limits.conf" in told[-1]
@@ -95,9 +95,9 @@ def test_a_thread_that_has_a_policy_already_keeps_it(kernel):
     given = (os.SCHED_RR, 50)
     kernel.scheduled = {11: given}
     priority = RealTimePriority(pytest.fail)
-    priority.ask(1)
+    priority.request_priority(1)
     assert kernel.scheduled == {11: given, 12: (ROUND_ROBIN, 1)}
-    priority.ask(0)
+    priority.request_priority(0)
     assert kernel.scheduled == {11: given, 12: (USUAL, 0)}
 
 

@@ -83,7 +83,7 @@ class Bound:
         self.binding.declare(
             Train,
             usual=lambda values: TIMETABLES[values["timetable"]],
-            renewed_by={"timetable": lambda before, after: True},
+            reset_by={"timetable": lambda before, after: True},
             superseded=superseded,
             keeps_read_only=False,
         )
@@ -104,7 +104,7 @@ class Bound:
     @property
     def on_node(self):
         """What the node itself says, apart from what every node has."""
-        names = [name for name in self.node._parameters if name not in OF_EVERY_NODE]
+        names = [name for name in self.node._parameters if name not in COMMON_PARAMETER_PREFIXES]
         found = {name: self.node.get_parameter(name).value for name in names}
         return {
             name: tuple(value) if isinstance(value, list) else value
@@ -115,7 +115,7 @@ class Bound:
         return self.on_node == self.binding.values == expected
 
 
-OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
+COMMON_PARAMETER_PREFIXES = ("use_sim_time", "start_type_description_service")
 
 
 @pytest.fixture

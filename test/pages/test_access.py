@@ -10,7 +10,7 @@ OWN = "127.0.0.1:8642"
 @pytest.mark.parametrize("host", ["localhost", "127.0.0.1:8642", "[::1]:9000", "LOCALHOST:1"])
 def test_the_loopback_is_let_in_under_its_names_and_any_port(host):
     """Another port is that of a tunnel, such as `ssh -L 9000:localhost:8642` makes."""
-    assert Access("127.0.0.1").refuse_host(host) == ""
+    assert Access("127.0.0.1").host_refusal(host) == ""
 
 
 @pytest.mark.parametrize(
@@ -29,22 +29,22 @@ def test_the_loopback_is_let_in_under_its_names_and_any_port(host):
     ],
 )
 def test_a_name_that_was_made_to_lead_here_is_refused(host):
-    assert repr(host) in Access("127.0.0.1").refuse_host(host)
+    assert repr(host) in Access("127.0.0.1").host_refusal(host)
 
 
 def test_opened_wider_it_answers_to_addresses_and_to_its_own_name_alone(monkeypatch):
     monkeypatch.setattr("socket.gethostname", lambda: "Robot.example.org")
     access = Access("0.0.0.0")
     for host in ("192.168.1.5:8642", "robot.example.org", "robot.local:8642", "localhost:8642"):
-        assert access.refuse_host(host) == ""
+        assert access.host_refusal(host) == ""
     for host in ("attacker.example", "robot.attacker.example", "example.org"):
-        assert access.refuse_host(host)
+        assert access.host_refusal(host)
 
 
 def test_only_a_page_of_the_same_origin_may_drive():
     access = Access("127.0.0.1")
-    assert access.refuse_origin(f"http://{OWN}", OWN) == ""
-    assert access.refuse_origin(f"HTTPS://{OWN}", OWN) == ""
+    assert access.origin_refusal(f"http://{OWN}", OWN) == ""
+    assert access.origin_refusal(f"HTTPS://{OWN}", OWN) == ""
     for origin in (
         None,
         "",
@@ -58,7 +58,7 @@ def test_only_a_page_of_the_same_origin_may_drive():
         # As octets come that are no UTF-8.
         "http://\udcff\udcfe",
     ):
-        assert b"may not drive" in access.refuse_origin(origin, OWN).encode()
+        assert b"may not drive" in access.origin_refusal(origin, OWN).encode()
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])

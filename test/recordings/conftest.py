@@ -261,7 +261,7 @@ class Library:
     def track(self, boxes=(), heard=None, seed=0):
         """The rows for boxes in the first frame, and what is heard before each frame of which."""
         session = Session(preset_parameters("default", 32), seed)
-        session.history.limit(120, 64.0)
+        session.frame_buffer.limit(120, 64.0)
         found = []
         for number, image in enumerate(self._images):
             for detections, seen in (heard or {}).get(number, ()):

@@ -15,7 +15,7 @@ import pytest
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings import RecordingError
 from pf_tracker_ros.recordings.archives.sources import find_recordings
-from pf_tracker_ros.recordings.outputs import OutputFolder
+from pf_tracker_ros.recordings.output_folder import OutputFolder
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 
@@ -361,11 +361,11 @@ def test_what_is_damaged_is_told_of_and_what_may_not_be_read_stops_nothing(
     assert "3 recordings: 2 tracked, 0 done before, 1 failed" in said
     (line,) = (line for line in errors.splitlines() if line.startswith("track: error: "))
     assert "lost+found" in line
-    remark = "announces 20 frames, but only"
-    assert f"track: cut.avi: {path} {remark}" in errors
+    warning = "announces 20 frames, but only"
+    assert f"track: cut.avi: {path} {warning}" in errors
     entries = {entry["name"]: entry for entry in json.loads((output / "archive.json").read_text())}
-    assert remark in entries["cut.avi"]["remarks"][0]
-    assert entries["sound"]["remarks"] == []
+    assert warning in entries["cut.avi"]["warnings"][0]
+    assert entries["sound"]["warnings"] == []
 
 
 @pytest.mark.parametrize(

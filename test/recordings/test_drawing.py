@@ -19,8 +19,8 @@ from pf_tracker_ros.pages.access import HEADERS
 
 pytest.importorskip("aiohttp", reason="the page needs the extra 'console'")
 from pf_tracker_ros.recordings import RecordingError, open_recording
-from pf_tracker_ros.recordings.drawing import drawing
-from pf_tracker_ros.recordings.drawing.drawing import draw_targets
+from pf_tracker_ros.recordings.drawing import server
+from pf_tracker_ros.recordings.drawing.server import prompt_for_targets
 from pf_tracker_ros.recordings.target import Target
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
@@ -345,9 +345,9 @@ def test_a_page_that_cannot_be_served_is_told_whatever_is_in_the_way(
     async def fail(*address):
         raise error("no loopback")
 
-    monkeypatch.setattr("pf_tracker_ros.recordings.drawing.drawing.Site.serve", fail)
+    monkeypatch.setattr("pf_tracker_ros.recordings.drawing.server.Site.serve", fail)
     with pytest.raises(said, match="no loopback"):
-        draw_targets(open_recording(images), 1, print)
+        prompt_for_targets(open_recording(images), 1, print)
 
 
 def test_what_cannot_be_tracked_is_refused_and_may_be_put_right(ask_for_target, images, tmp_path):
@@ -450,7 +450,7 @@ def test_the_page_is_told_how_many_targets_there_may_be(track, images, monkeypat
         asked.append(most)
         return (Target(tuple(BOX), 10**9, 0, (160, 120), "the page"),)
 
-    monkeypatch.setattr(drawing, "draw_targets", draw)
+    monkeypatch.setattr(server, "prompt_for_targets", draw)
     # What is drawn needs no SciPy; detections alone do.
     monkeypatch.setitem(sys.modules, "scipy", None)
     assert track(images, "--output", tmp_path / "many", "--draw", *QUICK)[0] == 0

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from pf_tracker_ros.evaluation.processes import WorkerEnded
+from pf_tracker_ros.evaluation.parallel import WorkerEnded
 from pf_tracker_ros.recordings import RecordingError
-from pf_tracker_ros.recordings.archives.memory import needed_memory
+from pf_tracker_ros.recordings.archives.memory import required_memory
 from pf_tracker_ros.recordings.archives.results import ResultsFolder
 from pf_tracker_ros.recordings.archives.tasks import make_tasks, run_tasks
 
@@ -200,9 +200,9 @@ def test_memory_goes_by_the_size_of_the_images_and_what_is_written(tasks, archiv
     (archive / "day_0" / "drive_0.target.yaml").write_text(
         "target_box: [20, 30, 24, 24]\nimage_size: [640, 480]\n"
     )
-    plain = needed_memory(task)
+    plain = required_memory(task)
     assert 200e6 < plain < 300e6
     full = dataclasses.replace(task, arguments=("--video", "--report"))
-    assert needed_memory(full) > 1.5 * plain
+    assert required_memory(full) > 1.5 * plain
     # Nothing runs in memory that is missing: one that does not tell has large images.
-    assert needed_memory(tasks[1]) > 1.5 * plain
+    assert required_memory(tasks[1]) > 1.5 * plain

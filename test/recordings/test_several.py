@@ -280,7 +280,7 @@ def test_what_a_built_in_detector_finds_does_not_hang_on_the_machine(
     assert library.as_told(found) == library.track((), heard)
     (line,) = errors.splitlines()
     assert line == (
-        "track: of 1 remark on detections and targets the first is: frame 9: the detector "
+        "track: of 1 warning on detections and targets the first is: frame 9: the detector "
         "'motion' failed in frame 8: blind (frames count from 0)"
     )
 

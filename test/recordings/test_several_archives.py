@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros.recordings.archives.memory import needed_memory
+from pf_tracker_ros.recordings.archives.memory import required_memory
 from pf_tracker_ros.recordings.archives.results import results_at
 from pf_tracker_ros.recordings.archives.tasks import make_tasks
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS
@@ -69,7 +69,7 @@ def test_with_detections_there_is_more_memory(write_sequence, walkers, tmp_path)
 
     def needed(text, *arguments):
         source.with_name("pair.target.yaml").write_text(text)
-        return needed_memory(make_tasks({"pair": source}, results, arguments)[0])
+        return required_memory(make_tasks({"pair": source}, results, arguments)[0])
 
     one = "{target_box: [1, 2, 30, 40], image_size: [240, 160]}"
     alone = needed(one)
@@ -85,8 +85,8 @@ def test_an_archive_may_have_a_detector(track, walkers, write_sequence, tmp_path
     code, _, errors = track(*given, "--detector", "motion", "--detector-rate", "25")
     assert code == 0
     name = f"{source.name}/img"
-    remark, idle = errors.splitlines()
-    assert remark.startswith(f"track: {name}: the detector 'motion' found nothing in 16 frames")
+    warning, idle = errors.splitlines()
+    assert warning.startswith(f"track: {name}: the detector 'motion' found nothing in 16 frames")
     said = "track: in 1 of 1 recording there was no target in any frame, such as in "
     assert idle == said + name
     with (tmp_path / "out" / source.name / "img" / "boxes.csv").open() as file:

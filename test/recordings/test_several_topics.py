@@ -50,7 +50,7 @@ def test_a_detector_of_another_clock_is_told_of_and_left_out(
     code, errors, found = tracked(bag, "--detections-topic", "/found")
     assert code == 0
     (line,) = errors.splitlines()
-    assert "of 2 remarks" in line
+    assert "of 2 warnings" in line
     assert line.endswith(" (frames count from 0)")
     assert "frame 5: detections refused: its stamp is 3600 s after" in line
     assert len(found) == 2 * COUNT

@@ -17,7 +17,7 @@ from pf_tracker_ros.recordings import RecordingError
 from pf_tracker_ros.recordings.archives.results import ResultsStore, results_at
 from pf_tracker_ros.recordings.archives.scratch import scratch_folder
 from pf_tracker_ros.recordings.archives.sources import find_recordings
-from pf_tracker_ros.recordings.archives.stores import as_place
+from pf_tracker_ros.recordings.archives.stores import parse_path_or_url
 from pf_tracker_ros.recordings.archives.tasks import (
     done_entries,
     make_tasks,
@@ -236,7 +236,7 @@ def test_a_dry_run_looks_into_copies_of_some(track, memory, scratch, tmp_path):
 def test_only_stores_that_put_things_there_whole_take_results(track, archive, tmp_path):
     with pytest.raises(RecordingError, match=r"cannot go to sftp://; allowed: a folder, s3, "):
         results_at("sftp://host/boxes")
-    assert results_at(as_place("file:///data/some%20boxes")).name == "/data/some boxes"
+    assert results_at(parse_path_or_url("file:///data/some%20boxes")).name == "/data/some boxes"
     code, _, errors = track(archive / "day_0" / "drive_0", "--output", "s3://bucket/boxes")
     assert code == 2
     assert "--output s3://bucket/boxes is for an archive; allowed: a folder" in errors

@@ -82,7 +82,12 @@ def test_an_image_of_another_size_changes_the_unit_alone():
     small = walked([(100, 200), (104, 199), (109, 197)])
     large = small.scale(factors).predict(INTERVAL, 2 * HEIGHT).correct(2 * measured, 2 * DEVIATION)
     small = small.predict(INTERVAL, HEIGHT).correct(measured, DEVIATION)
-    for name, power in (("center", 1), ("velocity", 1), ("center_variance", 2), ("velocity_variance", 2)):
+    for name, power in (
+        ("center", 1),
+        ("velocity", 1),
+        ("center_variance", 2),
+        ("velocity_variance", 2),
+    ):
         np.testing.assert_allclose(getattr(large, name), getattr(small, name) * 2**power)
 
 

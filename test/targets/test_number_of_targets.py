@@ -28,7 +28,7 @@ def make_session():
     def make(most, **parameters):
         named = {name.replace("__", "."): value for name, value in parameters.items()}
         session = Session(preset_parameters("default", most) | named, seed=0)
-        session.history.limit(frames=200, megabytes=128.0)
+        session.frame_buffer.limit(frames=200, megabytes=128.0)
         return session
 
     return make
@@ -274,7 +274,7 @@ def test_a_single_target_takes_late_detections_by_their_stamps(make_session, wal
 def test_a_late_answer_of_the_frame_that_it_was_drawn_on_starts_no_other(walkers, iou, preset):
     """The detector has seen that frame before anybody drew on it, and tells of another first."""
     session = Session(preset_parameters(preset), seed=0)
-    session.history.limit(frames=200, megabytes=128.0)
+    session.frame_buffer.limit(frames=200, megabytes=128.0)
     show(session, walkers, range(3))
     session.request(tuple(walkers.boxes[3][0]), at(3))
     show(session, walkers, range(3, 5))
@@ -296,7 +296,7 @@ def test_one_that_looks_like_the_single_target_is_no_second_one_though_detection
         textures=(10, 10),
     )
     session, told = Session(preset_parameters("default"), seed=0), 0
-    session.history.limit(frames=200, megabytes=128.0)
+    session.frame_buffer.limit(frames=200, megabytes=128.0)
     session.request(tuple(twins.boxes[0][0]))
     for number, image in enumerate(twins.images):
         stamp = START + number * STEP * 2 // 5
@@ -410,14 +410,14 @@ def test_what_is_told_late_is_of_a_frame_that_was_thinned_out_and_reduced(
     """So many frames that only the newest few can be kept in full."""
     session = make_session(most)
     size = walkers.images[0].nbytes
-    session.history.limit(frames=200, megabytes=9 * size / 1e6)
+    session.frame_buffer.limit(frames=200, megabytes=9 * size / 1e6)
     count, of = 58, 14
     # Each image stands for two frames, 1/30 s apart, which is as in the walkers' half speed.
     stamps = [START + round(number * SECOND / 30) for number in range(count)]
     place = np.arange(count) // 2
     for number in range(count - 1):
         session.process(Frame(walkers.images[place[number]].copy(), stamps[number]))
-    entries = session.history.since(stamps[of])
+    entries = session.frame_buffer.since(stamps[of])
     assert entries[0].stored_frame is not entries[0].frame
     assert len(entries) < count - 1 - of
     if told == "drawn":

@@ -28,7 +28,7 @@ class Followed:
             self.session = Session({**preset_parameters("li2007"), "particles": 20}, seed=1)
         else:
             self.session = Session(preset_parameters("default", 32), seed=1)
-        self.session.history.limit(frames=30, megabytes=10.0)
+        self.session.frame_buffer.limit(frames=30, megabytes=10.0)
         self.walkers = walkers
 
     def show(self, number, stamp=None):

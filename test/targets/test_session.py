@@ -26,7 +26,7 @@ def make_session():
         named = {name.replace("__", "."): value for name, value in parameters.items()}
         values = preset_parameters("default", 32) | named
         session = Session(values, seed)
-        session.history.limit(frames=200, megabytes=128.0)
+        session.frame_buffer.limit(frames=200, megabytes=128.0)
         return session
 
     return make

@@ -273,7 +273,7 @@ def test_a_recording_shorter_than_the_threshold_that_loops_is_followed(started, 
 @pytest.fixture
 def watching(session, images):
     """A session without a target that has seen ten frames, 40 ms apart."""
-    session.history.limit(frames=8, megabytes=10.0)
+    session.frame_buffer.limit(frames=8, megabytes=10.0)
     for index in range(10):
         session.process(Frame(images[index], START + index * 40_000_000))
     return session
@@ -301,7 +301,7 @@ def test_a_target_on_a_frame_that_is_no_longer_kept_is_refused(watching, images,
     assert (outcome.frame, outcome.estimate) == ("waiting", None)
     assert "0.080 s before the oldest one here" in outcome.refused[0]
     assert "one of the last 8 frames" in outcome.refused[0]
-    assert "history_frames" in outcome.refused[0]
+    assert "frame_buffer_length" in outcome.refused[0]
 
 
 def test_the_refusal_tells_how_far_back_a_target_may_be(watching, images, box):
@@ -313,7 +313,7 @@ def test_the_refusal_tells_how_far_back_a_target_may_be(watching, images, box):
 def test_a_target_of_two_seconds_ago_is_caught_up_where_only_ten_images_fit(
     session, images, moving_square
 ):
-    session.history.limit(frames=120, megabytes=10 * images[0].nbytes / 1e6)
+    session.frame_buffer.limit(frames=120, megabytes=10 * images[0].nbytes / 1e6)
     places = [index * (len(images) - 1) // 65 for index in range(66)]
     stamps = [START + round(index * SECOND / 30) for index in range(66)]
     for place, stamp in zip(places[:-1], stamps[:-1], strict=True):
@@ -329,7 +329,7 @@ def test_a_target_is_caught_up_through_a_bounded_number_of_frames(
     session, images, box, monkeypatch
 ):
     """Each costs an update; they lie evenly in time, from the drawn one to the newest."""
-    session.history.limit(frames=200, megabytes=1000.0)
+    session.frame_buffer.limit(frames=200, megabytes=1000.0)
     image = images[0].copy()
     for index in range(100):
         session.process(Frame(image, START + index * 10_000_000))
@@ -363,7 +363,7 @@ def test_a_target_that_comes_before_the_last_frame_of_a_pass_waits_for_the_first
     started, images, box
 ):
     """As where a tracker is a frame behind a replay in a loop."""
-    started.history.limit(frames=8, megabytes=10.0)
+    started.frame_buffer.limit(frames=8, megabytes=10.0)
     stamps = [START + index * 100_000_000 for index in range(len(images))]
     for image, stamp in zip(images[1:-1], stamps[1:-1], strict=True):
         started.process(Frame(image, stamp))
@@ -384,7 +384,7 @@ def test_a_target_stamped_by_another_clock_is_refused(watching, box):
 def test_a_target_can_be_set_right_on_a_past_frame_while_another_is_tracked(
     started, images, box, moving_square
 ):
-    started.history.limit(frames=8, megabytes=10.0)
+    started.frame_buffer.limit(frames=8, megabytes=10.0)
     for index in range(1, 6):
         started.process(Frame(images[index], START + index * 40_000_000))
     drawn = tuple(moving_square.boxes[3])
@@ -522,7 +522,7 @@ def test_a_check_changes_nothing(started, images, box):
 
 def test_a_loop_that_loses_its_first_frame_starts_the_target_on_the_second(session, images, box):
     # Longer than the history, so that frames of the first pass have been dropped.
-    session.history.limit(4, 64.0)
+    session.frame_buffer.limit(4, 64.0)
     stamps = [START + index * 40_000_000 for index in range(60)]
     session.request(box, stamps[0])
     for index, stamp in enumerate(stamps):

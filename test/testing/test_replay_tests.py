@@ -15,7 +15,12 @@ from pf_tracker_ros.targets.session import Outcome, Session
 
 PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
 QUICK = {"preset": "li2007", "parameters": {"particles": 60}}
-ASKED = {"ends": "tracking", "overlap": 0.8, "longest_loss": 0.2, "milliseconds": 200}
+ASKED = {
+    "final_state": "tracking",
+    "mean_overlap": 0.8,
+    "longest_loss": 0.2,
+    "milliseconds_per_frame": 200,
+}
 
 
 def mutate(monkeypatch, change):
@@ -37,43 +42,43 @@ def change_field(value, **fields):
 
 
 @pytest.fixture
-def stored(tracked_recording, moving_square_sequence, tmp_path):
+def baseline(tracked_recording, moving_square_sequence, tmp_path):
     """What the tracker finds as it is, as a stored result."""
     path = tmp_path / "square.boxes.csv"
-    tracked_recording(moving_square_sequence, stored=path, **QUICK).store()
+    tracked_recording(moving_square_sequence, baseline=path, **QUICK).store()
     return path
 
 
-@pytest.mark.parametrize("through", ["library", "node"])
+@pytest.mark.parametrize("backend", ["library", "node"])
 def test_a_sound_tracker_passes_against_truth_and_stored_result(
-    tracked_recording, moving_square_sequence, stored, through
+    tracked_recording, moving_square_sequence, baseline, backend
 ):
-    if through == "node":
+    if backend == "node":
         pytest.importorskip("rclpy", reason="needs ROS 2")
-    run = tracked_recording(moving_square_sequence, through=through, **QUICK)
+    run = tracked_recording(moving_square_sequence, backend=backend, **QUICK)
     run.check(**ASKED)
-    assert run.end == "tracking"
+    assert run.final_state == "tracking"
     assert run.longest_loss == 0.0
-    again = tracked_recording(moving_square_sequence, stored=stored, through=through, **QUICK)
+    again = tracked_recording(moving_square_sequence, baseline=baseline, backend=backend, **QUICK)
     again.check(**ASKED)
     # A box in a message has corners in single precision.
-    assert again.overlap == pytest.approx(1.0, abs=1e-5)
+    assert again.mean_overlap == pytest.approx(1.0, abs=1e-5)
 
 
 def test_a_result_with_labels_is_compared_with_too(
-    tracked_recording, moving_square_sequence, stored
+    tracked_recording, moving_square_sequence, baseline
 ):
-    heading, *lines = stored.read_text().splitlines()
-    stored.write_text("\n".join([f"{heading},label", *(f"{line},car" for line in lines)]) + "\n")
-    run = tracked_recording(moving_square_sequence, stored=stored, **QUICK)
+    heading, *lines = baseline.read_text().splitlines()
+    baseline.write_text("\n".join([f"{heading},label", *(f"{line},car" for line in lines)]) + "\n")
+    run = tracked_recording(moving_square_sequence, baseline=baseline, **QUICK)
     run.check(**ASKED)
-    assert run.overlap == 1.0
+    assert run.mean_overlap == 1.0
 
 
 def test_both_ways_see_the_same(tracked_recording, moving_square_sequence, ros_domain):
     runs = [
-        tracked_recording(moving_square_sequence, seed=3, through=through, **QUICK)
-        for through in ("library", "node")
+        tracked_recording(moving_square_sequence, seed=3, backend=backend, **QUICK)
+        for backend in ("library", "node")
     ]
     one, other = (run.frames for run in runs)
     assert len(one) == len(other) == 20
@@ -133,13 +138,13 @@ def slow():
         (slow, " ms, expected at most 200 ms"),
     ],
 )
-def test_a_broken_tracker_is_noticed(tracked_recording, stored, monkeypatch, mutation, said):
-    source = stored.parent / "moving_square"
-    for reference in (None, stored):
+def test_a_broken_tracker_is_noticed(tracked_recording, baseline, monkeypatch, mutation, said):
+    source = baseline.parent / "moving_square"
+    for reference in (None, baseline):
         # Each mutation counts its frames.
         monkeypatch.undo()
         mutate(monkeypatch, mutation())
-        run = tracked_recording(source, stored=reference, **QUICK)
+        run = tracked_recording(source, baseline=reference, **QUICK)
         with pytest.raises(pytest.fail.Exception) as caught:
             run.check(**ASKED)
         text = str(caught.value)
@@ -149,7 +154,7 @@ def test_a_broken_tracker_is_noticed(tracked_recording, stored, monkeypatch, mut
 
 
 def test_another_machines_rounding_passes(
-    tracked_recording, moving_square_sequence, stored, monkeypatch
+    tracked_recording, moving_square_sequence, baseline, monkeypatch
 ):
     generator = np.random.default_rng(0)
 
@@ -158,9 +163,9 @@ def test_another_machines_rounding_passes(
         return change_field(estimate, box=tuple(float(v) for v in np.add(estimate.box, noise)))
 
     mutate(monkeypatch, change)
-    run = tracked_recording(moving_square_sequence, stored=stored, **QUICK)
-    run.check(**{**ASKED, "overlap": 0.999})
-    assert run.overlap < 1.0
+    run = tracked_recording(moving_square_sequence, baseline=baseline, **QUICK)
+    run.check(**{**ASKED, "mean_overlap": 0.999})
+    assert run.mean_overlap < 1.0
 
 
 def test_a_failure_leaves_the_frame_and_a_report(
@@ -170,7 +175,7 @@ def test_a_failure_leaves_the_frame_and_a_report(
     mutate(monkeypatch, frozen())
     run = tracked_recording(moving_square_sequence, **QUICK)
     with pytest.raises(pytest.fail.Exception, match=r"frame 6: .*frame_00006\.png") as caught:
-        run.check(overlap=0.8)
+        run.check(mean_overlap=0.8)
     picture = cv2.imread(str(tmp_path / "frame_00006.png"))
     # The truth in green where the square is, the estimate in white where it was.
     assert picture[42, 55].tolist() == [80, 220, 80]
@@ -193,8 +198,8 @@ def test_a_tracker_that_never_begins_is_noticed(
 CONFTEST = 'pytest_plugins = ["pf_tracker_ros.testing"]\n'
 TEN_LINES = """\
 def test_the_square_is_followed(tracked_recording):
-    run = tracked_recording("moving_square", preset="li2007", stored="square.boxes.csv")
-    run.check(ends="tracking", overlap=0.9, longest_loss=0.5, milliseconds=500)
+    run = tracked_recording("moving_square", preset="li2007", baseline="square.boxes.csv")
+    run.check(final_state="tracking", mean_overlap=0.9, longest_loss=0.5, milliseconds_per_frame=500)
 """
 
 
@@ -225,15 +230,15 @@ def test_a_users_test_stores_its_result_and_compares_with_it(run_pytest, tmp_pat
     assert "square.boxes.csv; pytest --update stores one" in outcome.stdout
     assert "FileNotFoundError" not in outcome.stdout
     assert run_pytest("--update").returncode == 0
-    stored = tmp_path / "square.boxes.csv"
-    assert len(stored.read_text().splitlines()) == 21
+    baseline = tmp_path / "square.boxes.csv"
+    assert len(baseline.read_text().splitlines()) == 21
     assert run_pytest().returncode == 0
 
-    lines = stored.read_text().splitlines()
+    lines = baseline.read_text().splitlines()
     moved = [lines[0]] + [
         ",".join([*line.split(",")[:3], "0.0", "0.0", *line.split(",")[5:]]) for line in lines[1:]
     ]
-    stored.write_text("\n".join(moved) + "\n")
+    baseline.write_text("\n".join(moved) + "\n")
     outcome = run_pytest("--tracking-reports", "kept")
     assert outcome.returncode == 1
     assert "the overlap with the stored result is 0.000, expected at least 0.9" in outcome.stdout
@@ -250,16 +255,16 @@ def test_a_users_test_stores_its_result_and_compares_with_it(run_pytest, tmp_pat
     names = {path.name for path in Path(folder).glob("*/*")}
     assert names == {"frame_00000.png", "report.html"}
 
-    stored.write_text("\n".join(lines[:10]) + "\n")
+    baseline.write_text("\n".join(lines[:10]) + "\n")
     outcome = run_pytest()
     assert "holds 9 frames" in outcome.stdout
     assert "it is of another recording" in outcome.stdout
-    stored.write_text("something else")
+    baseline.write_text("something else")
     assert "is no stored result" in run_pytest().stdout
 
 
 @pytest.mark.parametrize("name", ["otb_bolt", "ir_drone_074"])
 def test_real_recordings_are_followed(tracked_recording, sequences_directory, name):
     tracked_recording(sequences_directory / name).check(
-        ends="tracking", overlap=0.6, longest_loss=0.5
+        final_state="tracking", mean_overlap=0.6, longest_loss=0.5
     )

@@ -25,7 +25,7 @@ _ALWAYS_TOLD = ("tracking", "occluded", "lost")
 _ELSE_TOLD = ("idle", "absent", "skipped")
 
 
-class Stretch(NamedTuple):
+class FrameRange(NamedTuple):
     """Frames in a row, counted from 0, `last` included."""
 
     first: int
@@ -82,13 +82,13 @@ class SequenceContent:
         return self._compared(metrics.center_errors)
 
     @property
-    def losses(self) -> list[Stretch]:
+    def lost_ranges(self) -> list[FrameRange]:
         """Where the tracker calls the target lost."""
-        return self.stretches("lost")
+        return self.frame_ranges("lost")
 
-    def stretches(self, state: str) -> list[Stretch]:
+    def frame_ranges(self, state: str) -> list[FrameRange]:
         """The frames of a state, by their numbers."""
-        return stretches(self.states, state, self.first)
+        return frame_ranges(self.states, state, self.first)
 
     @property
     def share_by_state(self) -> dict[str, float]:
@@ -97,13 +97,13 @@ class SequenceContent:
         return {name: self.states.count(name) / self.frames for name in names}
 
     @property
-    def strip(self) -> list[int]:
+    def sampled_frames(self) -> list[int]:
         """Frames to show, evenly over the sequence."""
         chosen = np.linspace(0, self.frames - 1, min(self.frames, _STRIP)).round()
         return [int(index) for index in chosen]
 
     @property
-    def worst(self) -> list[int]:
+    def worst_frames(self) -> list[int]:
         """The frames with the least overlap, or where that is unknown the least confidence.
 
         At most ten, not too near to each other, the worst first.
@@ -127,18 +127,18 @@ class SequenceContent:
         return np.asarray(np.where(known, found, np.nan))
 
 
-def stretches(states: Sequence[str], state: str, first: int = 0) -> list[Stretch]:
+def frame_ranges(states: Sequence[str], state: str, first: int = 0) -> list[FrameRange]:
     """The frames of a state among those of all frames in a row, the first one of that number."""
     found, begin = [], first
     for each, frames in groupby(states):
         end = begin + len(list(frames))
         if each == state:
-            found.append(Stretch(begin, end - 1))
+            found.append(FrameRange(begin, end - 1))
         begin = end
     return found
 
 
-def told_states(states: Collection[str]) -> tuple[str, ...]:
+def state_columns(states: Collection[str]) -> tuple[str, ...]:
     """The states that a table has columns for, so that the shares of a row are all there.
 
     Args:
@@ -167,7 +167,7 @@ def content_of(result: SequenceResult) -> SequenceContent:
     )
 
 
-def kept_boxes(boxes: Sequence[Sequence[float] | None]) -> NDArray[np.float64]:
+def forward_fill(boxes: Sequence[Sequence[float] | None]) -> NDArray[np.float64]:
     """(frames, 4) boxes, where there is none the last one before; NaN before the first."""
     kept = np.full((len(boxes), 4), np.nan)
     for index, box in enumerate(boxes):

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pf_tracker_ros.evaluation.reports.content import SequenceContent, told_states
-from pf_tracker_ros.evaluation.reports.drawings import precision_plot, series_plots, success_plot
-from pf_tracker_ros.evaluation.reports.pictures import Picture
+from pf_tracker_ros.evaluation.reports.content import SequenceContent, state_columns
+from pf_tracker_ros.evaluation.reports.svg_plots import precision_plot, series_plots, success_plot
+from pf_tracker_ros.evaluation.reports.thumbnails import Thumbnail
 from pf_tracker_ros.evaluation.results import EvaluationError, Scores
 from pf_tracker_ros.plurals import counted
 
@@ -29,11 +29,11 @@ class Section:
 
     Attributes:
         content: What there is to tell.
-        pictures: Number of a frame to its picture.
+        thumbnails: Number of a frame to its picture.
     """
 
     content: SequenceContent
-    pictures: Mapping[int, Picture]
+    thumbnails: Mapping[int, Thumbnail]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +56,12 @@ class Report:
     facts: Mapping[str, str]
     sections: Sequence[Section]
     mean: Scores | None = None
-    compared: Mapping[str, Results] = field(default_factory=dict)
+    compared: Mapping[str, SavedResults] = field(default_factory=dict)
     seeds: int = 1
     kind: str = "sequence"
 
 
-class Results(NamedTuple):
+class SavedResults(NamedTuple):
     """A file of results, as `evaluate --output` writes it.
 
     Attributes:
@@ -119,7 +119,7 @@ def render(report: Report) -> str:
             for label, other in report.compared.items()
         },
         seeds=counted(report.seeds, "seed"),
-        states=told_states({state for each in contents for state in each.states}),
+        states=state_columns({state for each in contents for state in each.states}),
         has_scores=any(each.scores is not None for each in contents),
         is_known=lambda value: not math.isnan(value),
     )
@@ -139,7 +139,7 @@ def fill(template: str, **values: Any) -> str:
     return environment.get_template(template).render(**values)
 
 
-def changes(contents: Sequence[SequenceContent], other: Results) -> list[Change]:
+def changes(contents: Sequence[SequenceContent], other: SavedResults) -> list[Change]:
     """The sequences that both have, the largest gain first."""
     found = [
         Change(each.name, other.scores[each.name].success_auc, each.scores.success_auc)
@@ -149,7 +149,7 @@ def changes(contents: Sequence[SequenceContent], other: Results) -> list[Change]
     return sorted(found, key=lambda change: -change.difference)
 
 
-def read_results(path: Path) -> Results:
+def read_results(path: Path) -> SavedResults:
     """Read a file of results.
 
     Raises:
@@ -168,7 +168,7 @@ def read_results(path: Path) -> Results:
             str(name): Scores(**{figure: float(figures[figure]) for figure in _FIGURES})
             for name, figures in document["sequences"].items()
         }
-        return Results(str(document["preset"]), int(document["seeds"]), scores)
+        return SavedResults(str(document["preset"]), int(document["seeds"]), scores)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise EvaluationError(
             f"{path} is no file of results; allowed: what `evaluate --output` writes"

@@ -8,10 +8,15 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Protocol
 
-from pf_tracker_ros.node.console.answers import Json, packed
-from pf_tracker_ros.node.console.pace import Pace
-from pf_tracker_ros.node.console.pairing import Shown
-from pf_tracker_ros.node.console.pictures import DETAILS, Detail, picture_of, scale_for
+from pf_tracker_ros.node.console.frame_synchronizer import DisplayFrame
+from pf_tracker_ros.node.console.image_encoding import (
+    QUALITY_LEVELS,
+    QualityLevel,
+    encode_image,
+    scale_for,
+)
+from pf_tracker_ros.node.console.json_conversions import Json, pack_frame
+from pf_tracker_ros.node.console.rate_controller import RateController
 from pf_tracker_ros.stamps import NANOSECONDS
 
 # A picture that none follows for so long, in seconds, is sent in all its detail: that is the one to
@@ -26,7 +31,7 @@ class Browser(Protocol):
     """One page that is open."""
 
     @property
-    def is_here(self) -> bool:
+    def is_local(self) -> bool:
         """Whether it is on this machine."""
 
     async def send_json(self, message: Json) -> None:
@@ -40,7 +45,7 @@ class _Viewer:
     """What is known of a browser: its pace, the frame it got last, and its window's width."""
 
     def __init__(self) -> None:
-        self.pace = Pace(time.monotonic())
+        self.pace = RateController(time.monotonic())
         self.number = self.stamp = 0
         # Whether that frame had all the detail there is.
         self.is_sharp = True
@@ -54,12 +59,12 @@ class Browsers:
         newest: Gives the frame to show, None before the first.
     """
 
-    def __init__(self, newest: Callable[[], Shown | None]) -> None:
+    def __init__(self, newest: Callable[[], DisplayFrame | None]) -> None:
         self._newest = newest
         self._viewers: dict[Browser, _Viewer] = {}
         self._changed = asyncio.Condition()
         self._encoder = ThreadPoolExecutor(1, "encoder")
-        self._encoded: dict[tuple[int, Detail], asyncio.Future[tuple[int, bytes]]] = {}
+        self._encoded: dict[tuple[int, QualityLevel], asyncio.Future[tuple[int, bytes]]] = {}
         self._image_width = 0
 
     def __len__(self) -> int:
@@ -80,32 +85,32 @@ class Browsers:
         """Forget a browser."""
         self._viewers.pop(browser, None)
 
-    async def show(self, browser: Browser, news: Sequence[Json]) -> None:
+    async def stream(self, browser: Browser, news: Sequence[Json]) -> None:
         """Give a browser first the news and then every frame that it bears, until canceled.
 
         One on this machine is told when to draw a frame that it has got.
         """
         viewer = self._viewers[browser]
-        viewer.pace.greet(time.monotonic())
+        viewer.pace.start_round_trip(time.monotonic())
         for message in news:
             await browser.send_json(message)
         while True:
             stands_still = not await self._has_newer(
                 viewer, within=None if viewer.is_sharp else _STANDS_STILL
             )
-            await viewer.pace.take()
+            await viewer.pace.acquire()
             shown = self._newest()
             assert shown is not None
             ahead = shown.number - viewer.number if viewer.number else 0
             interval = (shown.stamp - viewer.stamp) / ahead / NANOSECONDS if ahead else 0.0
             viewer.number, viewer.stamp = shown.number, shown.stamp
-            detail = self._for_window(viewer, viewer.pace.detail)
-            sharpest = self._for_window(viewer, DETAILS[0])
+            detail = self._for_window(viewer, viewer.pace.quality_level)
+            sharpest = self._for_window(viewer, QUALITY_LEVELS[0])
             if stands_still:
                 detail = sharpest
             viewer.is_sharp = detail == sharpest
             frame = await self._encode(shown, detail)
-            if not browser.is_here:
+            if not browser.is_local:
                 viewer.pace.send(max(0, ahead - 1), time.monotonic())
                 await browser.send_bytes(frame)
                 continue
@@ -116,19 +121,19 @@ class Browsers:
             viewer.pace.send(max(0, ahead - 1), time.monotonic())
             await browser.send_json({"type": "draw"})
 
-    async def show_newest(self) -> None:
+    async def notify_new_frame(self) -> None:
         """There is another frame to show."""
         async with self._changed:
             self._changed.notify_all()
 
-    async def tell(self, message: Json) -> None:
+    async def broadcast(self, message: Json) -> None:
         """Tell all of them something."""
         await asyncio.gather(*(browser.send_json(message) for browser in list(self._viewers)))
 
-    def hear(self, browser: Browser) -> None:
+    def end_round_trip(self, browser: Browser) -> None:
         """A browser has answered its welcome."""
         if viewer := self._viewers.get(browser):
-            viewer.pace.hear(time.monotonic())
+            viewer.pace.end_round_trip(time.monotonic())
 
     def acknowledge(self, browser: Browser) -> None:
         """A browser has drawn a frame."""
@@ -143,7 +148,7 @@ class Browsers:
             if is_wider:
                 # A picture that stands still is to be as sharp as one that moves.
                 viewer.number = 0
-                await self.show_newest()
+                await self.notify_new_frame()
 
     @property
     def _newest_number(self) -> int:
@@ -167,14 +172,14 @@ class Browsers:
             return False
         return True
 
-    def _for_window(self, viewer: _Viewer, detail: Detail) -> Detail:
+    def _for_window(self, viewer: _Viewer, detail: QualityLevel) -> QualityLevel:
         """A detail, and no more of it than the window shows."""
         if viewer.width is None:
             return detail
         scale = min(detail.scale, scale_for(self._image_width, viewer.width))
-        return Detail(detail.quality, scale)
+        return QualityLevel(detail.quality, scale)
 
-    async def _encode(self, shown: Shown, detail: Detail) -> bytes:
+    async def _encode(self, shown: DisplayFrame, detail: QualityLevel) -> bytes:
         """A frame as it is sent, made once for all browsers that get it in the same detail."""
         key = (shown.number, detail)
         if key not in self._encoded:
@@ -185,9 +190,9 @@ class Browsers:
         return frame
 
 
-def _encoded(shown: Shown, detail: Detail) -> tuple[int, bytes]:
+def _encoded(shown: DisplayFrame, detail: QualityLevel) -> tuple[int, bytes]:
     """The width of the image, and the frame."""
-    picture = picture_of(shown.image, detail)
+    picture = encode_image(shown.image, detail)
     header = {
         "stamp": str(shown.stamp),
         "width": picture.width,
@@ -196,4 +201,4 @@ def _encoded(shown: Shown, detail: Detail) -> tuple[int, bytes]:
         "error": picture.error,
         **shown.answer,
     }
-    return picture.width, packed(header, picture.jpeg)
+    return picture.width, pack_frame(header, picture.jpeg)

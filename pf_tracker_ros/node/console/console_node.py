@@ -11,8 +11,8 @@ import cv2
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from pf_tracker_ros.node.console.bridge import ConsoleBridge
 from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
-from pf_tracker_ros.node.console.hub import Hub
 from pf_tracker_ros.node.console.played_recording import PlayedRecording
 from pf_tracker_ros.node.console.tracker_link import TrackerLink
 from pf_tracker_ros.node.console.web_server import WebServer
@@ -34,20 +34,20 @@ class ConsoleNode(Node):
 
     Attributes:
         exit_code: 1 where the page cannot be served, else 0.
-        link: The address to open, empty where there is none.
+        url: The address to open, empty where there is none.
 
     Args:
-        is_waited_for: Whether the process is the node's alone, and a camera waits for its threads
+        prioritize_dds: Whether the process is the node's alone, and a camera waits for its threads
             of DDS: these are to have the priority, all that is started from now on gives way.
         **options: Of `rclpy.node.Node`.
     """
 
-    def __init__(self, *, is_waited_for: bool = False, **options: Any) -> None:
+    def __init__(self, *, prioritize_dds: bool = False, **options: Any) -> None:
         super().__init__("console", **options)
-        if is_waited_for:
+        if prioritize_dds:
             os.nice(NICENESS)
         self.exit_code = 0
-        self.link = ""
+        self.url = ""
         self._server: WebServer | None = None
         self._recording: PlayedRecording | None = None
         binding = ParameterBinding(self)
@@ -57,9 +57,9 @@ class ConsoleNode(Node):
             self._fail("; ".join(binding.refused.values()))
             return
         parameters = build(ConsoleParameters, binding.values)
-        if is_waited_for:
+        if prioritize_dds:
             log = self.get_logger()  # type: ignore[no-untyped-call]
-            RealTimePriority(log.warning).ask(parameters.realtime_priority)
+            RealTimePriority(log.warning).request_priority(parameters.realtime_priority)
         self._serve(parameters)
 
     def destroy_node(self) -> None:
@@ -72,7 +72,7 @@ class ConsoleNode(Node):
 
     def _serve(self, parameters: ConsoleParameters) -> None:
         host, port = parameters.host, parameters.port
-        server = WebServer(host, port, lambda: Hub(link, self._recording))
+        server = WebServer(host, port, lambda: ConsoleBridge(link, self._recording))
         link = TrackerLink(self, parameters.tracker, server.receive)
         if parameters.source:
             self._recording = PlayedRecording(
@@ -94,9 +94,9 @@ class ConsoleNode(Node):
             )
             return
         self._server = server
-        self.link = server.link
+        self.url = server.url
         log = self.get_logger()  # type: ignore[no-untyped-call]
-        log.info(f"the console of {link.name} is at {self.link}")
+        log.info(f"the console of {link.name} is at {self.url}")
         if not is_loopback(host):
             log.warning(
                 f"it can be reached from other machines ('host' is {host}): whoever has this link "
@@ -130,7 +130,7 @@ def main(arguments: list[str] | None = None, source: str | None = None) -> int:
 
     def create() -> ConsoleNode:
         given = [] if source is None else [Parameter("source", value=source)]
-        node = ConsoleNode(is_waited_for=not has_memory, parameter_overrides=given)
+        node = ConsoleNode(prioritize_dds=not has_memory, parameter_overrides=given)
         nodes.append(node)
         return node
 

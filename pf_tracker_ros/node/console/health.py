@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from pf_tracker_ros.node.console.answers import Json
+from pf_tracker_ros.node.console.json_conversions import Json
 
 # The diagnostics come once a second; a tracker that says nothing for longer has gone.
 _SILENCE = 1.6
@@ -16,14 +16,14 @@ class TrackerHealth:
     """What was heard of one tracker. All times are seconds by one clock that never jumps.
 
     Attributes:
-        answered_at: When it answered a frame last.
+        last_status_at: When it answered a frame last.
 
     Args:
         name: Of the tracker's node.
     """
 
     def __init__(self, name: str) -> None:
-        self.answered_at = float("-inf")
+        self.last_status_at = float("-inf")
         self._name = name
         self._status: Json | None = None
         self._diagnostics: Json | None = None
@@ -34,7 +34,7 @@ class TrackerHealth:
 
     def take_status(self, status: Json, now: float) -> None:
         """Take the status of a frame."""
-        self._heard_at = self.answered_at = now
+        self._heard_at = self.last_status_at = now
         self._status, self._state = status, status["values"].get("state")
 
     def take_diagnostics(self, diagnostics: Json, now: float) -> None:
@@ -46,11 +46,11 @@ class TrackerHealth:
         """Take what the console itself has to complain about."""
         self._fault, self._fault_at = fault, now
 
-    def told(
+    def summary(
         self,
         now: float,
         *,
-        stands_still: bool,
+        recording_paused: bool,
         others: Callable[[], Sequence[str]] = tuple,
         graph_faults: Sequence[str] = (),
     ) -> Json:
@@ -58,7 +58,7 @@ class TrackerHealth:
 
         Args:
             now: The time.
-            stands_still: Whether a recording does, so that images are not missed.
+            recording_paused: Whether a recording does, so that images are not missed.
             others: Tells the names of the trackers that there are, for one who asks for another.
             graph_faults: Of the ROS graph around the console, a sentence each.
         """
@@ -85,7 +85,7 @@ class TrackerHealth:
             # frame that was skipped, nobody need read.
             said = self._status
         text, level = str(said["message"]), said["level"]
-        if stands_still and text.startswith("no image for"):
+        if recording_paused and text.startswith("no image for"):
             # No fault of anybody.
             text, level = text.partition("; ")[2], "ok"
         faults = dict.fromkeys(graph_faults)

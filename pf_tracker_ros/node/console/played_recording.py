@@ -11,12 +11,12 @@ from pathlib import Path
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from pf_tracker_ros.footage.access import is_there
-from pf_tracker_ros.node.console.answers import Json
+from pf_tracker_ros.footage.access import lexists
+from pf_tracker_ros.node.console.json_conversions import Json
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
 from pf_tracker_ros.node.running import spinning
 from pf_tracker_ros.recordings import open_recording
-from pf_tracker_ros.recordings.beside import target_file
+from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import Target, read_targets, save_targets
 
 _SETTLING = 30.0
@@ -69,7 +69,7 @@ class PlayedRecording:
         self.replay: ReplayNode = self._running.enter_context(
             spinning(lambda context: create(context=context), node.context.get_domain_id())
         )
-        self.is_playable = self.replay.has_begun
+        self.is_playable = self.replay.has_started
 
     def close(self) -> None:
         """End it."""
@@ -86,7 +86,7 @@ class PlayedRecording:
             "target": self._target_file.name if self._has_target else "",
         }
 
-    def hindrance(self, image_topic: str) -> str:
+    def wait_reason(self, image_topic: str) -> str:
         """Why it does not go on, and what to do where it and the tracker use other topics.
 
         Args:
@@ -97,7 +97,7 @@ class PlayedRecording:
         """
         if self.replay.failure:
             return f"the recording cannot go on, start the console anew: {self.replay.failure}"
-        said = self.replay.hindrance
+        said = self.replay.wait_reason
         own, other = (
             topic.removesuffix("/compressed") for topic in (self.replay.image_topic, image_topic)
         )
@@ -119,7 +119,7 @@ class PlayedRecording:
         count = self.replay.frame_count
         return None if count is None else max(0, count - 1)
 
-    def settle(self) -> bool:
+    def wait_until_idle(self) -> bool:
         """Wait until it stands still with every frame answered; whether it does.
 
         It has to be paused. At most half a minute.
@@ -171,4 +171,4 @@ class PlayedRecording:
         raise waiting[0].missed()
 
     def _look_for_target(self) -> None:
-        self._has_target = is_there(self._target_file)
+        self._has_target = lexists(self._target_file)

@@ -9,10 +9,10 @@ from functools import partial
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.node.console.answers import Json, note
-from pf_tracker_ros.node.console.pick import Picker
+from pf_tracker_ros.node.console.json_conversions import Json, note
 from pf_tracker_ros.node.console.played_recording import PlayedRecording
-from pf_tracker_ros.node.console.requests import RequestError, flag_of, number_of, whole_of
+from pf_tracker_ros.node.console.requests import RequestError, boolean_of, integer_of, number_of
+from pf_tracker_ros.node.console.target_requester import TargetRequester
 from pf_tracker_ros.node.console.tracker_link import TrackerLink
 from pf_tracker_ros.node.console.tracker_services import TrackerError
 from pf_tracker_ros.recordings import RecordingError, Target
@@ -32,30 +32,30 @@ class Player:
     """Does what browsers ask of the recording.
 
     Attributes:
-        picked: The targets that are tried, in the order in which they were drawn.
+        targets: The targets that are tried, in the order in which they were drawn.
 
     Args:
         recording: That is played.
         link: To the tracker.
         picker: Sends the target.
         tell: Tells all browsers something.
-        is_for_one: Whether there may be one target alone.
+        is_single_target: Whether there may be one target alone.
     """
 
     def __init__(
         self,
         recording: PlayedRecording,
         link: TrackerLink,
-        picker: Picker,
+        picker: TargetRequester,
         tell: Callable[[Json], Awaitable[None]],
-        is_for_one: Callable[[], bool],
+        is_single_target: Callable[[], bool],
     ) -> None:
-        self.picked: list[Target] = []
+        self.targets: list[Target] = []
         self._recording = recording
         self._link = link
         self._picker = picker
         self._tell = tell
-        self._is_for_one = is_for_one
+        self._is_for_one = is_single_target
         self._told: Json = {}
         self._show_first_at = float("-inf")
         self._seeking = asyncio.Lock()
@@ -80,8 +80,8 @@ class Player:
         """What the page shows of the recording."""
         return {
             "type": "recording",
-            "saves": bool(self.picked),
-            "problem": self._recording.hindrance(self._link.image_topic),
+            "saves": bool(self.targets),
+            "problem": self._recording.wait_reason(self._link.image_topic),
             **self._recording.state,
             "playing": self._plays,
         }
@@ -92,26 +92,26 @@ class Player:
         return self._plays_after if self._seeking.locked() else not self._playback.paused
 
     @property
-    def stands_still(self) -> bool:
+    def recording_paused(self) -> bool:
         """Whether no images are to be expected."""
-        return self._playback.paused and not self._recording.hindrance("")
+        return self._playback.paused and not self._recording.wait_reason("")
 
-    def forget(self) -> str:
+    def clear_targets(self) -> str:
         """Try no target any more.
 
         Returns:
             What was forgotten where the tracker does not know of it yet; empty where it does.
         """
-        frames, self.picked = [_frame_of(target) for target in self.picked], []
+        frames, self.targets = [_frame_of(target) for target in self.targets], []
         if not frames or self._recording.frame >= min(frames):
             return ""
         return f"the target of frame {min(frames)} is forgotten; waiting for a target"
 
-    def drop_last(self) -> None:
+    def remove_last_target(self) -> None:
         """Try the target no more that was drawn last: it was refused."""
-        self.picked = self.picked[:-1]
+        self.targets = self.targets[:-1]
 
-    async def look(self, now: float, *, has_picture: bool) -> None:
+    async def poll(self, now: float, *, has_picture: bool) -> None:
         """Tell the browsers what is new.
 
         Args:
@@ -128,7 +128,9 @@ class Player:
             self._show_first_at = now + _FIRST_FRAME_INTERVAL
             self._playback.seek(self._recording.frame)
 
-    async def try_target(self, box: Box, stamp: int, image_size: tuple[int, int] | None) -> bool:
+    async def start_from_target(
+        self, box: Box, stamp: int, image_size: tuple[int, int] | None
+    ) -> bool:
         """Play on from the frame that a target was drawn on.
 
         Where there may be several, those before it go on: where the recording stands still, its
@@ -147,10 +149,10 @@ class Player:
             return False
         target = Target(box, stamp, frame, image_size)
         if self._is_for_one():
-            self.picked = [target]
+            self.targets = [target]
             await self._go_to(frame)
             return True
-        self.picked.append(target)
+        self.targets.append(target)
         return await self._begin_on_the_same_frame(box, stamp, frame)
 
     async def _begin_on_the_same_frame(self, box: Box, stamp: int, frame: int) -> bool:
@@ -160,9 +162,9 @@ class Player:
             return False
         async with self._held(plays=False):
             await self._picker.send(partial(self._link.send_target, box, stamp))
-            await asyncio.to_thread(self._link.await_target)
+            await asyncio.to_thread(self._link.wait_for_target_ack)
             self._playback.seek(frame)
-            await asyncio.to_thread(self._recording.settle)
+            await asyncio.to_thread(self._recording.wait_until_idle)
         return True
 
     @asynccontextmanager
@@ -184,7 +186,7 @@ class Player:
                     self._playback.step(self._steps_after)
 
     async def _on_play(self, message: Json) -> None:
-        playing = flag_of(message, "playing")
+        playing = boolean_of(message, "playing")
         if self._seeking.locked():
             self._plays_after, self._steps_after = playing, 0
         elif playing and self._playback.is_at_end:
@@ -203,7 +205,7 @@ class Player:
             self._playback.step()
 
     async def _on_seek(self, message: Json) -> None:
-        frame, last = whole_of(message, "frame"), self._recording.last_frame
+        frame, last = integer_of(message, "frame"), self._recording.last_frame
         await self._go_to(frame if last is None else min(frame, last))
 
     async def _on_rate(self, message: Json) -> None:
@@ -211,10 +213,10 @@ class Player:
             raise RequestError(refusal)
 
     async def _on_save(self, message: Json) -> None:
-        if not self.picked:
+        if not self.targets:
             raise RequestError("there is no target to save; draw one first")
         try:
-            path = self._recording.save(self.picked)
+            path = self._recording.save(self.targets)
         except OSError as error:
             raise RequestError(f"the target cannot be saved: {error}") from error
         await self._tell(note("save", f"saved as {path.name}, beside the recording"))
@@ -222,16 +224,16 @@ class Player:
     async def _on_load(self, message: Json) -> None:
         """Take the targets of the file beside the recording, and go to the frame of the first."""
         try:
-            self.picked = await asyncio.to_thread(self._recording.load)
+            self.targets = await asyncio.to_thread(self._recording.load)
         except (RecordingError, FootageError) as error:
             raise RequestError(str(error)) from error
-        await self._go_to(min(map(_frame_of, self.picked)))
+        await self._go_to(min(map(_frame_of, self.targets)))
 
     async def _approach(self, target: Target) -> None:
         """Bring the tracker's time near the frame of a target, if it is far before that."""
         if target.frame and target.stamp - self._recording.replay.stamp > _NEAR:
             self._playback.seek(target.frame - 1)
-            await asyncio.to_thread(self._recording.settle)
+            await asyncio.to_thread(self._recording.wait_until_idle)
 
     def _send_due(self, index: int) -> None:
         """Send the targets with the frame that they were drawn on, before that goes out.
@@ -242,7 +244,7 @@ class Player:
         self._due = [target for target in self._due if target.frame != index]
         for target in due:
             # One that was stopped or refused meanwhile is due no more.
-            if target in self.picked and not self._sends(target):
+            if target in self.targets and not self._sends(target):
                 return
 
     def _sends(self, target: Target) -> bool:
@@ -254,7 +256,7 @@ class Player:
             except TrackerError:
                 # The page tells of a tracker that is not there.
                 return False
-            if self._link.await_target():
+            if self._link.wait_for_target_ack():
                 break
         return True
 
@@ -268,12 +270,12 @@ class Player:
             plays: Whether it plays on from there; None if it does so now.
         """
         async with self._held(plays=plays):
-            if not await asyncio.to_thread(self._recording.settle):
+            if not await asyncio.to_thread(self._recording.wait_until_idle):
                 raise RequestError("the tracker does not answer the recording's last frame")
             await self._link.services.stop()
-            first, self._due = frame, list(self.picked)
-            if self.picked:
-                earliest = min(self.picked, key=_frame_of)
+            first, self._due = frame, list(self.targets)
+            if self.targets:
+                earliest = min(self.targets, key=_frame_of)
                 begins = _frame_of(earliest)
                 first = min(frame, begins)
                 if frame < begins:
@@ -287,7 +289,7 @@ class Player:
             self._playback.seek(first)
             if frame > first:
                 self._playback.step(frame - first)
-            await asyncio.to_thread(self._recording.settle)
+            await asyncio.to_thread(self._recording.wait_until_idle)
 
 
 def _frame_of(target: Target) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pf_tracker_ros.node.console.answers import Json
+from pf_tracker_ros.node.console.json_conversions import Json
 from pf_tracker_ros.stamps import NANOSECONDS
 
 _LARGEST_COORDINATE = 1e6
@@ -38,7 +38,7 @@ def number_of(message: Json, name: str) -> float:
     return value
 
 
-def flag_of(message: Json, name: str) -> bool:
+def boolean_of(message: Json, name: str) -> bool:
     """A yes or no of a request.
 
     Raises:
@@ -50,7 +50,7 @@ def flag_of(message: Json, name: str) -> bool:
     return value
 
 
-def whole_of(message: Json, name: str) -> int:
+def integer_of(message: Json, name: str) -> int:
     """A whole number from 0 on of a request.
 
     Raises:

@@ -20,21 +20,21 @@ from visualization_msgs.msg import MarkerArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.messages import box_message
-from pf_tracker_ros.node.console.answered_images import AnsweredImages
-from pf_tracker_ros.node.console.answers import (
-    answer_of,
-    boxes_of,
-    detections_of,
-    heat_of,
+from pf_tracker_ros.node.console.deferred_image_input import DeferredImageInput
+from pf_tracker_ros.node.console.json_conversions import (
+    boxes_to_json,
+    detections_to_json,
+    diagnostic_status_to_json,
     id_message,
-    particles_of,
-    status_of,
+    likelihood_to_json,
+    particles_to_json,
+    status_to_json,
 )
 from pf_tracker_ros.node.console.tracker_services import TrackerError, TrackerServices
-from pf_tracker_ros.node.graph_watch import GraphWatch
+from pf_tracker_ros.node.graph_monitor import GraphMonitor
 from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, advertise, subscribe
-from pf_tracker_ros.node.tracker.inputs import DETECTIONS_TYPE
+from pf_tracker_ros.node.tracker.target_subscriptions import DETECTIONS_CLASS
 from pf_tracker_ros.stamps import set_stamp, stamp_of
 
 Receive = Callable[[str, int, Any], None]
@@ -77,7 +77,7 @@ class TrackerLink:
         self._watching = False
         self._answers: list[Subscription] = []
         self._likelihood: Subscription | None = None
-        self._images = AnsweredImages(
+        self._images = DeferredImageInput(
             node, self._handing_on("image", lambda message: message), self._report
         )
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, DEFAULT_QOS)
@@ -86,7 +86,7 @@ class TrackerLink:
         self._ids = {name: self._advertise(name, UInt32) for name in ("select", "stop_target")}
         self.services = TrackerServices(node, self.name, self._do)
         node.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
-        self._graph = GraphWatch(node, self._report)
+        self._graph = GraphMonitor(node, self._report)
 
     # What is said to the tracker; called from any thread
 
@@ -98,7 +98,7 @@ class TrackerLink:
         """Subscribe to the likelihood around the target, which costs the tracker time."""
         self._do(partial(self._watch_likelihood, watched))
 
-    def trackers_that_are_there(self) -> list[str]:
+    def available_trackers(self) -> list[str]:
         """Names of the nodes that seem to be trackers, by their topics."""
         topics = {name for name, _ in self._node.get_topic_names_and_types()}
         nodes = (name.removesuffix("/status") for name in topics if name.endswith("/status"))
@@ -108,7 +108,7 @@ class TrackerLink:
             if f"{name}/particles" in topics and self._node.count_publishers(f"{name}/status")
         )
 
-    def follow_images(self, topic: str) -> None:
+    def set_image_topic(self, topic: str) -> None:
         """Take the images from the topic that the tracker takes them from.
 
         Args:
@@ -133,13 +133,13 @@ class TrackerLink:
         self._send(self._targets, message)
 
     @property
-    def takes_targets(self) -> bool:
+    def has_target_subscribers(self) -> bool:
         """Whether somebody takes targets."""
         return bool(
             self._targets.get_subscription_count() and self._clicks.get_subscription_count()
         )
 
-    def expect_takers(self) -> None:
+    def require_target_subscriber(self) -> None:
         """Make sure that somebody takes targets.
 
         Raises:
@@ -147,7 +147,7 @@ class TrackerLink:
         """
         self._expect_subscriber(self._targets)
 
-    def await_target(self) -> bool:
+    def wait_for_target_ack(self) -> bool:
         """Wait until the tracker has the target that was sent last; whether it has."""
         return bool(self._targets.wait_for_all_acked(Duration(seconds=_PATIENCE)))
 
@@ -190,20 +190,20 @@ class TrackerLink:
             self._node.destroy_subscription(subscription)
         self._answers = []
         if watched:
-            particles = self._handing_on("particles", particles_of)
+            particles = self._handing_on("particles", particles_to_json)
             self._answers = [
                 self._subscribe(f"{self.name}/status", DiagnosticArray, self._on_status, _ALL),
                 self._subscribe(f"{self.name}/particles", PointCloud2, particles),
                 self._subscribe(f"{self.name}/boxes", MarkerArray, self._on_boxes),
             ]
-            if DETECTIONS_TYPE:
+            if DETECTIONS_CLASS:
                 topic = f"{self.name.rpartition('/')[0]}/detections"
-                detections = self._handing_on("detections", detections_of)
-                self._answers.append(self._subscribe(topic, DETECTIONS_TYPE, detections))
+                detections = self._handing_on("detections", detections_to_json)
+                self._answers.append(self._subscribe(topic, DETECTIONS_CLASS, detections))
 
     def _watch_likelihood(self, watched: bool) -> None:
         if watched and self._likelihood is None:
-            likelihood = self._handing_on("likelihood", heat_of)
+            likelihood = self._handing_on("likelihood", likelihood_to_json)
             self._likelihood = self._subscribe(f"{self.name}/likelihood", Image, likelihood)
         elif self._likelihood and not watched:
             self._node.destroy_subscription(self._likelihood)
@@ -257,12 +257,12 @@ class TrackerLink:
 
     def _on_boxes(self, message: MarkerArray) -> None:
         if message.markers:
-            self._receive("boxes", stamp_of(message.markers[0].header), boxes_of(message))
+            self._receive("boxes", stamp_of(message.markers[0].header), boxes_to_json(message))
 
     def _on_status(self, message: DiagnosticArray) -> None:
         if message.status:
-            self._receive("status", stamp_of(message.header), answer_of(message))
-            self._images.on_answer()
+            self._receive("status", stamp_of(message.header), status_to_json(message))
+            self._images.on_status()
 
     def _on_parameters(self, message: ParameterEvent) -> None:
         if message.node == self.name:
@@ -272,4 +272,4 @@ class TrackerLink:
         wanted = f"{self.name.lstrip('/')}: tracker"
         for status in message.status:
             if status.name == wanted:
-                self._receive("health", 0, status_of(status))
+                self._receive("health", 0, diagnostic_status_to_json(status))

@@ -13,8 +13,8 @@ from rclpy.client import Client
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from pf_tracker_ros.node.console.answers import Json
-from pf_tracker_ros.node.console.tuning import shaped, shown_names
+from pf_tracker_ros.node.console.json_conversions import Json
+from pf_tracker_ros.node.console.tuning import parameters_to_json, tunable_names
 
 # A service may not know a client yet that it is ready for; its answer is lost then.
 _PATIENCE = 2.0
@@ -68,20 +68,20 @@ class TrackerServices:
         return str((await self._ask(self._enable, SetBool.Request(data=enabled))).message)
 
     async def parameters(self) -> list[Json]:
-        """All parameters, as `tuning.shaped` gives them.
+        """All parameters, as `tuning.parameters_to_json` gives them.
 
         Raises:
             TrackerError: It does not answer.
         """
         listed = await self._ask_parameters(ListParameters, ListParameters.Request())
-        names = shown_names(listed.result.names)
+        names = tunable_names(listed.result.names)
         described = await self._ask_parameters(
             DescribeParameters, DescribeParameters.Request(names=names)
         )
         values = await self._ask_parameters(GetParameters, GetParameters.Request(names=names))
         if not len(described.descriptors) == len(values.values) == len(names):
             raise TrackerError("the parameters changed while they were asked for")
-        return shaped(described.descriptors, values.values)
+        return parameters_to_json(described.descriptors, values.values)
 
     async def set_parameter(self, parameter: Parameter) -> str:
         """Set a parameter; why it is refused, or empty.

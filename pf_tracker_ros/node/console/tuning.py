@@ -15,9 +15,9 @@ from rcl_interfaces.msg import Parameter, ParameterDescriptor, ParameterType, Pa
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_value_to_python
 
-from pf_tracker_ros.node.console.answers import Json
+from pf_tracker_ros.node.console.json_conversions import Json
 from pf_tracker_ros.node_parameters import NodeParameters
-from pf_tracker_ros.parameter_files import OF_EVERY_NODE
+from pf_tracker_ros.parameter_files import COMMON_PARAMETER_PREFIXES
 from pf_tracker_ros.parameters import ParameterError, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
@@ -39,13 +39,13 @@ _LARGEST_INTEGER = 2**63
 _IDLE = "Without effect at present"
 
 
-def shown_names(names: Sequence[str]) -> list[str]:
+def tunable_names(names: Sequence[str]) -> list[str]:
     """The names of parameters that can be tuned, in the order of docs/parameters.md."""
-    known = [name for name in names if not name.startswith(OF_EVERY_NODE)]
+    known = [name for name in names if not name.startswith(COMMON_PARAMETER_PREFIXES)]
     return sorted(known, key=lambda name: (_ORDER.get(name, len(_ORDER)), name))
 
 
-def shaped(
+def parameters_to_json(
     descriptors: Sequence[ParameterDescriptor], values: Sequence[ParameterValue]
 ) -> list[Json]:
     """What the page shows of each parameter.
@@ -80,11 +80,11 @@ def shaped(
     return sorted(shown, key=lambda one: one["group"] == _IDLE)
 
 
-def parameter_of(known: Json, value: Any) -> Parameter:
+def parameter_from_json(known: Json, value: Any) -> Parameter:
     """What the page gave for a parameter, as the node is asked for it; the node judges it.
 
     Args:
-        known: Of the parameter, as `shaped` gave it.
+        known: Of the parameter, as `parameters_to_json` gave it.
         value: Of JSON.
 
     Raises:
@@ -123,7 +123,7 @@ def parameter_file(node: str, known: Sequence[Json]) -> str:
 
     Args:
         node: Fully qualified name of the tracker's node.
-        known: As `shaped` gave them.
+        known: As `parameters_to_json` gave them.
     """
     lines = [f"{json.dumps(node)}:", "  ros__parameters:"]
     for one in known:
@@ -151,7 +151,7 @@ def _group(name: str, values: Mapping[str, Any]) -> str:
         return "The node"
     if name not in _TRACKER:
         return "Others"
-    if not _TRACKER[name].counts(values):
+    if not _TRACKER[name].is_active(values):
         return _IDLE
     if not _TRACKER[name].condition:
         return "The tracker"

@@ -19,8 +19,8 @@ from typing import Any
 
 from aiohttp import WSMsgType, web
 
-from pf_tracker_ros.node.console.answers import Json
-from pf_tracker_ros.node.console.hub import Hub
+from pf_tracker_ros.node.console.bridge import ConsoleBridge
+from pf_tracker_ros.node.console.json_conversions import Json
 from pf_tracker_ros.node.console.requests import RequestError
 from pf_tracker_ros.pages.access import Access
 from pf_tracker_ros.pages.serving import Site
@@ -38,7 +38,7 @@ _CANCEL_INTERVAL = 0.1
 _LOG = logging.getLogger(__name__)
 
 
-class Socket:
+class BrowserConnection:
     """A browser's socket; what is sent into one that is closing is lost.
 
     One that takes nothing for a while is cut off; a browser that wakes up comes back by itself.
@@ -55,7 +55,7 @@ class Socket:
         self._transport = transport
 
     @property
-    def is_here(self) -> bool:
+    def is_local(self) -> bool:
         """Whether the browser is on this machine: both ends have the same address."""
         if not self._transport:
             return False
@@ -89,16 +89,16 @@ class WebServer:
     Args:
         host: Address or name to serve on.
         port: To serve on; 0 takes a free one.
-        create_hub: Called in the server's event loop.
+        create_bridge: Called in the server's event loop.
     """
 
-    def __init__(self, host: str, port: int, create_hub: Callable[[], Hub]) -> None:
+    def __init__(self, host: str, port: int, create_bridge: Callable[[], ConsoleBridge]) -> None:
         self.access = Access(host)
         self._site = Site(self.access, _PAGE)
         self._host = host
         self._port = port
-        self._create_hub = create_hub
-        self._hub: Hub | None = None
+        self._create_hub = create_bridge
+        self._hub: ConsoleBridge | None = None
         self._loop = asyncio.new_event_loop()
         self._stopping = asyncio.Event()
         self._started = threading.Event()
@@ -109,7 +109,7 @@ class WebServer:
         self._thread = threading.Thread(target=self._serve, name="web server", daemon=True)
 
     @property
-    def link(self) -> str:
+    def url(self) -> str:
         """The address to open, with the token where one is asked for."""
         # All addresses of this machine are none to open.
         host = socket.gethostname() if self._host in ("0.0.0.0", "::") else self._host
@@ -200,7 +200,7 @@ class WebServer:
             # It has gone already.
             return response
         assert self._hub is not None
-        browser = Socket(response, request.transport)
+        browser = BrowserConnection(response, request.transport)
         self._sockets.add(response)
         showing = asyncio.ensure_future(self._show(browser, response))
         requests: set[asyncio.Task[None]] = set()
@@ -223,7 +223,7 @@ class WebServer:
             task.cancel()
             self._loop.call_later(_CANCEL_INTERVAL, self._cancel, task)
 
-    async def _show(self, browser: Socket, response: web.WebSocketResponse) -> None:
+    async def _show(self, browser: BrowserConnection, response: web.WebSocketResponse) -> None:
         """Show everything to a browser; one to which nothing can be shown is to connect anew."""
         assert self._hub is not None
         try:

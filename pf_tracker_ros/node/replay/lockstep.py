@@ -46,7 +46,7 @@ class LockstepError(RuntimeError):
 
 
 @dataclass
-class Answers:
+class LockstepResult:
     """What the tracker published.
 
     Attributes:
@@ -66,7 +66,7 @@ def replay_in_lockstep(
     tracker: Mapping[str, Any],
     replay: Mapping[str, Any],
     timeout: float = 600.0,
-) -> Answers:
+) -> LockstepResult:
     """Replay a recording into a tracker node, each in a context of its own, and listen.
 
     They meet in a ROS domain in which nobody else on this machine is, in a namespace that nobody
@@ -97,7 +97,7 @@ def replay_in_lockstep(
         _wait(lambda: listener.knows(node), _MEETING_TIMEOUT, "the tracker was not found")
         listener.send(box, stamp)
         with _spinning(ReplayNode, domain, namespace, {**lockstep, **replay}) as player:
-            if not player.has_begun:
+            if not player.has_started:
                 raise LockstepError(f"{source} cannot be replayed; the log says why")
             _wait(
                 lambda: not player.context.ok(),
@@ -115,7 +115,7 @@ class _Listener(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("listener", **options)
-        self.answers = Answers()
+        self.answers = LockstepResult()
         self._heard = [
             self.create_subscription(
                 DiagnosticArray, "pf_tracker/status", self._on_status, _EVERY_STATUS

@@ -13,19 +13,19 @@ TOLERATED_LAG = 0.1
 _POLL_INTERVAL = 0.02
 
 
-class Stopped(Exception):  # noqa: N818
+class PlaybackStopped(Exception):  # noqa: N818
     """The playback was stopped while it waited."""
 
 
-class Sought(Exception):  # noqa: N818
+class SeekRequested(Exception):  # noqa: N818
     """The playback is to go on from another item, whose index is the argument, counted from 0."""
 
 
 class Playback:
     """The clock of a playback: a thread waits in it, others pause, step, seek, stop or answer.
 
-    Every wait ends early with `Stopped` once `stop` is called. Waiting for an item, or for the
-    answer to one, ends early with `Sought` once `seek` is called.
+    Every wait ends early with `PlaybackStopped` once `stop` is called. Waiting for an item, or for the
+    answer to one, ends early with `SeekRequested` once `seek` is called.
 
     Args:
         paused: Whether to begin paused.
@@ -103,8 +103,8 @@ class Playback:
         """Wait at the end of the source, paused.
 
         Raises:
-            Sought: The playback is to go on from an item.
-            Stopped: The playback was stopped.
+            SeekRequested: The playback is to go on from an item.
+            PlaybackStopped: The playback was stopped.
         """
         with self._changed:
             self._paused, self._steps, self._at_end = True, 0, True
@@ -119,7 +119,7 @@ class Playback:
         """Begin the source again: its first item is due one frame after its last."""
         self._last_time = None
 
-    def resume(self) -> None:
+    def restart_schedule(self) -> None:
         """Count the item that was waited for last as due only now: what held it back is over."""
         if self._last_due is not None:
             self._last_due = time.monotonic()
@@ -136,8 +136,8 @@ class Playback:
             By how many seconds the item is late beyond what is tolerated, else 0.
 
         Raises:
-            Sought: The playback is to go on from an item.
-            Stopped: The playback was stopped.
+            SeekRequested: The playback is to go on from an item.
+            PlaybackStopped: The playback was stopped.
         """
         if self._last_time is not None:
             self._last_gap = max(0, item_time - self._last_time) / NANOSECONDS
@@ -167,18 +167,18 @@ class Playback:
         self._last_time = item_time
         return lag
 
-    def answer(self, stamp: int) -> None:
+    def mark_processed(self, stamp: int) -> None:
         """Tell that the item with this stamp has been dealt with."""
         with self._changed:
             self._answer = stamp
             self._changed.notify_all()
 
-    def forget_answer(self) -> None:
+    def clear_processed(self) -> None:
         """Take no earlier answer for one to the next item."""
         with self._changed:
             self._answer = None
 
-    def wait_for_answer(self, stamp: int, timeout: float) -> bool:
+    def wait_until_processed(self, stamp: int, timeout: float) -> bool:
         """Wait until the item with this stamp has been dealt with.
 
         Args:
@@ -189,8 +189,8 @@ class Playback:
             Whether it has.
 
         Raises:
-            Sought: The playback is to go on from an item.
-            Stopped: The playback was stopped.
+            SeekRequested: The playback is to go on from an item.
+            PlaybackStopped: The playback was stopped.
         """
         with self._changed:
             answered = self._changed.wait_for(
@@ -210,12 +210,12 @@ class Playback:
 
     def _raise_what_was_asked(self) -> None:
         if self._stopped:
-            raise Stopped
+            raise PlaybackStopped
         if self._sought is not None:
             index, self._sought = self._sought, None
             # What was waited for is not what comes.
             self._last_due = None
-            raise Sought(index)
+            raise SeekRequested(index)
 
     def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
         """Wait for something that can only be polled.
@@ -228,13 +228,13 @@ class Playback:
             Whether the condition came true.
 
         Raises:
-            Stopped: The playback was stopped.
+            PlaybackStopped: The playback was stopped.
         """
         deadline = time.monotonic() + timeout
         while not condition():
             with self._changed:
                 if self._stopped:
-                    raise Stopped
+                    raise PlaybackStopped
                 self._changed.wait(_POLL_INTERVAL)
             if time.monotonic() > deadline:
                 return condition()

@@ -24,11 +24,11 @@ from std_srvs.srv import SetBool, Trigger
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.prefetch import Prefetch
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
-from pf_tracker_ros.node.replay.playback import Playback, Sought, Stopped
-from pf_tracker_ros.node.replay.played_stamps import PlayedStamps
+from pf_tracker_ros.node.replay.playback import Playback, PlaybackStopped, SeekRequested
 from pf_tracker_ros.node.replay.replay_outputs import DEPTH, ReplayOutputs
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.node.replay.replay_source import ReplayItem, ReplaySource, open_replay_source
+from pf_tracker_ros.node.replay.restamping import Restamper
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.plurals import counted
@@ -51,7 +51,7 @@ class ReplayNode(Node):
 
     Attributes:
         exit_code: 1 once the source has failed while it was played, else 0.
-        has_begun: Whether it plays, or has played, its source.
+        has_started: Whether it plays, or has played, its source.
         before_frame: Called in the playback's thread with the index of each frame before it goes
             out.
         playback: To pause, step and seek, once it has begun.
@@ -76,7 +76,7 @@ class ReplayNode(Node):
         self.failure = ""
         self._hindrance = ""
         self._indices: dict[int, int] = {}
-        self._played_stamps = PlayedStamps(lambda: self.get_clock().now().nanoseconds)
+        self._played_stamps = Restamper(lambda: self.get_clock().now().nanoseconds)
         self._thread: threading.Thread | None = None
         self._binding = ParameterBinding(self)
         self._binding.declare(ReplayParameters)
@@ -123,7 +123,7 @@ class ReplayNode(Node):
         return float(self._binding.values["lockstep_rate"])
 
     @property
-    def has_begun(self) -> bool:  # noqa: D102
+    def has_started(self) -> bool:  # noqa: D102
         return self._thread is not None
 
     @property
@@ -137,7 +137,7 @@ class ReplayNode(Node):
         return self._outputs.image_topic
 
     @property
-    def hindrance(self) -> str:
+    def wait_reason(self) -> str:
         """What it waits for and why it does not go on, as the log has it; empty if it does.
 
         Where it stands still, why it would not go on.
@@ -162,7 +162,7 @@ class ReplayNode(Node):
         super().destroy_node()  # type: ignore[no-untyped-call]
 
     def _on_status(self, status: DiagnosticArray) -> None:
-        self.playback.answer(stamp_of(status.header))
+        self.playback.mark_processed(stamp_of(status.header))
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self.playback.paused = request.data
@@ -186,7 +186,7 @@ class ReplayNode(Node):
     def _run(self) -> None:
         try:
             self._play_source()
-        except Stopped:
+        except PlaybackStopped:
             pass
         except FootageError as error:
             self._fail(str(error))
@@ -211,7 +211,7 @@ class ReplayNode(Node):
             try:
                 plays = self._play_on(first)
                 first = 0
-            except Sought as sought:
+            except SeekRequested as sought:
                 (first,) = sought.args
             self.playback.begin_pass()
         self._outputs.wait_for_delivery()
@@ -221,7 +221,7 @@ class ReplayNode(Node):
         """Play from a frame, counted from 0, to the end; whether the source begins again then.
 
         Raises:
-            Sought: To go on from another one.
+            SeekRequested: To go on from another one.
         """
         published_before = self._published
         self._play_pass(first)
@@ -246,7 +246,7 @@ class ReplayNode(Node):
                 if target_is_due:
                     target_is_due = not self._send_target(item)
                 self.before_frame(index)
-                self.playback.forget_answer()
+                self.playback.clear_processed()
                 self._indices.pop(item.stamp, None)
                 self._indices[item.stamp] = index
                 if len(self._indices) > _MOST_REMEMBERED:
@@ -259,9 +259,9 @@ class ReplayNode(Node):
 
     def _stamped(self, item: ReplayItem) -> ReplayItem:
         """The item with the stamp that it goes out with."""
-        if self._source.has_time or self._fixed.lockstep or self._fixed.publish_clock:
+        if self._source.has_timestamps or self._fixed.lockstep or self._fixed.publish_clock:
             return item
-        return item.delay(self._played_stamps.delay_of(item.stamp, self._rate))
+        return item.shifted(self._played_stamps.delay_of(item.stamp, self._rate))
 
     def _wait_until_due(self, item: ReplayItem) -> None:
         if self._fixed.lockstep:
@@ -284,7 +284,7 @@ class ReplayNode(Node):
         """Send the target if it belongs to this frame, and tell whether it did."""
         if not self._outputs.publish_target(item):
             return False
-        self.playback.resume()
+        self.playback.restart_schedule()
         self._played_stamps.follow_clock()
         return True
 
@@ -298,12 +298,12 @@ class ReplayNode(Node):
         while missing := self._missing():
             self._hindrance = _waiting_for(missing)
             if not self.playback.wait_for(lambda: not self._missing(), interval):
-                self._log.warning(f"{self._hindrance}{self._outputs.elsewhere()}")
+                self._log.warning(f"{self._hindrance}{self._outputs.other_topic_hint()}")
                 interval = min(2.0 * interval, _LONGEST_WARNING_INTERVAL)
         self._hindrance = ""
 
     def _missing(self) -> list[str]:
-        missing = self._outputs.missing()
+        missing = self._outputs.missing_peers()
         if self._fixed.lockstep:
             status_topic = self._status_subscription.topic_name
             if self.count_publishers(status_topic) == 0:
@@ -313,7 +313,7 @@ class ReplayNode(Node):
     def _wait_for_status(self, item: ReplayItem) -> None:
         while True:
             timeout = self._binding.values["lockstep_timeout"]
-            if self.playback.wait_for_answer(item.stamp, timeout):
+            if self.playback.wait_until_processed(item.stamp, timeout):
                 self._hindrance = ""
                 return
             stamp = item.stamp / NANOSECONDS
@@ -366,7 +366,7 @@ def main(arguments: list[str] | None = None, source: str | None = None) -> int:
         given = [] if source is None else [Parameter("source", value=source)]
         node = ReplayNode(parameter_overrides=given)
         nodes.append(node)
-        if source is not None and not node.has_begun:
+        if source is not None and not node.has_started:
             node.exit_code = 2
             node.context.try_shutdown()
         return node

@@ -13,7 +13,7 @@ from sensor_msgs.msg import CompressedImage
 
 from pf_tracker_ros.boxes import as_box
 from pf_tracker_ros.messages import box_message
-from pf_tracker_ros.node.image_topics import where_images_are_taken
+from pf_tracker_ros.node.image_topics import image_subscriber_hint
 from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.replay.playback import Playback
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
@@ -114,7 +114,7 @@ class ReplayOutputs:
         if self._ground_truth is not None:
             self._wait_for_acknowledgment(self._ground_truth)
 
-    def missing(self) -> list[str]:
+    def missing_peers(self) -> list[str]:
         """Whom it takes to go on: a target, and images in lockstep, need somebody to take them."""
         needed = [self._targets] if self._targets is not None else []
         if self._parameters.lockstep or needed:
@@ -127,11 +127,11 @@ class ReplayOutputs:
                 missing.append(f"a subscriber of {publisher.topic_name}{hint}")
         return missing
 
-    def elsewhere(self) -> str:
+    def other_topic_hint(self) -> str:
         """Where images are waited for, if they are not here."""
         if self._is_taken(self._images):
             return ""
-        return where_images_are_taken(
+        return image_subscriber_hint(
             self._node, self._images.topic_name, compressed=self._is_compressed
         )
 

@@ -22,7 +22,7 @@ from pf_tracker_ros.footage import (
     open_footage,
 )
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE
-from pf_tracker_ros.footage.cdr import read_compressed_image, read_image
+from pf_tracker_ros.footage.cdr import deserialize_compressed_image, deserialize_image
 from pf_tracker_ros.messages import box_message, image_message
 from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
@@ -46,7 +46,7 @@ class ReplayItem:
     image: Image | bytes
     ground_truth: PolygonStamped | bytes | None
 
-    def delay(self, delay: int) -> ReplayItem:
+    def shifted(self, delay: int) -> ReplayItem:
         """The same item later, by nanoseconds; its messages are stamped anew, in place.
 
         Raises:
@@ -69,7 +69,7 @@ class ReplaySource:
         image_type: Message class of the images.
         count: Number of images as far as the source tells, else None.
         has_ground_truth: Whether there are true boxes.
-        has_time: Whether its stamps are those of the recording, and not counted from its start.
+        has_timestamps: Whether its stamps are those of the recording, and not counted from its start.
         items: Reads the images in order, from the first one with each call; raises FootageError
             where the source cannot be read.
     """
@@ -78,7 +78,7 @@ class ReplaySource:
     image_type: type[Image] | type[CompressedImage]
     count: int | None
     has_ground_truth: bool
-    has_time: bool
+    has_timestamps: bool
     items: Callable[[], Generator[ReplayItem, None, None]]
 
 
@@ -96,7 +96,7 @@ def open_replay_source(parameters: ReplayParameters) -> ReplaySource:
             image_type=CompressedImage if bag.image_type == COMPRESSED_IMAGE_TYPE else Image,
             count=bag.image_count or None,
             has_ground_truth=bag.ground_truth_topic is not None,
-            has_time=True,
+            has_timestamps=True,
             items=partial(_items_of_bag, bag),
         )
     else:
@@ -106,7 +106,7 @@ def open_replay_source(parameters: ReplayParameters) -> ReplaySource:
             image_type=Image,
             count=footage.frame_count,
             has_ground_truth=footage.ground_truth is not None,
-            has_time=False,
+            has_timestamps=False,
             items=partial(_items_of_footage, footage, parameters.frame_id),
         )
     if parameters.target_from_ground_truth and not source.has_ground_truth:
@@ -120,7 +120,7 @@ def open_replay_source(parameters: ReplayParameters) -> ReplaySource:
 def _items_of_bag(bag: ImageBag) -> Generator[ReplayItem, None, None]:
     """The images of a bag, as the bytes that were recorded."""
     is_compressed = bag.image_type == COMPRESSED_IMAGE_TYPE
-    read = read_compressed_image if is_compressed else read_image
+    read = deserialize_compressed_image if is_compressed else deserialize_image
     for index, image in enumerate(bag.images()):
         # What cannot be read reaches no subscriber, which lockstep would wait for.
         try:

@@ -19,9 +19,9 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 
 from pf_tracker_ros.messages import WARN, Status, status_message
-from pf_tracker_ros.node.image_topics import where_images_are
+from pf_tracker_ros.node.image_topics import image_publisher_hint
 from pf_tracker_ros.node.messages import new_message
-from pf_tracker_ros.node.qos import DEFAULT_QOS, Report, advertise
+from pf_tracker_ros.node.qos import DEFAULT_QOS, ErrorCallback, advertise
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.frame_clock import LATE_WITHIN
 
@@ -47,7 +47,7 @@ _LONGEST_GAP = 2.0 * NANOSECONDS
 
 
 @dataclass(frozen=True)
-class Rhythm:
+class FrameStatistics:
     """What the stamps of some frames tell.
 
     Attributes:
@@ -59,7 +59,7 @@ class Rhythm:
     lost_share: float
 
 
-def rhythm(stamps: Sequence[int], arrivals: Sequence[float]) -> Rhythm | None:
+def frame_statistics(stamps: Sequence[int], arrivals: Sequence[float]) -> FrameStatistics | None:
     """The rhythm of a camera, from the stamps of those of its frames that came.
 
     Args:
@@ -87,7 +87,7 @@ def rhythm(stamps: Sequence[int], arrivals: Sequence[float]) -> Rhythm | None:
         return None
     missing = np.maximum(np.rint(multiples), 1.0) - 1.0
     if np.count_nonzero(missing) < _FEWEST_GAPS:
-        return Rhythm(interval / NANOSECONDS, 0.0)
+        return FrameStatistics(interval / NANOSECONDS, 0.0)
     are_losses = (
         np.count_nonzero(np.rint(judged) > 1.0) >= _FEWEST_SHORT_GAPS
         and np.corrcoef(gaps, waits)[0, 1] > _LEAST_CORRELATION
@@ -95,7 +95,7 @@ def rhythm(stamps: Sequence[int], arrivals: Sequence[float]) -> Rhythm | None:
     if not are_losses:
         return None
     lost = float(missing.sum() - missing.max())
-    return Rhythm(interval / NANOSECONDS, lost / (lost + len(gaps)))
+    return FrameStatistics(interval / NANOSECONDS, lost / (lost + len(gaps)))
 
 
 def _between_neighbors(
@@ -118,7 +118,7 @@ def _interval(gaps: NDArray[np.float64]) -> float:
     return float(np.median(gaps[gaps <= _SHORT_WITHIN * shortest]))
 
 
-def overload_message(processing: float) -> str:
+def overload_warning(processing: float) -> str:
     """What to do where the node is busy all the time.
 
     Args:
@@ -130,7 +130,7 @@ def overload_message(processing: float) -> str:
     )
 
 
-def loss_message(found: Rhythm, topic: str, reliability: str) -> str:
+def loss_warning(found: FrameStatistics, topic: str, reliability: str) -> str:
     """How many frames are lost on the way, and the cure.
 
     Args:
@@ -199,13 +199,13 @@ class Diagnostics:
     """Counts frames and publishes the figures of the last five seconds, and of all time.
 
     Attributes:
-        jumps: How often time has gone back.
+        time_jumps: How often time has gone back.
         lost_share: Share of the camera's frames that did not come, 0 to 1, in the last report.
 
     Args:
         node: The node that publishes.
         health: Tells how the node is.
-        stale_after: Tells after how many seconds without an image to warn.
+        image_timeout: Tells after how many seconds without an image to warn.
         report: Called with a sentence if an override of the quality of service is wrong.
     """
 
@@ -213,13 +213,13 @@ class Diagnostics:
         self,
         node: Node,
         health: Callable[[], Health],
-        stale_after: Callable[[], float],
-        report: Report,
+        image_timeout: Callable[[], float],
+        report: ErrorCallback,
     ) -> None:
         self._node = node
         self._health = health
-        self._stale_after = stale_after
-        self.jumps = 0
+        self._stale_after = image_timeout
+        self.time_jumps = 0
         self.lost_share = 0.0
         self._was_lossy = False
         # What the log has said of missing images, but for their number; None while there are some.
@@ -271,16 +271,16 @@ class Diagnostics:
         level, message = health.level, health.message
         if self._is_overloaded():
             level = max(level, WARN)
-            message = f"{message}; {overload_message(self._processing())}"
+            message = f"{message}; {overload_warning(self._processing())}"
         elif found and is_lossy:
             level = max(level, WARN)
-            loss = loss_message(found, health.image_topic, health.image_reliability)
+            loss = loss_warning(found, health.image_topic, health.image_reliability)
             message = f"{message}; {loss}"
         silent = now - (self._last_arrival or self._began)
         is_silent = health.expects_images and silent > self._stale_after()
         if is_silent:
             level = max(level, WARN)
-            where = where_images_are(
+            where = image_publisher_hint(
                 self._node, health.image_topic, compressed=health.is_compressed
             )
             said = f"no image for {silent:.1f} s{where}"
@@ -294,12 +294,14 @@ class Diagnostics:
         status = Status(name, level, message, values)
         self._publisher.publish(status_message(new_message, header, [status]))
 
-    def _rhythm(self, health: Health) -> Rhythm | None:
+    def _rhythm(self, health: Health) -> FrameStatistics | None:
         """That of the only camera; the stamps of several would be taken for one's."""
         if not health.expects_images or self._node.count_publishers(health.image_topic) > 1:
             return None
         stamped = [frame for frame in self._frames if frame.stamp]
-        return rhythm([frame.stamp for frame in stamped], [frame.arrival for frame in stamped])
+        return frame_statistics(
+            [frame.stamp for frame in stamped], [frame.arrival for frame in stamped]
+        )
 
     def _is_overloaded(self) -> bool:
         if len(self._frames) < 2:
@@ -312,7 +314,7 @@ class Diagnostics:
         """Seconds that a frame takes, on average."""
         return sum(frame.processing for frame in self._frames) / len(self._frames)
 
-    def _figures(self, now: float, found: Rhythm | None) -> dict[str, Value]:
+    def _figures(self, now: float, found: FrameStatistics | None) -> dict[str, Value]:
         frames = list(self._frames)
         values: dict[str, Value] = {
             "input_rate": len(frames) / min(_WINDOW, max(now - self._began, PERIOD)),
@@ -333,5 +335,5 @@ class Diagnostics:
             values["processing_time_max_ms"] = 1e3 * max(frame.processing for frame in frames)
         for outcome in ("duplicate", "late", "paused", "refused"):
             values[f"dropped_{outcome}"] = self._outcomes[outcome]
-        values["time_jumps"] = self.jumps
+        values["time_jumps"] = self.time_jumps
         return values

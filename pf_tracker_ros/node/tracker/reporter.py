@@ -108,7 +108,7 @@ class Throttle:
     def __init__(self) -> None:
         self._said_at: dict[str, float] = {}
 
-    def pick(self, sentences: Sequence[str]) -> tuple[str, ...]:
+    def unrepeated(self, sentences: Sequence[str]) -> tuple[str, ...]:
         """Those of the sentences that are not of the kind of one that was just picked."""
         now = time.monotonic()
         self._said_at = {

@@ -16,7 +16,7 @@ from std_msgs.msg import Header
 
 from pf_tracker_ros.messages import ERROR, WARN, Status, status_message
 from pf_tracker_ros.node.messages import new_message
-from pf_tracker_ros.node.qos import LATCHED_QOS, Report, advertise
+from pf_tracker_ros.node.qos import LATCHED_QOS, ErrorCallback, advertise
 from pf_tracker_ros.node.tracker.reporter import Reporter
 from pf_tracker_ros.stamps import parts
 from pf_tracker_ros.targets.tracked_target import (
@@ -30,11 +30,11 @@ from pf_tracker_ros.tracking.estimate import SEVERITIES, Estimate
 SKIPPED = ("refused", "duplicate", "late", "paused")
 
 # One frame may come twice or broken; so many seconds of such frames are told of.
-TOLD_AFTER = 1.0
+REPORT_AFTER = 1.0
 
 
 @dataclass(frozen=True)
-class Skipped:
+class SkippedStreak:
     """The frames in a row, up to the last one, that were not looked at.
 
     Attributes:
@@ -53,10 +53,10 @@ class Skipped:
     @property
     def is_lasting(self) -> bool:
         """Whether it has lasted for so long that people should know."""
-        return self.seconds >= TOLD_AFTER
+        return self.seconds >= REPORT_AFTER
 
     @property
-    def described(self) -> str:
+    def description(self) -> str:
         """The cause, and since when if that is long ago."""
         if not self.is_lasting:
             return self.cause
@@ -79,12 +79,12 @@ class SkippedFrames:
 
     def forget(self) -> None:
         """Begin again, as after an activation."""
-        self.last: Skipped | None = None
+        self.last: SkippedStreak | None = None
         self._began = 0.0
         self._last_stamp = 0
         self._is_logged = False
 
-    def look_at(self, stamp: int) -> None:
+    def mark_processed(self, stamp: int) -> None:
         """Take a frame that was looked at.
 
         Args:
@@ -108,11 +108,11 @@ class SkippedFrames:
         if self.last is None:
             self._began = now
         count = self.last.count + 1 if self.last else 1
-        self.last = Skipped(count, round(now - self._began, 3), cause, self._last_stamp)
+        self.last = SkippedStreak(count, round(now - self._began, 3), cause, self._last_stamp)
         if self.last.is_lasting and not self._is_logged and frame != "paused":
             self._is_logged = True
             if frame != "refused":
-                self._logger.warning(self.last.described)
+                self._logger.warning(self.last.description)
 
 
 # A target that flickers at the frame rate is told of once in so long, with the state it is then in.
@@ -134,7 +134,7 @@ class StateLog:
         self._told = "tracking"
         self._told_at = -_INTERVAL
 
-    def tell(self, id: int, estimate: Estimate) -> None:
+    def update(self, id: int, estimate: Estimate) -> None:
         """Log the state after a frame if it is another than the last one that was told.
 
         Args:
@@ -162,7 +162,7 @@ class TargetsLog:
         self._told: tuple[int, ...] = ()
         self._told_at = -_INTERVAL
 
-    def tell(self, targets: Sequence[TrackedTarget]) -> None:
+    def update(self, targets: Sequence[TrackedTarget]) -> None:
         """Log the targets after a frame if they are others than the last ones that were told."""
         now = time.monotonic()
         ids = tuple(target.id for target in targets)
@@ -176,7 +176,7 @@ class TargetsLog:
 PAUSED = "paused; the service ~/enable lets it go on"
 
 
-def stamp_text(stamp: int) -> str:
+def format_stamp(stamp: int) -> str:
     """A stamp in nanoseconds as seconds with all digits."""
     seconds, nanoseconds = parts(stamp)
     return f"{seconds}.{nanoseconds:09d}"
@@ -191,7 +191,7 @@ class NodeStatus:
         result: What is known after the last frame that was looked at.
         requested_stamp: Stamp of the frame that a requested target waits for, None or 0 without.
         skipped: The frames since, None if that is this one.
-        obstacle: What keeps the node from tracking at all, or empty.
+        configuration_error: What keeps the node from tracking at all, or empty.
         enabled: Whether it looks at images.
         preset: Of the tracker, and how many values differ from it.
         lost_share: Share of the camera's frames that did not come, 0 to 1.
@@ -200,8 +200,8 @@ class NodeStatus:
     frame: str
     result: FrameResult
     requested_stamp: int | None
-    skipped: Skipped | None
-    obstacle: str
+    skipped: SkippedStreak | None
+    configuration_error: str
     enabled: bool
     preset: str
     lost_share: float
@@ -224,7 +224,7 @@ class NodeStatus:
     @property
     def level(self) -> int:
         """How bad it is."""
-        if self.obstacle or self.frame == "refused":
+        if self.configuration_error or self.frame == "refused":
             return ERROR
         level = SEVERITIES[self.last_state]
         if self.skipped and self.skipped.is_lasting:
@@ -234,14 +234,14 @@ class NodeStatus:
     @property
     def description(self) -> str:
         """How it is, in words."""
-        if self.obstacle:
-            return f"not tracking: {self.obstacle}"
+        if self.configuration_error:
+            return f"not tracking: {self.configuration_error}"
         if self.skipped:
-            return self.skipped.described
+            return self.skipped.description
         if not self.enabled:
             return PAUSED
         if self.requested_stamp:
-            stamp = stamp_text(self.requested_stamp)
+            stamp = format_stamp(self.requested_stamp)
             return f"{self.state}; a target waits for an image stamped {stamp} s"
         return description(self.result.targets, self.result.selected)
 
@@ -255,7 +255,7 @@ class NodeStatus:
         if self.is_skipped:
             values["last_state"] = self.last_state
         if self.skipped and self.skipped.last_stamp:
-            values["last_stamp"] = stamp_text(self.skipped.last_stamp)
+            values["last_stamp"] = format_stamp(self.skipped.last_stamp)
         if not self.is_skipped:
             values |= self.result.values
         return values
@@ -269,7 +269,7 @@ class StatusOutput:
         report: Called with a sentence if a subscriber cannot be reached.
     """
 
-    def __init__(self, node: Node, report: Report) -> None:
+    def __init__(self, node: Node, report: ErrorCallback) -> None:
         self._node = node
         self._publisher = advertise(
             node, DiagnosticArray, "~/status", profile=LATCHED_QOS, report=report
@@ -287,10 +287,12 @@ class StatusOutput:
             elapsed: Seconds that the frame took.
         """
         level = status.level
-        errors = [error for error in reporter.take_unshown() if error not in status.obstacle]
+        errors = [
+            error for error in reporter.take_unshown() if error not in status.configuration_error
+        ]
         if errors:
             level = max(level, WARN)
-        if status.obstacle or not errors:
+        if status.configuration_error or not errors:
             errors.insert(0, status.description)
         values: dict[str, str | float | int] = {"frame": status.frame}
         values |= status.values

@@ -16,26 +16,21 @@ from sensor_msgs.msg import CompressedImage, Image
 from pf_tracker_ros.decoding.decoder import ImageDecoder
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.messages import ERROR, OK, WARN
-from pf_tracker_ros.node.graph_watch import GraphWatch
+from pf_tracker_ros.node.graph_monitor import GraphMonitor
 from pf_tracker_ros.node.managed_node import ManagedNode
-from pf_tracker_ros.node.override_sources import files_superseded_by
+from pf_tracker_ros.node.override_sources import parameters_superseded_by
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.parameter_group import Values
-from pf_tracker_ros.node.parameter_requests import take_whole_requests
+from pf_tracker_ros.node.parameter_requests import serve_atomic_requests
 from pf_tracker_ros.node.qos import given_overrides, is_overridden
 from pf_tracker_ros.node.real_time import RealTimePriority
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.node.tracker.diagnostics import Diagnostics, Health
-from pf_tracker_ros.node.tracker.image_input import RELIABILITY_CURE, ImageInput
-from pf_tracker_ros.node.tracker.inputs import (
-    DETECTIONS_TOPIC,
-    DETECTIONS_TYPE,
-    NOT_INSTALLED,
-    Inputs,
-)
-from pf_tracker_ros.node.tracker.outputs import Outputs
+from pf_tracker_ros.node.tracker.image_subscription import RELIABILITY_CURE, ImageSubscription
+from pf_tracker_ros.node.tracker.publishers import FramePublishers
 from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter, Throttle
 from pf_tracker_ros.node.tracker.services import Services
+from pf_tracker_ros.node.tracker.session_manager import SessionManager
 from pf_tracker_ros.node.tracker.status import (
     PAUSED,
     SKIPPED,
@@ -44,9 +39,14 @@ from pf_tracker_ros.node.tracker.status import (
     StateLog,
     StatusOutput,
     TargetsLog,
-    stamp_text,
+    format_stamp,
 )
-from pf_tracker_ros.node.tracker.tracking import Tracking
+from pf_tracker_ros.node.tracker.target_subscriptions import (
+    DETECTIONS_CLASS,
+    DETECTIONS_TOPIC,
+    VISION_MSGS_MISSING,
+    TargetSubscriptions,
+)
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.stamps import stamp_of
@@ -82,28 +82,28 @@ class TrackerNode(ManagedNode):
         self._obstacle = ""
         self._enabled = True
         self._has_target = False
-        self._tracking = Tracking()
+        self._tracking = SessionManager()
         self._result = FrameResult()
         self._states, self._listed = StateLog(self._log), TargetsLog(self._log)
         self._throttle = Throttle()
         self._status: StatusOutput | None = None
-        self._outputs: Outputs | None = None
+        self._outputs: FramePublishers | None = None
         self._offered: Services | None = None
-        self._inputs: Inputs | None = None
+        self._inputs: TargetSubscriptions | None = None
         self._unused_overrides: set[str] = set()
 
         self._binding = ParameterBinding(self, report=self._reporter.report)
         self._binding.declare(NodeParameters)
         self._binding.declare(
             TrackerParameters,
-            usual=lambda values: preset_parameters(values["preset"], values["max_targets"]),
-            renewed_by={
+            defaults=lambda values: preset_parameters(values["preset"], values["max_targets"]),
+            reset_by={
                 "preset": lambda before, after: True,
                 "max_targets": lambda before, after: (before > 1) != (after > 1),
             },
             # They tell of the detector that there is, and not of how it is made use of.
             kept=[name for name in declarations(TrackerParameters) if name.startswith("detector.")],
-            superseded=files_superseded_by(
+            superseded=parameters_superseded_by(
                 "preset",
                 self.get_fully_qualified_name(),
                 [*command_line, *(options.get("cli_args") or ())],
@@ -112,19 +112,19 @@ class TrackerNode(ManagedNode):
             keeps_read_only=False,
         )
         self._binding.listen(check=self._check, apply=self._apply)
-        take_whole_requests(self, self._binding)
+        serve_atomic_requests(self, self._binding)
         self._real_time: RealTimePriority | None = None
         if has_process:
             self._real_time = RealTimePriority(self._reporter.report)
-            self._real_time.ask(self._values["realtime_priority"])
+            self._real_time.request_priority(self._values["realtime_priority"])
         self._take_preset()
-        self._decoder = ImageDecoder(self._values["largest_image"])
-        self._images = ImageInput(self, self._on_image, self._reporter.report)
+        self._decoder = ImageDecoder(self._values["max_image_pixels"])
+        self._images = ImageSubscription(self, self._on_image, self._reporter.report)
         self._diagnostics = Diagnostics(
-            self, self._health, lambda: self._values["stale_after"], self._reporter.report
+            self, self._health, lambda: self._values["image_timeout"], self._reporter.report
         )
         self._errors_in_health = 0
-        self._graph = GraphWatch(self, self._reporter.report, self._cure)
+        self._graph = GraphMonitor(self, self._reporter.report, self._cure)
         if self._values["autostart"]:
             self.start()
         else:
@@ -148,13 +148,13 @@ class TrackerNode(ManagedNode):
             raise ValueError(self._obstacle)
         report = self._reporter.report
         self._status = StatusOutput(self, report)
-        self._outputs = Outputs(self, report)
+        self._outputs = FramePublishers(self, report)
         self._offered = Services(self, self._stop, self._enable)
 
     def activate(self) -> None:
         """Subscribe to what is said of targets, and to images."""
         # Before the images: the executor serves what waits in the order of subscriptions.
-        self._inputs = Inputs(
+        self._inputs = TargetSubscriptions(
             self, self._session, lambda: self._values["click_size"], self._reporter.report
         )
         self._subscribe()
@@ -163,10 +163,10 @@ class TrackerNode(ManagedNode):
         self._report_unused_overrides()
         name = self.get_fully_qualified_name()
         topics = f"images on {self._images.topic}, targets on {name}/target"
-        if DETECTIONS_TYPE:
+        if DETECTIONS_CLASS:
             topics += f", detections on {self.resolve_topic_name(DETECTIONS_TOPIC)}"
         elif _has_several(self._values) and self._values["built_in_detector"] == "none":
-            self._log.warning(NOT_INSTALLED)
+            self._log.warning(VISION_MSGS_MISSING)
         if self._obstacle:
             self._log.warning(f"not tracking until what is wrong is set rightly; {topics}")
         else:
@@ -213,8 +213,8 @@ class TrackerNode(ManagedNode):
         if changes.keys() & {"preset", "max_targets"}:
             self._log.info(f"preset {self._preset.description}")
         if self._real_time and "realtime_priority" in changes:
-            self._real_time.ask(self._values["realtime_priority"])
-        self._decoder.largest = self._values["largest_image"]
+            self._real_time.request_priority(self._values["realtime_priority"])
+        self._decoder.max_pixels = self._values["max_image_pixels"]
         if self._images.topic and changes.keys() & {"image_reliability", "image_transport"}:
             self._subscribe()
         if self._tracking.session is None:
@@ -264,7 +264,7 @@ class TrackerNode(ManagedNode):
         self._has_target = False
         outcome = self._tracking.stop()
         self._result = self._known()
-        self._listed.tell(())
+        self._listed.update(())
         return self._told(outcome)
 
     def _enable(self, enabled: bool) -> str:
@@ -281,7 +281,7 @@ class TrackerNode(ManagedNode):
     def _on_image(self, message: Image | CompressedImage) -> None:
         began = time.perf_counter()
         if self._inputs:
-            self._inputs.take_waiting()
+            self._inputs.take_pending()
         result = self._try(partial(self._process, message))
         if result is None:
             if not self.context.ok():
@@ -292,13 +292,13 @@ class TrackerNode(ManagedNode):
         if frame in SKIPPED:
             self._skipped.skip(frame, self._why_skipped(frame, stamp))
         else:
-            self._skipped.look_at(stamp)
+            self._skipped.mark_processed(stamp)
         if self._status:
             status = self._current_status(frame)
             self._status.publish(message.header, status, self._reporter, elapsed)
             self._has_target = status.last_state != "idle"
         if self._outputs and result.known and frame not in SKIPPED:
-            self._try(partial(self._outputs.show, message.header, result.known))
+            self._try(partial(self._outputs.publish_visualizations, message.header, result.known))
         # What was only of this frame.
         self._result = replace(self._result, image=None, likelihood=None)
         self._diagnostics.count(frame, stamp, time.perf_counter() - began)
@@ -326,7 +326,7 @@ class TrackerNode(ManagedNode):
         if session is None:
             self._decoder.decode(message)
             return _Result("waiting")
-        for error in self._throttle.pick(self._tracking.take_detections()):
+        for error in self._throttle.unrepeated(self._tracking.take_detections()):
             self._reporter.report(error)
         arrival = session.classify(stamp)
         if arrival in DROPPED_ARRIVALS:
@@ -338,14 +338,14 @@ class TrackerNode(ManagedNode):
         for error in (
             *outcome.refused,
             *outcome.ended,
-            *self._throttle.pick(outcome.rejected_detections),
+            *self._throttle.unrepeated(outcome.rejected_detections),
         ):
             self._reporter.report(error)
         self._log_progress(outcome)
         # A duplicate that a target could have started on says nothing new.
         if self._outputs and outcome.frame not in SKIPPED:
             self._outputs.publish(message.header, result)
-            if self._outputs.wants("likelihood"):
+            if self._outputs.has_subscribers("likelihood"):
                 result = replace(result, likelihood=session.map_likelihood())
                 self._outputs.publish(message.header, result, ("likelihood",))
         self._result = result
@@ -368,15 +368,15 @@ class TrackerNode(ManagedNode):
     def _log_progress(self, outcome: Outcome) -> None:
         """Log which targets there are, and how the selected one is."""
         if outcome.jumped_back:
-            self._diagnostics.jumps += 1
+            self._diagnostics.time_jumps += 1
             self._tell_of_jump(outcome)
         for target in outcome.targets:
             if target.id in outcome.started:
                 box = ", ".join(f"{value:g}" for value in target.estimate.box)
                 self._log.info(f"tracking target {target.id} from the box ({box}) on")
-        self._listed.tell(outcome.targets)
+        self._listed.update(outcome.targets)
         if outcome.estimate:
-            self._states.tell(outcome.selected, outcome.estimate)
+            self._states.update(outcome.selected, outcome.estimate)
 
     def _tell_of_jump(self, outcome: Outcome) -> None:
         """Log that time went back: whoever lost no target by it needs no advice."""
@@ -407,12 +407,12 @@ class TrackerNode(ManagedNode):
         topic = self._images.topic
         if frame == "duplicate":
             return (
-                f"the stamp {stamp_text(stamp)} s is that of the frame before, and a frame is "
+                f"the stamp {format_stamp(stamp)} s is that of the frame before, and a frame is "
                 f"tracked once: let whoever publishes {topic} stamp each image with the time at "
                 "which it was taken, or none of them (0)"
             )
         return (
-            f"the stamp {stamp_text(stamp)} s is before that of the last frame: let one camera "
+            f"the stamp {format_stamp(stamp)} s is before that of the last frame: let one camera "
             f"alone publish {topic}, with one clock, or lower 'time_jump_threshold' for a "
             "recording that begins again"
         )
@@ -424,7 +424,7 @@ class TrackerNode(ManagedNode):
             result=self._result,
             requested_stamp=session.requested_stamp if session else None,
             skipped=self._skipped.last,
-            obstacle=self._obstacle,
+            configuration_error=self._obstacle,
             enabled=self._enabled,
             preset=self._summary,
             lost_share=self._diagnostics.lost_share,
@@ -453,7 +453,7 @@ class TrackerNode(ManagedNode):
             "image_topic": self._images.topic,
             "image_reliability": self._images.reliability,
             "preset": status.preset,
-            "realtime_priority": self._real_time.in_force if self._real_time else 0,
+            "realtime_priority": self._real_time.granted if self._real_time else 0,
         }
         values |= status.values
         values |= self._reporter.values()

@@ -13,22 +13,22 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from urllib.parse import quote
 
-from pf_tracker_ros.evaluation.reports.content import told_states
+from pf_tracker_ros.evaluation.reports.content import state_columns
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE, fill
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
-from pf_tracker_ros.recordings.archives.detected import any_footage, detected_recordings
-from pf_tracker_ros.recordings.archives.executors import Executor, choose_executor
-from pf_tracker_ros.recordings.archives.memory import needed_memory
-from pf_tracker_ros.recordings.archives.overlaps import check_apart
+from pf_tracker_ros.recordings.archives.executors import Executor, make_executor
+from pf_tracker_ros.recordings.archives.memory import required_memory
+from pf_tracker_ros.recordings.archives.overlaps import check_no_overlap
+from pf_tracker_ros.recordings.archives.recording_filter import any_footage, filter_from_options
 from pf_tracker_ros.recordings.archives.results import Results, results_at
 from pf_tracker_ros.recordings.archives.sources import (
-    Place,
+    PathOrUrl,
+    errors_name_source,
     find_recordings,
     local_copy,
-    telling_of,
 )
 from pf_tracker_ros.recordings.archives.stores import is_url
 from pf_tracker_ros.recordings.archives.tasks import (
@@ -40,9 +40,9 @@ from pf_tracker_ros.recordings.archives.tasks import (
     run_tasks,
     write_manifest,
 )
-from pf_tracker_ros.recordings.beside import DETECTIONS_ENDING
 from pf_tracker_ros.recordings.errors import DONE, FAILED, RecordingError
-from pf_tracker_ros.recordings.plan import BESIDE, open_asked, plan_for
+from pf_tracker_ros.recordings.plan import SIDECAR, make_plan, open_from_options
+from pf_tracker_ros.recordings.sidecar_files import DETECTIONS_SUFFIX
 
 # What a dry run tracks to tell how long the rest would take.
 _SAMPLED_RECORDINGS = 3
@@ -62,22 +62,22 @@ def run_archive(options: argparse.Namespace) -> int:
     for option, name in (("source", "SOURCE"), ("box", "--box"), ("draw", "--draw")):
         if getattr(options, option) not in (None, False):
             raise RecordingError(f"{name} is for one recording; allowed: without --archive")
-    if options.detections is not None and options.detections is not BESIDE:
+    if options.detections is not None and options.detections is not SIDECAR:
         raise RecordingError(
             f"a file of detections is for one recording; allowed here: {DETECTIONS} alone, which "
-            f"takes drive{DETECTIONS_ENDING} beside drive.mcap"
+            f"takes drive{DETECTIONS_SUFFIX} beside drive.mcap"
         )
-    if options.report is not None and options.report is not BESIDE:
+    if options.report is not None and options.report is not SIDECAR:
         raise RecordingError("--report has no folder here; allowed: beside each boxes.csv")
     results = results_at(options.output)
-    recordings = find_recordings(options.archive, detected_recordings(options))
-    check_apart(recordings, options.archive, options.output)
-    with choose_executor(options.ray, options.jobs, needed_memory) as executor:
+    recordings = find_recordings(options.archive, filter_from_options(options))
+    check_no_overlap(recordings, options.archive, options.output)
+    with make_executor(options.ray, options.jobs, required_memory) as executor:
         if options.dry_run:
             _print_plan(make_tasks(recordings, results, _arguments(options)), executor, options)
             _print_left_out(options, recordings)
             return DONE
-        with results.alone() as place:
+        with results.locked() as place:
             tasks = make_tasks(recordings, place, _arguments(options))
             exit_code = _run(tasks, place, executor, options)
     _print_left_out(options, recordings)
@@ -102,8 +102,8 @@ def _run(
                 found[task.name] = entry
                 if entry.error:
                     print(f"track: error: {entry.error}", file=sys.stderr)
-                for remark in entry.remarks:
-                    print(f"track: {entry.name}: {remark}", file=sys.stderr)
+                for warning in entry.warnings:
+                    print(f"track: {entry.name}: {warning}", file=sys.stderr)
                 on_progress(archive, 1)
     finally:
         # One may be done of which its worker could not tell any more.
@@ -168,16 +168,16 @@ def _write_report(
                 "frames": entry.frames,
                 "states": entry.states,
                 "error": entry.error,
-                "remarks": entry.remarks,
+                "warnings": entry.warnings,
             }
-            for entry in sorted(found, key=lambda entry: (not entry.error, not entry.remarks))
+            for entry in sorted(found, key=lambda entry: (not entry.error, not entry.warnings))
         ],
     )
     results.put_text(page, REPORT_FILE)
 
 
 def _told_states(entries: Sequence[ArchiveEntry]) -> tuple[str, ...]:
-    return told_states({state for entry in entries for state in entry.states})
+    return state_columns({state for entry in entries for state in entry.states})
 
 
 def _print_table(entries: Sequence[ArchiveEntry], tracked: int, results: Results) -> None:
@@ -199,7 +199,7 @@ def _print_table(entries: Sequence[ArchiveEntry], tracked: int, results: Results
         frames = str(entry.frames) if entry.frames else ""
         # Names go in as Text: square brackets in a plain string are markup to Rich. What is wrong
         # has been told, and would leave the names no room.
-        verdict = "failed" if entry.error else "remark" if entry.remarks else ""
+        verdict = "failed" if entry.error else "warning" if entry.warnings else ""
         table.add_row(Text(entry.name), frames, *shares, verdict)
     Console().print(table)
     if idle := [entry.name for entry in entries if _is_idle(entry)]:
@@ -249,12 +249,12 @@ def _print_plan(
     print(f"{text}; {failing} cannot be tracked" if failing else text)
 
 
-def _print_left_out(options: argparse.Namespace, recordings: Mapping[str, Place]) -> None:
+def _print_left_out(options: argparse.Namespace, recordings: Mapping[str, PathOrUrl]) -> None:
     """Tell of what is left out of a folder: what has no target, or cannot have detections."""
     why, cure = " without a target", "--detections, --detections-topic or --detector finds targets"
     if options.detections_topic:
         why, cure = "", f"{options.detections_topic} is looked for in bags"
-    elif detected_recordings(options) is not None:
+    elif filter_from_options(options) is not None:
         return
     if is_url(options.archive):
         return
@@ -291,7 +291,7 @@ class _Plan:
         copying = self._copying / self._copied if self._copied else 0.0
         return self._tracking / self._sampled + copying if self._sampled else 0.0
 
-    def look_into(self, source: Place) -> int | None:
+    def look_into(self, source: PathOrUrl) -> int | None:
         """The number of frames of a recording, None where it does not tell.
 
         Raises:
@@ -304,7 +304,7 @@ class _Plan:
             self.unknown += 1
             return None
         began = time.monotonic()
-        with local_copy(source) as path, telling_of(source, path):
+        with local_copy(source) as path, errors_name_source(source, path):
             copying = time.monotonic() - began
             count = self._look_into_copy(path, _SAMPLED_FRAMES if is_sampled else 0)
         if count is None:
@@ -317,8 +317,8 @@ class _Plan:
 
     def _look_into_copy(self, path: Path, sample: int) -> int | None:
         options = self._options
-        recording = open_asked(path, options)
-        with closing(plan_for(recording, options, is_archived=True)) as plan:
+        recording = open_from_options(path, options)
+        with closing(make_plan(recording, options, is_archived=True)) as plan:
             if sample:
                 began = time.monotonic()
                 with closing(plan.track()) as tracked:

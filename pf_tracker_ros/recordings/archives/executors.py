@@ -8,18 +8,18 @@ from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from pf_tracker_ros.evaluation.processes import Answer, Task, WorkerEnded, spread
+from pf_tracker_ros.evaluation.parallel import Result, Task, WorkerEnded, run_parallel
 
 if TYPE_CHECKING:
     from pf_tracker_ros.recordings.archives.ray_cluster import RayCluster
 
-Executor: TypeAlias = "Processes | RayCluster"
+Executor: TypeAlias = "ProcessPool | RayCluster"
 """Does tasks in parallel."""
 
 
 @dataclass(frozen=True)
-class Processes:
-    """Processes of this machine.
+class ProcessPool:
+    """ProcessPool of this machine.
 
     Attributes:
         count: How many.
@@ -33,13 +33,13 @@ class Processes:
         return min(self.count, os.cpu_count() or self.count)
 
     def run(
-        self, work: Callable[[Task], Answer], tasks: Sequence[Task]
-    ) -> Generator[tuple[int, Answer | WorkerEnded], None, None]:
-        """Do tasks; see `spread`."""
-        return spread(work, tasks, self.count)
+        self, work: Callable[[Task], Result], tasks: Sequence[Task]
+    ) -> Generator[tuple[int, Result | WorkerEnded], None, None]:
+        """Do tasks; see `run_parallel`."""
+        return run_parallel(work, tasks, self.count)
 
 
-def choose_executor(
+def make_executor(
     ray_address: str | None, jobs: int | None, memory_of: Callable[[Any], int]
 ) -> AbstractContextManager[Executor]:
     """Who does the tasks.
@@ -53,7 +53,7 @@ def choose_executor(
         RecordingError: Ray is not installed.
     """
     if ray_address is None:
-        return nullcontext(Processes(jobs or 1))
+        return nullcontext(ProcessPool(jobs or 1))
     from pf_tracker_ros.recordings.archives.ray_cluster import RayCluster
 
     return closing(RayCluster(ray_address, jobs, memory_of))

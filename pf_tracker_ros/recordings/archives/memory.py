@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pf_tracker_ros.recordings.archives.stores import is_url
 from pf_tracker_ros.recordings.archives.tasks import ArchiveTask
-from pf_tracker_ros.recordings.beside import target_file
 from pf_tracker_ros.recordings.errors import RecordingError
+from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import Target, read_targets
 
 # Bytes, as measured with images of 0.3 to 8 megapixels: of a worker, and of a pixel of its images.
@@ -21,7 +21,7 @@ _DETECTIONS = 120 * 10**6
 _IMAGE_SIZE = (3840, 2160)
 
 
-def needed_memory(task: ArchiveTask) -> int:
+def required_memory(task: ArchiveTask) -> int:
     """Bytes that a worker needs for a task, by the size of images that its target file tells.
 
     The recording itself is not opened: one that is broken is a worker's trouble.

@@ -9,13 +9,15 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePath, PurePosixPath
 from typing import Any
 
-from pf_tracker_ros.recordings.archives.sources import Place
-from pf_tracker_ros.recordings.archives.stores import as_place, is_url, open_store
-from pf_tracker_ros.recordings.beside import ENDINGS, file_beside
+from pf_tracker_ros.recordings.archives.sources import PathOrUrl
+from pf_tracker_ros.recordings.archives.stores import is_url, open_store, parse_path_or_url
 from pf_tracker_ros.recordings.errors import RecordingError
+from pf_tracker_ros.recordings.sidecar_files import SIDECAR_SUFFIXES, sidecar_file
 
 
-def check_apart(recordings: Mapping[str, Place], archive: Place, output: Place) -> None:
+def check_no_overlap(
+    recordings: Mapping[str, PathOrUrl], archive: PathOrUrl, output: PathOrUrl
+) -> None:
     """Refuse results in the place of a recording or a file of its own, inside or around one.
 
     Args:
@@ -27,8 +29,8 @@ def check_apart(recordings: Mapping[str, Place], archive: Place, output: Place) 
         RecordingError: There would be such results.
     """
     store = open_store(str(output))[0] if is_url(output) else None
-    kept: dict[PurePath, Place] = {}
-    around: dict[PurePath, Place] = {}
+    kept: dict[PurePath, PathOrUrl] = {}
+    around: dict[PurePath, PathOrUrl] = {}
     for source in recordings.values():
         for path in _paths(source, store):
             for form in (path, *_beside(path)):
@@ -48,10 +50,14 @@ def check_apart(recordings: Mapping[str, Place], archive: Place, output: Place) 
                 )
 
 
-def _paths(place: Place, store: Any) -> Iterator[PurePath]:
+def _paths(place: PathOrUrl, store: Any) -> Iterator[PurePath]:
     """A place in a store, or in the file system for None; nothing if it is elsewhere."""
     # URLs may be chained, as of a file in a ZIP archive in a store.
-    links = [as_place(link) for link in str(place).split("::")] if is_url(place) else [Path(place)]
+    links = (
+        [parse_path_or_url(link) for link in str(place).split("::")]
+        if is_url(place)
+        else [Path(place)]
+    )
     for link in links:
         if isinstance(link, Path):
             if store is None:
@@ -71,9 +77,9 @@ def _forms(path: Path) -> set[Path]:
 
 def _beside(path: PurePath) -> Iterator[PurePath]:
     """Where the target of a recording and its detections stand."""
-    for ending in ENDINGS:
+    for ending in SIDECAR_SUFFIXES:
         if isinstance(path, Path):
-            yield from _forms(file_beside(path, ending))
+            yield from _forms(sidecar_file(path, ending))
         else:
             # To know which one it is, the store would have to be asked about each.
             yield from (

@@ -11,7 +11,7 @@ from itertools import islice
 from types import ModuleType
 from typing import Any
 
-from pf_tracker_ros.evaluation.processes import Answer, Task, WorkerEnded
+from pf_tracker_ros.evaluation.parallel import Result, Task, WorkerEnded
 from pf_tracker_ros.recordings.errors import FAILED, REFUSED, RecordingError
 from pf_tracker_ros.signals import handled_signals
 
@@ -60,8 +60,8 @@ class RayCluster:
         return min(self._jobs or cores, cores) or 1
 
     def run(
-        self, work: Callable[[Task], Answer], tasks: Sequence[Task]
-    ) -> Generator[tuple[int, Answer | WorkerEnded], None, None]:
+        self, work: Callable[[Task], Result], tasks: Sequence[Task]
+    ) -> Generator[tuple[int, Result | WorkerEnded], None, None]:
         """Do tasks as `spread` does.
 
         Raises:

@@ -18,14 +18,14 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pf_tracker_ros.files import drafted, hidden_folder
+from pf_tracker_ros.atomic_files import atomic_write, hidden_folder
 from pf_tracker_ros.recordings.archives.scratch import scratch_folder
-from pf_tracker_ros.recordings.archives.sources import Place
+from pf_tracker_ros.recordings.archives.sources import PathOrUrl
 from pf_tracker_ros.recordings.archives.stores import (
     is_url,
     open_store,
-    telling_unreadable,
-    telling_unwritable,
+    translate_read_errors,
+    translate_write_errors,
 )
 from pf_tracker_ros.recordings.errors import FAILED, OUTPUT_EXISTS, RecordingError, unwritable
 
@@ -40,7 +40,7 @@ _UNFINISHED = ".track_unfinished"
 _OBJECT_STORES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss")
 
 
-def results_at(place: Place) -> Results:
+def results_at(place: PathOrUrl) -> Results:
     """The results at a folder or the URL of an object store.
 
     Raises:
@@ -74,7 +74,7 @@ class ResultsFolder:
         return str(self.path)
 
     @contextmanager
-    def alone(self) -> Iterator[ResultsFolder]:
+    def locked(self) -> Iterator[ResultsFolder]:
         """Keep other runs out, and leave nothing there that is under way.
 
         Yields:
@@ -121,7 +121,7 @@ class ResultsFolder:
         return found
 
     @contextmanager
-    def workplace(self, recording: str) -> Iterator[Path]:
+    def staging_folder(self, recording: str) -> Iterator[Path]:
         """A folder to make the files of a recording in; what is left in it is removed.
 
         Raises:
@@ -163,7 +163,7 @@ class ResultsFolder:
         """
         path = self.path / name
         try:
-            with drafted(path, prefix=_WORKPLACE) as draft:
+            with atomic_write(path, prefix=_WORKPLACE) as draft:
                 draft.write_text(text, encoding="utf-8", errors="replace")
         except OSError as error:
             raise unwritable(path, error) from error
@@ -212,8 +212,8 @@ class ResultsStore:
         return self.url
 
     @contextmanager
-    def alone(self) -> Iterator[ResultsStore]:
-        """Find out whether anything can be written there; see `ResultsFolder.alone`."""
+    def locked(self) -> Iterator[ResultsStore]:
+        """Find out whether anything can be written there; see `ResultsFolder.locked`."""
         self.put_text("", LOCK)
         yield self
 
@@ -224,7 +224,7 @@ class ResultsStore:
             FootageError: Nothing can be read there.
         """
         found = {}
-        with telling_unreadable(self.url):
+        with translate_read_errors(self.url):
             store, root = open_store(self.url)
             # Of all its methods to read several this one takes names as they are, without patterns.
             contents = store.cat_ranges([f"{root}/{name}" for name in names], None, None)
@@ -236,8 +236,8 @@ class ResultsStore:
         return found
 
     @contextmanager
-    def workplace(self, recording: str) -> Iterator[Path]:
-        """A folder on this machine; see `ResultsFolder.workplace`."""
+    def staging_folder(self, recording: str) -> Iterator[Path]:
+        """A folder on this machine; see `ResultsFolder.staging_folder`."""
         self._replaceable(recording)
         with scratch_folder() as folder:
             yield folder
@@ -249,7 +249,7 @@ class ResultsStore:
             (path for path in made.rglob("*") if path.is_file()),
             key=lambda path: path.name == DONE_FILE,
         )
-        with telling_unwritable(f"{self.url}/{recording}"):
+        with translate_write_errors(f"{self.url}/{recording}"):
             store, root = open_store(self.url)
             folder = f"{root}/{recording}"
             unfinished = f"{folder}/{_UNFINISHED}"
@@ -264,7 +264,7 @@ class ResultsStore:
 
     def put_text(self, text: str, name: str) -> None:
         """Put an object there; see `ResultsFolder.put_text`."""
-        with telling_unwritable(f"{self.url}/{name}"):
+        with translate_write_errors(f"{self.url}/{name}"):
             store, root = open_store(self.url)
             store.pipe_file(f"{root}/{name}", text.encode("utf-8", "replace"))
 
@@ -275,7 +275,7 @@ class ResultsStore:
             RecordingError: They are no results, or cannot be looked at.
         """
         place = f"{self.url}/{recording}"
-        with telling_unwritable(place):
+        with translate_write_errors(place):
             store, root = open_store(self.url)
             folder = f"{root}/{recording}"
             names: list[str] = store.find(folder)

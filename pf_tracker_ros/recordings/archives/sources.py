@@ -11,43 +11,45 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pf_tracker_ros.footage import FootageError, is_bag
-from pf_tracker_ros.footage.access import entries, exists, is_folder, is_there, resolved
+from pf_tracker_ros.footage.access import entries, exists, is_folder, lexists, resolved
 from pf_tracker_ros.footage.ground_truth import ground_truth_file
-from pf_tracker_ros.recordings.archives.detected import DetectedRecordings
+from pf_tracker_ros.recordings.archives.recording_filter import RecordingFilter
 from pf_tracker_ros.recordings.archives.scratch import scratch_folder
 from pf_tracker_ros.recordings.archives.stores import (
-    as_place,
     is_url,
     open_store,
-    telling_unreadable,
-)
-from pf_tracker_ros.recordings.beside import (
-    DETECTIONS_ENDING,
-    ENDINGS,
-    TARGET_ENDING,
-    detections_file,
-    is_only_one,
-    is_video_by_name,
-    target_file,
+    parse_path_or_url,
+    translate_read_errors,
 )
 from pf_tracker_ros.recordings.errors import DISK_IS_FULL, RecordingError, unwritable
+from pf_tracker_ros.recordings.sidecar_files import (
+    DETECTIONS_SUFFIX,
+    SIDECAR_SUFFIXES,
+    TARGET_SUFFIX,
+    detections_file,
+    has_unique_stem,
+    has_video_suffix,
+    target_file,
+)
 from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
-Place = Path | str
+PathOrUrl = Path | str
 """A path, or a URL."""
 
 # A path may have the sign in it.
 _REMARK = re.compile(r"(^|\s)#.*")
 
 
-def find_recordings(archive: Place, detected: DetectedRecordings | None = None) -> dict[str, Place]:
+def find_recordings(
+    archive: PathOrUrl, without_target: RecordingFilter | None = None
+) -> dict[str, PathOrUrl]:
     """The recordings of an archive: those with a target file, and sequence folders.
 
     Args:
         archive: A folder, or the URL of one, that is searched with all below it; or a text file
             that lists one recording a line, a URL or relative to the file, empty lines and
             what follows a `#` that begins a line or comes after white space left out.
-        detected: Which others in a folder are recordings too, without a target; None for none.
+        without_target: Which others in a folder are recordings too, without a target; None for none.
 
     Returns:
         Name, unique among them and without `..`, to absolute path or URL; sorted by name for a
@@ -58,10 +60,10 @@ def find_recordings(archive: Place, detected: DetectedRecordings | None = None) 
         FootageError: There is no such archive, or it cannot be read.
     """
     if is_url(archive):
-        base, places = _in_store(str(archive), detected)
+        base, places = _in_store(str(archive), without_target)
     else:
-        base, places = _in_folder(Path(archive), detected)
-    found: dict[str, Place] = {}
+        base, places = _in_folder(Path(archive), without_target)
+    found: dict[str, PathOrUrl] = {}
     for place in places:
         name = _name(place, base)
         if name in ("", ".."):
@@ -76,16 +78,16 @@ def find_recordings(archive: Place, detected: DetectedRecordings | None = None) 
     _check_names(found)
     if not found:
         others = "; without targets, --detections, --detections-topic or --detector finds them"
-        if detected:
-            others = f"; detections are looked for in {detected.named}"
+        if without_target:
+            others = f"; detections are looked for in {without_target.description}"
         raise RecordingError(
             f"no recording in {archive}; each needs its target beside it, such as drive"
-            f"{TARGET_ENDING} for drive.mcap, or a ground truth in its folder{others}"
+            f"{TARGET_SUFFIX} for drive.mcap, or a ground truth in its folder{others}"
         )
     return found
 
 
-def state_of(source: Place, *, with_detections: bool = False) -> list[list[Any]]:
+def fingerprint(source: PathOrUrl, *, with_detections: bool = False) -> list[list[Any]]:
     """What a recording and its target file are made of: changes where one of their files does.
 
     Args:
@@ -111,7 +113,7 @@ def state_of(source: Place, *, with_detections: bool = False) -> list[list[Any]]
 
 
 @contextmanager
-def local_copy(source: Place) -> Iterator[Path]:
+def local_copy(source: PathOrUrl) -> Iterator[Path]:
     """A recording as a path: itself, or for a URL a copy with what is beside it, gone afterwards.
 
     Raises:
@@ -126,7 +128,7 @@ def local_copy(source: Place) -> Iterator[Path]:
 
 
 @contextmanager
-def telling_of(source: Place, copy: Path) -> Iterator[None]:
+def errors_name_source(source: PathOrUrl, copy: Path) -> Iterator[None]:
     """Tell of a recording where it is, and not where its copy was.
 
     Raises:
@@ -135,22 +137,24 @@ def telling_of(source: Place, copy: Path) -> Iterator[None]:
     try:
         yield
     except (FootageError, RecordingError) as error:
-        tell_of(error, source, copy)
+        name_source_in(error, source, copy)
         raise
 
 
-def tell_of(error: FootageError | RecordingError, source: Place, copy: Path) -> None:
+def name_source_in(error: FootageError | RecordingError, source: PathOrUrl, copy: Path) -> None:
     """Let an error tell of a recording where it is, and not where its copy was."""
     if is_url(source):
         error.args = (str(error).replace(str(copy.parent), str(source).rpartition("/")[0]),)
 
 
-def _in_folder(archive: Path, detected: DetectedRecordings | None) -> tuple[Place, list[Place]]:
+def _in_folder(
+    archive: Path, without_target: RecordingFilter | None
+) -> tuple[PathOrUrl, list[PathOrUrl]]:
     """The folder that names are relative to, and the recordings."""
     if not exists(archive):
         raise FootageError(f"there is no archive {archive}; give a folder, or a file with a list")
     if archive.is_dir():
-        return resolved(archive), sorted(set(_below(archive, detected)))
+        return resolved(archive), sorted(set(_below(archive, without_target)))
     try:
         text = archive.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
@@ -162,9 +166,11 @@ def _in_folder(archive: Path, detected: DetectedRecordings | None) -> tuple[Plac
     return base, list(_listed(text, base))
 
 
-def _in_store(archive: str, detected: DetectedRecordings | None) -> tuple[Place, list[Place]]:
+def _in_store(
+    archive: str, without_target: RecordingFilter | None
+) -> tuple[PathOrUrl, list[PathOrUrl]]:
     """The URL that names are relative to, and the recordings."""
-    with telling_unreadable(archive):
+    with translate_read_errors(archive):
         store, root = open_store(archive)
         if store.isfile(root):
             base = archive.rpartition("/")[0]
@@ -180,42 +186,44 @@ def _in_store(archive: str, detected: DetectedRecordings | None) -> tuple[Place,
                     continue
                 copy = likeness / relative
                 copy.parent.mkdir(parents=True, exist_ok=True)
-                copy.write_bytes(store.cat_file(name) if name.endswith(TARGET_ENDING) else b"")
-            found = sorted(path.relative_to(likeness) for path in set(_below(likeness, detected)))
+                copy.write_bytes(store.cat_file(name) if name.endswith(TARGET_SUFFIX) else b"")
+            found = sorted(
+                path.relative_to(likeness) for path in set(_below(likeness, without_target))
+            )
     return archive, [f"{archive}/{path}" if path.parts else archive for path in found]
 
 
-def _below(folder: Path, detected: DetectedRecordings | None) -> list[Path]:
-    with_targeted = detected is None or detected.with_targeted
+def _below(folder: Path, without_target: RecordingFilter | None) -> list[Path]:
+    accepts_targeted = without_target is None or without_target.accepts_targeted
     if ground_truth_file(folder) is not None:
-        return [resolved(folder)] if with_targeted else []
+        return [resolved(folder)] if accepts_targeted else []
     found = []
     for path in entries(folder):
         if path.name.startswith("."):
             continue
-        if (with_targeted and _is_targeted(path)) or (
-            detected is not None and detected.includes(path)
+        if (accepts_targeted and _is_targeted(path)) or (
+            without_target is not None and without_target.matches(path)
         ):
             found.append(resolved(path))
         elif path.is_dir() and not path.is_symlink():
             try:
-                found += _below(path, detected)
+                found += _below(path, without_target)
             except FootageError:
                 # Told of with the recordings that fail.
                 found.append(resolved(path))
-    if not found and detected is not None and detected.is_images(folder):
+    if not found and without_target is not None and without_target.is_image_folder(folder):
         return [resolved(folder)]
     return found
 
 
 def _is_targeted(path: Path) -> bool:
     """Whether there is a target file beside it, and not for another file of that name."""
-    if path.name.endswith(TARGET_ENDING) or not is_there(target_file(path)):
+    if path.name.endswith(TARGET_SUFFIX) or not lexists(target_file(path)):
         return False
     if named := _named_in(target_file(path)):
         return resolved(path).name == named
     # Of a video there may be more, such as the subtitles of a drone's camera.
-    return path.is_dir() or is_bag(path) or is_video_by_name(path) or is_only_one(path)
+    return path.is_dir() or is_bag(path) or has_video_suffix(path) or has_unique_stem(path)
 
 
 def _named_in(path: Path) -> str | None:
@@ -228,13 +236,13 @@ def _named_in(path: Path) -> str | None:
     return named if isinstance(named, str) else None
 
 
-def _listed(text: str, base: Place) -> Iterator[Place]:
+def _listed(text: str, base: PathOrUrl) -> Iterator[PathOrUrl]:
     """The recordings of a list, whose entries are relative to a folder or the URL of one."""
     for line in text.splitlines():
         entry = _REMARK.sub("", line).strip()
         if not entry:
             continue
-        place = as_place(entry)
+        place = parse_path_or_url(entry)
         if is_url(base) and not is_url(entry):
             url = f"{base}/{entry}".rstrip("/")
             yield _normal(url) if ".." in url.split("/") else url
@@ -249,20 +257,20 @@ def _listed(text: str, base: Place) -> Iterator[Place]:
             yield place
 
 
-def _name(place: Place, base: Place) -> str:
+def _name(place: PathOrUrl, base: PathOrUrl) -> str:
     """The folder of a recording's results: its place below the archive, else its last part."""
     whole, above = _normal(place), f"{_normal(base)}/"
     inside = whole.removeprefix(above) if whole.startswith(above) else ""
     return inside or PurePosixPath(whole).name
 
 
-def _normal(place: Place) -> str:
+def _normal(place: PathOrUrl) -> str:
     """A path or URL without `..` and empty parts inside."""
     scheme, separator, path = str(place).rpartition("://")
     return f"{scheme}{separator}{posixpath.normpath(path)}"
 
 
-def _check_names(found: dict[str, Place]) -> None:
+def _check_names(found: dict[str, PathOrUrl]) -> None:
     """Refuse a recording whose results would lie among those of another one."""
     for name, place in found.items():
         for parent in PurePosixPath(name).parents:
@@ -274,9 +282,9 @@ def _check_names(found: dict[str, Place]) -> None:
 
 
 def _state_in_store(url: str, with_detections: bool) -> list[list[Any]]:
-    endings = (TARGET_ENDING, *([DETECTIONS_ENDING] if with_detections else []))
+    endings = (TARGET_SUFFIX, *([DETECTIONS_SUFFIX] if with_detections else []))
     try:
-        with telling_unreadable(url):
+        with translate_read_errors(url):
             store, path = open_store(url)
             names = [*store.find(path), *_beside(store, path, endings)]
             return [[name, store.ukey(name)] for name in names if store.exists(name)]
@@ -285,7 +293,7 @@ def _state_in_store(url: str, with_detections: bool) -> list[list[Any]]:
         return []
 
 
-def _beside(store: Any, path: str, endings: Sequence[str] = ENDINGS) -> list[str]:
+def _beside(store: Any, path: str, endings: Sequence[str] = SIDECAR_SUFFIXES) -> list[str]:
     """Where files of a recording stand, whether there are such or not."""
     parent, _, name = path.rpartition("/")
     stem = name if store.isdir(path) else PurePosixPath(name).stem
@@ -293,7 +301,7 @@ def _beside(store: Any, path: str, endings: Sequence[str] = ENDINGS) -> list[str
 
 
 def _download(url: str, folder: Path) -> Path:
-    with telling_unreadable(url):
+    with translate_read_errors(url):
         store, path = open_store(url)
         names = store.find(path)
         if not names:

@@ -12,7 +12,7 @@ from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings.errors import FAILED, NO_PERMISSION, REFUSED, RecordingError
 
 
-def as_place(text: str) -> Path | str:
+def parse_path_or_url(text: str) -> Path | str:
     """A path, or the URL of a place that is not of the file system, without a slash at its end."""
     if not is_url(text):
         return Path(text)
@@ -58,7 +58,7 @@ def reason_of(error: BaseException) -> str:
 
 
 @contextmanager
-def telling_unreadable(url: str) -> Iterator[None]:
+def translate_read_errors(url: str) -> Iterator[None]:
     """Tell what a store says while something is read there.
 
     Raises:
@@ -76,7 +76,7 @@ def telling_unreadable(url: str) -> Iterator[None]:
 
 
 @contextmanager
-def telling_unwritable(url: str) -> Iterator[None]:
+def translate_write_errors(url: str) -> Iterator[None]:
     """Tell what a store says while something is written there.
 
     Raises:

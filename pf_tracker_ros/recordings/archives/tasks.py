@@ -20,12 +20,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from pf_tracker_ros import __version__
-from pf_tracker_ros.evaluation.processes import WorkerEnded
-from pf_tracker_ros.files import flush_to_disk
+from pf_tracker_ros.atomic_files import flush_to_disk
+from pf_tracker_ros.evaluation.parallel import WorkerEnded
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings.archives.executors import Executor
 from pf_tracker_ros.recordings.archives.results import DONE_FILE, Results
-from pf_tracker_ros.recordings.archives.sources import Place, local_copy, state_of
+from pf_tracker_ros.recordings.archives.sources import PathOrUrl, fingerprint, local_copy
 from pf_tracker_ros.recordings.errors import (
     DONE,
     FAILED,
@@ -58,7 +58,7 @@ class ArchiveTask:
     """
 
     name: str
-    source: Place
+    source: PathOrUrl
     results: Results
     arguments: tuple[str, ...]
     version: str
@@ -77,7 +77,7 @@ class ArchiveEntry:
         error: Why it was not, or empty.
         frames: Number of frames.
         states: State to number of frames.
-        remarks: What there is to say of it beside that, a sentence each.
+        warnings: What there is to say of it beside that, a sentence each.
     """
 
     name: str
@@ -87,11 +87,11 @@ class ArchiveEntry:
     error: str
     frames: int
     states: dict[str, int]
-    remarks: Sequence[str] = ()
+    warnings: Sequence[str] = ()
 
 
 def make_tasks(
-    recordings: Mapping[str, Place], results: Results, arguments: Sequence[str]
+    recordings: Mapping[str, PathOrUrl], results: Results, arguments: Sequence[str]
 ) -> list[ArchiveTask]:
     """What there is to do for recordings, done or not.
 
@@ -151,7 +151,7 @@ def run_tasks(
         fruitless = fruitless + 1 if len(ended) == len(waiting) else 0
         if fruitless == _FRUITLESS_ROUNDS:
             for task, answer in ended:
-                how = f"{answer.how}, again and again"
+                how = f"{answer.reason}, again and again"
                 yield task, _failed(task, FAILED, f"{task.source}: {how}")
             return
         waiting = [task for task, _ in ended]
@@ -163,7 +163,7 @@ def do_task(task: ArchiveTask) -> ArchiveEntry | WorkerEnded:
         what = f"{platform.node()} has version {__version__} of this package"
         return _failed(task, FAILED, f"{what}, and not {task.version}; install the same everywhere")
     try:
-        with local_copy(task.source) as source, task.results.workplace(task.name) as workplace:
+        with local_copy(task.source) as source, task.results.staging_folder(task.name) as workplace:
             return _tracked(task, source, workplace / "results")
     except FootageError as error:
         return _failed(task, UNREADABLE_SOURCE, str(error))
@@ -193,7 +193,7 @@ def _tracked(task: ArchiveTask, source: Path, made: Path) -> ArchiveEntry | Work
     if code != DONE:
         return _failed(task, code, _sentence(said.getvalue()))
     try:
-        entry = _entry(task, made, _remarks(said.getvalue()))
+        entry = _entry(task, made, _warnings(said.getvalue()))
         (made / DONE_FILE).write_text(json.dumps(asdict(entry), indent=1) + "\n")
         # Only whole ones let their folder be replaced.
         flush_to_disk(made / DONE_FILE)
@@ -203,14 +203,14 @@ def _tracked(task: ArchiveTask, source: Path, made: Path) -> ArchiveEntry | Work
     return entry
 
 
-def _key(source: Place, arguments: Sequence[str]) -> str:
+def _key(source: PathOrUrl, arguments: Sequence[str]) -> str:
     """Stands for the inputs, as their names, sizes and times tell them, version and parameters."""
-    state = state_of(source, with_detections=DETECTIONS in arguments)
+    state = fingerprint(source, with_detections=DETECTIONS in arguments)
     text = json.dumps([__version__, list(arguments), state])
     return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
 
 
-def _entry(task: ArchiveTask, made: Path, remarks: Sequence[str]) -> ArchiveEntry:
+def _entry(task: ArchiveTask, made: Path, warnings: Sequence[str]) -> ArchiveEntry:
     by_frame: dict[str, set[str]] = defaultdict(set)
     with (made / "boxes.csv").open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
@@ -218,7 +218,7 @@ def _entry(task: ArchiveTask, made: Path, remarks: Sequence[str]) -> ArchiveEntr
     # A frame is as the target in it that is seen best.
     states = Counter(min(found, key=_STATES.index) for found in by_frame.values())
     return ArchiveEntry(
-        task.name, str(task.source), task.key, DONE, "", states.total(), dict(states), remarks
+        task.name, str(task.source), task.key, DONE, "", states.total(), dict(states), warnings
     )
 
 
@@ -226,7 +226,7 @@ def _failed(task: ArchiveTask, exit_code: int, error: str) -> ArchiveEntry:
     return ArchiveEntry(task.name, str(task.source), task.key, exit_code, error, 0, {})
 
 
-def _remarks(said: str) -> list[str]:
+def _warnings(said: str) -> list[str]:
     """What `track` had to say of a recording that it has tracked."""
     prefix = "track: "
     return [line.removeprefix(prefix) for line in said.splitlines() if line.startswith(prefix)]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from pf_tracker_ros.background import UPDATE_EVERY
 from pf_tracker_ros.plurals import counted
-from pf_tracker_ros.recordings.detections.hearing import Answer, Hearing
+from pf_tracker_ros.recordings.detections.source import DetectionSource, DetectorOutput
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS, DetectorThread
@@ -21,8 +21,8 @@ _FINDS = {
 }
 
 
-class BuiltInDetector(Hearing):
-    """Shows a detector frames as the node does, and waits for each answer; see `Hearing`.
+class BuiltInDetector(DetectionSource):
+    """Shows a detector frames as the node does, and waits for each answer; see `DetectionSource`.
 
     What it finds in a frame is heard before the next one, so that it depends on no clock.
 
@@ -45,7 +45,7 @@ class BuiltInDetector(Hearing):
             raise RecordingError(str(error)) from error
 
     @property
-    def remark(self) -> str:
+    def warning(self) -> str:
         """That it found nothing at all, or empty."""
         if self._found:
             return ""
@@ -55,19 +55,19 @@ class BuiltInDetector(Hearing):
             f"was shown{finds}; --detector-rate shows it more frames"
         )
 
-    def before(self, frame: RecordedFrame) -> Iterator[Answer]:  # noqa: D102
+    def before(self, frame: RecordedFrame) -> Iterator[DetectorOutput]:  # noqa: D102
         try:
             found = self._thread.take(wait=True)
         except Exception as error:
             # Whatever the detector raised: the frame at hand has no part in it.
-            yield Answer(
+            yield DetectorOutput(
                 None,
-                refused=f"the detector '{self._name}' failed in frame {self._last_shown}: {error}",
+                error=f"the detector '{self._name}' failed in frame {self._last_shown}: {error}",
             )
         else:
             if found is not None:
                 self._found += len(found.detections)
-                yield Answer(found.detections, found.stamp)
+                yield DetectorOutput(found.detections, found.stamp)
 
     def after(self, frame: RecordedFrame, outcome: Outcome) -> None:  # noqa: D102
         if frame.image is None or outcome.frame in DROPPED_ARRIVALS:

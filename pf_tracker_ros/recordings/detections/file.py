@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.access import check_file
-from pf_tracker_ros.recordings.detections.hearing import Answer, Hearing
+from pf_tracker_ros.recordings.detections.source import DetectionSource, DetectorOutput
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS, RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame
 from pf_tracker_ros.targets.detections import Detections
@@ -27,8 +27,8 @@ _FORM = "lines frame,id,x,y,width,height,score without a heading"
 _LEAST_COLUMNS = 7
 
 
-class DetectionFile(Hearing):
-    """Hears what a file says of each frame, as that comes; see `Hearing`.
+class DetectionFile(DetectionSource):
+    """Hears what a file says of each frame, as that comes; see `DetectionSource`.
 
     Args:
         path: The file, read at once.
@@ -48,11 +48,11 @@ class DetectionFile(Hearing):
         if not self._found:
             raise RecordingError(f"{path} is empty; allowed: {_FORM}", WRONG_DETECTIONS)
 
-    def before(self, frame: RecordedFrame) -> Iterator[Answer]:  # noqa: D102
+    def before(self, frame: RecordedFrame) -> Iterator[DetectorOutput]:  # noqa: D102
         lines = self._found.get(frame.index + 1)
         if lines is not None:
             boxes, scores, labels = zip(*lines, strict=True) if lines else ((), (), ())
-            yield Answer(Detections(boxes, scores, labels), frame.stamp)
+            yield DetectorOutput(Detections(boxes, scores, labels), frame.stamp)
 
     def finish(self, frame_count: int) -> None:  # noqa: D102
         last = max(self._found)

@@ -7,16 +7,16 @@ from pathlib import Path
 
 from pf_tracker_ros.footage import FootageError, is_bag
 from pf_tracker_ros.footage.bags import read_topic, topics_of_type
-from pf_tracker_ros.footage.cdr import read_detections
+from pf_tracker_ros.footage.cdr import deserialize_detections
 from pf_tracker_ros.messages import DETECTIONS_TYPE
-from pf_tracker_ros.recordings.detections.hearing import Answer, Hearing
+from pf_tracker_ros.recordings.detections.source import DetectionSource, DetectorOutput
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_DETECTIONS, RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame
 from pf_tracker_ros.targets.detections import check_message_size, detections_from_message
 
 
-class DetectionTopic(Hearing):
-    """Hears the messages of a topic as they were recorded, between the images; see `Hearing`.
+class DetectionTopic(DetectionSource):
+    """Hears the messages of a topic as they were recorded, between the images; see `DetectionSource`.
 
     Args:
         path: The bag.
@@ -46,8 +46,8 @@ class DetectionTopic(Hearing):
         self._next = next(self._messages, None)
         self._count = 0
 
-    def before(self, frame: RecordedFrame) -> Iterator[Answer]:  # noqa: D102
-        while self._next is not None and self._next[0] <= frame.time:
+    def before(self, frame: RecordedFrame) -> Iterator[DetectorOutput]:  # noqa: D102
+        while self._next is not None and self._next[0] <= frame.log_time:
             yield self._answer(self._next[1])
             self._count += 1
             self._next = next(self._messages, None)
@@ -55,13 +55,13 @@ class DetectionTopic(Hearing):
     def close(self) -> None:  # noqa: D102
         self._messages.close()
 
-    def _answer(self, octets: bytes) -> Answer:
+    def _answer(self, octets: bytes) -> DetectorOutput:
         try:
             check_message_size(octets)
         except ValueError as error:
-            return Answer(None, refused=f"detections refused: {error}")
+            return DetectorOutput(None, error=f"detections refused: {error}")
         try:
-            message = read_detections(octets)
+            message = deserialize_detections(octets)
         except FootageError as error:
             raise FootageError(f"{self._name}, message {self._count}: {error}") from error
-        return Answer(detections_from_message(message), message.stamp)
+        return DetectorOutput(detections_from_message(message), message.stamp)

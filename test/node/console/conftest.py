@@ -155,7 +155,7 @@ def open_page(browser):
 @pytest.fixture
 def page(console, open_page):
     """A page of the console."""
-    return open_page(console.link)
+    return open_page(console.url)
 
 
 class Camera:

@@ -12,11 +12,11 @@ pytest.importorskip("aiohttp", reason="the console needs the extra 'console'")
 
 from pf_tracker_ros.node.console import browsers as module
 from pf_tracker_ros.node.console.browsers import Browsers
-from pf_tracker_ros.node.console.pace import Pace
-from pf_tracker_ros.node.console.pairing import Shown
-from pf_tracker_ros.node.console.pictures import DETAILS
+from pf_tracker_ros.node.console.frame_synchronizer import DisplayFrame
+from pf_tracker_ros.node.console.image_encoding import QUALITY_LEVELS
+from pf_tracker_ros.node.console.rate_controller import RateController
 
-SLOW = DETAILS[3]
+SLOW = QUALITY_LEVELS[3]
 SECOND = 10**9
 # So long that no test waits for the end of one.
 INTERVAL = 1000 * SECOND
@@ -26,14 +26,14 @@ class Page:
     """Draws each frame at once, or, if it is on the console's machine, when that is told.
 
     Attributes:
-        is_here: Whether it is on that machine.
+        is_local: Whether it is on that machine.
         came: How many frames it has got.
         qualities: Stamp and quality of each frame that it has drawn.
     """
 
-    def __init__(self, browsers, is_here=True):
+    def __init__(self, browsers, is_local=True):
         self._browsers = browsers
-        self.is_here = is_here
+        self.is_local = is_local
         self.came = 0
         self.qualities = []
         self._frame = None
@@ -41,7 +41,7 @@ class Page:
 
     async def send_json(self, message):
         assert message == {"type": "draw"}
-        assert self.is_here
+        assert self.is_local
         self._draw()
 
     async def send_bytes(self, message):
@@ -50,7 +50,7 @@ class Page:
         self._frame = json.loads(message[4 : 4 + length])
         self.came += 1
         self._changed.set()
-        if not self.is_here:
+        if not self.is_local:
             self._draw()
 
     def _draw(self):
@@ -94,11 +94,11 @@ def drawn(image, counts, stamps=None):
         browsers = Browsers(lambda: shown)
         page = Page(browsers)
         browsers.add(page)
-        task = asyncio.ensure_future(browsers.show(page, []))
+        task = asyncio.ensure_future(browsers.stream(page, []))
         for number, count in enumerate(counts, 1):
             stamp = stamps[number - 1] if stamps else number
-            shown = Shown(number, stamp, image, {})
-            await browsers.show_newest()
+            shown = DisplayFrame(number, stamp, image, {})
+            await browsers.notify_new_frame()
             await page.wait_for(count)
         task.cancel()
         browsers.close()
@@ -118,15 +118,15 @@ def drawn_before_the_third(image, stamps):
     async def play():
         shown = None
         browsers = Browsers(lambda: shown)
-        here, elsewhere = (Page(browsers, is_here) for is_here in (True, False))
+        here, elsewhere = (Page(browsers, is_local) for is_local in (True, False))
         tasks = []
         for page in (here, elsewhere):
             browsers.add(page)
-            tasks.append(asyncio.ensure_future(browsers.show(page, [])))
+            tasks.append(asyncio.ensure_future(browsers.stream(page, [])))
         counts = []
         for number, stamp in enumerate(stamps, 1):
-            shown = Shown(number, stamp, image, {})
-            await browsers.show_newest()
+            shown = DisplayFrame(number, stamp, image, {})
+            await browsers.notify_new_frame()
             await elsewhere.wait_for(number)
             await here.wait_to_have(min(number, 2))
             counts.append((len(here.qualities), len(elsewhere.qualities)))
@@ -146,16 +146,16 @@ def image(client):
 
 
 def test_a_picture_that_stands_still_becomes_sharp_once(image, monkeypatch):
-    monkeypatch.setattr(Pace, "detail", SLOW)
+    monkeypatch.setattr(RateController, "detail", SLOW)
     monkeypatch.setattr(module, "_STANDS_STILL", 0.05)
-    qualities = (SLOW.quality, DETAILS[0].quality)
+    qualities = (SLOW.quality, QUALITY_LEVELS[0].quality)
     expected = [(number, quality) for number in (1, 2, 3) for quality in qualities]
     assert drawn(image, [2, 4, 6]) == expected
 
 
 def test_a_picture_with_all_its_detail_is_not_sent_again(image, monkeypatch):
     monkeypatch.setattr(module, "_STANDS_STILL", 0.0)
-    assert drawn(image, [1, 2]) == [(number, DETAILS[0].quality) for number in (1, 2)]
+    assert drawn(image, [1, 2]) == [(number, QUALITY_LEVELS[0].quality) for number in (1, 2)]
 
 
 def test_a_browser_here_draws_a_frame_once_the_next_one_is_answered(image, monkeypatch):

@@ -27,14 +27,14 @@ class SlowLink:
     """A relay to a port of this machine that lets so many octets a second through to its client.
 
     Attributes:
-        link: To be opened in place of the other side's.
+        url: To be opened in place of the other side's.
     """
 
     def __init__(self, link, octets_a_second):
         self._port = urlsplit(link).port
         self._rate = octets_a_second
         self._server = socket.create_server(("127.0.0.1", 0))
-        self.link = f"http://127.0.0.1:{self._server.getsockname()[1]}/"
+        self.url = f"http://127.0.0.1:{self._server.getsockname()[1]}/"
         threading.Thread(target=self._accept, daemon=True).start()
 
     def close(self):
@@ -64,8 +64,8 @@ class SlowLink:
 @pytest.fixture
 def slow_link(console):
     """The console behind 5 Mbit/s."""
-    link = SlowLink(console.link, OCTETS_A_SECOND)
-    yield link.link
+    link = SlowLink(console.url, OCTETS_A_SECOND)
+    yield link.url
     link.close()
 
 
@@ -127,7 +127,7 @@ def test_a_narrow_link_drops_detail_and_frames_and_stays_live(slow_link, open_pa
 
 @pytest.mark.usefixtures("camera")
 def test_a_small_window_gets_a_small_picture_and_a_large_one_all_of_it(console, open_page):
-    page = open_page(console.link, viewport={"width": 390, "height": 800})
+    page = open_page(console.url, viewport={"width": 390, "height": 800})
     # The picture is 370 px wide there, and half of the image has 384.
     page.wait_until(lambda: shown_width(page) in range(1, 385), "picture for the window")
     assert page.size == (768, 576)
@@ -138,7 +138,7 @@ def test_a_small_window_gets_a_small_picture_and_a_large_one_all_of_it(console, 
 def test_a_picture_that_stands_still_is_sharp_in_a_window_that_was_made_wider(
     console, open_page, camera
 ):
-    page = open_page(console.link, viewport={"width": 390, "height": 800})
+    page = open_page(console.url, viewport={"width": 390, "height": 800})
     page.wait_until(lambda: shown_width(page) in range(1, 385), "picture for the window")
     camera()
     page.set_viewport_size({"width": 1400, "height": 1000})

@@ -173,7 +173,7 @@ def test_the_likelihood_is_shown_on_demand(tracker, camera, page):
 
 @pytest.mark.usefixtures("tracker")
 def test_two_browsers_see_the_same(console, camera, open_page):
-    one, other = open_page(console.link), open_page(console.link)
+    one, other = open_page(console.url), open_page(console.url)
     camera.show_on(one, other)
     one.drag(camera.box_at(one.stamp))
     camera.show_until(lambda: other.box, "box in the other")
@@ -200,13 +200,13 @@ def test_without_a_tracker_the_page_says_so_and_finds_it_when_it_comes(page, gra
 
 
 def test_without_images_the_page_says_so_in_the_nodes_words(graph, page):
-    graph.tracker(stale_after=0.5)
+    graph.tracker(image_timeout=0.5)
     page.wait_until(lambda: "no image for" in page.text("health"), "what is missing")
     page.wait_until(lambda: page.text("topic").startswith("/image"), "the topic")
 
 
 def test_a_frame_that_cannot_be_drawn_keeps_no_other_from_it(tracker, console, camera, open_page):
-    page = open_page(console.link, may_complain=True)
+    page = open_page(console.url, may_complain=True)
     camera.show_on(page)
     page.evaluate(
         """() => {
@@ -220,7 +220,7 @@ def test_a_frame_that_cannot_be_drawn_keeps_no_other_from_it(tracker, console, c
 
 
 def test_a_state_of_images_that_have_stopped_looks_old(tracker, client, camera, page):
-    client.set_parameters(stale_after=0.5)
+    client.set_parameters(image_timeout=0.5)
     camera.show_on(page)
     page.drag(camera.box_at(page.stamp))
     camera.show_until(lambda: page.text("state") == "tracking", "target")
@@ -396,7 +396,7 @@ def test_hostile_names_are_shown_as_text(graph, page):
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 1280])
 def test_text_is_readable_and_nothing_is_cut_off(console, camera, open_page, scheme, width):
-    page = open_page(console.link, color_scheme=scheme, viewport={"width": width, "height": 800})
+    page = open_page(console.url, color_scheme=scheme, viewport={"width": width, "height": 800})
     camera.show_on(page)
     page.keyboard.press("r")
     contrasts = page.evaluate(CONTRASTS)
@@ -444,7 +444,7 @@ def test_without_a_browser_the_tracker_has_nobody_to_publish_for(
     (health,) = [one for one in tracker.publishers if one.topic.endswith("diagnostics")]
     client.wait_for(lambda: health.get_subscription_count() == 2, "console")
     assert (listeners(), takers()) == (before, 1)
-    page = open_page(console.link)
+    page = open_page(console.url)
     wanted = before | {name: before[name] + 1 for name in ("boxes", "particles", "status")}
     client.wait_for(lambda: (listeners(), takers()) == (wanted, 2), "subscriptions for the page")
     page.close()

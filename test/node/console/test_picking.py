@@ -87,7 +87,7 @@ def test_a_dragged_box_starts_the_target_on_the_frame_it_was_drawn_on(shown, cam
     shown.wait_until(lambda: "accepted" in shown.text("note"), "acceptance")
     # To the bit what the library makes of that box on that frame.
     session = Session(preset_parameters("default"), seed=0)
-    session.history.limit(120, 64.0)
+    session.frame_buffer.limit(120, 64.0)
     estimates = {}
     for stamp, index in camera.shown:
         if stamp == status.stamp:
@@ -136,7 +136,7 @@ def test_a_box_outside_is_refused_with_the_nodes_reason(shown, camera, sent, cli
 
 
 def test_who_drew_for_too_long_is_told_how_to_do_it_on_the_page(shown, camera, client):
-    client.set_parameters(history_frames=2, history_megabytes=1.0)
+    client.set_parameters(frame_buffer_length=2, frame_buffer_megabytes=1.0)
     shown.drag(camera.box_at(shown.stamp), release=False)
     for _ in range(80):
         camera.show()
@@ -211,7 +211,7 @@ def test_escape_sends_nothing_and_lets_the_picture_go_on(shown, camera, client, 
 
 @pytest.mark.usefixtures("tracker")
 def test_a_finger_draws_as_well(console, client, camera, open_page, sent):
-    page = open_page(console.link, has_touch=True, viewport={"width": 390, "height": 844})
+    page = open_page(console.url, has_touch=True, viewport={"width": 390, "height": 844})
     camera.show_on(page)
     drawn_on = page.stamp
     touch = page.context.new_cdp_session(page.page).send
@@ -296,7 +296,7 @@ def test_a_target_that_nobody_takes_is_told_and_the_picture_goes_on(page, client
 
 
 def test_a_service_that_is_not_there_is_told(console, client, open_page):
-    page = open_page(console.link)
+    page = open_page(console.url)
     page.locator("#stop").click()
     page.get_by_text("/pf_tracker/stop is not there").wait_for()
     assert client.create_client(SetBool, "pf_tracker/enable").service_is_ready() is False

@@ -64,7 +64,7 @@ def boxes_in_lockstep(images, box, first):
 @pytest.fixture
 def player(tracker, start_console, open_page, bag):
     """A page that plays the recording, at its first frame."""
-    page = open_page(start_console(source=str(bag)).link)
+    page = open_page(start_console(source=str(bag)).url)
     page.wait_until(lambda: page.stamp == stamp_at(0), "first frame")
     page.wait_until(lambda: page.text("frame") == "0 / 19", "position")
     # The services may be found later than the images.
@@ -147,7 +147,7 @@ def test_a_tracker_that_is_slow_for_once_is_waited_for(
     graph, start_console, open_page, bag, moving_square
 ):
     tracker = graph.process("-p", "seed:=0")
-    page = open_page(start_console(source=str(bag)).link)
+    page = open_page(start_console(source=str(bag)).url)
     at_frame(page, 0)
     draw(page, moving_square.boxes[0])
     tracker.send_signal(signal.SIGSTOP)
@@ -165,7 +165,7 @@ def test_a_tracker_that_is_slow_for_once_is_waited_for(
 def sought(graph, start_console, open_page, bag):
     """A page whose recording seeks frame 5, held up until the tracker goes on; that function."""
     tracker = graph.process("-p", "seed:=0")
-    page = open_page(start_console(source=str(bag)).link)
+    page = open_page(start_console(source=str(bag)).url)
     at_frame(page, 0)
     tracker.send_signal(signal.SIGSTOP)
     page.locator("#seek").fill("5")
@@ -198,7 +198,7 @@ def test_the_box_is_back_with_a_tracker_that_was_silent_for_a_while(
     graph, start_console, open_page, bag, moving_square
 ):
     tracker = graph.process("-p", "seed:=0")
-    page = open_page(start_console(source=str(bag)).link)
+    page = open_page(start_console(source=str(bag)).url)
     at_frame(page, 0)
     box = draw(page, moving_square.boxes[0])
     tracker.send_signal(signal.SIGSTOP)
@@ -298,7 +298,7 @@ def test_a_button_that_was_clicked_leaves_the_keys_to_the_page(player, moving_sq
 def player_of_several(graph, client, start_console, open_page, bag):
     """A page that plays the recording to a tracker of up to two targets, at its first frame."""
     graph.tracker(client, max_targets=2)
-    page = open_page(start_console(source=str(bag)).link)
+    page = open_page(start_console(source=str(bag)).url)
     at_frame(page, 0)
     return page
 
@@ -381,7 +381,7 @@ def test_a_saved_target_is_tried_from_its_frame(
 ):
     box = [float(value) for value in moving_square.boxes[3]]
     saved(target_box=box, frame=3, stamp=stamp_at(3), image_size=[160, 120])
-    page = open_page(start_console(source=str(bag)).link)
+    page = open_page(start_console(source=str(bag)).url)
     at_frame(page, 0)
     page.locator("#load:enabled").click()
     at_frame(page, 3)
@@ -405,7 +405,7 @@ def test_a_target_minutes_ahead_waits_for_its_frame(
     box = [float(value) for value in moving_square.boxes[15]]
     text = yaml.safe_dump({"target_box": box, "frame": 15, "stamp": stamp_in(15)})
     (bag.parent / "drive.target.yaml").write_text(text)
-    page = open_page(start_console(source=str(bag)).link)
+    page = open_page(start_console(source=str(bag)).url)
     page.wait_until(lambda: page.shows(stamp_in(0)), "first frame")
     page.locator("#speed").select_option("0")
     page.locator("#load:enabled").click()
@@ -475,7 +475,7 @@ def test_a_click_in_a_recording_is_tried_again_too(player, client):
 
 
 def test_without_a_tracker_it_waits_for_one(start_console, open_page, bag, graph):
-    page = open_page(start_console(source=str(bag)).link)
+    page = open_page(start_console(source=str(bag)).url)
     page.wait_until(lambda: page.text("frame") == "0 / 19", "recording")
     assert page.stamp == 0
     graph.tracker()
@@ -483,9 +483,9 @@ def test_without_a_tracker_it_waits_for_one(start_console, open_page, bag, graph
 
 
 def test_a_tracker_on_another_topic_is_told_with_what_to_do(start_console, open_page, bag, graph):
-    page = open_page(start_console(source=str(bag)).link)
+    page = open_page(start_console(source=str(bag)).url)
     remapped = ["--ros-args", "-r", "image:=/camera/image_raw"]
-    elsewhere = graph.tracker(cli_args=remapped, stale_after=0.5)
+    elsewhere = graph.tracker(cli_args=remapped, image_timeout=0.5)
     what_to_do = (
         "waiting for a subscriber of /image; the tracker takes its images from "
         "/camera/image_raw: start the console with --ros-args -r "
@@ -540,7 +540,7 @@ def test_a_recording_that_breaks_off_is_told_of_and_the_page_goes_on(
 ):
     for number, size in enumerate([(120, 160)] * 3 + [(60, 80)]):
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((*size, 3), 90, np.uint8))
-    page = open_page(start_console(source=str(tmp_path)).link)
+    page = open_page(start_console(source=str(tmp_path)).url)
     page.wait_until(lambda: page.text("frame") == "0 / 3", "first frame")
     page.keyboard.press(" ")
     page.wait_until(lambda: "all must be alike" in page.text("problem"), "why it ends")

@@ -52,54 +52,54 @@ def ask():
 
 
 def test_the_page_and_its_parts_are_served_with_the_policy(console, ask):
-    status, headers, body = ask(console.link)
+    status, headers, body = ask(console.url)
     assert status == 200
     assert headers.items() >= HEADERS.items()
     for path in set(re.findall(r'(?:src|href)="([^"]+)"', body)) - {"/tracker.yaml"}:
-        status, headers, _ = ask(console.link, path)
+        status, headers, _ = ask(console.url, path)
         assert status == 200
         assert headers.items() >= HEADERS.items()
         assert headers["Content-Type"].split(";")[0] != "application/octet-stream"
 
 
 def test_there_is_no_parameter_file_before_the_parameters_are_known(console, ask):
-    status, headers, body = ask(console.link, "/tracker.yaml")
+    status, headers, body = ask(console.url, "/tracker.yaml")
     assert (status, body) == (503, "the tracker's parameters are not known yet")
     assert headers.items() >= HEADERS.items()
 
 
 def test_nothing_else_is_served(console, ask):
     for path in ("/index.html", "/../access.py", "/%2e%2e/access.py", "/page/", "/.env"):
-        status, headers, _ = ask(console.link, path)
+        status, headers, _ = ask(console.url, path)
         assert status == 404
         assert headers.items() >= HEADERS.items()
     for method in ("POST", "PUT", "DELETE"):
-        assert ask(console.link, "/", method)[0] == 405
+        assert ask(console.url, "/", method)[0] == 405
 
 
 def test_a_socket_is_for_pages_of_the_same_origin(console, ask):
-    netloc = urlsplit(console.link).netloc
-    assert ask(console.link, "/socket", Origin=f"http://{netloc}", **UPGRADE)[0] == 101
+    netloc = urlsplit(console.url).netloc
+    assert ask(console.url, "/socket", Origin=f"http://{netloc}", **UPGRADE)[0] == 101
     for origin in ("http://attacker.example", "null", "http://127.0.0.1:1"):
-        status, _, text = ask(console.link, "/socket", Origin=origin, **UPGRADE)
+        status, _, text = ask(console.url, "/socket", Origin=origin, **UPGRADE)
         assert status == 403
         assert origin in text
-    assert ask(console.link, "/socket", **UPGRADE)[0] == 403
+    assert ask(console.url, "/socket", **UPGRADE)[0] == 403
 
 
 def test_a_name_that_was_made_to_lead_here_gets_nothing(console, ask):
-    port = urlsplit(console.link).port
+    port = urlsplit(console.url).port
     host = f"attacker.example:{port}"
     for path, more in (("/", {}), ("/socket", UPGRADE | {"Origin": f"http://{host}"})):
-        status, _, text = ask(console.link, path, Host=host, **more)
+        status, _, text = ask(console.url, path, Host=host, **more)
         assert status == 403
         assert "not served under the name" in text
 
 
 def test_opened_wider_it_asks_for_the_token_of_its_link(start_console, ask):
     console = start_console(host="0.0.0.0")
-    assert urlsplit(console.link).hostname == socket.gethostname().lower()
-    token = urlsplit(console.link).query
+    assert urlsplit(console.url).hostname == socket.gethostname().lower()
+    token = urlsplit(console.url).query
     link = f"http://127.0.0.1:{urlsplit(console.link).port}/"
     origin = {"Origin": link.strip("/")}
     for path in ("/", "/console.js", "/?token=wrong", "/?token="):
@@ -140,7 +140,7 @@ def test_the_token_is_on_the_terminal_once_with_a_warning(ros_domain):
 
 
 def test_the_loopback_link_has_no_token(console):
-    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", console.link)
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", console.url)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no niceness of a thread")
@@ -164,10 +164,10 @@ def test_it_gives_way_to_others_but_where_a_camera_waits_for_it(graph, monkeypat
 
 
 def test_a_port_that_is_taken_is_told(start_console, console, graph, capfd):
-    port = urlsplit(console.link).port
+    port = urlsplit(console.url).port
     other = start_console(port=port)
     assert other.exit_code == 1
-    assert other.link == ""
+    assert other.url == ""
     assert f"cannot be served on 127.0.0.1:{port}" in capfd.readouterr().err
 
 
@@ -191,7 +191,7 @@ def test_a_browser_that_takes_nothing_is_cut_off_and_keeps_nobody_waiting(monkey
             aborted.append(True)
 
     async def send():
-        browser = web_server.Socket(Asleep(), Transport())
+        browser = web_server.BrowserConnection(Asleep(), Transport())
         await asyncio.gather(browser.send_json({}), browser.send_bytes(b""))
 
     # In a thread: the browser tests keep an event loop in this one.
@@ -200,13 +200,13 @@ def test_a_browser_that_takes_nothing_is_cut_off_and_keeps_nobody_waiting(monkey
     assert aborted == [True, True]
 
 
-@pytest.mark.parametrize(("address", "is_here"), [("127.0.0.1", True), ("127.0.0.2", False)])
-def test_a_browser_at_the_address_of_the_console_is_on_the_same_machine(address, is_here):
+@pytest.mark.parametrize(("address", "is_local"), [("127.0.0.1", True), ("127.0.0.2", False)])
+def test_a_browser_at_the_address_of_the_console_is_on_the_same_machine(address, is_local):
     async def connect():
         found = asyncio.get_running_loop().create_future()
 
         def take(_, writer):
-            found.set_result(web_server.Socket(None, writer.transport).is_here)
+            found.set_result(web_server.BrowserConnection(None, writer.transport).is_local)
             writer.close()
 
         async with await asyncio.start_server(take, "127.0.0.1", 0) as server:
@@ -217,17 +217,17 @@ def test_a_browser_at_the_address_of_the_console_is_on_the_same_machine(address,
 
     # In a thread: the browser tests keep an event loop in this one.
     with ThreadPoolExecutor(1) as executor:
-        assert executor.submit(lambda: asyncio.run(connect())).result() is is_here
+        assert executor.submit(lambda: asyncio.run(connect())).result() is is_local
 
 
 def test_a_browser_that_has_gone_is_nowhere():
-    assert not web_server.Socket(None, None).is_here
+    assert not web_server.BrowserConnection(None, None).is_local
 
 
 def test_a_browser_that_has_gone_is_left_even_if_that_was_not_heard_at_once():
     ends = []
 
-    class Hub:
+    class ConsoleBridge:
         """Does not hear that it is to leave a browser, as `wait_for` may not before Python 3.12."""
 
         async def run(self):
@@ -248,13 +248,13 @@ def test_a_browser_that_has_gone_is_left_even_if_that_was_not_heard_at_once():
             pass
 
     left = threading.Event()
-    server = web_server.WebServer("127.0.0.1", 0, Hub)
+    server = web_server.WebServer("127.0.0.1", 0, ConsoleBridge)
     server.start()
 
     async def visit():
         async with (
             aiohttp.ClientSession() as session,
-            session.ws_connect(f"{server.link}socket", origin=server.link.rstrip("/")) as page,
+            session.ws_connect(f"{server.link}socket", origin=server.url.rstrip("/")) as page,
         ):
             await page.receive()
 

@@ -12,12 +12,12 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import ColorRGBA, UInt32
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pf_tracker_ros.node.console.answers import (
-    answer_of,
-    boxes_of,
-    detections_of,
+from pf_tracker_ros.node.console.json_conversions import (
+    boxes_to_json,
+    detections_to_json,
     id_message,
-    particles_of,
+    particles_to_json,
+    status_to_json,
 )
 
 HOSTILE = "<img src=x onerror=alert(1)>"
@@ -52,7 +52,7 @@ def test_targets_have_id_label_and_state_as_they_were_told():
     ]
     for selected, expected in (("20000001", "20000001"), ("2", ""), ("0", ""), (HOSTILE, "")):
         own = status("/pf_tracker", "all is well", state="tracking", selected=selected)
-        answer = answer_of(DiagnosticArray(status=[own, *told]))
+        answer = status_to_json(DiagnosticArray(status=[own, *told]))
         assert (answer["message"], answer["values"]["state"]) == ("all is well", "tracking")
         assert answer["targets"] == [
             {"id": "1", "label": "7", "state": "tracking", "confidence": 0.75},
@@ -73,7 +73,7 @@ def test_boxes_are_those_of_the_markers_by_id():
             marker(5, []),
         ]
     )
-    assert boxes_of(message) == {"3": {"box": [10.0, 20.0, 30.0, 40.0], "color": "#ff8000"}}
+    assert boxes_to_json(message) == {"3": {"box": [10.0, 20.0, 30.0, 40.0], "color": "#ff8000"}}
 
 
 def detection(x, y, width, height, theta=0.0, **scores):
@@ -97,7 +97,7 @@ def test_detections_are_upright_boxes_with_the_best_label():
             detection(float("nan"), 0.0, 1.0, 1.0),
         ]
     )
-    assert detections_of(message) == [
+    assert detections_to_json(message) == [
         {"box": [40.0, 55.0, 20.0, 10.0], "label": "van"},
         {"box": [45.0, 50.0, 10.0, 20.0], "label": ""},
         {"box": [40.0, 55.0, 20.0, 10.0], "label": ""},
@@ -114,7 +114,7 @@ def test_what_is_no_id_names_no_target(id):
 def test_particles_of_several_targets_have_their_ids_beside_the_weights():
     rows = np.array([(1, 2, 0, 5, 5, 0.25, 1), (3, 4, 0, 5, 5, 0.5, 2)], np.float32)
     cloud = PointCloud2(point_step=28, width=2, height=1, data=rows.tobytes())
-    assert particles_of(cloud) == [[3.0, 4.0, 1.0], [1.0, 2.0, 0.5]]
+    assert particles_to_json(cloud) == [[3.0, 4.0, 1.0], [1.0, 2.0, 0.5]]
 
 
 class Crowd(Node):

@@ -12,9 +12,9 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 
 from pf_tracker_ros.node.console.tuning import (
     parameter_file,
-    parameter_of,
-    shaped,
-    shown_names,
+    parameter_from_json,
+    parameters_to_json,
+    tunable_names,
 )
 
 
@@ -30,12 +30,12 @@ def described(name, content, **options):
 
 def shape(*parameters):
     descriptors, values = zip(*parameters, strict=True)
-    return {one["name"]: one for one in shaped(descriptors, values)}
+    return {one["name"]: one for one in parameters_to_json(descriptors, values)}
 
 
 def test_they_come_in_the_order_of_the_documentation_without_those_of_every_node():
     names = ["motion.model", "use_sim_time", "qos_overrides./x", "new.one", "preset", "particles"]
-    assert shown_names(names) == ["preset", "particles", "motion.model", "new.one"]
+    assert tunable_names(names) == ["preset", "particles", "motion.model", "new.one"]
 
 
 def test_each_has_its_group_its_range_and_what_the_preset_says():
@@ -75,7 +75,7 @@ def test_of_several_targets_the_preset_says_something_else():
 
 def test_an_empty_list_of_numbers_is_one():
     descriptor = ParameterDescriptor(name="target_box", type=ParameterType.PARAMETER_DOUBLE_ARRAY)
-    (one,) = shaped([descriptor], [ParameterValue()])
+    (one,) = parameters_to_json([descriptor], [ParameterValue()])
     assert (one["kind"], one["value"], one["usual"]) == ("numbers", [], [])
 
 
@@ -94,7 +94,7 @@ def test_an_empty_list_of_numbers_is_one():
     ],
 )
 def test_what_is_given_reaches_the_node_as_it_is_for_the_node_to_judge(kind, given, asked):
-    parameter = parameter_of({"name": "x", "kind": kind}, given)
+    parameter = parameter_from_json({"name": "x", "kind": kind}, given)
     found = parameter_value_to_python(parameter.value)
     found = found if isinstance(found, bool | int | float | str) else list(found)
     assert (found, type(found)) == (asked, type(asked))
@@ -105,7 +105,7 @@ def test_what_is_given_reaches_the_node_as_it_is_for_the_node_to_judge(kind, giv
 )
 def test_what_ros_has_no_value_for_is_refused(given):
     with pytest.raises(ValueError, match="'x'"):
-        parameter_of({"name": "x", "kind": "int"}, given)
+        parameter_from_json({"name": "x", "kind": "int"}, given)
 
 
 def test_the_file_holds_the_preset_and_what_differs_from_it():
@@ -132,4 +132,4 @@ def test_the_file_holds_the_preset_and_what_differs_from_it():
 @pytest.mark.parametrize(("kind", "given"), [("float", 10**400), ("texts", ["hog", "\ud800"])])
 def test_what_ros_cannot_write_is_refused_whatever_is_asked_for(kind, given):
     with pytest.raises(ValueError, match="'x'"):
-        parameter_of({"name": "x", "kind": kind}, given)
+        parameter_from_json({"name": "x", "kind": kind}, given)

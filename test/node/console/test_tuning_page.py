@@ -122,7 +122,7 @@ def test_a_preset_makes_other_parameters_count_and_reset_its_values(tuned, clien
 
 
 def test_what_is_being_typed_stays_while_others_set_parameters(tuned, client, console, open_page):
-    other = open_page(console.link)
+    other = open_page(console.url)
     other.locator("#groups details").first.wait_for()
     field(tuned, "track.lost_after").fill("7.5")
     client.set_parameters(preset="li2007")

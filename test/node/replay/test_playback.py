@@ -8,7 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pf_tracker_ros.node.replay.playback import TOLERATED_LAG, Playback, Sought, Stopped
+from pf_tracker_ros.node.replay.playback import (
+    TOLERATED_LAG,
+    Playback,
+    PlaybackStopped,
+    SeekRequested,
+)
 
 MILLISECOND = 1_000_000
 ROUNDING = 1e-9
@@ -62,7 +67,7 @@ def test_what_holds_an_item_back_is_no_lag_of_the_next_one(monkeypatch, resumed)
     playback.wait_until_due(0, lambda: 1.0)
     now[0] = 5.0
     if resumed:
-        playback.resume()
+        playback.restart_schedule()
     now[0] = 5.02
     lag = playback.wait_until_due(20 * MILLISECOND, lambda: 1.0)
     assert lag == pytest.approx(0.0 if resumed else 5.0)
@@ -84,7 +89,7 @@ def test_steps_that_are_dropped_let_nothing_pass():
     playback.wait_until_due(0, None)
     playback.drop_steps()
     threading.Timer(0.05, playback.stop).start()
-    with pytest.raises(Stopped):
+    with pytest.raises(PlaybackStopped):
         playback.wait_until_due(1, None)
 
 
@@ -102,7 +107,7 @@ def test_being_late_is_told_and_not_caught_up_with():
     "wait",
     [
         lambda playback: playback.wait_until_due(10**15, lambda: 1.0),
-        lambda playback: playback.wait_for_answer(7, 1000.0),
+        lambda playback: playback.wait_until_processed(7, 1000.0),
         lambda playback: playback.wait_for(lambda: False, 1000.0),
     ],
     ids=["due", "answer", "condition"],
@@ -113,20 +118,20 @@ def test_stopping_ends_every_wait(wait, paused):
     playback.wait_until_due(0, None)
     playback.paused = paused
     threading.Timer(0.05, playback.stop).start()
-    with pytest.raises(Stopped):
+    with pytest.raises(PlaybackStopped):
         wait(playback)
-    with pytest.raises(Stopped):
+    with pytest.raises(PlaybackStopped):
         wait(playback)
 
 
 def test_an_answer_counts_for_its_own_stamp_only():
     playback = Playback()
-    playback.answer(6)
-    assert not playback.wait_for_answer(7, 0.01)
-    threading.Timer(0.05, playback.answer, (7,)).start()
-    assert playback.wait_for_answer(7, 30.0)
-    playback.forget_answer()
-    assert not playback.wait_for_answer(7, 0.01)
+    playback.mark_processed(6)
+    assert not playback.wait_until_processed(7, 0.01)
+    threading.Timer(0.05, playback.mark_processed, (7,)).start()
+    assert playback.wait_until_processed(7, 30.0)
+    playback.clear_processed()
+    assert not playback.wait_until_processed(7, 0.01)
 
 
 def test_a_paused_item_comes_when_playing_goes_on():
@@ -148,7 +153,7 @@ def test_steps_pass_a_pause_at_once_and_then_it_holds():
     passed = []
 
     def run():
-        with contextlib.suppress(Stopped):
+        with contextlib.suppress(PlaybackStopped):
             for item in range(4):
                 playback.wait_until_due(item * 10**12, lambda: 1.0)
                 passed.append(item)
@@ -168,7 +173,7 @@ def test_steps_pass_a_pause_at_once_and_then_it_holds():
     "wait",
     [
         lambda playback: playback.wait_until_due(10**15, lambda: 1.0),
-        lambda playback: playback.wait_for_answer(7, 1000.0),
+        lambda playback: playback.wait_until_processed(7, 1000.0),
         lambda playback: playback.wait_at_end(),
     ],
     ids=["due", "answer", "end"],
@@ -179,7 +184,7 @@ def test_seeking_ends_every_wait_once_and_lets_one_item_pass(wait, paused):
     playback.wait_until_due(0, None)
     playback.paused = paused
     threading.Timer(0.05, playback.seek, (3,)).start()
-    with pytest.raises(Sought) as sought:
+    with pytest.raises(SeekRequested) as sought:
         wait(playback)
     assert sought.value.args == (3,)
     playback.begin_pass()
@@ -189,6 +194,6 @@ def test_seeking_ends_every_wait_once_and_lets_one_item_pass(wait, paused):
 def test_at_the_end_it_is_paused():
     playback = Playback()
     threading.Timer(0.05, playback.stop).start()
-    with pytest.raises(Stopped):
+    with pytest.raises(PlaybackStopped):
         playback.wait_at_end()
     assert playback.paused

@@ -169,10 +169,10 @@ def test_a_replay_that_stands_still_tells_who_has_gone(pictures, stand_in, repla
     tracker.go_on()
     tracker.spin_until(lambda: tracker.seen("answer"))
     tracker.pause()
-    tracker.spin_until(lambda: node.hindrance == "")
+    tracker.spin_until(lambda: node.wait_reason == "")
     (heard,) = [s for s in tracker.subscriptions if s.topic_name == "/image"]
     tracker.destroy_subscription(heard)
-    tracker.spin_until(lambda: node.hindrance == "waiting for a subscriber of /image")
+    tracker.spin_until(lambda: node.wait_reason == "waiting for a subscriber of /image")
 
 
 def test_nothing_is_played_for_a_spectator_alone(pictures, stand_in, replay, graph):
@@ -182,7 +182,7 @@ def test_nothing_is_played_for_a_spectator_alone(pictures, stand_in, replay, gra
     spectator.create_subscription(Image, "image", lambda image: None, 10)
     node = replay(spectator=spectator, source=pictures.folder, lockstep=True)
     tracker.spin_until(lambda: node.count_subscribers("/image") == 1)
-    tracker.spin_until(lambda: node.hindrance == "waiting for a subscriber of /image")
+    tracker.spin_until(lambda: node.wait_reason == "waiting for a subscriber of /image")
     assert node.position == -1
     tracker.listen()
     tracker.spin_until_ended(node)

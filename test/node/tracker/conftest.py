@@ -10,8 +10,8 @@ from rclpy.duration import Duration
 from std_msgs.msg import UInt32
 
 from pf_tracker_ros import Detections
-from pf_tracker_ros.node.tracker import inputs, tracker_node
-from pf_tracker_ros.node.tracker.inputs import DETECTIONS_TYPE
+from pf_tracker_ros.node.tracker import target_subscriptions, tracker_node
+from pf_tracker_ros.node.tracker.target_subscriptions import DETECTIONS_CLASS
 
 FRAMES = 16
 
@@ -76,7 +76,7 @@ class Detector:
     @staticmethod
     def kind():
         """The type of the messages."""
-        return DETECTIONS_TYPE or DiagnosticArray
+        return DETECTIONS_CLASS or DiagnosticArray
 
     def say(self, boxes, stamp, labels=None, scores=None):
         self.send(self.message(boxes, stamp, labels, scores))
@@ -89,12 +89,12 @@ class Detector:
     def message(boxes, stamp, labels=None, scores=None):
         message = Detector.kind()()
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
-        make = _detection if DETECTIONS_TYPE else _stand_in
+        make = _detection if DETECTIONS_CLASS else _stand_in
         found = [
             make(box, labels[number] if labels else "person", scores[number] if scores else 0.9)
             for number, box in enumerate(boxes)
         ]
-        if DETECTIONS_TYPE:
+        if DETECTIONS_CLASS:
             message.detections = found
         else:
             message.status = found
@@ -133,8 +133,10 @@ def _detections_of_stand_in(message):
 @pytest.fixture
 def detector(monkeypatch):
     """The class `Detector`; without vision_msgs, nodes hear a stand-in for its messages."""
-    if DETECTIONS_TYPE is None:
-        monkeypatch.setattr(inputs, "DETECTIONS_TYPE", DiagnosticArray)
-        monkeypatch.setattr(inputs, "detections_of", _detections_of_stand_in)
-        monkeypatch.setattr(tracker_node, "DETECTIONS_TYPE", DiagnosticArray)
+    if DETECTIONS_CLASS is None:
+        monkeypatch.setattr(target_subscriptions, "DETECTIONS_CLASS", DiagnosticArray)
+        monkeypatch.setattr(
+            target_subscriptions, "detections_from_message", _detections_of_stand_in
+        )
+        monkeypatch.setattr(tracker_node, "DETECTIONS_CLASS", DiagnosticArray)
     return Detector

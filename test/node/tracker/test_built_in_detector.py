@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections
-from pf_tracker_ros.node.tracker import tracking
-from pf_tracker_ros.node.tracker.inputs import DETECTIONS_TYPE
+from pf_tracker_ros.node.tracker import session_manager
+from pf_tracker_ros.node.tracker.target_subscriptions import DETECTIONS_CLASS
 from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 
@@ -84,7 +84,7 @@ def blind(monkeypatch):
     def fail():
         raise cv2.error("no model")
 
-    monkeypatch.setattr(tracking, "DETECTORS", registered(**{**DETECTORS, "people": fail}))
+    monkeypatch.setattr(session_manager, "DETECTORS", registered(**{**DETECTORS, "people": fail}))
 
 
 @pytest.mark.usefixtures("blind")
@@ -117,7 +117,7 @@ def test_a_detector_that_fails_costs_no_frame(graph, client, monkeypatch):
         def detect(self, image, interval):
             raise RuntimeError("no eyes")
 
-    monkeypatch.setattr(tracking, "DETECTORS", registered(motion=Broken))
+    monkeypatch.setattr(session_manager, "DETECTORS", registered(motion=Broken))
     graph.tracker(client, built_in_detector="motion", **SEVERAL)
     status, _ = show_until(client, lambda status: status.level == "WARN")
     assert status.message == "the detector 'motion' failed: no eyes"
@@ -133,7 +133,7 @@ def test_what_a_detector_looks_at_while_time_goes_back_is_no_answer(graph, clien
             assert gates[len(looks) - 1].wait(60.0)
             return Detections([[100.0, 10.0, 30.0, 30.0]])
 
-    monkeypatch.setattr(tracking, "DETECTORS", registered(motion=Slow))
+    monkeypatch.setattr(session_manager, "DETECTORS", registered(motion=Slow))
     graph.tracker(client, built_in_detector="motion", **SEVERAL)
     try:
         client.show(scene(0)[0], client.at(50))
@@ -148,7 +148,7 @@ def test_what_a_detector_looks_at_while_time_goes_back_is_no_answer(graph, clien
             gate.set()
 
 
-@pytest.mark.skipif(DETECTIONS_TYPE is not None, reason="vision_msgs is installed")
+@pytest.mark.skipif(DETECTIONS_CLASS is not None, reason="vision_msgs is installed")
 def test_without_vision_msgs_the_log_says_what_else_there_is(graph):
     process = graph.process("-p", "max_targets:=3")
     lines = []

@@ -8,7 +8,7 @@ import pytest
 from geometry_msgs.msg import PoseWithCovariance
 from std_msgs.msg import Header
 
-from pf_tracker_ros.node.tracker.inputs import DETECTIONS_TYPE
+from pf_tracker_ros.node.tracker.target_subscriptions import DETECTIONS_CLASS
 from pf_tracker_ros.targets.detections import detections_from_message
 
 
@@ -93,11 +93,11 @@ def test_no_detections_are_an_answer_too():
 
 
 def test_detections_come_with_each_frame(graph, moving_square):
-    if DETECTIONS_TYPE is None:
+    if DETECTIONS_CLASS is None:
         pytest.skip("vision_msgs is not installed")
     client = graph.client()
     heard = []
-    client.create_subscription(DETECTIONS_TYPE, "pf_tracker/detections", heard.append, 10)
+    client.create_subscription(DETECTIONS_CLASS, "pf_tracker/detections", heard.append, 10)
     box = [float(value) for value in moving_square.boxes[0]]
     graph.tracker(client, preset="li2007", image_reliability="reliable")
     client.show(moving_square.images[0], client.at(0))

@@ -43,7 +43,7 @@ def test_reports_come_once_a_second(graph, client):
 
 
 def test_a_camera_that_falls_silent_is_a_warning(graph, client, images):
-    graph.tracker(client, stale_after=0.5, **QUICK)
+    graph.tracker(client, image_timeout=0.5, **QUICK)
     never = health(client, lambda h: h.level == "WARN")
     assert "no image for" in never.message
     assert "seconds_since_image" not in never.values
@@ -54,7 +54,7 @@ def test_a_camera_that_falls_silent_is_a_warning(graph, client, images):
 
 def test_a_wrong_topic_is_told_once_in_the_log_with_where_the_images_are(graph, client, capfd):
     remapped = ["--ros-args", "-r", "image:=/camera"]
-    graph.tracker(client, cli_args=remapped, stale_after=0.5, **QUICK)
+    graph.tracker(client, cli_args=remapped, image_timeout=0.5, **QUICK)
     silent = health(client, lambda h: "nobody publishes" in h.message)
     assert silent.message.endswith(
         " s: nobody publishes /camera, but /image (-r image:=/image); waiting for a target"
@@ -74,7 +74,7 @@ def test_a_lost_target_is_an_error_and_a_hidden_one_a_warning(graph, client, ima
 
 
 def test_what_goes_wrong_is_a_warning_once_and_stays_the_last_error(graph, client, images):
-    graph.tracker(client, stale_after=60.0, **QUICK)
+    graph.tracker(client, image_timeout=60.0, **QUICK)
     client.show(images[0], client.at(0), "no_encoding")
     warned = client.wait_for(lambda: [h for h in client.health if h.level == "WARN"], "warning")[0]
     assert "its encoding is 'no_encoding'" in warned.message

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pf_tracker_ros.node.tracker.diagnostics import Rhythm, loss_message, rhythm
+from pf_tracker_ros.node.tracker.diagnostics import FrameStatistics, frame_statistics, loss_warning
 
 START = 1_700_000_000_000_000_000
 
@@ -24,7 +24,7 @@ def seconds(stamps):
 
 
 def found_in(stamps):
-    return rhythm(stamps, seconds(stamps))
+    return frame_statistics(stamps, seconds(stamps))
 
 
 @given(
@@ -60,7 +60,7 @@ def test_of_a_recording_that_is_played_again_and_again_each_time_counts():
     came = [random.random(60) < 0.7 for _ in range(5)]
     stamps = [np.array(camera(30.0, 60))[kept].tolist() for kept in came]
     arrivals = [[2.0 * turn + 1e-9 * one for one in part] for turn, part in enumerate(stamps)]
-    found = rhythm([*chain(*stamps)], [*chain(*arrivals)])
+    found = frame_statistics([*chain(*stamps)], [*chain(*arrivals)])
     assert found.interval == pytest.approx(1.0 / 30.0, rel=0.1)
     assert found.lost_share == pytest.approx(1.0 - np.mean(came), abs=0.05)
 
@@ -119,7 +119,7 @@ def test_a_camera_that_changes_its_rate_is_not_said_to_lose_frames(rates):
 def test_coarse_stamps_of_even_frames_are_not_taken_for_losses(rate, tick):
     even = camera(rate, 300)
     coarse = [stamp // tick * tick for stamp in even]
-    found = rhythm(coarse, seconds(even))
+    found = frame_statistics(coarse, seconds(even))
     assert found is None or found.lost_share < 0.05
 
 
@@ -134,6 +134,6 @@ def test_coarse_stamps_of_even_frames_are_not_taken_for_losses(rate, tick):
     ],
 )
 def test_the_cause_and_the_cure_are_named(reliability, words):
-    text = loss_message(Rhythm(0.04, 0.5), "/camera/image_raw", reliability)
+    text = loss_warning(FrameStatistics(0.04, 0.5), "/camera/image_raw", reliability)
     assert text.startswith("about 50 % of the frames on /camera/image_raw are ")
     assert [word for word in words if word not in text] == []

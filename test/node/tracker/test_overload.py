@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
-from pf_tracker_ros.node.tracker.image_input import ImageInput
+from pf_tracker_ros.node.tracker.image_subscription import ImageSubscription
 
 DEADLINE = 60.0
 BUSY = 0.02
@@ -33,7 +33,7 @@ class Flood:
         self._images = self.node.create_publisher(Image, "image", quality)
         self._numbers = count(1)
         self._last = 0
-        self.input = ImageInput(self.node, self._look, pytest.fail)
+        self.input = ImageSubscription(self.node, self._look, pytest.fail)
         self.input.open("raw", "auto")
         self.executor = SingleThreadedExecutor(context=context)
         self.executor.add_node(self.node)

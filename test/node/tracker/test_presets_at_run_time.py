@@ -9,7 +9,7 @@ from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
 RELIABLE = {"image_reliability": "reliable"}
-OF_EVERY_NODE = {"use_sim_time", "start_type_description_service"}
+COMMON_PARAMETER_PREFIXES = {"use_sim_time", "start_type_description_service"}
 
 
 @pytest.fixture
@@ -186,7 +186,9 @@ def test_a_set_of_many_parameters_is_all_or_nothing(graph, client, images, boxes
 
 def on_node(node):
     """What a node says of itself: name to value and type."""
-    names = [name for name in node.list_parameters([], 0).names if name not in OF_EVERY_NODE]
+    names = [
+        name for name in node.list_parameters([], 0).names if name not in COMMON_PARAMETER_PREFIXES
+    ]
     parameters = node.get_parameters(names)
     return {one.name: (one.type_.name, str(one.get_parameter_value())) for one in parameters}
 

@@ -7,7 +7,7 @@ from geometry_msgs.msg import PointStamped, PolygonStamped
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image
 
-from pf_tracker_ros.node.graph_watch import GraphWatch
+from pf_tracker_ros.node.graph_monitor import GraphMonitor
 
 QUICK = {"particles": 20, "image_reliability": "reliable"}
 
@@ -130,7 +130,7 @@ def test_whoever_cannot_match_is_told_of_once_each_time_that_it_comes(graph):
     client = graph.client()
     tracker = graph.tracker(client, **QUICK)
     said = []
-    watch = GraphWatch(tracker, said.append)
+    watch = GraphMonitor(tracker, said.append)
     quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     for count in (1, 2):
         publisher = client.create_publisher(PolygonStamped, "pf_tracker/target", quality)

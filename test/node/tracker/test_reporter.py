@@ -34,7 +34,7 @@ def test_what_was_just_said_is_not_said_again_whatever_the_numbers(monkeypatch):
     now = 100.0
     monkeypatch.setattr(reporter_module.time, "monotonic", lambda: now)
     throttle = Throttle()
-    assert throttle.pick(["2 of 9 are old", "gone"]) == ("2 of 9 are old", "gone")
-    assert throttle.pick(["3.5 of -7 are old", "new"]) == ("new",)
+    assert throttle.unrepeated(["2 of 9 are old", "gone"]) == ("2 of 9 are old", "gone")
+    assert throttle.unrepeated(["3.5 of -7 are old", "new"]) == ("new",)
     now += LOG_INTERVAL
-    assert throttle.pick(["4 of 9 are old"]) == ("4 of 9 are old",)
+    assert throttle.unrepeated(["4 of 9 are old"]) == ("4 of 9 are old",)

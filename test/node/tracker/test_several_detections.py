@@ -12,7 +12,7 @@ from visualization_msgs.msg import MarkerArray
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.node.tracker.inputs import DETECTIONS_TYPE
+from pf_tracker_ros.node.tracker.target_subscriptions import DETECTIONS_CLASS
 from pf_tracker_ros.recordings.__main__ import main
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
@@ -84,7 +84,7 @@ def test_in_lockstep_late_detections_give_the_bits_of_the_library(client, detect
     detector, heard = detected(seed=5)
     follow(client, detector, walkers, range(12), delay=3)
     session = Session(preset_parameters("default", SEVERAL["max_targets"]), 5)
-    session.history.limit(120, 64.0)
+    session.frame_buffer.limit(120, 64.0)
     for number in range(12):
         if number >= 3 and (number - 3) % 4 == 0:
             found = Detections(boxes[number - 3], [0.9, 0.9], ["person", "person"])
@@ -102,14 +102,14 @@ def test_in_lockstep_late_detections_give_the_bits_of_the_library(client, detect
     assert len(told) == 2
 
 
-@pytest.mark.skipif(DETECTIONS_TYPE is None, reason="vision_msgs is not installed")
+@pytest.mark.skipif(DETECTIONS_CLASS is None, reason="vision_msgs is not installed")
 def test_track_finds_in_a_bag_what_the_node_told_of_late_detections(
     client, detected, walkers, tmp_path
 ):
     images, boxes = walkers
     detector, _ = detected(seed=5, max_targets=32)
     heard = []
-    client.create_subscription(DETECTIONS_TYPE, "pf_tracker/detections", heard.append, 100)
+    client.create_subscription(DETECTIONS_CLASS, "pf_tracker/detections", heard.append, 100)
     recorded = []
     for number, image in enumerate(images):
         stamp = client.at(number)

@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pf_tracker_ros import MultiTracker
-from pf_tracker_ros.decoding.image_decoding import decode
+from pf_tracker_ros.decoding.image_decoding import decode_raw
 from pf_tracker_ros.overlay import target_color
 
 SEVERAL = {"max_targets": 4, "image_reliability": "reliable"}
@@ -106,7 +106,7 @@ def test_particles_and_overlay_show_all(client, crowd, walkers):
     assert set(points[:, -1]) == {1.0, 2.0}
     for id in (1.0, 2.0):
         assert points[points[:, -1] == id, 5].sum() == pytest.approx(1.0, abs=1e-3)
-    picture = decode(client.answer(heard["overlay"], client.at(1)))
+    picture = decode_raw(client.answer(heard["overlay"], client.at(1)))
     for id in (1, 2):
         assert (picture == target_color(id)).all(axis=2).sum() > 50
 

@@ -15,16 +15,16 @@ def log(monkeypatch):
     monkeypatch.setattr(status.time, "monotonic", lambda: clock.now)
     states = StateLog(SimpleNamespace(info=lines.append))
 
-    def tell(seconds, *names, id=1):
+    def update(seconds, *names, id=1):
         for name in names:
             clock.now += seconds
-            states.tell(id, SimpleNamespace(state=name, confidence=0.5))
+            states.update(id, SimpleNamespace(state=name, confidence=0.5))
 
-    return SimpleNamespace(tell=tell, lines=lines)
+    return SimpleNamespace(update=update, lines=lines)
 
 
 def test_each_change_is_told(log):
-    log.tell(2.0, "tracking", "occluded", "occluded", "lost", "tracking")
+    log.update(2.0, "tracking", "occluded", "occluded", "lost", "tracking")
     assert log.lines == [
         "tracking -> occluded, confidence 0.50",
         "occluded -> lost, confidence 0.50",
@@ -33,16 +33,16 @@ def test_each_change_is_told(log):
 
 
 def test_a_flicker_is_told_once_a_second_and_the_state_after_it_always(log):
-    log.tell(0.04, *["occluded", "tracking"] * 50, "tracking")
+    log.update(0.04, *["occluded", "tracking"] * 50, "tracking")
     assert 3 <= len(log.lines) <= 5
-    log.tell(0.04, *["tracking"] * 30)
+    log.update(0.04, *["tracking"] * 30)
     assert log.lines[-1].startswith("occluded -> tracking")
     told = len(log.lines)
-    log.tell(0.04, *["tracking"] * 100)
+    log.update(0.04, *["tracking"] * 100)
     assert len(log.lines) == told
 
 
 def test_another_target_begins_tracked(log):
-    log.tell(2.0, "occluded")
-    log.tell(2.0, "tracking", "occluded", id=2)
+    log.update(2.0, "occluded")
+    log.update(2.0, "tracking", "occluded", id=2)
     assert log.lines == ["tracking -> occluded, confidence 0.50"] * 2

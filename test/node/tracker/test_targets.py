@@ -64,14 +64,14 @@ def test_a_target_drawn_on_a_past_frame_is_started_there_and_caught_up(
 
 
 def test_a_target_on_a_frame_that_is_gone_is_refused_with_the_reason(graph, client, images, boxes):
-    graph.tracker(client, history_frames=2, **QUICK)
+    graph.tracker(client, frame_buffer_length=2, **QUICK)
     client.show_all(images[:6])
     client.point_at(boxes[1], stamp=client.at(1))
     status = client.show(images[6], client.at(6))
     assert (status.level, status.values["state"]) == ("WARN", "idle")
     assert "0.160 s before the oldest one here" in status.message
     assert status.values["last_error"] == status.message
-    client.set_parameters(history_frames=5)
+    client.set_parameters(frame_buffer_length=5)
     client.show(images[7], client.at(7))
     client.point_at(boxes[6], stamp=client.at(6))
     assert client.show(images[8], client.at(8)).values["frame"] == "started"

@@ -38,7 +38,7 @@ def constants(tree):
 
 
 def called(call):
-    """The name of the function, or method of `Given`, that is called; None for any other."""
+    """The name of the function, or method of `LaunchArguments`, that is called; None for any other."""
     if isinstance(call.func, ast.Attribute):
         of_given = getattr(call.func.value, "id", "") in ("given", "self")
         return call.func.attr if of_given else None
@@ -110,7 +110,7 @@ def test_what_is_shared_is_read_where_it_is_called():
     assert both <= read(detector) & read(tracker)
     assert "large_images" in read(replay)
     assert "use_sim_time" not in read(replay)
-    assert {"preset", "seed"} <= {*constants(parsed(SHARING))["OF_THE_TRACKER"]}
+    assert {"preset", "seed"} <= {*constants(parsed(SHARING))["TRACKER_PARAMETERS"]}
     assert parameters_set(replay) == {"rate", "target_box"}
 
 
@@ -136,7 +136,7 @@ def test_the_replay_publisher_hands_the_tracker_only_arguments_that_it_has():
         if keyword.arg == "launch_arguments"
     ]
     names = {key.value for key in handed.keys if key is not None}
-    assert names | {*constants(replay)["FOR_THE_TRACKER"]} == declared(tracker)
+    assert names | {*constants(replay)["FORWARDED_ARGUMENTS"]} == declared(tracker)
 
 
 def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
@@ -159,8 +159,8 @@ def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
         values = shared | constants(tree)
         assert all(known[name].type is str for name in values.get("TEXTS", ()))
         assert all(known[name].type is bool for name in values.get("FLAGS", ()))
-        assert {*values.get("OF_THE_NODE", ())} <= known.keys()
-    assert {*shared["OF_THE_TRACKER"]} <= of_node.keys()
+        assert {*values.get("EXTRA_TRACKER_PARAMETERS", ())} <= known.keys()
+    assert {*shared["TRACKER_PARAMETERS"]} <= of_node.keys()
 
 
 # From here on the launch files are run.

@@ -1,0 +1,202 @@
+"""CPU time of a frame with eight targets, beside one target and OpenCV's CSRT.
+
+Eight people walk left and right in front of a street, each in a place of its own, so that none is
+hidden (what is hidden costs next to nothing). Everything has one thread. Each way is measured in a
+process of its own, and all take turns, round after round, so that a busy machine slows all of
+them; told are the medians over the rounds of the median frame and of the mean, the least median,
+and the 99th percentile, which are frames with a detector's answer where there is one. CSRT follows
+one of the people.
+
+    python benchmarks/multi_target_cost.py --rounds 6 --size 1920x1080
+
+In a larger image the people are as large, and where they are at 640x480.
+
+CSRT needs `opencv-contrib-python-headless`; without it that row is left out.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from statistics import fmean, median
+
+# One thread also for the linear algebra, which reads this when NumPy is imported.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import arguments as options_of
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scenes.camera import HandheldCamera
+from scenes.stage import Actor, Stage
+from scenes.street import Street
+from scenes.walkers import GAIT_VIEWS, Person, standing_boxes
+from tables import Table
+
+from pf_tracker_ros import Detections, MultiTracker
+
+SIZES = ("640x480", "1280x720", "1920x1080")
+FRAMES = 72
+# The first ones make tables, and learn of every target.
+SETTLING = 12
+INTERVAL = 1.0 / 30.0
+PEOPLE = 8
+_COLUMNS, _SPACING, _HEIGHT, _AMPLITUDE, _PERIOD = 4, 160.0, 84.0, 24.0, 60.0
+
+Image = NDArray[np.uint8]
+Step = Callable[[int, Image], object]
+
+
+class Scene:
+    """Eight people in two rows, each of whom walks left and right by turns.
+
+    Attributes:
+        boxes: (people, frames, 4) in pixels.
+
+    Args:
+        size: (width, height) of the images, pixels.
+    """
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        background, looks, camera = np.random.default_rng(0).spawn(3)
+        actors, boxes = [], []
+        time_of = np.arange(FRAMES)
+        for number in range(PEOPLE):
+            row, column = divmod(number, _COLUMNS)
+            phase = 2.0 * np.pi * (time_of / _PERIOD + number / PEOPLE)
+            across = (column + 0.5) * _SPACING + _AMPLITUDE * np.sin(phase)
+            feet = np.stack([across, np.full(FRAMES, 230.0 + 190.0 * row)], axis=1)
+            coat, trousers = looks.uniform(25.0, 220.0, (2, 3))
+            person = Person(_HEIGHT, tuple(coat), tuple(trousers), 1)
+            sprites = tuple(person.sprite(view) for view in range(GAIT_VIEWS))
+            actors.append(Actor(sprites, time_of // 2 % GAIT_VIEWS, feet))
+            boxes.append(standing_boxes(feet, _HEIGHT))
+        street = Street(size, 150, 200, 300, ((40, 60, 200), (180, 120, 30), (40, 160, 60)))
+        empty = np.zeros((size[1], size[0], 4), np.float32)
+        self._stage = Stage(street.draw(background), tuple(actors), empty)
+        self._camera = HandheldCamera(
+            camera, size=size, margin=1, frames=FRAMES, shake=0.0, lighting=0.0, noise=2.5
+        )
+        self._camera.offsets[:] = 0.0
+        self.boxes = np.stack(boxes)
+
+    def images(self) -> list[Image]:
+        """All of them, by a camera that stands still."""
+        return [self._camera.shoot(self._stage.paint(number), number) for number in range(FRAMES)]
+
+
+def _csrt(scene: Scene) -> Step:
+    tracker = cv2.TrackerCSRT.create()
+
+    def step(number: int, image: Image) -> object:
+        if number == 0:
+            return tracker.init(image, tuple(np.rint(scene.boxes[0, 0]).astype(int).tolist()))
+        return tracker.update(image)
+
+    return step
+
+
+def _by_hand(count: int) -> Callable[[Scene], Step]:
+    def make(scene: Scene) -> Step:
+        tracker = MultiTracker.from_preset("default", seed=0)
+
+        def step(number: int, image: Image) -> object:
+            if number == 0:
+                return [tracker.start(image, tuple(box)) for box in scene.boxes[:count, 0]]
+            told = tracker.update(image, INTERVAL)
+            _check(len(told), count)
+            return told
+
+        return step
+
+    return make
+
+
+def _detected(every: int) -> Callable[[Scene], Step]:
+    def make(scene: Scene) -> Step:
+        tracker = MultiTracker.from_preset("default", seed=0)
+        scores = np.full(PEOPLE, 0.9)
+
+        def step(number: int, image: Image) -> object:
+            # In the first frames from frame to frame: a start takes two of them.
+            is_seen = number < 2 or number % every == 0
+            found = Detections(scene.boxes[:, number], scores) if is_seen else None
+            told = tracker.update(image, INTERVAL, found)
+            if number >= SETTLING:
+                _check(len(told), PEOPLE)
+            return told
+
+        return step
+
+    return make
+
+
+def _check(count: int, wanted: int) -> None:
+    if count != wanted:
+        raise SystemExit(f"{count} targets are followed, not {wanted}: the time would mean nothing")
+
+
+WAYS: dict[str, Callable[[Scene], Step]] = {
+    "CSRT, one target": _csrt,
+    "one target": _by_hand(1),
+    "8 by hand": _by_hand(PEOPLE),
+    "8, a detector every 12th frame": _detected(12),
+    "8, a detector every 5th frame": _detected(5),
+}
+
+
+def times_of(way: str, size: str) -> list[float]:
+    """Milliseconds of CPU time of each frame after the first ones."""
+    cv2.setNumThreads(1)
+    width, height = map(int, size.split("x"))
+    scene = Scene((width, height))
+    step = WAYS[way](scene)
+    times = []
+    for number, image in enumerate(scene.images()):
+        began = time.process_time()
+        step(number, image)
+        times.append(1e3 * (time.process_time() - began))
+    return times[SETTLING:]
+
+
+def in_a_process(way: str, size: str) -> list[float]:
+    """The same, in a process of its own."""
+    command = [sys.executable, str(Path(__file__)), "--way", way, "--size", size]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    return [float(line) for line in done.stdout.split()]
+
+
+def main() -> None:
+    """Run the command line."""
+    parser = options_of.parser(__doc__)
+    parser.add_argument("--rounds", type=options_of.at_least(1), default=6, metavar="N")
+    parser.add_argument(
+        "--size", choices=SIZES, default=SIZES[0], help="of the images [%(default)s]"
+    )
+    parser.add_argument("--way", choices=WAYS, help="print the times of one way, once, and end")
+    options = parser.parse_args()
+    if options.way:
+        print(*times_of(options.way, options.size), sep="\n")
+        return
+    ways = [way for way in WAYS if way != "CSRT, one target" or hasattr(cv2, "TrackerCSRT")]
+    found: dict[str, list[list[float]]] = {way: [] for way in ways}
+    for _ in range(options.rounds):
+        for way in ways:
+            found[way].append(in_a_process(way, options.size))
+    rows = []
+    for way, rounds in found.items():
+        medians = [median(times) for times in rounds]
+        mean = median(map(fmean, rounds))
+        worst = median(float(np.percentile(times, 99)) for times in rounds)
+        figures = (median(medians), mean, min(medians), worst)
+        rows.append([way, *(f"{value:.1f}" for value in figures)])
+    headings = (f"{options.size}, one thread", "CPU ms a frame", "mean", "least median", "99 %")
+    Table("Several targets", headings, [rows]).show()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,152 @@
+"""Plots as SVG that take the colors of the page around them, light or dark. Needs Matplotlib."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.evaluation.metrics import SUCCESS_THRESHOLDS
+from pf_tracker_ros.evaluation.reports.content import SequenceContent
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Small, so that its letters can still be read where a phone's width is all there is.
+_SIZE = (4.4, 2.5)
+_TALL = (4.4, 3.3)
+# Drawn in colors that nothing else has, which become the page's afterwards.
+_PAGE_COLORS = {
+    "#010101": "var(--ink)",
+    "#020202": "var(--faint)",
+    "#030303": "var(--line-1)",
+    "#040404": "var(--line-2)",
+    "#050505": "var(--line-3)",
+    "#060606": "var(--line-4)",
+    "#070707": "var(--line-5)",
+    "#080808": "var(--bad)",
+    "#090909": "var(--doubtful)",
+}
+_INK, _FAINT, *_LINES, _BAD, _DOUBTFUL = _PAGE_COLORS
+_DASHES = ("-", "--", "-.", ":")
+
+
+def success_plot(curves: Mapping[str, NDArray[np.float64]]) -> str:
+    """Success curves, (21,) each, with the area under each in the legend."""
+    figure, axes = _figure(_TALL, "overlap threshold", "share of frames above")
+    for label, curve in curves.items():
+        _line(axes, SUCCESS_THRESHOLDS, curve, f"{label} [{np.mean(curve):.3f}]")
+    axes.set(xlim=(0, 1), ylim=(0, 1.02))
+    _legend(axes, "lower left")
+    return _svg(figure, "Success plot")
+
+
+def precision_plot(curves: Mapping[str, NDArray[np.float64]]) -> str:
+    """Precision curves, (51,) each, with the value at 20 px in the legend."""
+    figure, axes = _figure(_TALL, "center error, px", "share of frames within")
+    for label, curve in curves.items():
+        _line(axes, np.arange(len(curve)), curve, f"{label} [{curve[20]:.3f}]")
+    axes.axvline(20, color=_FAINT, linewidth=0.8)
+    axes.set(xlim=(0, 50), ylim=(0, 1.02))
+    _legend(axes, "lower right")
+    return _svg(figure, "Precision plot")
+
+
+def series_plots(content: SequenceContent) -> dict[str, str]:
+    """What is known of the target over the frames, heading to plot."""
+    plots = {}
+    if content.overlaps is not None:
+        plots["overlap"] = _series(content, {"overlap": content.overlaps}, (0, 1.02))
+    if content.center_errors is not None:
+        plots["center error, px"] = _series(content, {"center error": content.center_errors})
+    if not np.isnan(content.confidence).all():
+        plots["confidence"] = _series(content, {"confidence": content.confidence}, (0, 1.02))
+    if not np.isnan(content.effective_sample_size).all():
+        plots["effective sample size"] = _series(
+            content, {"effective sample size": content.effective_sample_size}
+        )
+    if content.cue_weights:
+        plots["cue powers"] = _series(content, content.cue_weights, (0, 1.02))
+    return plots
+
+
+def _series(
+    content: SequenceContent,
+    lines: Mapping[str, NDArray[np.float64]],
+    limits: tuple[float, float] | None = None,
+) -> str:
+    figure, axes = _figure(_SIZE, "frame", "")
+    for state, color in (("lost", _BAD), ("occluded", _DOUBTFUL)):
+        for first, last in content.frame_ranges(state):
+            axes.axvspan(first - 0.5, last + 0.5, color=color, alpha=0.25, linewidth=0)
+    for label, values in lines.items():
+        _line(axes, content.first + np.arange(content.frames), values, label)
+    axes.set_xlim(content.first, content.first + max(1, content.frames - 1))
+    axes.set_ylim(*(limits or (0, None)))
+    if len(lines) > 1:
+        _legend(axes)
+    return _svg(figure, f"{', '.join(lines)} over the frames of {content.name}")
+
+
+def _figure(size: tuple[float, float], across: str, up: str) -> tuple[Figure, Axes]:
+    # A Figure of its own, not pyplot's: no window system, no figures left open.
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.add_subplot()
+    axes.set_xlabel(across, color=_INK, fontsize=9)
+    axes.set_ylabel(up, color=_INK, fontsize=9)
+    axes.tick_params(colors=_INK, labelsize=8)
+    axes.grid(color=_FAINT, linewidth=0.5)
+    for spine in axes.spines.values():
+        spine.set_color(_FAINT)
+    figure.patch.set_visible(False)
+    axes.patch.set_visible(False)
+    return figure, axes
+
+
+def _line(axes: Axes, across: NDArray[Any], values: NDArray[np.float64], label: str) -> None:
+    number = len(axes.lines)
+    axes.plot(
+        across,
+        values,
+        # Some names would be formulas to Matplotlib.
+        label=label.replace("$", r"\$"),
+        color=_LINES[number % len(_LINES)],
+        linestyle=_DASHES[number // len(_LINES) % len(_DASHES)],
+        linewidth=1.4,
+        # A known frame between unknown ones would not be seen.
+        marker="." if np.isnan(values).any() else None,
+        markersize=2,
+    )
+
+
+def _legend(axes: Axes, place: Literal["best", "lower left", "lower right"] = "best") -> None:
+    legend = axes.legend(loc=place, fontsize=8, labelcolor=_INK, framealpha=0.0)
+    legend.get_frame().set_linewidth(0.0)
+
+
+def _svg(figure: Figure, title: str) -> str:
+    import matplotlib
+
+    drawn = io.StringIO()
+    # Texts stay texts; parts are named after what is drawn, for two plots of one page to differ.
+    salt = hashlib.sha256(title.encode("utf-8", "replace")).hexdigest()
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": salt}):
+        figure.savefig(drawn, format="svg", metadata={"Date": None, "Creator": None})
+    text = drawn.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    # The page says how large it is, and with which letters.
+    text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
+    text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
+    text = re.sub(r"(font: [\d.]+px )'[^;\"]*", r"\1var(--letters)", text)
+    for color, variable in _PAGE_COLORS.items():
+        text = text.replace(color, variable)
+    return text

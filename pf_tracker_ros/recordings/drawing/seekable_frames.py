@@ -1,0 +1,96 @@
+"""Frames of a recording in any order, as pictures for a page."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import cv2
+
+from pf_tracker_ros.overlay import draw_overlay
+from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
+
+# Wider pictures show no more on a screen, and take their time on the way.
+_WIDEST = 1920
+_QUALITY = 90
+
+
+@dataclass(frozen=True)
+class EncodedFrame:
+    """A frame that can be drawn on.
+
+    Attributes:
+        frame: Of the recording, with its image.
+        jpeg: What it looks like, of the same aspect ratio.
+    """
+
+    frame: RecordedFrame
+    jpeg: bytes
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the image, pixels."""
+        assert self.frame.image is not None
+        return self.frame.image.shape[1], self.frame.image.shape[0]
+
+
+class SeekableFrames:
+    """Finds frames by their number; reads on from the last one, and for earlier ones anew.
+
+    Args:
+        recording: Whose frames.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self._frames: Generator[RecordedFrame, None, None] | None = None
+        self._next = 0
+        self._is_closing = False
+        self._lock = threading.Lock()
+
+    def find(self, number: int) -> EncodedFrame:
+        """The picture of a frame, or of the next one after it that has an image.
+
+        Args:
+            number: Counted from 0.
+
+        Raises:
+            LookupError: There is none.
+            FootageError: The recording cannot be read that far.
+        """
+        with self._lock:
+            if self._frames is None or number < self._next:
+                self._restart()
+            assert self._frames is not None
+            for frame in self._frames:
+                self._next = frame.index + 1
+                if self._is_closing:
+                    break
+                if frame.index >= number and frame.image is not None:
+                    return EncodedFrame(frame, _jpeg(frame))
+            self._restart()
+            raise LookupError(f"there is no picture in frame {number} or after it")
+
+    def close(self) -> None:
+        """Let go of the recording, also while a frame is looked for."""
+        self._is_closing = True
+        with self._lock:
+            if self._frames is not None:
+                self._frames.close()
+
+    def _restart(self) -> None:
+        if self._frames is not None:
+            self._frames.close()
+        self._frames, self._next = self._recording.frames(), 0
+
+
+def _jpeg(frame: RecordedFrame) -> bytes:
+    assert frame.image is not None
+    picture = draw_overlay(frame.image, None)
+    height, width = picture.shape[:2]
+    if width > _WIDEST:
+        size = (_WIDEST, max(1, round(height * _WIDEST / width)))
+        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    _, encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    return encoded.tobytes()

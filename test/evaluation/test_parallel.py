@@ -1,0 +1,42 @@
+"""Work in several processes, done by functions that any process knows."""
+
+import multiprocessing
+import subprocess
+import sys
+import time
+from contextlib import closing
+
+from pf_tracker_ros.evaluation.parallel import WorkerEnded, run_parallel
+
+
+def test_every_task_is_done_once():
+    assert sorted(run_parallel(abs, [-5, 6, -7, 8], 2)) == [(0, 5), (1, 6), (2, 7), (3, 8)]
+    assert list(run_parallel(abs, [], 2)) == []
+
+
+def test_processes_that_end_at_a_task_fail_at_that_one_only():
+    tasks = ["1 + 1", "__import__('os')._exit(5)", "2 + 2", "__import__('os').abort()", "3 + 3"]
+    answers = dict(run_parallel(eval, tasks, 2))
+    ended = {
+        1: WorkerEnded("its process ended with code 5"),
+        3: WorkerEnded("its process was ended by signal 6"),
+    }
+    assert answers == {0: 2, 2: 4, 4: 6, **ended}
+
+
+def test_closing_ends_processes_at_their_work():
+    with closing(run_parallel(time.sleep, [0, 10_000, 10_000, 10_000], 2)) as done:
+        assert next(done) == (0, None)
+        assert len(multiprocessing.active_children()) == 2
+    assert multiprocessing.active_children() == []
+
+
+def test_signals_that_end_a_program_reach_none_of_its_processes():
+    """Asked in a new interpreter, as the first process that one starts is a special case."""
+    program = """
+from pf_tracker_ros.evaluation.parallel import spread
+look = "sorted(one.name for one in __import__('signal').pthread_sigmask(0, ()))"
+answers = dict(spread(eval, [look] * 3, 2))
+assert answers == dict.fromkeys(range(3), ["SIGINT", "SIGTERM"]), answers
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)

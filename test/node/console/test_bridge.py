@@ -1,0 +1,240 @@
+"""What all browsers share, with stand-ins for browser and link: only what needs no ROS graph."""
+
+import asyncio
+import json
+import threading
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.node.console import bridge as module
+from pf_tracker_ros.node.console.bridge import ConsoleBridge
+from pf_tracker_ros.node.console.image_encoding import EncodedImage
+
+
+class Link:
+    """Notes what is sent."""
+
+    name = "/pf_tracker"
+    has_target_subscribers = True
+    graph_faults = ()
+
+    def __init__(self):
+        self.sent, self.watched = [], []
+
+    def watch(self, watched):
+        self.watched.append(watched)
+
+    def watch_likelihood(self, watched):
+        self.likelihood = watched
+
+    def available_trackers(self):
+        return []
+
+    def set_image_topic(self, topic):
+        self.sent.append(("follow", topic))
+
+    def send_target(self, box, stamp):
+        self.sent.append(("target", box, stamp))
+
+    def send_click(self, x, y, stamp):
+        self.sent.append(("click", x, y, stamp))
+
+
+class Browser:
+    """Notes what comes."""
+
+    is_local = False
+
+    def __init__(self):
+        self.messages, self.frames = [], 0
+
+    async def send_json(self, message):
+        self.messages.append(message)
+
+    async def send_bytes(self, message):
+        self.frames += 1
+
+
+@pytest.fixture
+def image(image_message):
+    """The message of a gray image of one pixel."""
+    return image_message(np.array([[7]], np.uint8), encoding="mono8")
+
+
+@pytest.fixture
+def run():
+    """A function that runs a coroutine function with a hub, its link and a browser."""
+
+    def run(scenario):
+        outcome = []
+
+        async def play():
+            link, browser = Link(), Browser()
+            hub = ConsoleBridge(link)
+            try:
+                outcome.append(await scenario(hub, link, browser))
+            finally:
+                hub.close()
+
+        # In a thread: the browser tests keep an event loop in this one.
+        thread = threading.Thread(target=lambda: asyncio.run(play()))
+        thread.start()
+        thread.join()
+        assert outcome, "the scenario failed; see the traceback above"
+        return outcome[0]
+
+    return run
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        None,
+        [],
+        "stop",
+        {},
+        {"type": 7},
+        {"type": "unknown"},
+        {"type": ["stop"]},
+        {"type": float("nan")},
+        {"type": [float("inf")]},
+        {"a": float("nan")},
+        {"type": "target"},
+        {"type": "target", "box": [1, 2, 3], "stamp": "1"},
+        {"type": "target", "box": [1, 2, 3, "4"], "stamp": "1"},
+        {"type": "target", "box": [1, 2, 3, True], "stamp": "1"},
+        {"type": "target", "box": [1, 2, 3, float("nan")], "stamp": "1"},
+        {"type": "target", "box": [1, 2, 3, 1e300], "stamp": "1"},
+        {"type": "target", "box": [1, 2, 3, 4]},
+        {"type": "target", "box": [1, 2, 3, 4], "stamp": 1},
+        {"type": "target", "box": [1, 2, 3, 4], "stamp": "-1"},
+        {"type": "target", "box": [1, 2, 3, 4], "stamp": "²"},
+        {"type": "target", "box": [1, 2, 3, 4], "stamp": "9" * 30},
+        {"type": "target", "box": [1, 2, 3, 4], "stamp": "9" * 19},
+        {"type": "click", "point": "here", "stamp": "1"},
+        {"type": "enable", "enabled": "yes"},
+    ],
+)
+def test_what_no_page_would_ask_is_refused_in_words(run, message):
+    async def scenario(hub, link, browser):
+        await hub.handle(browser, message)
+        return link.sent, browser.messages
+
+    sent, (note,) = run(scenario)
+    assert sent == []
+    assert note["ok"] is False
+    assert note["text"]
+    # As it is sent.
+    assert json.dumps(note, allow_nan=False)
+
+
+@pytest.mark.parametrize("kind", ["target", "click"])
+def test_a_target_for_a_tracker_that_has_fallen_silent_is_not_sent(run, monkeypatch, kind):
+    clock = [100.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
+    message = {"type": kind, "box": [1, 2, 3, 4], "point": [1, 2], "stamp": "5"}
+
+    async def scenario(hub, link, browser):
+        hub.receive("health", 0, {"level": "ok", "message": "", "values": {}})
+        await hub._look()
+        await hub.handle(browser, message)
+        link.sent.clear()
+        clock[0] += 3.0
+        await hub._look()
+        await hub.handle(browser, message)
+        return link.sent, browser.messages
+
+    sent, (note,) = run(scenario)
+    assert sent == []
+    assert "nothing was sent: the tracker has fallen silent" in note["text"]
+
+
+def test_a_stamp_keeps_all_its_digits(run):
+    async def scenario(hub, link, browser):
+        await hub.handle(
+            browser, {"type": "target", "box": [1, 2, 3, 4], "stamp": "1700000000123456789"}
+        )
+        return link.sent
+
+    assert run(scenario) == [("target", (1.0, 2.0, 3.0, 4.0), 1_700_000_000_123_456_789)]
+
+
+def test_a_browser_that_draws_nothing_gets_two_frames_and_then_the_newest(run, image):
+    async def scenario(hub, link, browser):
+        welcome = asyncio.ensure_future(hub.welcome(browser))
+        counts = []
+        for stamp in range(1, 30):
+            hub.receive("image", stamp, image)
+            while not hub._pairing.latest or hub._pairing.latest.number < stamp:
+                await asyncio.sleep(0)
+            if stamp < 3:
+                while browser.frames < stamp:
+                    await asyncio.sleep(0)
+            counts.append(browser.frames)
+        await hub.handle(browser, {"type": "shown"})
+        while browser.frames < 3:
+            await asyncio.sleep(0)
+        welcome.cancel()
+        return counts
+
+    assert run(scenario)[2:] == [2] * 27
+
+
+def test_a_frame_is_encoded_once_for_all_browsers(run, image, monkeypatch):
+    made = []
+
+    def note(message, detail):
+        made.append(detail)
+        return EncodedImage(1, 1, b"jpeg")
+
+    monkeypatch.setattr("pf_tracker_ros.node.console.browsers.encode_image", note)
+
+    async def scenario(hub, link, browser):
+        others = [Browser(), Browser()]
+        welcomes = [asyncio.ensure_future(hub.welcome(one)) for one in (browser, *others)]
+        await asyncio.sleep(0)
+        hub.receive("image", 1, image)
+        while not all(one.frames for one in (browser, *others)):
+            await asyncio.sleep(0)
+        for welcome in welcomes:
+            welcome.cancel()
+        return True
+
+    assert run(scenario)
+    assert len(made) == 1
+
+
+@pytest.mark.parametrize(
+    ("linger", "expected"), [(0.0, [True, False, True, False]), (1000.0, [True])]
+)
+def test_images_and_particles_are_asked_for_while_somebody_looks(
+    run, monkeypatch, linger, expected
+):
+    monkeypatch.setattr(module, "_LINGER", linger)
+
+    async def scenario(hub, link, browser):
+        for _ in range(2):
+            watching = asyncio.ensure_future(hub.welcome(browser))
+            await asyncio.sleep(0)
+            watching.cancel()
+            await asyncio.gather(watching, return_exceptions=True)
+        return link.watched
+
+    assert run(scenario) == expected
+
+
+def test_nothing_is_taken_once_nobody_has_looked_for_a_while(run, monkeypatch):
+    monkeypatch.setattr(module, "_LINGER", 0.05)
+
+    async def scenario(hub, link, browser):
+        running = asyncio.ensure_future(hub.run())
+        watching = asyncio.ensure_future(hub.welcome(browser))
+        await asyncio.sleep(0)
+        watching.cancel()
+        while link.watched != [True, False]:
+            await asyncio.sleep(0)
+        running.cancel()
+        return True
+
+    assert run(scenario)

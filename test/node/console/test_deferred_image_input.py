@@ -1,0 +1,187 @@
+"""Images for the console wait until the tracker has answered, and only while it does."""
+
+import time
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+from std_msgs.msg import Empty
+
+from pf_tracker_ros.node.console import deferred_image_input
+from pf_tracker_ros.node.console.deferred_image_input import DeferredImageInput
+
+DEADLINE = 60.0
+NEVER = 3600.0
+
+
+class Watcher:
+    """A node that takes images so; they are told by their heights.
+
+    Attributes:
+        seen: Heights of those that it received.
+    """
+
+    def __init__(self, context):
+        self.node = Node("watcher", context=context)
+        self.seen = []
+        self._fences = 0
+        self.images = DeferredImageInput(
+            self.node, lambda image: self.seen.append(image.height), pytest.fail
+        )
+        self._publisher = self.node.create_publisher(Image, "image", 10)
+        self._fence = self.node.create_publisher(Empty, "fence", 10)
+        self.node.create_subscription(Empty, "fence", self._on_fence, 10)
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(self.node)
+        self.images.open("image")
+        self.wait_for(
+            lambda: (
+                all(s.get_publisher_count() for s in self.node.subscriptions)
+                and self._publisher.get_subscription_count()
+            )
+        )
+
+    def publish(self, *heights):
+        """Publish images; they are there afterwards."""
+        for height in heights:
+            self._publisher.publish(Image(height=height))
+        assert self._publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=DEADLINE))
+
+    def pass_by(self):
+        """Let the executor do all there is, until something comes that is published now."""
+        before = self._fences
+        self._fence.publish(Empty())
+        self.wait_for(lambda: self._fences > before)
+
+    def idle(self):
+        """Let the executor wait for nothing that comes."""
+        self._executor.spin_once(timeout_sec=0.3)
+
+    def wait_for(self, condition):
+        end = time.monotonic() + DEADLINE
+        while not condition():
+            assert time.monotonic() < end
+            self._executor.spin_once(timeout_sec=0.02)
+
+    def close(self):
+        self.images.close()
+        self._executor.shutdown()
+        self.node.destroy_node()
+
+    def _on_fence(self, _):
+        self._fences += 1
+
+
+@pytest.fixture
+def start_watcher(graph):
+    watchers = []
+
+    def start():
+        watchers.append(Watcher(graph.context()))
+        return watchers[-1]
+
+    yield start
+    for watcher in watchers:
+        watcher.close()
+
+
+@pytest.fixture
+def patient(start_watcher, monkeypatch):
+    """A watcher that waits for answers however long they take."""
+    monkeypatch.setattr(deferred_image_input, "_PATIENCE", NEVER)
+    return start_watcher()
+
+
+def test_after_an_answer_images_wait_for_the_next_one(patient):
+    patient.publish(1)
+    patient.wait_for(lambda: patient.seen == [1])
+    patient.images.on_status()
+    patient.publish(2, 3)
+    for _ in range(3):
+        patient.pass_by()
+    assert patient.seen == [1]
+    patient.images.on_status()
+    assert patient.seen == [1, 2, 3]
+
+
+def test_images_that_wait_do_not_keep_the_executor_busy(patient, monkeypatch):
+    asked, can_execute = [], deferred_image_input._Gate.can_execute
+
+    def note(gate, entity):
+        asked.append(entity)
+        return can_execute(gate, entity)
+
+    monkeypatch.setattr(deferred_image_input._Gate, "can_execute", note)
+    patient.images.on_status()
+    patient.publish(2, 3)
+    patient.pass_by()
+    asked.clear()
+    patient.idle()
+    # For the subscription and its event, each time that the executor begins to wait.
+    assert 1 <= len(asked) <= 8
+
+
+def test_of_many_that_wait_the_newest_are_kept(patient):
+    patient.publish(1)
+    patient.wait_for(lambda: patient.seen == [1])
+    patient.images.on_status()
+    patient.publish(*range(2, 22))
+    patient.images.on_status()
+    assert patient.seen == [1, 14, 15, 16]
+
+
+def test_images_that_come_faster_than_answers_do_not_wait_for_a_while(patient, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(deferred_image_input.time, "monotonic", lambda: now[0])
+    patient.images.on_status()
+    patient.publish(2, 3, 4, 5)
+    patient.images.on_status()
+    assert patient.seen == [2, 3, 4]
+    monkeypatch.undo()
+    patient.wait_for(lambda: patient.seen == [2, 3, 4, 5])
+
+
+def test_they_wait_again_after_a_second(patient, monkeypatch):
+    now = [100.0]
+    patient.images.on_status()
+    patient.publish(2, 3, 4, 5)
+    with monkeypatch.context() as patch:
+        patch.setattr(deferred_image_input.time, "monotonic", lambda: now[0])
+        patient.images.on_status()
+    patient.wait_for(lambda: patient.seen == [2, 3, 4, 5])
+    with monkeypatch.context() as patch:
+        patch.setattr(deferred_image_input.time, "monotonic", lambda: now[0])
+        now[0] += 1.1
+        patient.images.on_status()
+    patient.publish(6)
+    patient.pass_by()
+    assert patient.seen == [2, 3, 4, 5]
+    patient.images.on_status()
+    assert patient.seen == [2, 3, 4, 5, 6]
+
+
+def test_a_tracker_that_is_silent_is_not_waited_for(start_watcher):
+    watcher = start_watcher()
+    watcher.publish(1)
+    watcher.wait_for(lambda: watcher.seen == [1])
+    watcher.images.on_status()
+    watcher.publish(2)
+    watcher.wait_for(lambda: watcher.seen == [1, 2])
+    # From then on none waits.
+    watcher.publish(3)
+    watcher.wait_for(lambda: watcher.seen == [1, 2, 3])
+
+
+def test_closed_it_takes_nothing_and_opened_again_it_does(patient):
+    patient.images.on_status()
+    patient.images.close()
+    assert patient.images.topic == ""
+    patient.images.on_status()
+    assert patient.seen == []
+    patient.images.open("image")
+    patient.wait_for(lambda: all(s.get_publisher_count() for s in patient.node.subscriptions))
+    patient.publish(4)
+    patient.images.on_status()
+    assert patient.seen == [4]
