@@ -33,7 +33,7 @@ import cv2
 from arguments import at_least
 from kernel_stages.growth import AXES, Cost, along, draw_growth, exponent, measure_stages
 from kernel_stages.li2007 import CLOUDS, Row, measure_li2007
-from kernel_stages.must_hold import measure_limits
+from kernel_stages.measured_limits import measure_limits
 from kernel_stages.python_share import measure_python_share
 from kernel_stages.setting import Setting
 from kernel_stages.stages import STAGES
@@ -145,7 +145,7 @@ def limit_tables(given: argparse.Namespace) -> list[Table]:
     return [limits_table(measure_limits(given.turns))]
 
 
-PARTS = {"loop": loop_tables, "stages": stage_tables, "python": python_tables, "bars": limit_tables}
+PARTS = {"loop": loop_tables, "stages": stage_tables, "python": python_tables, "limits": limit_tables}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -245,7 +245,7 @@ def test_what_counts_follows_from_what_is_chosen(values):
     for name, condition in CONDITIONS.items():
         chosen = values[condition[0]] if condition else ()
         chosen = {chosen} if isinstance(chosen, str) else set(chosen)
-        assert BOAT[name].counts(values) == (condition is None or bool(chosen & {*condition[1]}))
+        assert BOAT[name].is_active(values) == (condition is None or bool(chosen & {*condition[1]}))
 
 
 @given(boats())
@@ -349,7 +349,7 @@ def test_a_wrong_choice_is_refused_with_what_can_be_chosen(name):
 def test_a_preset_names_only_what_counts_with_it(preset):
     known = declarations(TrackerParameters)
     values = flatten(build(TrackerParameters, PRESETS[preset]))
-    assert all(known[name].counts(values) for name in PRESETS[preset])
+    assert all(known[name].is_active(values) for name in PRESETS[preset])
 
 
 @pytest.mark.parametrize(

@@ -111,7 +111,7 @@ def test_the_scene_has_it_all(scene, preset):
         (preset, name)
         for preset in PRESETS
         for name, one in KNOWN.items()
-        if one.counts(preset_parameters(preset)) and name not in OF_DETECTIONS
+        if one.is_active(preset_parameters(preset)) and name not in OF_DETECTIONS
     ],
 )
 def test_a_tunable_makes_a_difference(makes_a_difference, preset, name):

@@ -47,7 +47,7 @@ def _preset_file(preset: str) -> str:
         "  ros__parameters:",
     ]
     for name, declaration in (_NODE | _TRACKER).items():
-        if not declaration.counts(values):
+        if not declaration.is_active(values):
             continue
         fixed = "fixed while the node runs" if name in _NODE else "a change learns the target again"
         comment = f"{declaration.description} {_allowed(declaration, fixed)}."

@@ -128,7 +128,7 @@ def test_the_command_writes_tables_that_do_not_hang_on_the_number_of_processes(
 
 def test_what_is_chosen_without_a_group_by_hand(benchmark, ablation):
     """In frames that are right of 11: unit 20/21/11."""
-    carry_over = benchmark("carry_over")
+    cross_validation = benchmark("cross_validation")
     frames = {"base": (8, 8, 5), "one": (11, 11, 1), "two": (2, 2, 9)}
     outcomes = [
         ablation.Outcome(
@@ -137,8 +137,8 @@ def test_what_is_chosen_without_a_group_by_hand(benchmark, ablation):
         )
         for name, counts in frames.items()
     ]
-    groups = carry_over.grouped(["a_1", "a_2", "b_1"], ["a_|z", "b"])
-    table = carry_over.summary(outcomes, groups)
+    groups = cross_validation.grouped(["a_1", "a_2", "b_1"], ["a_|z", "b"])
+    table = cross_validation.summary(outcomes, groups)
     rows, (last,) = table.groups
     unit = 20 / 21 / 11
     scores = {n: f"{n * unit:.3f}" for n in (1, 2, 5, 8, 9, 11)}
@@ -178,7 +178,7 @@ def test_the_command_tells_what_carries_over(ablation, moving_square_sequence, t
 )
 def test_groups_that_do_not_part_the_sequences_are_refused(benchmark, patterns, message):
     with pytest.raises(EvaluationError, match=message):
-        benchmark("carry_over").grouped(["a_1", "a_2", "b_1"], patterns)
+        benchmark("cross_validation").grouped(["a_1", "a_2", "b_1"], patterns)
 
 
 @pytest.mark.parametrize(

@@ -13,23 +13,23 @@ BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
 @pytest.fixture
 def limits(benchmark):
-    return benchmark("bars")
+    return benchmark("limits")
 
 
 @pytest.mark.parametrize(
     ("value", "is_least", "is_met"),
     [(2.0, False, True), (2.1, False, False), (2.0, True, True), (1.9, True, False)],
 )
-def test_a_bar_is_met_up_to_its_bound(bars, value, is_least, is_met):
-    bar = bars.Limit("cost", value, 2.0, is_least)
-    assert bar.is_met is is_met
-    (row,) = bars.limits_table([bar]).groups[0]
+def test_a_bar_is_met_up_to_its_bound(limits, value, is_least, is_met):
+    limit = limits.Limit("cost", value, 2.0, is_least)
+    assert limit.is_met is is_met
+    (row,) = limits.limits_table([limit]).groups[0]
     assert row[-1] == ("met" if is_met else "**MISSED**")
 
 
 @pytest.mark.parametrize("is_least", [False, True])
-def test_a_bar_of_no_number_is_missed(bars, is_least):
-    assert not bars.Limit("cost", math.nan, 2.0, is_least).is_met
+def test_a_bar_of_no_number_is_missed(limits, is_least):
+    assert not limits.Limit("cost", math.nan, 2.0, is_least).is_met
 
 
 @pytest.mark.parametrize("power", [0.0, 0.5, 1.0])
@@ -82,8 +82,8 @@ def test_answers_tell_ages_and_losses(benchmark):
     camera = benchmark("node_runs.camera")
     answers = camera.ResponseTimes(
         published={1: 10.0, 2: 10.1, 3: 10.2},
-        answered={1: 10.02, 3: 10.25},
-        told={1: 10.03, 3: 10.26},
+        box_received={1: 10.02, 3: 10.25},
+        status_received={1: 10.03, 3: 10.26},
         processing={1: 0.01, 3: 0.02},
     )
     assert answers.latencies == pytest.approx([20.0, 50.0])

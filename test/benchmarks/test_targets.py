@@ -38,9 +38,9 @@ def test_ours_follows_between_the_frames_that_the_detector_sees(benchmark, folde
     make = benchmark("target_trackers").TRACKERS[targets.OURS]
     sequence = targets.read_sequence(*folders)
     done = targets.run(make(sequence.interval), sequence, every=12, first=0)
-    for truth, told in zip(sequence.truth, done.told, strict=True):
+    for truth, told in zip(sequence.truth, done.tracks, strict=True):
         assert list(told.ids) == [1]
-        assert targets.overlaps(truth.boxes, told.boxes)[0, 0] > 0.6
+        assert targets.pairwise_iou(truth.boxes, told.boxes)[0, 0] > 0.6
 
 
 def test_fewer_frames_than_the_truth_has_are_told(benchmark, folders):

@@ -117,23 +117,23 @@ def test_an_unknown_preset_is_refused(uncertainty, moving_square_sequence, capsy
 
 
 @pytest.fixture
-def carry_over(benchmark):
-    return benchmark("odds_carry_over")
+def cross_validation(benchmark):
+    return benchmark("confidence_cross_validation")
 
 
-def answered(carry_over, generator, shares, wrong):
+def answered(cross_validation, generator, shares, wrong):
     """Frames of a kind: right ones answer "a" by 1 more on average, and "b" by 10 more."""
     is_right = generator.random(shares) > wrong
     a, b = (scale * (generator.normal(size=shares) + is_right - 0.5) for scale in (1.0, 10.0))
     odds = [{"cue.a": one, "cue.b": other} for one, other in zip(a, b, strict=True)]
-    return carry_over.LabeledOdds(odds, is_right)
+    return cross_validation.LabeledOdds(odds, is_right)
 
 
-def test_questions_count_the_same_in_standard_deviations(carry_over):
+def test_questions_count_the_same_in_standard_deviations(cross_validation):
     """Normal answers, 1 apart with a deviation of 1 each: log odds of x are x; they add up."""
     generator = np.random.default_rng(0)
-    groups = [answered(carry_over, generator, 40_000, wrong) for wrong in (0.5, 0.05)]
-    weights = carry_over.fit(groups)
+    groups = [answered(cross_validation, generator, 40_000, wrong) for wrong in (0.5, 0.05)]
+    weights = cross_validation.fit(groups)
     assert weights.factors["cue.a"] == pytest.approx(1.0, abs=0.05)
     assert weights.factors["cue.b"] == pytest.approx(0.1, abs=0.005)
     # How many are right of a kind of footage says nothing; 5 to 1 are supposed.
@@ -145,22 +145,22 @@ def test_questions_count_the_same_in_standard_deviations(carry_over):
     }
 
 
-def test_what_was_learned_last_has_half_the_weight(carry_over):
+def test_what_was_learned_last_has_half_the_weight(cross_validation):
     generator = np.random.default_rng(0)
-    group = answered(carry_over, generator, 4_000, 0.5)
+    group = answered(cross_validation, generator, 4_000, 0.5)
     learned = [
         {"cue.a": one["cue.a"], "correlation_response.response": one["cue.b"]} for one in group.odds
     ]
-    weights = carry_over.fit([replace(group, odds=learned)])
+    weights = cross_validation.fit([replace(group, odds=learned)])
     ratio = weights.factors["cue.a"] / weights.factors["correlation_response.response"]
     assert ratio == pytest.approx(20.0, rel=0.05)
 
 
-def test_what_is_heard_is_what_the_confidence_is_made_of(carry_over, moving_square):
-    tracker, heard = carry_over.recording_tracker("default", 0)
+def test_what_is_heard_is_what_the_confidence_is_made_of(cross_validation, moving_square):
+    tracker, heard = cross_validation.recording_tracker("default", 0)
     plain = Tracker.from_preset("default", 0)
-    same = carry_over.fitted_tracker("default", carry_over.Weights({}, 0.0), 0)
-    doubting = carry_over.fitted_tracker("default", carry_over.Weights({}, -100.0), 0)
+    same = cross_validation.fitted_tracker("default", cross_validation.Weights({}, 0.0), 0)
+    doubting = cross_validation.fitted_tracker("default", cross_validation.Weights({}, -100.0), 0)
     trackers = (tracker, plain, same, doubting)
     for one in trackers:
         one.start(moving_square.images[0], tuple(moving_square.boxes[0]))

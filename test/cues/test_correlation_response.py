@@ -242,7 +242,7 @@ def test_then_only_every_third_blend_trains(template):
         view = CUE.observe(region_of(between), BOX)
         first = CUE.blend(template, view)
         second = CUE.blend(first, view)
-        assert (first.frames_since_training, second.waiting) == (1, 2)
+        assert (first.frames_since_training, second.frames_since_training) == (1, 2)
         for waiting in (first, second):
             assert waiting.filter is template.filter
             assert waiting.reference == template.reference

@@ -93,7 +93,7 @@ def test_the_tracker_takes_what_is_decoded(encoding, noise, padding):
     # Padding follows each row, also where it is one of colors.
     data = noise(height=rows, width=row + padding, channels=1).tobytes()
     decoder = ImageDecoder(max_pixels=1)
-    image = decoder.decode_raw(message(data, 50, 40, row + padding, encoding))
+    image = decoder.decode(message(data, 50, 40, row + padding, encoding))
     assert image.shape[:2] == (40, 50)
     tracker = Tracker.from_preset("li2007")
     tracker.start(image, (10, 10, 20, 20))
@@ -207,8 +207,8 @@ def test_floats_of_either_byte_order_reach_the_tracker_as_they_are(order):
     values = np.array([[0.5, -290.0, 1e30], [np.nan, np.inf, -np.inf]], np.float32)
     decoder = ImageDecoder(1)
     # Nothing is remembered of an image: what range it has is for the tracker to know.
-    decoder.decode_raw(floats(np.full((2, 3), 1e9), stamp=1))
-    image = decoder.decode_raw(floats(values, order, stamp=2))
+    decoder.decode(floats(np.full((2, 3), 1e9), stamp=1))
+    image = decoder.decode(floats(values, order, stamp=2))
     assert image.dtype == np.float32
     assert image.dtype.isnative
     np.testing.assert_array_equal(image, values)

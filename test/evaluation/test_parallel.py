@@ -34,9 +34,9 @@ def test_closing_ends_processes_at_their_work():
 def test_signals_that_end_a_program_reach_none_of_its_processes():
     """Asked in a new interpreter, as the first process that one starts is a special case."""
     program = """
-from pf_tracker_ros.evaluation.parallel import spread
+from pf_tracker_ros.evaluation.parallel import run_parallel
 look = "sorted(one.name for one in __import__('signal').pthread_sigmask(0, ()))"
-answers = dict(spread(eval, [look] * 3, 2))
+answers = dict(run_parallel(eval, [look] * 3, 2))
 assert answers == dict.fromkeys(range(3), ["SIGINT", "SIGTERM"]), answers
 """
     subprocess.run([sys.executable, "-c", program], check=True, timeout=60)

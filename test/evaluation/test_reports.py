@@ -259,7 +259,7 @@ def test_the_shares_of_a_target_that_ended_and_came_back_are_all_told():
 def test_the_worst_frames_are_not_neighbors_and_come_worst_first():
     confidence = np.ones(60)
     confidence[[10, 11, 12, 30, 50]] = (0.3, 0.1, 0.2, 0.15, np.nan)
-    worst = content(states=("tracking",) * 60, confidence=confidence).worst
+    worst = content(states=("tracking",) * 60, confidence=confidence).worst_frames
     assert worst[:2] == [11, 30]
     assert len(worst) == 10
     assert 50 not in worst

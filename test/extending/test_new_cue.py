@@ -28,7 +28,7 @@ boxes = follow(tracker)
 print(json.dumps({{
     "boxes": boxes,
     "without": follow(Tracker.from_preset("li2007")),
-    "powers": dict(tracker.estimate.cue_weights),
+    "cue_weights": dict(tracker.estimate.cue_weights),
     "parameters": tracker.parameters,
 }}))
 """
@@ -37,7 +37,7 @@ print(json.dumps({{
     # It has its say, and so the particles are weighed otherwise.
     assert told["boxes"] != told["without"]
     cue_weights = {"color_histogram": 0.6 / 1.5, "gradient_orientation": 0.4 / 1.5}
-    assert told["powers"] == pytest.approx(cue_weights | {"brightness": 0.5 / 1.5})
+    assert told["cue_weights"] == pytest.approx(cue_weights | {"brightness": 0.5 / 1.5})
     assert told["parameters"]["brightness.weight"] == 0.5
     assert told["parameters"]["brightness.sharpness"] == 0.1
 
@@ -74,14 +74,14 @@ changes = {{
     8: {{"brightness.sharpness": 1.0, "brightness.weight": 1.0}},
     12: {{"cues": ("color_histogram",)}},
 }}
-found, powers = [], []
+found, cue_weights = [], []
 for number, image in enumerate(images[1:]):
     if number in changes:
         tracker.set_parameters(changes[number])
     estimate = tracker.update(image)
     found.append(estimate.box)
-    powers.append(estimate.cue_weights.get("brightness"))
-print(json.dumps([found, powers]))
+    cue_weights.append(estimate.cue_weights.get("brightness"))
+print(json.dumps([found, cue_weights]))
 """
     boxes, cue_weights = extended(code, **ADDED)
     assert overlaps(boxes).min() > 0.5

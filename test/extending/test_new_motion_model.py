@@ -37,7 +37,7 @@ def test_its_parameters_count_with_it_and_those_of_others_do_not(extended):
 every = declarations(TrackerParameters)
 
 def of_motion(model):
-    counting = (name for name, one in every.items() if one.counts(values | {"motion.model": model}))
+    counting = (name for name, one in every.items() if one.is_active(values | {"motion.model": model}))
     return [name for name in counting if name.startswith("motion.")]
 
 values = preset_parameters("li2007")

@@ -126,8 +126,8 @@ def test_a_tracker_is_made_of_them_and_their_parameters_count(parts):
         + """
 both = ("correlation_response", "brightness")
 ways = [
-    {"preset": "li2007", "cues": ("color_histogram", "brightness"), "brightness__power": 0.9},
-    {"preset": "li2007", "cues": ("color_histogram", "brightness"), "brightness__power": 0.1},
+    {"preset": "li2007", "cues": ("color_histogram", "brightness"), "brightness__weight": 0.9},
+    {"preset": "li2007", "cues": ("color_histogram", "brightness"), "brightness__weight": 0.1},
     {"preset": "li2007", "motion__model": "random_walk", "motion__position_noise": 4.0},
     {"cues": both, "correlation_response__features": "cell_means"},
     {"cues": both, "correlation_response__features": "cell_means",
@@ -161,11 +161,11 @@ def ids(**parameters):
     for number, image in enumerate(images):
         seen = Detections([boxes[number]]) if number % 2 == 0 else None
         told.append([target.id for target in tracker.update(image, 0.1, seen)])
-    life, = tracker._manager._track_set.lives
+    life, = tracker._manager._track_set.tracks
     return told[-1], life.descriptor.tolist(), tracker
 last, color, tracker = ids(**{"appearance.kind": "mean_color", "appearance.mean_color.scale": 5.0})
 tracker.set_parameters({"appearance.kind": "color_stripes"})
-life, = tracker._manager._track_set.lives
+life, = tracker._manager._track_set.tracks
 again = [target.id for target in tracker.update(images[-1], 0.1, Detections([boxes[-1]]))]
 print(json.dumps([last, color, len(life.descriptor), again]))
 """

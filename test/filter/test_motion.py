@@ -72,7 +72,7 @@ def test_a_prediction_leaves_the_states_before_as_they_are(name):
 def test_the_parameters_that_a_model_reads_count_with_it_and_no_others(name):
     known = declarations(MotionParameters)
     own = declarations(MOTION_MODELS.parameters_of(name))
-    counting = {other for other, one in known.items() if one.counts({"model": name})}
+    counting = {other for other, one in known.items() if one.is_active({"model": name})}
     assert counting == {"model", *own}
     assert "position_noise" in own
     built = build(MotionParameters, {"model": name, "position_noise": 0.25})

@@ -82,7 +82,7 @@ class Bound:
         self.binding.declare(Line)
         self.binding.declare(
             Train,
-            usual=lambda values: TIMETABLES[values["timetable"]],
+            defaults=lambda values: TIMETABLES[values["timetable"]],
             reset_by={"timetable": lambda before, after: True},
             superseded=superseded,
             keeps_read_only=False,

@@ -181,7 +181,7 @@ def write_notes(place, done=None):
 
 def put(results, beforehand=False):
     """Put boxes there, or only begin to."""
-    with results.alone() as place, place.workplace("a.avi") as workplace:
+    with results.locked() as place, place.workplace("a.avi") as workplace:
         assert not beforehand
         made = workplace / "results"
         made.mkdir()
@@ -206,7 +206,7 @@ def test_a_folder_of_something_else_is_left_as_it_is(folder_with, write):
     with pytest.raises(RecordingError, match="is not of a recording's results") as told:
         put(results, beforehand=True)
     assert told.value.exit_code == 4
-    with results.alone() as place:
+    with results.locked() as place:
         shutil.rmtree(results.path / "a.avi", ignore_errors=True)
         (results.path / "a.avi").unlink(missing_ok=True)
         with place.workplace("a.avi") as workplace:

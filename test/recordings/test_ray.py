@@ -151,7 +151,7 @@ class Losing:
 def tasks(archive, tmp_path):
     """Three tasks in a folder where a run is at work."""
     recordings = {f"drive_{n}": archive / f"day_{n % 2}" / f"drive_{n}" for n in range(3)}
-    with ResultsFolder(tmp_path / "out").alone() as results:
+    with ResultsFolder(tmp_path / "out").locked() as results:
         yield make_tasks(recordings, results, QUICK)
 
 

@@ -62,7 +62,7 @@ def scratch(monkeypatch, tmp_path):
 
 def run(archive="memory://fleet", url="memory://boxes", arguments=QUICK):
     """Track what is not done; name to what came of it, and the names that were done."""
-    with ResultsStore(url).alone() as results:
+    with ResultsStore(url).locked() as results:
         tasks = make_tasks(find_recordings(archive), results, arguments)
         done = done_entries(tasks, results)
         waiting = [task for task in tasks if task.name not in done]

@@ -25,7 +25,7 @@ def heights_at(lower_edge):
 
 
 @pytest.mark.parametrize(
-    ("stood", "lower_edge", "expected"),
+    ("ground_box", "lower_edge", "expected"),
     [
         ([0.0, 160.0, 10.0, 40.0], 300.0, 60.0),
         # A child keeps to its own size.

@@ -254,7 +254,7 @@ def test_a_browser_that_has_gone_is_left_even_if_that_was_not_heard_at_once():
     async def visit():
         async with (
             aiohttp.ClientSession() as session,
-            session.ws_connect(f"{server.link}socket", origin=server.url.rstrip("/")) as page,
+            session.ws_connect(f"{server.url}socket", origin=server.url.rstrip("/")) as page,
         ):
             await page.receive()
 

@@ -89,7 +89,7 @@ def one(speaker, images, box):
         header = Header(frame_id=name)
         result = FrameResult(targets=(target,), selected=target.id, image=images[0])
         made.publish(header, result)
-        made.show(header, result)
+        made.publish_visualizations(header, result)
 
     yield Speaker(made, show, errors)
     made.close()
