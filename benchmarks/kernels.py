@@ -145,7 +145,12 @@ def limit_tables(given: argparse.Namespace) -> list[Table]:
     return [limits_table(measure_limits(given.turns))]
 
 
-PARTS = {"loop": loop_tables, "stages": stage_tables, "python": python_tables, "limits": limit_tables}
+PARTS = {
+    "loop": loop_tables,
+    "stages": stage_tables,
+    "python": python_tables,
+    "limits": limit_tables,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -102,7 +102,7 @@ def measure_latency(given: argparse.Namespace) -> Measured:
     groups = []
     for size in given.size or SIZES:
         for rate in given.rate or RATES:
-            for quality in given.quality or QOS_SETTINGS:
+            for quality in given.qos or QOS_SETTINGS:
                 footage = Footage(size, float(rate), given.seconds, **QOS_SETTINGS[quality])
                 name = f"{size}, {rate} fps, {quality}"
                 progress(name)
@@ -279,7 +279,7 @@ def measure_side_by_side(given: argparse.Namespace) -> Measured:
         latencies = [value for one in run.answers for value in one.latencies]
         first, last = run.samples[0], run.samples[-1]
         rate = (last.frame - first.frame) / (last.moment - first.moment)
-        lost = sum(one.lost_share for one in run.answers) / count
+        lost = sum(one.frame_loss_rate for one in run.answers) / count
         rows.append(
             [
                 str(count),
@@ -335,7 +335,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--size", action="append", choices=SIZES, help="for the latency")
     parser.add_argument("--rate", action="append", type=at_least(1), help="for the latency")
-    parser.add_argument("--quality", action="append", choices=QOS_SETTINGS, help="for the latency")
+    parser.add_argument("--qos", action="append", choices=QOS_SETTINGS, help="for the latency")
     parser.add_argument("--preset", choices=PRESETS, default="default", help="for the latency")
     given = parser.parse_args(arguments)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

@@ -215,7 +215,7 @@ def likelihood_values(likelihood: LikelihoodMap) -> Values:
     values: Values = {"likelihood_x": x, "likelihood_y": y, "likelihood_side": side}
     for name, cue in likelihood.cues.items():
         values[f"at_target_{name}"] = cue.at_target
-        values[f"at_rival_{name}"] = cue.at_second_peak
+        values[f"at_second_peak_{name}"] = cue.at_second_peak
     return values
 
 

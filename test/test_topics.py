@@ -133,9 +133,9 @@ def test_the_selected_target_is_drawn_stronger():
 
 def test_the_status_tells_of_the_selected_target_and_then_of_each():
     values = MANY.values
-    assert (values["targets"], values["selected"], values["detector_answers"]) == (3, 5, 3)
+    assert (values["targets"], values["selected"], values["detector_runs"]) == (3, 5, 3)
     assert (values["confidence"], values["covariance_xy"], values["particles"]) == (0.25, 0.5, 2)
-    likelihood = ("likelihood_x", "at_target_hog", "at_rival_hog")
+    likelihood = ("likelihood_x", "at_target_hog", "at_second_peak_hog")
     assert [values[name] for name in likelihood] == [1.0, -0.5, -3.0]
     assert (MANY.state, replace(MANY, selected=0).state) == ("occluded", "tracking")
     statuses = MANY.target_statuses("/ns/tracker")

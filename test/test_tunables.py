@@ -27,7 +27,7 @@ BESIDE = {
 # What counts where a detector finds targets, and another value of it.
 OF_DETECTIONS = {
     "max_targets": 1,
-    "track.remember": 0.0,
+    "track.reidentify_within": 0.0,
     "detector.labels": ("square",),
     "detector.score_above": 0.8,
     "detector.recall": 0.1,

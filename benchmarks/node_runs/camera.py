@@ -89,7 +89,7 @@ class ResponseTimes:
         ]
 
     @property
-    def lost_share(self) -> float:
+    def frame_loss_rate(self) -> float:
         """Share of the frames without a box, 0 to 1."""
         return 1.0 - len(self.latencies) / max(len(self.published), 1)
 

@@ -60,7 +60,7 @@ class TemplateParameters:
         minimum=0.0,
         maximum=1.0,
     )
-    confident_above: float = declared(
+    similarity_above: float = declared(
         0.0,
         "No template is updated unless what the box holds looks at least so much like it, 0 to 1 "
         "as a confidence; the least rises from 0 to this over the first 40 frames. Light that "
@@ -75,7 +75,7 @@ class TemplateParameters:
         Args:
             frames: For which the target has been followed.
         """
-        return self.confident_above * min(frames / _SETTLING_FRAMES, 1.0)
+        return self.similarity_above * min(frames / _SETTLING_FRAMES, 1.0)
 
 
 def measure_distractor_ratios(

@@ -83,7 +83,7 @@ class TopicBag:
         else:
             values |= tracked.values
         values["processing_time_ms"] = 1e3 * tracked.seconds
-        values["lost_share"] = 0.0
+        values["frame_loss_rate"] = 0.0
         values["preset"] = self._preset
         values["last_error"] = problems[-1] if problems else ""
         return Status(NODE, level, text, values)

@@ -228,11 +228,11 @@ class Deleter:
     """Ends targets that the detector does not find any more, or that have left the image.
 
     Args:
-        remember: Seconds for which one that was told is remembered.
+        reidentify_within: Seconds for which one that was told is remembered.
     """
 
-    def __init__(self, remember: float) -> None:
-        self._remember = remember
+    def __init__(self, reidentify_within: float) -> None:
+        self._reidentify_within = reidentify_within
 
     def delete_tracks(
         self, track_set: TrackSet, image_size: tuple[int, int], interval: float
@@ -256,7 +256,7 @@ class Deleter:
                 tracks.append(track)
             elif track.is_confirmed:
                 gone.append(replace(track, time_since_end=0.0))
-        kept = [track for track in gone if (track.time_since_end or 0.0) < self._remember]
+        kept = [track for track in gone if (track.time_since_end or 0.0) < self._reidentify_within]
         return replace(track_set, tracks=tuple(tracks), ended_tracks=tuple(kept))
 
 

@@ -71,7 +71,7 @@ def common_values(
     values: dict[str, str | float | int] = {
         "targets": len(targets),
         "selected": selected,
-        "detector_answers": detector_runs,
+        "detector_runs": detector_runs,
     }
     return values | (estimate_values(estimate) if estimate else {})
 

@@ -93,7 +93,7 @@ class Coast:
         return particles, kalman_filter
 
 
-@OCCLUSION_POLICIES.register("follow")
+@OCCLUSION_POLICIES.register("keep_tracking")
 class KeepTracking:
     """The likeliest place is followed all the time, and the state tells that it may be wrong.
 

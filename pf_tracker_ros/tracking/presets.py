@@ -31,11 +31,11 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "proposal.share": 0.6,
                 "cues": ("color_contrast", "correlation_response"),
                 "template.update_above": 0.0,
-                "template.confident_above": 0.33,
+                "template.similarity_above": 0.33,
                 "track.occluded_below": 0.3,
                 "track.recovered_above": 0.52,
                 "track.confidence_rate": 0.1,
-                "track.while_hidden": "follow",
+                "track.occlusion_policy": "keep_tracking",
             }
         ),
         "li2007": MappingProxyType(

@@ -100,7 +100,7 @@ class TargetFilter:
                 side=proposal.window,
                 doubtful_below=parameters.track.occluded_below,
             )
-        self._occlusion_policy = OCCLUSION_POLICIES[parameters.track.while_hidden]()
+        self._occlusion_policy = OCCLUSION_POLICIES[parameters.track.occlusion_policy]()
         self._initializer = FilterInitializer(parameters)
         self._assessor = TrackAssessor(
             self._confidence,

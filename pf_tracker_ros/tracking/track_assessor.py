@@ -25,7 +25,7 @@ class TrackAssessor:
 
     Args:
         confidence: How sure it is that the target is in the box.
-        while_hidden: What is done with a target that is not seen.
+        occlusion_policy: What is done with a target that is not seen.
         redetector: Looks for it elsewhere; None where nobody does.
         initializer: Makes what a target begins anew with.
         thresholds: Between seen, hidden and lost.
@@ -34,13 +34,13 @@ class TrackAssessor:
     def __init__(
         self,
         confidence: Confidence,
-        while_hidden: OcclusionPolicy,
+        occlusion_policy: OcclusionPolicy,
         redetector: Redetector | None,
         initializer: FilterInitializer,
         thresholds: TrackThresholds,
     ) -> None:
         self._confidence = confidence
-        self._occlusion_policy = while_hidden
+        self._occlusion_policy = occlusion_policy
         self._redetector = redetector
         self._initializer = initializer
         self._thresholds = thresholds

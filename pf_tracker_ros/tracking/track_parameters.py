@@ -21,14 +21,14 @@ class TrackParameters(TrackThresholds):
         minimum=0.01,
         maximum=1.0,
     )
-    while_hidden: str = declared(
+    occlusion_policy: str = declared(
         "coast",
         "What is done while the target is hidden: coast lets the motion model alone carry the "
-        "particles on, and searches anew from where the target was lost; follow goes on with the "
+        "particles on, and searches anew from where the target was lost; keep_tracking goes on with the "
         "likeliest place, and only the state tells that it may not be the target.",
         choices=OCCLUSION_POLICIES,
     )
-    remember: float = declared(
+    reidentify_within: float = declared(
         10.0,
         "A target that a detector started and that has ended is the same one if the detector sees "
         "it again within this time and it looks alike; 0 remembers none.",

@@ -41,15 +41,15 @@ def test_a_cue_in_use_is_chosen_and_has_a_power_above_0(ablation, monkeypatch):
 
 
 def test_further_variants_and_numbers_of_particles_follow_the_cues(ablation):
-    off = ["template.update_above=1", " motion.position_noise=1  template.confident_above=0.1"]
+    off = ["template.update_above=1", " motion.position_noise=1  template.similarity_above=0.1"]
     variants = ablation.variants("zhang2015", (30, 100, 30), off)
     # zhang2015 has 100 particles and a single cue.
     assert [(variant.name, dict(variant.parameters)) for variant in variants] == [
         ("zhang2015", {}),
         ("template.update_above=1", {"template.update_above": 1.0}),
         (
-            "motion.position_noise=1 template.confident_above=0.1",
-            {"motion.position_noise": 1.0, "template.confident_above": 0.1},
+            "motion.position_noise=1 template.similarity_above=0.1",
+            {"motion.position_noise": 1.0, "template.similarity_above": 0.1},
         ),
         ("N = 30", {"particles": 30}),
     ]

@@ -88,7 +88,7 @@ def test_answers_tell_ages_and_losses(benchmark):
     )
     assert answers.latencies == pytest.approx([20.0, 50.0])
     assert answers.ages_when_begun == pytest.approx([20.0, 40.0])
-    assert answers.lost_share == pytest.approx(1 / 3)
+    assert answers.frame_loss_rate == pytest.approx(1 / 3)
     first = camera.Sample(0, 5.0, [100.0], [1.0])
     run = camera.Run([answers], [first, camera.Sample(100, 10.0, [600.0], [1.0])])
     assert run.cpu_a_frame == [5.0]

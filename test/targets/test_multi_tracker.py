@@ -182,7 +182,7 @@ def test_one_wrong_detection_does_not_carry_a_target_away(walkers, make_tracker,
 def test_one_that_left_comes_back_with_its_id_while_it_is_remembered(run, leaver, make_tracker):
     ids = {}
     for remember in (10.0, 0.0):
-        tracker = make_tracker(track__remember=remember)
+        tracker = make_tracker(track__reidentify_within=remember)
         answers = run(tracker, leaver, every=2)
         away = [number for number, boxes in enumerate(leaver.boxes) if np.isnan(boxes[0]).any()]
         assert len(answers[away[-1]]) == 1
@@ -240,8 +240,8 @@ def test_parameters_are_those_of_the_preset_and_what_is_set(make_tracker):
     assert make_tracker(max_targets=5).parameters["max_targets"] == 5
     with pytest.raises(ParameterError, match="no preset 'none'"):
         MultiTracker.from_preset("none")
-    with pytest.raises(ParameterError, match=r"track\.remember"):
-        make_tracker(track__remember=-1.0)
+    with pytest.raises(ParameterError, match=r"track\.reidentify_within"):
+        make_tracker(track__reidentify_within=-1.0)
     with pytest.raises(TypeError, match="from_preset"):
         MultiTracker("default")
 

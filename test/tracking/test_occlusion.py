@@ -42,7 +42,7 @@ def told_if_seen(measured, track):
 
 
 def test_there_are_two_ways():
-    assert dict(OCCLUSION_POLICIES) == {"coast": Coast, "follow": KeepTracking}
+    assert dict(OCCLUSION_POLICIES) == {"coast": Coast, "keep_tracking": KeepTracking}
 
 
 @pytest.mark.parametrize("track", HIDDEN)
@@ -84,7 +84,7 @@ def test_only_a_lost_target_that_coasts_goes_on_from_where_that_began(target, me
 def test_the_parameter_chooses(way, make_target_filter, couple):
     """Where nothing is sure enough, the target counts as hidden though it moves in plain sight."""
     parameters = {"track.occluded_below": 1.0, "track.recovered_above": 1.0}
-    target_filter = make_target_filter("li2007", parameters | {"track.while_hidden": way})
+    target_filter = make_target_filter("li2007", parameters | {"track.occlusion_policy": way})
     draw = GeneratorState.of(np.random.default_rng(3))
     target = target_filter.initialize(Frame(couple.images[0]), tuple(couple.second[0]), draw)
     learned = target.templates["color_histogram"]
@@ -92,7 +92,7 @@ def test_the_parameter_chooses(way, make_target_filter, couple):
         target = target_filter.follow(target, Frame(image), 0.04)
         assert target.status.state == "occluded"
     off = np.abs(np.array(target.estimate.box) - couple.second[-1]).max()
-    assert off < 6.0 if way == "follow" else off > 20.0
+    assert off < 6.0 if way == "keep_tracking" else off > 20.0
     assert (target.templates["color_histogram"] is learned) == (way == "coast")
 
 
@@ -111,7 +111,7 @@ def test_a_lost_target_that_is_followed_keeps_its_size_in_a_motion_that_counts_f
         return image
 
     values = {
-        "track.while_hidden": "follow",
+        "track.occlusion_policy": "keep_tracking",
         "cues": ("color_histogram", "gradient_orientation"),
         "proposal.method": "transition",
         "motion.size_noise": 0.3,
@@ -149,7 +149,7 @@ def test_coasting_takes_no_particles_from_a_search(couple):
     """With the same noise, a cloud spreads as far whether places were looked at or not."""
     spreads = {}
     for method in ("search", "transition"):
-        changed = {"proposal.method": method, "track.while_hidden": "coast", "particles": 2000}
+        changed = {"proposal.method": method, "track.occlusion_policy": "coast", "particles": 2000}
         tracker = Tracker.from_preset("default", 0, {**changed, "track.lost_after": 100.0})
         tracker.start(couple.images[0], couple.first[0])
         for _ in range(20):

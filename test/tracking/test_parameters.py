@@ -38,7 +38,7 @@ def test_what_is_registered_can_be_chosen():
     assert EVERY["cues"].choices == tuple(CUES)
     assert EVERY["motion.model"].choices == tuple(MOTION_MODELS)
     assert EVERY["resampling.scheme"].choices == tuple(RESAMPLERS)
-    assert EVERY["track.while_hidden"].choices == tuple(OCCLUSION_POLICIES)
+    assert EVERY["track.occlusion_policy"].choices == tuple(OCCLUSION_POLICIES)
 
 
 OF_SEARCH = ("proposal.method", ("search",))
@@ -172,7 +172,7 @@ def test_a_cue_that_has_no_template_yet_says_nothing(make_tracker, couple):
 
 def test_a_cue_that_is_removed_is_forgotten_at_once(make_tracker, couple):
     """Else the template of one window would be compared in another."""
-    never = {"template.update_above": 1.0, "template.confident_above": 0.0}
+    never = {"template.update_above": 1.0, "template.similarity_above": 0.0}
     tracker = make_tracker("default", never)
     assert learned(tracker) == {"color_contrast", "correlation_response"}
     tracker.set_parameters({"cues": ("color_contrast",)})
@@ -182,7 +182,7 @@ def test_a_cue_that_is_removed_is_forgotten_at_once(make_tracker, couple):
     tracker.set_parameters({"cues": both, "correlation_response.window": 6.0})
     tracker.update(couple.images[1], INTERVAL)
     assert learned(tracker) == {"color_contrast"}
-    tracker.set_parameters({"template.update_above": 0.0, "template.confident_above": 0.33})
+    tracker.set_parameters({"template.update_above": 0.0, "template.similarity_above": 0.33})
     tracker.update(couple.images[2], INTERVAL)
     assert learned(tracker) == {"color_contrast", "correlation_response"}
 

@@ -133,8 +133,8 @@ def test_out_of_sight_all_particles_come_from_the_transition_prior(state, make_t
 
 
 @pytest.mark.parametrize("gap", [1.0, 10.0])
-@pytest.mark.parametrize("while_hidden", ["follow", "coast"])
-def test_a_motion_that_is_not_stable_does_not_end_the_tracking(couple, gap, while_hidden):
+@pytest.mark.parametrize("occlusion_policy", ["keep_tracking", "coast"])
+def test_a_motion_that_is_not_stable_does_not_end_the_tracking(couple, gap, occlusion_policy):
     """The printed coefficients: an offset grows to 10^9 times itself in a second."""
     values = {
         "motion.model": "second_order_autoregressive",
@@ -142,7 +142,7 @@ def test_a_motion_that_is_not_stable_does_not_end_the_tracking(couple, gap, whil
         "motion.second_coefficient": -0.5,
         "cues": ("color_histogram", "gradient_orientation"),
         "track.occluded_below": 0.0,
-        "track.while_hidden": while_hidden,
+        "track.occlusion_policy": occlusion_policy,
     }
     tracker = Tracker.from_preset("zhang_bo", parameters=values)
     tracker.start(couple.images[0], couple.first[0])

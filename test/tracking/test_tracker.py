@@ -285,10 +285,10 @@ def test_templates_freeze_while_hidden():
     assert tracker.update(frames[-1][0], dt=0.001).confidence > 0.5 * before
 
 
-def confidence_after_a_change(confident_above=0.0, settled=0):
+def confidence_after_a_change(similarity_above=0.0, settled=0):
     """The confidence in a target that, after some frames, turns little by little into another."""
     other = texture(9, (SIDE, SIDE), 0, 250)
-    parameters = {"template.update_above": 0.0, "template.confident_above": confident_above}
+    parameters = {"template.update_above": 0.0, "template.similarity_above": similarity_above}
     parameters |= {"color_histogram.keep": 0.5, "gradient_orientation.keep": 0.5}
     parameters |= {"track.occluded_below": 0.0}
     tracker = Tracker.from_preset("li2007", parameters=parameters)
@@ -309,14 +309,14 @@ def test_what_was_learned_vouches_for_a_change():
 
 
 def test_nothing_is_learned_below_the_confidence_that_it_takes():
-    assert confidence_after_a_change(confident_above=1.0, settled=40) < 0.7
-    likely = confidence_after_a_change(confident_above=0.3, settled=40)
+    assert confidence_after_a_change(similarity_above=1.0, settled=40) < 0.7
+    likely = confidence_after_a_change(similarity_above=0.3, settled=40)
     assert likely == confidence_after_a_change(settled=40)
 
 
 def test_the_first_frames_are_learned_from_at_less_confidence():
     """The change takes 31 frames, for which .775 at most is asked for, and then 1."""
-    settling = confidence_after_a_change(confident_above=1.0)
+    settling = confidence_after_a_change(similarity_above=1.0)
     assert settling == confidence_after_a_change()
 
 

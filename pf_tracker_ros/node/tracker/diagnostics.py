@@ -52,11 +52,11 @@ class FrameStatistics:
 
     Attributes:
         interval: Seconds from one frame of the camera to the next.
-        lost_share: Share of its frames that are missing between those that came, 0 to 1.
+        frame_loss_rate: Share of its frames that are missing between those that came, 0 to 1.
     """
 
     interval: float
-    lost_share: float
+    frame_loss_rate: float
 
 
 def frame_statistics(stamps: Sequence[int], arrivals: Sequence[float]) -> FrameStatistics | None:
@@ -138,7 +138,9 @@ def loss_warning(found: FrameStatistics, topic: str, reliability: str) -> str:
         topic: Of the images.
         reliability: With which they are subscribed to, `reliable` or `best_effort`.
     """
-    share = f"about {100 * found.lost_share:.0f} % of the frames on {topic} are lost on the way"
+    share = (
+        f"about {100 * found.frame_loss_rate:.0f} % of the frames on {topic} are lost on the way"
+    )
     profile = (
         "start both sides with the Fast DDS profile for large images "
         "(large_images:=true in the launch files)"
@@ -200,7 +202,7 @@ class Diagnostics:
 
     Attributes:
         time_jumps: How often time has gone back.
-        lost_share: Share of the camera's frames that did not come, 0 to 1, in the last report.
+        frame_loss_rate: Share of the camera's frames that did not come, 0 to 1, in the last report.
 
     Args:
         node: The node that publishes.
@@ -220,7 +222,7 @@ class Diagnostics:
         self._health = health
         self._stale_after = image_timeout
         self.time_jumps = 0
-        self.lost_share = 0.0
+        self.frame_loss_rate = 0.0
         self._was_lossy = False
         # What the log has said of missing images, but for their number; None while there are some.
         self._said_missing: str | None = None
@@ -264,9 +266,9 @@ class Diagnostics:
         while self._frames and now - self._frames[0].arrival > _WINDOW:
             self._frames.popleft()
         found = self._rhythm(health)
-        self.lost_share = found.lost_share if found else 0.0
+        self.frame_loss_rate = found.frame_loss_rate if found else 0.0
         # Twice in a row: a camera that changes its rate looks lossy for a moment.
-        was_lossy, self._was_lossy = self._was_lossy, self.lost_share > _TOLERATED_LOSS
+        was_lossy, self._was_lossy = self._was_lossy, self.frame_loss_rate > _TOLERATED_LOSS
         is_lossy = was_lossy and self._was_lossy
         level, message = health.level, health.message
         if self._is_overloaded():
@@ -322,7 +324,7 @@ class Diagnostics:
         }
         if found:
             values["camera_rate"] = 1.0 / found.interval
-            values["lost_share"] = found.lost_share
+            values["frame_loss_rate"] = found.frame_loss_rate
         if self._last_arrival is not None:
             values["seconds_since_image"] = now - self._last_arrival
         if frames:

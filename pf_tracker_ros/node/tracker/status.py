@@ -194,7 +194,7 @@ class NodeStatus:
         configuration_error: What keeps the node from tracking at all, or empty.
         enabled: Whether it looks at images.
         preset: Of the tracker, and how many values differ from it.
-        lost_share: Share of the camera's frames that did not come, 0 to 1.
+        frame_loss_rate: Share of the camera's frames that did not come, 0 to 1.
     """
 
     frame: str
@@ -204,7 +204,7 @@ class NodeStatus:
     configuration_error: str
     enabled: bool
     preset: str
-    lost_share: float
+    frame_loss_rate: float
 
     @property
     def is_skipped(self) -> bool:
@@ -297,7 +297,7 @@ class StatusOutput:
         values: dict[str, str | float | int] = {"frame": status.frame}
         values |= status.values
         values["processing_time_ms"] = 1e3 * elapsed
-        values["lost_share"] = status.lost_share
+        values["frame_loss_rate"] = status.frame_loss_rate
         values["preset"] = status.preset
         values |= reporter.values()
         name = self._node.get_fully_qualified_name()

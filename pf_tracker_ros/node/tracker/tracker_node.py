@@ -427,7 +427,7 @@ class TrackerNode(ManagedNode):
             configuration_error=self._obstacle,
             enabled=self._enabled,
             preset=self._summary,
-            lost_share=self._diagnostics.lost_share,
+            frame_loss_rate=self._diagnostics.frame_loss_rate,
         )
 
     def _health(self) -> Health:

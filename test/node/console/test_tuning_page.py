@@ -151,14 +151,14 @@ def test_each_parameter_is_reset_by_itself(tuned, client):
 
 
 def test_lists_and_choices_are_reset_as_well(tuned, client):
-    before = client.get_parameters("cues", "track.while_hidden")
+    before = client.get_parameters("cues", "track.occlusion_policy")
     tuned.get_by_label("hog", exact=True).check()
     tuned.wait_until(lambda: client.get_parameters("cues") != before[:1], "other cues")
     tuned.get_by_label("Reset cues").click()
-    field(tuned, "track.while_hidden").select_option("coast")
-    tuned.get_by_label("Reset track.while_hidden").click()
+    field(tuned, "track.occlusion_policy").select_option("coast")
+    tuned.get_by_label("Reset track.occlusion_policy").click()
     tuned.wait_until(
-        lambda: client.get_parameters("cues", "track.while_hidden") == before, "those of before"
+        lambda: client.get_parameters("cues", "track.occlusion_policy") == before, "those of before"
     )
 
 

@@ -50,7 +50,7 @@ def test_what_moves_starts_a_target_that_is_followed(graph, client):
 
 def test_a_detector_is_chosen_and_given_up_at_run_time(graph, client):
     graph.tracker(client, **SEVERAL)
-    heard = "detector_answers"
+    heard = "detector_runs"
     for number in range(3):
         assert client.show(scene(number)[0], client.at(number)).values[heard] == "0"
     assert client.set_parameters(built_in_detector="people").successful
@@ -142,7 +142,7 @@ def test_what_a_detector_looks_at_while_time_goes_back_is_no_answer(graph, clien
         _, number = show_until(client, lambda status: len(looks) == 2, first=1)
         status = client.show(scene(0)[0], client.at(number))
         # The second look began once the first had been taken.
-        assert (status.level, status.values["detector_answers"]) == ("OK", "0")
+        assert (status.level, status.values["detector_runs"]) == ("OK", "0")
     finally:
         for gate in gates:
             gate.set()

@@ -105,12 +105,12 @@ def test_lost_frames_are_told_with_the_cure(graph, images):
     told = camera.wait_for(report, "report of lost frames")[0]
     assert told.level == "WARN"
     assert "frames on /image are lost on the way, which best effort allows" in told.message
-    assert float(told.values["lost_share"]) > 0.2
+    assert float(told.values["frame_loss_rate"]) > 0.2
     assert float(told.values["camera_rate"]) == pytest.approx(25.0, rel=0.1)
     status = camera.wait_for(
-        lambda: [s for s in camera.statuses if s.values["lost_share"] != "0.0"], "status"
+        lambda: [s for s in camera.statuses if s.values["frame_loss_rate"] != "0.0"], "status"
     )[0]
-    assert float(status.values["lost_share"]) > 0.2
+    assert float(status.values["frame_loss_rate"]) > 0.2
 
 
 def test_stamps_by_another_clock_have_no_age(graph, client, images):
@@ -141,5 +141,5 @@ def test_a_node_that_takes_no_images_has_lost_none(graph, images):
         camera.show(images[0], camera.at(number))
     node.trigger_deactivate()
     report = health(camera, lambda h: h.values["lifecycle"] == "inactive")
-    assert "lost_share" not in report.values
+    assert "frame_loss_rate" not in report.values
     assert report.message == "inactive, not tracking"

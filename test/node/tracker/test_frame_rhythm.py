@@ -39,7 +39,7 @@ def test_the_share_of_lost_frames_and_the_rate_are_found(rate, kept, jitter, see
     came[[0, -1]] = True
     found = found_in(stamps[came].tolist())
     assert found.interval == pytest.approx(1.0 / rate, rel=0.1)
-    assert found.lost_share == pytest.approx(1.0 - came.mean(), abs=0.1)
+    assert found.frame_loss_rate == pytest.approx(1.0 - came.mean(), abs=0.1)
 
 
 def test_where_most_frames_are_lost_they_are_seldom_too_few_to_tell():
@@ -50,7 +50,7 @@ def test_where_most_frames_are_lost_they_are_seldom_too_few_to_tell():
         found = found_in(np.array(camera(5.0, 300))[came].tolist())
         silent += found is None
         if found:
-            assert found.lost_share == pytest.approx(1.0 - came.mean(), abs=0.1)
+            assert found.frame_loss_rate == pytest.approx(1.0 - came.mean(), abs=0.1)
     assert silent <= 4
 
 
@@ -62,7 +62,7 @@ def test_of_a_recording_that_is_played_again_and_again_each_time_counts():
     arrivals = [[2.0 * turn + 1e-9 * one for one in part] for turn, part in enumerate(stamps)]
     found = frame_statistics([*chain(*stamps)], [*chain(*arrivals)])
     assert found.interval == pytest.approx(1.0 / 30.0, rel=0.1)
-    assert found.lost_share == pytest.approx(1.0 - np.mean(came), abs=0.05)
+    assert found.frame_loss_rate == pytest.approx(1.0 - np.mean(came), abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def with_pause(seconds):
     ids=["short pause", "pause", "long pause", "twice", "backward", "one gap"],
 )
 def test_a_pause_is_no_loss_and_neither_are_doubles_or_another_order(stamps):
-    assert found_in(stamps).lost_share == 0.0
+    assert found_in(stamps).frame_loss_rate == 0.0
 
 
 def test_a_camera_without_a_rhythm_is_not_said_to_lose_frames():
@@ -120,7 +120,7 @@ def test_coarse_stamps_of_even_frames_are_not_taken_for_losses(rate, tick):
     even = camera(rate, 300)
     coarse = [stamp // tick * tick for stamp in even]
     found = frame_statistics(coarse, seconds(even))
-    assert found is None or found.lost_share < 0.05
+    assert found is None or found.frame_loss_rate < 0.05
 
 
 @pytest.mark.parametrize(

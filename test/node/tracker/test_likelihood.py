@@ -27,7 +27,7 @@ def test_it_comes_around_the_box_and_only_while_somebody_listens(graph, client, 
     assert np.abs(peak - center).max() < 6.0
     for cue in ("color_contrast", "correlation_response"):
         at_target, at_second_peak = (
-            float(status.values[f"at_{k}_{cue}"]) for k in ("target", "rival")
+            float(status.values[f"at_{k}_{cue}"]) for k in ("target", "second_peak")
         )
         assert at_second_peak < at_target <= 0.0
 

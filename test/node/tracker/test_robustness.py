@@ -180,7 +180,7 @@ SERVICES = st.tuples(st.sampled_from(["stop", "pause", "go on"]), st.none(), st.
 
 def valid(declaration):
     if declaration.type == tuple[str, ...]:
-        return st.lists(st.sampled_from(declaration.choices), unique=True)
+        return st.lists(st.sampled_from(declaration.choices or ("person", "car")), unique=True)
     if declaration.choices:
         return st.sampled_from(declaration.choices)
     if declaration.type is bool:

@@ -72,7 +72,7 @@ def test_what_a_detector_finds_is_followed_in_every_frame(client, detected, walk
     status = follow(client, detector, walkers, range(14), delay=delay)
     assert (status.level, ids(status)) == ("OK", [1, 2])
     assert [one.values["label"] for one in status.targets] == ["person", "person"]
-    assert status.values["detector_answers"] == str(4 if delay == 0 else 3)
+    assert status.values["detector_runs"] == str(4 if delay == 0 else 3)
     found = lines(client, heard, client.at(13))
     assert list(found) == [1, 2]
     for one in found.values():
@@ -332,7 +332,7 @@ def test_without_scipy_detections_are_refused_and_targets_tracked(
     status = client.show(images[1], client.at(1))
     assert status.message.startswith("detections refused: detections need SciPy (")
     assert "pip install scipy" in status.message
-    assert (status.level, ids(status), status.values["detector_answers"]) == ("WARN", [1, 2], "0")
+    assert (status.level, ids(status), status.values["detector_runs"]) == ("WARN", [1, 2], "0")
     for number in range(2, 6):
         detector.say(boxes[number], client.at(number))
         status = client.show(images[number], client.at(number))

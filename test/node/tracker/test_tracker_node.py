@@ -94,7 +94,7 @@ def test_a_status_tells_state_and_numbers_of_every_frame(graph, client, images, 
         values = status.values
         assert values["state"] == "tracking"
         assert values["preset"] == "li2007, 2 values changed"
-        assert values["lost_share"] == "0.0"
+        assert values["frame_loss_rate"] == "0.0"
         assert values["last_error"] == ""
         assert 0.0 <= float(values["confidence"]) <= 1.0
         assert int(values["particles"]) == 20

@@ -34,7 +34,7 @@ function bars(values) {
     list.append(made);
   }
   names.forEach((name, i) => {
-    const both = [values[`at_target_${name}`], values[`at_rival_${name}`]], most = Math.max(...both);
+    const both = [values[`at_target_${name}`], values[`at_second_peak_${name}`]], most = Math.max(...both);
     const [label, ...meters] = list.children[i].children;
     const shares = both.map((value) => Math.exp((values[`cue_weight_${name}`] ?? 1) * (value - most)));
     label.textContent = `${name.replaceAll("_", " ")}: target ${shares[0].toFixed(2)}, rival ${shares[1].toFixed(2)}`;
