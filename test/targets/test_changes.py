@@ -94,7 +94,7 @@ def test_a_target_that_is_long_out_of_sight_is_learned_from_where_it_was_seen_la
 def test_what_no_frame_shows_that_is_kept_refuses_the_change(started, walkers):
     """As in a copy, which carries no frames."""
     tracker = copy.copy(started())
-    with pytest.raises(ParameterError, match="the target 1 would have to be learned again"):
+    with pytest.raises(ParameterError, match="target 1 must be relearned"):
         tracker.set_parameters({"motion.model": "constant_velocity", "particles": 50})
     assert tracker.parameters["motion.model"] == "constant_velocity_and_size"
     tracker.set_parameters({"particles": 50})
@@ -174,7 +174,7 @@ def test_a_target_drawn_on_a_frame_gone_by_is_followed_up_to_now(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (((10, 10, 20, 20), 60.0), "drawn on a frame from 59.300 s before the oldest one here"),
+        (((10, 10, 20, 20), 60.0), "its frame is 59.300 s older than the oldest one in the buffer"),
         (((10, 10, 0, 20), 0.0), "too small"),
     ],
 )
@@ -189,7 +189,7 @@ def test_an_earlier_target_that_cannot_be_is_refused(
 
 
 def test_before_the_first_frame_there_is_nothing_to_start_on(make_tracker):
-    with pytest.raises(ValueError, match="no frame so far"):
+    with pytest.raises(ValueError, match="no frame yet"):
         make_tracker()._manager.start((10, 10, 20, 20))
 
 

@@ -27,8 +27,7 @@ def kind():
 
 def test_a_refusal_tells_both_kinds(kind):
     assert kind.mismatch_message(DEEP) == (
-        "image is (60, 80) uint16, but those that the targets were followed in were "
-        "(60, 80, 3) uint8"
+        "image is (60, 80) uint16, but the targets are tracked in images of (60, 80, 3) uint8"
     )
 
 
@@ -81,7 +80,7 @@ def test_targets_of_the_last_second_of_misfits_begin_on_the_image_at_hand(kind):
 
 
 def test_targets_that_end_are_named():
-    assert ended_message([1, 12]).startswith("ended: 1, 12; a target was drawn on images of")
+    assert ended_message([1, 12]).startswith("ended: 1, 12; a new target was drawn on images of")
 
 
 @pytest.mark.parametrize(
@@ -109,7 +108,7 @@ def test_what_was_drawn_on_images_of_another_kind_is_told_apart_to_the_nanosecon
         *(False, False, False),
     ]
     with pytest.raises(
-        ValueError, match=r"another size or kind than the last one, \(60, 80\) uint16"
+        ValueError, match=r"another size or type; draw it on one like the last, \(60, 80\) uint16"
     ):
         kind.check_manual_target(drawn(8))
     kind.check_manual_target(drawn(9))

@@ -114,7 +114,7 @@ def test_answers_whose_frames_do_not_come_take_no_more_memory(session, walkers):
         session.add_detections(walkers.detections(0), at(20 + number))
     outcome = show(session, walkers, [1])
     assert len(outcome.rejected_detections) == 1
-    assert outcome.rejected_detections[0].startswith("5 of the detector's answers left out")
+    assert outcome.rejected_detections[0].startswith("5 detector results left out")
     assert show(session, walkers, [2]).rejected_detections == ()
 
 
@@ -170,7 +170,7 @@ def test_when_it_is_full_one_more_is_refused_at_once(make_session, walkers):
     session = make_session(max_targets=2)
     for place in (0, 1):
         session.request(tuple(walkers.boxes[0][place]))
-    with pytest.raises(ValueError, match="there are 2 targets, as many as there may be"):
+    with pytest.raises(ValueError, match="there are 2 targets, the maximum"):
         session.request(tuple(walkers.boxes[0][2]))
     assert show(session, walkers, [0]).started == (1, 2)
     with pytest.raises(ValueError, match="stop one first"):
@@ -355,7 +355,8 @@ def test_what_is_of_images_of_another_size_counts_nowhere(session, walkers, rate
     outcome = session.process(Frame(larger, stamps[3]))
     assert (outcome.started, outcome.targets) == ((), ())
     assert outcome.refused == (
-        "target refused: it was drawn on an image of another size or kind than the last one, "
+        "target refused: it was drawn on an image of another size or type; draw it on one like "
+        "the last, "
         f"{larger.shape} uint8",
     )
     session.add_detections(walkers.detections(2), stamps[2])
@@ -363,7 +364,7 @@ def test_what_is_of_images_of_another_size_counts_nowhere(session, walkers, rate
     outcome = session.process(Frame(larger, stamps[4]))
     assert outcome.targets == ()
     assert outcome.rejected_detections == (
-        "2 answers of the detector left out, of images of another size or kind than those of now",
+        "2 detector results left out: the images had another size or type",
     )
     session.request(tuple(2.0 * walkers.boxes[3][0]), stamps[3])
     assert session.process(Frame(larger, stamps[5])).started == (1,)
@@ -403,14 +404,14 @@ def test_a_target_drawn_on_images_of_another_kind_begins_anew_with_them(
         session.request(tuple(walkers.boxes[0][place]))
     show(session, walkers, range(4))
     for number in range(4, 10):
-        with pytest.raises(ValueError, match="but those that the targets were followed in were"):
+        with pytest.raises(ValueError, match="but the targets are tracked in images of"):
             session.process(Frame(gray(walkers, number), at(number)))
     drawn_on = 10 if behind is None else 10 - behind
     session.request(tuple(walkers.boxes[drawn_on][2]), 0 if behind is None else at(drawn_on), "new")
     outcome = session.process(Frame(gray(walkers, 10), at(10)))
     assert (outcome.frame, outcome.started, ids(outcome)) == ("started", (3,), [3])
     (told,) = outcome.ended
-    assert told.startswith("ended: 1, 2; a target was drawn on images of another size or kind")
+    assert told.startswith("ended: 1, 2; a new target was drawn on images of another size or type")
     for number in range(11, 16):
         outcome = session.process(Frame(gray(walkers, number), at(number)))
     assert (ids(outcome), outcome.ended, outcome.targets[0].label) == ([3], (), "new")
@@ -463,7 +464,9 @@ def test_fewer_targets_allowed_than_there_are_says_how_many_there_are(session, w
     show(session, walkers, range(6), every=2)
     values = preset_parameters("default", 32) | {"max_targets": 2}
     session.configure(values, 0)
-    with pytest.raises(ValueError, match="there are 3 targets, and there may be 2; stop 2 first"):
+    with pytest.raises(
+        ValueError, match="there are 3 targets, but 'max_targets' is 2; stop 2 first"
+    ):
         session.request((4.0, 4.0, 12.0, 12.0))
     # One that is there needs no room.
     known = session.targets[0]

@@ -167,7 +167,7 @@ def test_a_refused_target_without_another_leaves_the_session_waiting(session, im
 
 
 def test_an_image_of_another_size_is_refused_and_does_not_move_the_clock(started, images, box):
-    with pytest.raises(ValueError, match="but those that the targets were followed in were"):
+    with pytest.raises(ValueError, match="but the targets are tracked in images of"):
         started.process(Frame(images[1][:50], START + 20_000_000))
     after = started.process(Frame(images[1], START + 40_000_000))
     assert same(after.estimate, library(images[:2], box, [0.04])[0])
@@ -299,8 +299,8 @@ def test_a_target_on_a_frame_that_is_no_longer_kept_is_refused(watching, images,
     watching.request(box, START + 40_000_000)
     outcome = watching.process(Frame(images[10], START + 10 * 40_000_000))
     assert (outcome.frame, outcome.estimate) == ("waiting", None)
-    assert "0.080 s before the oldest one here" in outcome.refused[0]
-    assert "one of the last 8 frames" in outcome.refused[0]
+    assert "0.080 s older than the oldest one in the buffer" in outcome.refused[0]
+    assert "the last 8 frames" in outcome.refused[0]
     assert "frame_buffer_length" in outcome.refused[0]
 
 
@@ -356,7 +356,7 @@ def test_a_target_from_long_before_the_first_frame_is_refused(session, images, b
     assert (outcome.frame, outcome.refused) == ("waiting", ())
     outcome = session.process(Frame(images[0], START + SECOND + 40_000_000))
     assert outcome.frame == "waiting"
-    assert "1.040 s before the oldest one here" in outcome.refused[0]
+    assert "1.040 s older than the oldest one in the buffer" in outcome.refused[0]
 
 
 def test_a_target_that_comes_before_the_last_frame_of_a_pass_waits_for_the_first_of_the_next(
@@ -671,7 +671,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("kind", REFUSED)
 def test_what_cannot_be_scaled_is_refused_and_the_target_kept(started, images, box, kind):
-    with pytest.raises(ValueError, match="but those that the targets were followed in were"):
+    with pytest.raises(ValueError, match="but the targets are tracked in images of"):
         started.process(Frame(np.ascontiguousarray(REFUSED[kind](images[1])), START + 20_000_000))
     after = started.process(Frame(images[1], START + 40_000_000))
     assert same(after.estimate, library(images[:2], box, [0.04])[0])
@@ -686,7 +686,7 @@ def test_a_target_drawn_on_a_frame_of_another_size_is_refused(watching, images, 
     outcome = watching.process(Frame(in_size(images[10], (80, 60)), stamp))
     assert (outcome.frame, outcome.estimate) == ("waiting", None)
     assert (
-        "on an image of another size or kind than the last one, (60, 80, 3) uint8"
+        "on an image of another size or type; draw it on one like the last, (60, 80, 3) uint8"
         in outcome.refused[0]
     )
 

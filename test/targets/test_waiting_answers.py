@@ -64,9 +64,7 @@ def test_the_oldest_of_too_many_are_dropped_and_told_of_once():
     answers.clear()
     answers.add(answer(3), 3 * SECOND)
     (told,) = answers.pop_dropped_message()
-    assert told.startswith(
-        f"2 of the detector's answers left out: {MAX_QUEUED_DETECTIONS} at most wait"
-    )
+    assert told.startswith(f"2 detector results left out: at most {MAX_QUEUED_DETECTIONS} wait")
     assert answers.pop_dropped_message() == ()
 
 
