@@ -113,6 +113,7 @@ class Session:
         self._format_guard = ImageFormatGuard()
         self._selected = 0
         self._requested: list[ManualTarget] = []
+        # Those that have started, by id.
         self._manual: dict[int, ManualTarget] = {}
         # Messages for the next outcome; a frame that raises has none.
         self._refused: list[str] = []
@@ -330,6 +331,7 @@ class Session:
     def _jump_back(self, frame: Frame) -> Outcome:
         """Process the first frame after a jump; requests and detections of before are discarded."""
         policy, stamp = self.time_policy.on_jump, frame.stamp
+        # After `stop`, requests refer to the time after the jump.
         are_requests_new = self._clock.expects_jump
         seconds = self._clock.jump_back(stamp)
         waiting = [
