@@ -1,4 +1,4 @@
-"""Synthetic footage of several targets, with the detections of an ideal detector."""
+"""Footage of several drawn targets, and what a detector would say of them."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ def texture(seed, height, width, low, high):
 
 @dataclass(frozen=True)
 class Drawn:
-    """Frames with the boxes of all targets.
+    """Frames with the boxes of all that is in them.
 
     Attributes:
         images: (H, W, 3) uint8 BGR each.
@@ -31,7 +31,7 @@ class Drawn:
     boxes: np.ndarray
 
     def detections(self, frame, targets=None, age=0.0, labels=None):
-        """The exact detections of all targets, or of some, in a frame."""
+        """A detector that finds all that is there, or some of it, exactly."""
         boxes = self.boxes[frame] if targets is None else self.boxes[frame][list(targets)]
         boxes = boxes[np.isfinite(boxes).all(axis=1)]
         return Detections(boxes, np.full(len(boxes), 0.95), labels, age)
@@ -76,7 +76,7 @@ def draw():
 
 @pytest.fixture(scope="session")
 def walkers():
-    """Three targets that walk far from each other for 30 frames."""
+    """Three targets far from each other that walk for 30 frames."""
     steps = np.arange(30)
     return draw_paths(
         [
@@ -89,7 +89,7 @@ def walkers():
 
 @pytest.fixture(scope="session")
 def crossing():
-    """Two targets that cross; the second occludes the first for some frames."""
+    """Two targets that cross; the second is nearer and hides the first for some frames."""
     steps = np.arange(40)
     return draw_paths(
         [
@@ -101,7 +101,7 @@ def crossing():
 
 @pytest.fixture(scope="session")
 def passage():
-    """A target that passes behind a standing one."""
+    """One that passes behind another, who stands."""
     steps = np.arange(36)
     return draw_paths(
         [
@@ -113,7 +113,7 @@ def passage():
 
 @pytest.fixture(scope="session")
 def turned_passage(passage):
-    """The same by a camera with a smaller view that turns during the occlusion."""
+    """The same by a camera that sees a part of it, and turns while the one is behind the other."""
     offsets = np.clip(8 * (np.arange(36) - 15), 0, 96)
     boxes = passage.boxes.copy()
     boxes[..., 0] -= offsets[:, None]
@@ -123,7 +123,7 @@ def turned_passage(passage):
 
 @pytest.fixture(scope="session")
 def lookalikes():
-    """By name: a target that passes behind a look-alike, which stands or approaches."""
+    """By name: one that passes behind its like, who stands, or comes towards it."""
     steps = np.arange(40)
 
     def drawn(start, speed, of_other):
@@ -138,7 +138,7 @@ def lookalikes():
 
 @pytest.fixture(scope="session")
 def pair():
-    """A target that stops behind another one."""
+    """One that comes to stand behind another and stays there."""
     steps = np.arange(24)
     gap = np.maximum(40 - 5 * steps, 6)
     return draw_paths(
@@ -151,7 +151,7 @@ def pair():
 
 @pytest.fixture(scope="session")
 def leaving_pair():
-    """A target that leaves the image, and another that overtakes it and leaves first."""
+    """One that walks out of the image, and another who catches up and walks out before it."""
     steps = np.arange(50)
     x = 200 + 4 * steps
     behind = np.minimum(4 * steps, 32) - 40
@@ -163,7 +163,7 @@ def leaving_pair():
 
 @pytest.fixture(scope="session")
 def vanisher():
-    """A standing target that vanishes; much later another one passes that place."""
+    """One that stands and is gone at once; another one walks past that place long after."""
     steps = np.arange(70)
     stands = np.stack([160 + 0.0 * steps, 104 + 0 * steps], 1)
     stands[steps >= 8] = np.nan
@@ -172,7 +172,7 @@ def vanisher():
 
 @pytest.fixture(scope="session")
 def leaver():
-    """A target that leaves on the right and returns, and one that stays."""
+    """A target that leaves at the right and comes back there, beside one that stays."""
     steps = np.arange(50)
     x = np.where(steps < 30, 240 + 6 * steps, 240 + 6 * (54 - steps)).astype(float)
     path = np.stack([x, 90 + 0 * steps], 1)
@@ -182,7 +182,7 @@ def leaver():
 
 @pytest.fixture(scope="session")
 def approacher():
-    """A target in the colors of the background that grows by 1.3 % per frame."""
+    """A target in the colors of what is around it, which grows by 1.3 % from frame to frame."""
     ground = texture(1, HEIGHT, WIDTH, 100, 150)
     sprite = texture(10, int(SIZE[1]), int(SIZE[0]), 100, 150)
     images, boxes = [], []
@@ -198,7 +198,7 @@ def approacher():
 
 @pytest.fixture(scope="session")
 def comer():
-    """A target that approaches on the ground among three standing ones, in its colors."""
+    """One that comes nearer on the ground that three others stand on, in colors much like it."""
     ground = texture(1, HEIGHT, WIDTH, 100, 150)
     sprites = [texture(seed, 40, 24, 90, 160) for seed in (10, 11, 12, 13)]
     images, boxes = [], []
@@ -218,7 +218,7 @@ def comer():
 
 @pytest.fixture(scope="session")
 def returner():
-    """A target that is absent for 3 s and returns far from its former place."""
+    """A target that is gone for 3 s and then stands far from where it was."""
     steps = np.arange(120)
     path = np.stack([60.0 + 0 * steps, 90.0 + 0 * steps], 1)
     path[(steps >= 10) & (steps < 40)] = np.nan
@@ -228,14 +228,14 @@ def returner():
 
 @pytest.fixture(scope="session")
 def jumper():
-    """A standing target that jumps to another place from one frame to the next."""
+    """A target that stands, and from one frame to the next stands elsewhere."""
     steps = np.arange(60)
     return draw_paths([np.stack([np.where(steps < 12, 80.0, 150.0), 90.0 + 0 * steps], 1)])
 
 
 @pytest.fixture(scope="session")
 def twins():
-    """Two look-alikes that stand far from each other."""
+    """Two that look alike and stand far from each other."""
     steps = np.arange(70)
     places = [np.stack([x + 0 * steps, 90.0 + 0 * steps], 1) for x in (60.0, 250.0)]
     return draw_paths(places, colors=[(20, 20, 230)] * 2, textures=(10, 10))
@@ -252,7 +252,7 @@ def make_tracker():
 
 @pytest.fixture(scope="session")
 def start_earlier():
-    """Starts a manual target on a frame `age` seconds before the last one."""
+    """Starts a target that somebody saw in a frame so many seconds before the last one."""
 
     def start(tracker, box, age=0.0, label=""):
         stamp = tracker._stamp - round(age * 1e9)
@@ -262,12 +262,12 @@ def start_earlier():
 
 
 def run_through(tracker, drawn, every=10, frames=None, labels=None):
-    """The reported targets of each frame, with detections in every `every`th."""
-    results = []
+    """What is told in each frame, with a detector that sees every so many."""
+    answers = []
     for number, image in enumerate(drawn.images[:frames]):
         seen = drawn.detections(number, labels=labels) if number % every == 0 else None
-        results.append(tracker.update(image, INTERVAL, seen))
-    return results
+        answers.append(tracker.update(image, INTERVAL, seen))
+    return answers
 
 
 @pytest.fixture(scope="session")
@@ -287,8 +287,8 @@ def iou():
     return overlap
 
 
-def reported_values(targets):
-    """All reported values of targets, for comparison to the bit."""
+def told(targets):
+    """All that is told, to be compared to the bit."""
     return [
         (
             target.id,
@@ -304,5 +304,5 @@ def reported_values(targets):
 
 
 @pytest.fixture(scope="session")
-def snapshot():
-    return reported_values
+def as_told():
+    return told

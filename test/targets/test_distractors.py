@@ -111,7 +111,7 @@ def test_rivals_keep_no_detection_from_starting_a_target(passing, make_tracker):
     assert told[1].estimate.box[0] > 200
 
 
-def test_rivals_are_the_same_when_frames_are_worked_out_again(passing, make_tracker, snapshot):
+def test_rivals_are_the_same_when_frames_are_worked_out_again(passing, make_tracker, as_told):
     answers = []
     for late in (0, 3):
         tracker = make_tracker()
@@ -121,7 +121,7 @@ def test_rivals_are_the_same_when_frames_are_worked_out_again(passing, make_trac
             if place == number + 5 + late:
                 seen = passing.detections(number + 5, targets=[0], age=late * INTERVAL)
             told = tracker.update(passing.images[place], INTERVAL, seen)
-        answers.append((snapshot(told), [(one.key, one.box.tolist()) for one in rivals(tracker)]))
+        answers.append((as_told(told), [(one.key, one.box.tolist()) for one in rivals(tracker)]))
     assert answers[0] == answers[1]
 
 

@@ -9,7 +9,7 @@ INTERVAL = 0.1
 
 
 @pytest.mark.parametrize("delay", [1, 4, 9])
-def test_late_detections_have_the_effect_of_those_in_time(walkers, make_tracker, snapshot, delay):
+def test_late_detections_have_the_effect_of_those_in_time(walkers, make_tracker, as_told, delay):
     """After each, the targets are those of a detector without latency."""
     in_time, late = make_tracker(seed=2), make_tracker(seed=2)
     for number, image in enumerate(walkers.images):
@@ -21,8 +21,8 @@ def test_late_detections_have_the_effect_of_those_in_time(walkers, make_tracker,
             detections = walkers.detections(before, age=delay * INTERVAL)
         targets = late.update(image, INTERVAL, detections)
         if detections:
-            assert snapshot(targets) == snapshot(expected)
-    assert snapshot(targets) == snapshot(expected)
+            assert as_told(targets) == as_told(expected)
+    assert as_told(targets) == as_told(expected)
 
 
 def test_detections_of_an_earlier_frame_keep_the_ids(walkers, make_tracker):
@@ -35,13 +35,13 @@ def test_detections_of_an_earlier_frame_keep_the_ids(walkers, make_tracker):
     assert [target.id for target in tracker.update(walkers.images[8], INTERVAL, late)] == ids
 
 
-def test_duplicate_detections_count_once(walkers, make_tracker, snapshot):
+def test_duplicate_detections_count_once(walkers, make_tracker, as_told):
     once, twice = make_tracker(), make_tracker()
     for tracker in (once, twice):
         tracker.update(walkers.images[0], INTERVAL)
         tracker.update(walkers.images[1], INTERVAL, walkers.detections(0, age=INTERVAL))
     again = walkers.detections(0, age=2 * INTERVAL)
-    assert snapshot(once.update(walkers.images[2], INTERVAL)) == snapshot(
+    assert as_told(once.update(walkers.images[2], INTERVAL)) == as_told(
         twice.update(walkers.images[2], INTERVAL, again)
     )
 

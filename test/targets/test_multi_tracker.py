@@ -16,9 +16,9 @@ INTERVAL = 0.1
 # Targets that a detector starts
 
 
-def test_targets_start_on_detections_and_are_tracked_between_them(run, walkers, make_tracker, iou):
-    results = run(make_tracker(), walkers, labels=["person"] * 3)
-    for number, targets in enumerate(results):
+def test_targets_start_on_detections_and_are_followed_between_them(run, walkers, make_tracker, iou):
+    answers = run(make_tracker(), walkers, labels=["person"] * 3)
+    for number, targets in enumerate(answers):
         assert [target.id for target in targets] == [1, 2, 3]
         for target in targets:
             truth = max(walkers.boxes[number], key=lambda box: iou(box, target.estimate.box))
@@ -37,7 +37,7 @@ def test_without_targets_there_are_none(walkers, make_tracker):
     assert tracker.targets == ()
 
 
-def test_a_fast_detector_must_confirm_a_target(walkers, make_tracker):
+def test_a_fast_detector_has_to_say_it_more_than_once(walkers, make_tracker):
     tracker = make_tracker()
     counts = []
     for number in range(8):
@@ -46,15 +46,15 @@ def test_a_fast_detector_must_confirm_a_target(walkers, make_tracker):
     assert counts == [0, 0, 0, 0, 3, 3, 3, 3]
 
 
-def test_a_slow_detector_starts_targets_at_once(walkers, make_tracker):
+def test_a_detector_that_runs_twice_a_second_is_believed_at_once(walkers, make_tracker):
     tracker = make_tracker()
     for number, seen in enumerate((Detections([]), None, walkers.detections(2))):
-        targets = tracker.update(walkers.images[number], 0.24, seen)
-    assert len(targets) == 3
+        told = tracker.update(walkers.images[number], 0.24, seen)
+    assert len(told) == 3
 
 
 @pytest.mark.parametrize("offset", [(-36, 0), (0, -38), (276, 0), (0, 138)])
-def test_a_truncated_target_must_be_detected_twice(walkers, make_tracker, offset):
+def test_what_the_border_cuts_has_to_be_found_twice(walkers, make_tracker, offset):
     image = np.roll(walkers.images[0], offset, axis=(1, 0))
     seen = Detections([walkers.boxes[0][0] + [*offset, 0, 0]])
     tracker = make_tracker()
@@ -63,14 +63,14 @@ def test_a_truncated_target_must_be_detected_twice(walkers, make_tracker, offset
     assert len(tracker.update(image, 1.0, seen)) == 1
 
 
-def test_targets_without_further_detections_end(walkers, make_tracker):
+def test_what_the_detector_does_not_find_again_ends(walkers, make_tracker):
     tracker = make_tracker()
     tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
     for number in range(1, 30):
         seen = walkers.detections(number, targets=[0, 2]) if number % 5 == 0 else None
-        targets = tracker.update(walkers.images[number], INTERVAL, seen)
-    assert len(targets) == 2
-    centers = [target.estimate.box[1] for target in targets]
+        answer = tracker.update(walkers.images[number], INTERVAL, seen)
+    assert len(answer) == 2
+    centers = [target.estimate.box[1] for target in answer]
     assert all(abs(y - 80) > 20 for y in centers)
 
 
@@ -78,7 +78,7 @@ def test_no_more_targets_start_than_are_allowed(run, walkers, make_tracker):
     assert len(run(make_tracker(max_targets=2), walkers, frames=1)[0]) == 2
 
 
-def test_no_more_manual_targets_start_than_are_allowed(walkers, make_tracker, start_earlier):
+def test_no_more_than_are_allowed_are_started_by_hand_either(walkers, make_tracker, start_earlier):
     tracker = make_tracker(max_targets=2)
     for box in walkers.boxes[0][:2]:
         tracker.start(walkers.images[0], box)
@@ -94,46 +94,46 @@ def test_low_scores_start_nothing(walkers, make_tracker):
     assert len(make_tracker(detector__score_above=0.5).update(walkers.images[0], 0.1, low)) <= 2
 
 
-def test_a_target_has_its_most_frequent_label(walkers, make_tracker):
+def test_a_target_is_called_what_it_was_called_most(walkers, make_tracker):
     tracker = make_tracker()
     names = ["car", "person", "person", "car", "person"]
     for number, name in enumerate(names):
         seen = walkers.detections(number, targets=[0], labels=[name])
-        targets = tracker.update(walkers.images[number], 1.0, seen)
-    assert [(target.id, target.label) for target in targets] == [(1, "person")]
+        answer = tracker.update(walkers.images[number], 1.0, seen)
+    assert [(target.id, target.label) for target in answer] == [(1, "person")]
 
 
 # The same bits
 
 
-def test_the_same_frames_detections_and_seed_give_the_same(run, walkers, make_tracker, snapshot):
+def test_the_same_frames_detections_and_seed_give_the_same(run, walkers, make_tracker, as_told):
     runs = [run(make_tracker(seed=4), walkers, every=6) for _ in range(2)]
-    assert list(map(snapshot, runs[0])) == list(map(snapshot, runs[1]))
+    assert list(map(as_told, runs[0])) == list(map(as_told, runs[1]))
     other = run(make_tracker(seed=5), walkers, every=6)
-    assert list(map(snapshot, runs[0])) != list(map(snapshot, other))
+    assert list(map(as_told, runs[0])) != list(map(as_told, other))
 
 
 @pytest.mark.parametrize(
     "copied", [copy.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))]
 )
-def test_a_copy_gives_the_same_bits(run, walkers, make_tracker, snapshot, copied):
+def test_a_copy_goes_on_with_the_same_bits(run, walkers, make_tracker, as_told, copied):
     tracker = make_tracker()
     run(tracker, walkers, frames=5)
     other = copied(tracker)
-    results = [
+    answers = [
         [
-            snapshot(one.update(walkers.images[number], INTERVAL, walkers.detections(number)))
+            as_told(one.update(walkers.images[number], INTERVAL, walkers.detections(number)))
             for number in (5, 6)
         ]
         for one in (tracker, other)
     ]
-    assert results[0] == results[1]
+    assert answers[0] == answers[1]
 
 
-# Shared computations
+# Shared work
 
 
-def test_derived_images_are_computed_once_for_all_targets(walkers, make_tracker, monkeypatch):
+def test_what_is_made_of_a_frame_is_made_once_for_all_targets(walkers, make_tracker, monkeypatch):
     counts = {"background": 0, "pixels": 0}
     learn, compute = BackgroundModel.update, TiledImage.read
 
@@ -154,7 +154,7 @@ def test_derived_images_are_computed_once_for_all_targets(walkers, make_tracker,
     for copies in (1, 3):
         tracker = make_tracker(working_size=12)
         for number in range(copies):
-            # As close as different targets may be.
+            # As near to each other as different targets may be.
             tracker.start(walkers.images[0], walkers.boxes[0][0] + (10 * number, 0, 0, 0))
         counts.update(background=0, pixels=0)
         tracker.update(walkers.images[1], INTERVAL)
@@ -165,36 +165,36 @@ def test_derived_images_are_computed_once_for_all_targets(walkers, make_tracker,
     assert made[1]["pixels"] < 1.5 * made[0]["pixels"]
 
 
-def test_one_wrong_detection_does_not_displace_a_target(walkers, make_tracker, iou):
+def test_one_wrong_detection_does_not_carry_a_target_away(walkers, make_tracker, iou):
     tracker = make_tracker()
     for number in range(12):
         seen = walkers.detections(number) if number % 5 == 0 else None
-        targets = tracker.update(walkers.images[number], INTERVAL, seen)
+        answer = tracker.update(walkers.images[number], INTERVAL, seen)
     wrong = walkers.boxes[12].copy()
     wrong[0, 0] += 12.0
-    targets = tracker.update(walkers.images[12], INTERVAL, Detections(wrong))
-    assert iou(walkers.boxes[12][0], targets[0].estimate.box) > 0.55
+    answer = tracker.update(walkers.images[12], INTERVAL, Detections(wrong))
+    assert iou(walkers.boxes[12][0], answer[0].estimate.box) > 0.55
 
 
-# Re-identification
+# Track
 
 
-def test_a_returning_target_gets_its_id_within_reidentify_within(run, leaver, make_tracker):
+def test_one_that_left_comes_back_with_its_id_while_it_is_remembered(run, leaver, make_tracker):
     ids = {}
     for remember in (10.0, 0.0):
         tracker = make_tracker(track__reidentify_within=remember)
-        results = run(tracker, leaver, every=2)
+        answers = run(tracker, leaver, every=2)
         away = [number for number, boxes in enumerate(leaver.boxes) if np.isnan(boxes[0]).any()]
-        assert len(results[away[-1]]) == 1
-        first = {target.id for target in results[6]}
-        last = {target.id for target in results[-1]}
+        assert len(answers[away[-1]]) == 1
+        first = {target.id for target in answers[6]}
+        last = {target.id for target in answers[-1]}
         ids[remember] = (first, last)
     assert ids[10.0][0] == ids[10.0][1]
     assert len(ids[0.0][0] & ids[0.0][1]) == 1
     assert len(ids[0.0][1]) == 2
 
 
-# Invalid inputs
+# What is not usable
 
 
 @pytest.mark.parametrize(
@@ -207,8 +207,8 @@ def test_a_returning_target_gets_its_id_within_reidentify_within(run, leaver, ma
         ((None, 0.1, [[1, 2, 3, 4]]), "expected Detections"),
     ],
 )
-def test_invalid_arguments_leave_the_targets_unchanged(
-    walkers, make_tracker, snapshot, arguments, message
+def test_what_is_refused_leaves_the_targets_as_they_were(
+    walkers, make_tracker, as_told, arguments, message
 ):
     tracker, other = make_tracker(), make_tracker()
     for one in (tracker, other):
@@ -216,24 +216,24 @@ def test_invalid_arguments_leave_the_targets_unchanged(
     image, *rest = arguments
     with pytest.raises(ValueError, match=message):
         tracker.update(walkers.images[1] if image is None else image, *rest)
-    assert snapshot(tracker.targets) == snapshot(other.targets)
-    assert snapshot(tracker.update(walkers.images[1], INTERVAL)) == snapshot(
+    assert as_told(tracker.targets) == as_told(other.targets)
+    assert as_told(tracker.update(walkers.images[1], INTERVAL)) == as_told(
         other.update(walkers.images[1], INTERVAL)
     )
 
 
-def test_an_image_array_may_be_reused(walkers, make_tracker, snapshot):
+def test_an_image_buffer_may_be_used_again(walkers, make_tracker, as_told):
     kept, reused = make_tracker(), make_tracker()
     buffer = np.empty_like(walkers.images[0])
     for number in range(8):
         late = walkers.detections(2, age=5 * INTERVAL) if number == 7 else None
         buffer[:] = walkers.images[number]
-        results = [
+        answers = [
             kept.update(walkers.images[number], INTERVAL, late),
             reused.update(buffer, INTERVAL, late),
         ]
         buffer[:] = 0
-    assert snapshot(results[0]) == snapshot(results[1])
+    assert as_told(answers[0]) == as_told(answers[1])
 
 
 def test_parameters_are_those_of_the_preset_and_what_is_set(make_tracker):
@@ -247,10 +247,10 @@ def test_parameters_are_those_of_the_preset_and_what_is_set(make_tracker):
 
 
 @pytest.mark.parametrize("preset", ["li2007", "zhang2015", "zhang_bo"])
-def test_every_preset_tracks_several_targets(run, walkers, preset):
+def test_every_preset_can_follow_several(run, walkers, preset):
     tracker = MultiTracker.from_preset(preset)
-    results = run(tracker, walkers, every=3, frames=7)
-    assert [target.id for target in results[-1]] == [1, 2, 3]
+    answers = run(tracker, walkers, every=3, frames=7)
+    assert [target.id for target in answers[-1]] == [1, 2, 3]
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
@@ -258,14 +258,14 @@ def test_gray_images_of_every_kind(walkers, make_tracker, dtype):
     tracker = make_tracker()
     for number in range(6):
         gray = walkers.images[number].mean(axis=2).astype(dtype)
-        targets = tracker.update(
-            gray, INTERVAL, walkers.detections(number) if number == 0 else None
-        )
-    assert len(targets) == 3
+        answer = tracker.update(gray, INTERVAL, walkers.detections(number) if number == 0 else None)
+    assert len(answer) == 3
 
 
 @pytest.mark.parametrize("box", [(np.nan, 1, 20, 20), (0.4, 0.5, 0.1, 0.2), (5000, 10, 20, 20)])
-def test_invalid_detections_alone_end_no_target(walkers, make_tracker, box):
+def test_answers_of_which_nothing_makes_sense_do_not_say_that_nothing_is_there(
+    walkers, make_tracker, box
+):
     tracker = make_tracker()
     tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
     for image in walkers.images[1:]:
@@ -274,7 +274,9 @@ def test_invalid_detections_alone_end_no_target(walkers, make_tracker, box):
         assert "1 of 1 detection left out" in tracker.rejected_detections[0]
 
 
-def test_long_labels_are_bounded_in_memory(walkers, make_tracker):
+def test_a_detector_that_writes_more_into_its_labels_each_time_needs_no_more_memory(
+    walkers, make_tracker
+):
     tracker = make_tracker()
     sizes = []
     for number in range(25):
@@ -286,7 +288,7 @@ def test_long_labels_are_bounded_in_memory(walkers, make_tracker):
     assert sizes[-1] < sizes[12] + 50_000
 
 
-def test_a_copy_keeps_the_bounds_of_the_frame_buffer(walkers, make_tracker):
+def test_a_copy_keeps_no_more_frames_than_it_was_allowed(walkers, make_tracker):
     tracker = make_tracker()
     tracker._manager.frames.limit(3, 10.0)
     other = copy.deepcopy(tracker)
@@ -295,8 +297,8 @@ def test_a_copy_keeps_the_bounds_of_the_frame_buffer(walkers, make_tracker):
     assert len(other._manager.frames) == 3
 
 
-def test_any_interval_is_accepted(walkers, make_tracker):
+def test_what_comes_after_any_time_is_followed_on(walkers, make_tracker):
     tracker = make_tracker()
     for number, dt in enumerate([INTERVAL, 1e20, 1e20, 1e150, 1e300, INTERVAL]):
-        targets = tracker.update(walkers.images[number], dt, walkers.detections(number))
-    assert len(targets) == 3
+        told = tracker.update(walkers.images[number], dt, walkers.detections(number))
+    assert len(told) == 3

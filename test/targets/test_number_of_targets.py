@@ -1,4 +1,4 @@
-"""Single or several targets by `max_targets`, from the start or changed while tracking."""
+"""One target or several, by `max_targets`: from the start, or changed under way."""
 
 import subprocess
 import sys
@@ -23,7 +23,7 @@ def at(number):
 
 @pytest.fixture
 def make_session():
-    """A session with `max_targets` and a buffer for all late inputs."""
+    """A session of so many targets that keeps enough frames for all that is told late."""
 
     def make(most, **parameters):
         named = {name.replace("__", "."): value for name, value in parameters.items()}
@@ -35,7 +35,7 @@ def make_session():
 
 
 def show(session, drawn, numbers, found=None):
-    """Process frames; those that are keys of `found` have detections of these targets."""
+    """Show frames; a detector tells of each of them that is a key of `found`."""
     for number in numbers:
         if found and number in found:
             session.add_detections(drawn.detections(number, found[number]), at(number))
@@ -51,10 +51,10 @@ def configure(session, most):
     session.configure(preset_parameters("default", most), seed=0)
 
 
-# Changes while tracking
+# Changed while targets are followed
 
 
-def test_a_single_target_keeps_its_id_when_max_targets_rises(make_session, walkers, iou):
+def test_a_single_target_stays_with_its_id_once_several_are_allowed(make_session, walkers, iou):
     session = make_session(1)
     session.request(tuple(walkers.boxes[0][0]))
     before = show(session, walkers, range(5))
@@ -68,7 +68,7 @@ def test_a_single_target_keeps_its_id_when_max_targets_rises(make_session, walke
     assert ids(show(session, walkers, range(12, 16), {12: [2], 14: [2]})) == [1, 2, 3]
 
 
-def test_with_max_targets_1_several_targets_stay_until_a_new_one_replaces_them(
+def test_several_targets_stay_until_one_takes_their_place_once_a_single_one_is_allowed(
     make_session, walkers, iou
 ):
     session = make_session(4)
@@ -84,7 +84,7 @@ def test_with_max_targets_1_several_targets_stay_until_a_new_one_replaces_them(
     assert iou(outcome.targets[0].estimate.box, walkers.boxes[11][1]) > 0.6
 
 
-def test_targets_beyond_a_lowered_max_targets_stay(make_session, walkers):
+def test_fewer_of_several_are_allowed_and_those_there_are_stay(make_session, walkers):
     session = make_session(4)
     for place in range(3):
         session.request(tuple(walkers.boxes[0][place]))
@@ -98,8 +98,8 @@ def test_targets_beyond_a_lowered_max_targets_stay(make_session, walkers):
 
 
 @pytest.mark.parametrize(("before", "after"), [(1, 4), (4, 1)])
-def test_a_refused_change_of_max_targets_changes_nothing(
-    make_session, walkers, snapshot, before, after
+def test_a_change_of_the_number_that_is_refused_changes_nothing(
+    make_session, walkers, as_told, before, after
 ):
     sessions = [make_session(before), make_session(before)]
     for session in sessions:
@@ -109,14 +109,14 @@ def test_a_refused_change_of_max_targets_changes_nothing(
     for attempt in (sessions[0].check, sessions[0].configure):
         with pytest.raises(ValueError, match="particles"):
             attempt(wrong, 0)
-    snapshots = [snapshot(show(session, walkers, range(3, 8)).targets) for session in sessions]
-    assert snapshots[0] == snapshots[1]
+    told = [as_told(show(session, walkers, range(3, 8)).targets) for session in sessions]
+    assert told[0] == told[1]
 
 
-# Selection
+# The selected one
 
 
-def test_the_outcome_has_the_estimate_of_the_selected_target(make_session, walkers):
+def test_of_several_the_one_that_is_selected_is_told(make_session, walkers):
     session = make_session(4)
     for place in range(3):
         session.request(tuple(walkers.boxes[0][place]))
@@ -131,7 +131,7 @@ def test_the_outcome_has_the_estimate_of_the_selected_target(make_session, walke
 
 
 @pytest.mark.parametrize("id", [3, -1, True, "1", 1.5])
-def test_a_missing_target_cannot_be_selected(make_session, walkers, id):
+def test_one_that_is_not_there_cannot_be_selected(make_session, walkers, id):
     session = make_session(4)
     for place in range(2):
         session.request(tuple(walkers.boxes[0][place]))
@@ -142,7 +142,9 @@ def test_a_missing_target_cannot_be_selected(make_session, walkers, id):
     assert session.selected == 2
 
 
-def test_a_lost_target_stays_selected(make_session, walkers):
+def test_a_selected_target_stays_so_while_it_is_lost_and_no_other_takes_its_place(
+    make_session, walkers
+):
     session = make_session(4, track__lost_after=0.3, redetection__windows=0)
     for place in range(2):
         session.request(tuple(walkers.boxes[0][place]))
@@ -159,7 +161,7 @@ def test_a_lost_target_stays_selected(make_session, walkers):
     assert (ids(outcome), outcome.selected, outcome.estimate) == ([2], 0, None)
 
 
-def test_an_ended_target_stays_selected_and_returns_so(make_session, leaver):
+def test_one_that_has_ended_stays_selected_and_comes_back_so(make_session, leaver):
     session = make_session(4)
     show(session, leaver, range(10), {number: [0, 1] for number in range(0, 10, 2)})
     (id,) = (one.id for one in session.targets if one.estimate.box[0] > 150)
@@ -173,7 +175,7 @@ def test_an_ended_target_stays_selected_and_returns_so(make_session, leaver):
     assert outcome.estimate is not None
 
 
-def test_a_single_target_is_selected_automatically(make_session, walkers):
+def test_a_single_target_is_the_selected_one_by_itself(make_session, walkers):
     session = make_session(1)
     assert session.selected == 0
     for number in (0, 3):
@@ -186,7 +188,9 @@ def test_a_single_target_is_selected_automatically(make_session, walkers):
 
 
 @pytest.mark.parametrize(("policy", "selected"), [("keep", 2), ("restart", 4), ("wait", 0)])
-def test_the_selection_after_a_jump_back(make_session, walkers, policy, selected):
+def test_after_time_has_gone_back_the_one_that_was_selected_is(
+    make_session, walkers, policy, selected
+):
     session = make_session(4)
     session.time_policy = TimePolicy(policy)
     for place in range(2):
@@ -197,7 +201,7 @@ def test_the_selection_after_a_jump_back(make_session, walkers, policy, selected
     assert outcome.jumped_back > 99
     assert outcome.selected == selected
     if policy == "restart":
-        # The two manual targets restart in their order, under new ids.
+        # The two that were drawn begin anew under other ids, in their order.
         assert outcome.started == (3, 4)
         assert outcome.estimate.box == tuple(walkers.boxes[0][1])
 
@@ -219,8 +223,8 @@ def test_of_many_detections_one_starts_the_single_target(make_session, walkers):
     assert outcome.rejected_detections == ()
 
 
-def test_detections_confirm_and_correct_a_manual_target(make_session, walkers, iou):
-    """It was drawn off its place, and detections correct it."""
+def test_detections_confirm_and_correct_the_target_that_was_drawn(make_session, walkers, iou):
+    """It was drawn aside: a detector that knows where it is sets that right."""
     drawn = tuple(walkers.boxes[0][0] + (5, 4, 0, 0))
     boxes = {}
     for every in (2, 100):
@@ -235,7 +239,7 @@ def test_detections_confirm_and_correct_a_manual_target(make_session, walkers, i
     assert iou(boxes[2], truth) > iou(boxes[100], truth) + 0.1
 
 
-def test_no_detector_ends_a_single_manual_target(make_session, walkers):
+def test_no_detector_ends_the_single_target_that_was_drawn(make_session, walkers):
     session = make_session(1)
     session.request(tuple(walkers.boxes[0][0]))
     for number in range(20):
@@ -244,7 +248,7 @@ def test_no_detector_ends_a_single_manual_target(make_session, walkers):
     assert ids(outcome) == [1]
 
 
-def test_a_manual_target_replaces_a_detected_one(make_session, walkers, iou):
+def test_a_drawn_target_takes_the_place_of_one_that_a_detector_started(make_session, walkers, iou):
     session = make_session(1)
     assert ids(show(session, walkers, range(6), dict.fromkeys(range(0, 6, 2), (1,)))) == [1]
     session.request(tuple(walkers.boxes[6][0]), at(6))
@@ -253,11 +257,9 @@ def test_a_manual_target_replaces_a_detected_one(make_session, walkers, iou):
     assert iou(outcome.estimate.box, walkers.boxes[11][0]) > 0.6
 
 
-def test_late_detections_of_a_single_target_are_applied_at_their_stamps(
-    make_session, walkers, snapshot
-):
-    """The result is that of detections in time."""
-    snapshots = []
+def test_a_single_target_takes_late_detections_by_their_stamps(make_session, walkers, as_told):
+    """It ends where those in time would have brought it."""
+    told = []
     for late in (0, 3):
         session = make_session(1)
         session.request(tuple(walkers.boxes[0][0] + (4, 4, 0, 0)))
@@ -266,13 +268,13 @@ def test_late_detections_of_a_single_target_are_applied_at_their_stamps(
                 session.add_detections(walkers.detections(6, [0]), at(6))
             outcome = show(session, walkers, [number])
             assert outcome.rejected_detections == ()
-        snapshots.append(snapshot(outcome.targets))
-    assert snapshots[0] == snapshots[1]
+        told.append(as_told(outcome.targets))
+    assert told[0] == told[1]
 
 
 @pytest.mark.parametrize("preset", ["default", "li2007"])
-def test_late_detections_of_the_frame_of_a_manual_target_start_no_other(walkers, iou, preset):
-    """The detector got that frame before it was drawn on, and lists another target first."""
+def test_a_late_answer_of_the_frame_that_it_was_drawn_on_starts_no_other(walkers, iou, preset):
+    """The detector has seen that frame before anybody drew on it, and tells of another first."""
     session = Session(preset_parameters(preset), seed=0)
     session.frame_buffer.limit(frames=200, megabytes=128.0)
     show(session, walkers, range(3))
@@ -285,7 +287,7 @@ def test_late_detections_of_the_frame_of_a_manual_target_start_no_other(walkers,
         assert iou(walkers.boxes[number][0], outcome.estimate.box) > 0.5
 
 
-def test_a_detected_distractor_is_no_second_target(draw):
+def test_one_that_looks_like_the_single_target_is_no_second_one_though_detections_show_it(draw):
     steps = np.arange(60)
     twins = draw(
         [
@@ -295,19 +297,21 @@ def test_a_detected_distractor_is_no_second_target(draw):
         colors=[(20, 20, 230)] * 2,
         textures=(10, 10),
     )
-    session, count = Session(preset_parameters("default"), seed=0), 0
+    session, told = Session(preset_parameters("default"), seed=0), 0
     session.frame_buffer.limit(frames=200, megabytes=128.0)
     session.request(tuple(twins.boxes[0][0]))
     for number, image in enumerate(twins.images):
         stamp = START + number * STEP * 2 // 5
         if any(track.is_distractor for track in session._manager._track_set.tracks):
             session.add_detections(twins.detections(number), stamp)
-            count += 1
+            told += 1
         assert ids(session.process(Frame(image, stamp))) == [1]
-    assert count > 5
+    assert told > 5
 
 
-def test_late_detections_do_not_restore_a_replaced_target(make_session, walkers):
+def test_what_the_last_target_took_the_place_of_stays_gone_when_an_answer_comes_late(
+    make_session, walkers
+):
     session = make_session(5)
     show(session, walkers, range(5))
     session.request(tuple(walkers.boxes[5][0]), at(5))
@@ -320,7 +324,7 @@ def test_late_detections_do_not_restore_a_replaced_target(make_session, walkers)
     assert ids(outcome) == [outcome.selected] == [2]
 
 
-def test_a_target_on_a_frame_before_the_start_of_the_last_one_is_caught_up(
+def test_a_target_on_an_older_frame_than_the_last_one_began_on_is_followed_from_there(
     make_session, walkers, iou
 ):
     session = make_session(1)
@@ -334,7 +338,9 @@ def test_a_target_on_a_frame_before_the_start_of_the_last_one_is_caught_up(
 
 
 @pytest.mark.parametrize("most", [1, 5])
-def test_a_target_on_a_frame_before_relearning_is_refused(make_session, walkers, most):
+def test_a_target_on_a_frame_from_before_it_was_learned_again_is_refused(
+    make_session, walkers, most
+):
     session = make_session(most)
     session.request(tuple(walkers.boxes[0][0]))
     show(session, walkers, range(15))
@@ -345,7 +351,7 @@ def test_a_target_on_a_frame_before_relearning_is_refused(make_session, walkers,
 
 
 @pytest.mark.parametrize(("selected", "place"), [(1, 0), (2, 1), (0, 2)])
-def test_with_max_targets_1_the_selected_or_last_manual_target_restarts(
+def test_of_several_drawn_ones_the_selected_or_the_last_begins_again_where_one_may_be(
     make_session, walkers, iou, selected, place
 ):
     session = make_session(5)
@@ -360,7 +366,9 @@ def test_with_max_targets_1_the_selected_or_last_manual_target_restarts(
     assert iou(walkers.boxes[0][place], outcome.estimate.box) > 0.5
 
 
-def test_missing_scipy_is_reported_with_the_first_detections(make_session, walkers, monkeypatch):
+def test_scipy_that_cannot_be_imported_is_told_with_the_first_detections(
+    make_session, walkers, monkeypatch
+):
     monkeypatch.setitem(sys.modules, "scipy.optimize", None)
     session = make_session(5)
     show(session, walkers, range(2))
@@ -370,7 +378,7 @@ def test_missing_scipy_is_reported_with_the_first_detections(make_session, walke
 
 
 def test_scipy_is_not_imported_before_the_first_detections():
-    """The import takes a third of a second and 30 MB, which a single target does not need."""
+    """It takes a third of a second and 30 MB, which a single target does without."""
     code = """
 import sys
 import numpy as np
@@ -397,14 +405,16 @@ print(before, "scipy" in sys.modules)
 
 
 @pytest.mark.parametrize("most", [1, 4])
-@pytest.mark.parametrize("source", ["drawn", "detected"])
-def test_late_inputs_apply_to_thinned_and_reduced_frames(make_session, walkers, iou, most, source):
-    """Only the newest few frames fit into the buffer in full."""
+@pytest.mark.parametrize("told", ["drawn", "detected"])
+def test_what_is_told_late_is_of_a_frame_that_was_thinned_out_and_reduced(
+    make_session, walkers, iou, most, told
+):
+    """So many frames that only the newest few can be kept in full."""
     session = make_session(most)
     size = walkers.images[0].nbytes
     session.frame_buffer.limit(frames=200, megabytes=9 * size / 1e6)
     count, of = 58, 14
-    # Each image is shown twice, 1/30 s apart: the walkers at half speed.
+    # Each image stands for two frames, 1/30 s apart, which is as in the walkers' half speed.
     stamps = [START + round(number * SECOND / 30) for number in range(count)]
     place = np.arange(count) // 2
     for number in range(count - 1):
@@ -412,7 +422,7 @@ def test_late_inputs_apply_to_thinned_and_reduced_frames(make_session, walkers, 
     entries = session.frame_buffer.since(stamps[of])
     assert entries[0].stored_frame is not entries[0].frame
     assert len(entries) < count - 1 - of
-    if source == "drawn":
+    if told == "drawn":
         session.request(tuple(walkers.boxes[place[of]][0]), stamps[of])
     else:
         session.add_detections(walkers.detections(place[of], [0]), stamps[of])

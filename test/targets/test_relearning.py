@@ -62,12 +62,12 @@ def test_late_detections_are_accepted_after_a_change_of_parameters(started, walk
 
 
 @pytest.mark.parametrize("values", [{"particles": 0}, {"nose": 1}, {"cues": ("foreground",)}])
-def test_a_refused_change_has_no_effect(started, walkers, snapshot, values):
+def test_a_refused_change_has_no_effect(started, walkers, as_told, values):
     tracker, other = started(), started()
     with pytest.raises(ParameterError):
         tracker.set_parameters({"detector.recall": 0.5, **values})
     assert tracker.parameters == other.parameters
-    assert snapshot(tracker.update(walkers.images[8], INTERVAL)) == snapshot(
+    assert as_told(tracker.update(walkers.images[8], INTERVAL)) == as_told(
         other.update(walkers.images[8], INTERVAL)
     )
 
@@ -124,12 +124,12 @@ def test_scaled_images_keep_the_ids(started, walkers, iou, scale):
     assert follow(tracker, walkers, range(8, 14), iou, scale) == [1, 2, 3]
 
 
-def test_images_of_another_type_or_aspect_ratio_are_not_scaled_to(started, walkers, snapshot):
+def test_images_of_another_type_or_aspect_ratio_are_not_scaled_to(started, walkers, as_told):
     tracker = started()
-    before = snapshot(tracker.targets)
+    before = as_told(tracker.targets)
     for image in (walkers.images[8][..., 0].copy(), walkers.images[8][:100]):
         assert not tracker._manager.resize(Frame(image))
-    assert snapshot(tracker.targets) == before
+    assert as_told(tracker.targets) == before
     assert tracker._manager.accepts_image(walkers.images[8])
 
 
@@ -175,13 +175,13 @@ def test_a_manual_target_on_a_past_frame_is_caught_up(walkers, make_tracker, iou
     ],
 )
 def test_an_invalid_manual_target_on_a_past_frame_is_refused(
-    started, snapshot, arguments, message, start_earlier
+    started, as_told, arguments, message, start_earlier
 ):
     tracker = started()
-    before = snapshot(tracker.targets)
+    before = as_told(tracker.targets)
     with pytest.raises(ValueError, match=message):
         start_earlier(tracker, *arguments)
-    assert snapshot(tracker.targets) == before
+    assert as_told(tracker.targets) == before
 
 
 def test_no_target_starts_before_the_first_frame(make_tracker):

@@ -77,7 +77,7 @@ def test_early_detections_wait_for_their_frame(session, walkers):
     assert ids(show(session, walkers, [3, 4])) == [1, 2, 3]
 
 
-def test_equal_inputs_give_equal_bits(make_session, walkers, snapshot):
+def test_equal_inputs_give_equal_bits(make_session, walkers, as_told):
     runs = []
     for _ in range(2):
         session = make_session(seed=5)
@@ -88,7 +88,7 @@ def test_equal_inputs_give_equal_bits(make_session, walkers, snapshot):
             if number == 4:
                 session.request(tuple(walkers.boxes[2][0]), at(2))
             snapshots.append(
-                snapshot(session.process(Frame(walkers.images[number], at(number))).targets)
+                as_told(session.process(Frame(walkers.images[number], at(number))).targets)
             )
         runs.append(snapshots)
     assert runs[0] == runs[1]
@@ -220,11 +220,11 @@ def test_a_stop_discards_queued_detections(session, walkers):
     assert ids(show(session, walkers, [3, 4])) == []
 
 
-def test_duplicate_and_late_frames_are_dropped(session, walkers, snapshot):
-    before = snapshot(show(session, walkers, range(6), every=2).targets)
+def test_duplicate_and_late_frames_are_dropped(session, walkers, as_told):
+    before = as_told(show(session, walkers, range(6), every=2).targets)
     for number, frame in ((5, "duplicate"), (3, "late")):
         outcome = session.process(Frame(walkers.images[number], at(number)))
-        assert (outcome.frame, snapshot(outcome.targets)) == (frame, before)
+        assert (outcome.frame, as_told(outcome.targets)) == (frame, before)
     assert show(session, walkers, [6]).frame == "tracked"
 
 
@@ -247,12 +247,12 @@ def test_a_jump_back_in_time(session, walkers, policy, kept):
 
 
 @pytest.mark.parametrize("policy", ["keep", "restart", "wait"])
-def test_a_jump_with_an_image_that_is_refused_changes_nothing(session, walkers, policy, snapshot):
+def test_a_jump_with_an_image_that_is_refused_changes_nothing(session, walkers, policy, as_told):
     session.time_policy = TimePolicy(policy)
-    before = snapshot(show(session, walkers, range(6), every=2).targets)
+    before = as_told(show(session, walkers, range(6), every=2).targets)
     with pytest.raises(ValueError, match="float64"):
         session.process(Frame(walkers.images[6].astype(float), at(6) - 100 * SECOND))
-    assert snapshot(session.targets) == before
+    assert as_told(session.targets) == before
     assert session.process(Frame(walkers.images[6], at(6) - 100 * SECOND)).jumped_back > 99
 
 

@@ -171,7 +171,7 @@ def test_targets_of_one_seed_have_their_own_random_numbers(make_manager, walkers
         ((10.0, 10.0, 20.0, 20.0), at(0) - 2 * 10**9, FrameNotBufferedError),
     ],
 )
-def test_a_refused_start_changes_nothing(make_manager, walkers, snapshot, most, drawn):
+def test_a_refused_start_changes_nothing(make_manager, walkers, as_told, most, drawn):
     box, stamp, refusal = drawn
     snapshots = []
     for is_tried in (False, True):
@@ -182,12 +182,12 @@ def test_a_refused_start_changes_nothing(make_manager, walkers, snapshot, most, 
             with pytest.raises(refusal):
                 manager.start(box, stamp)
         go_on(manager, walkers.images, range(6, 9))
-        snapshots.append((snapshot(manager.targets), manager.frames.stamps))
+        snapshots.append((as_told(manager.targets), manager.frames.stamps))
     assert snapshots[0] == snapshots[1]
 
 
 def test_a_refused_start_on_an_old_frame_leaves_the_buffer_unchanged(
-    make_manager, walkers, snapshot
+    make_manager, walkers, as_told
 ):
     """More frames than are replayed, by a moving camera."""
     images = [np.roll(walkers.images[0], number % 7, axis=1) for number in range(45)]
