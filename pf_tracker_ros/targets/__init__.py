@@ -1,8 +1,11 @@
-"""Several targets: the roles that start, tell apart, correct and end them, each in a file.
+"""Multi-target tracking around the particle filter of one target (`tracking.target_filter`).
 
-`MultiTracker` is the face. A `TrackSet` is all targets after a frame, a value, and `TrackingPipeline` makes
-the next one of it: the associator gives each detection to a target, the updater follows and
-corrects every target, the initiator starts new ones, the deleter ends old ones.
+`MultiTracker` and `Tracker` are the entry points; both use a `TrackManager`. A `TrackSet` holds all
+tracks after a frame and is immutable. `TrackingPipeline` computes the next one:
+
+1. The associator assigns detections to tracks.
+2. The updater runs the filter of each track and corrects it with its detection.
+3. The deleter ends tracks, the initiator starts new ones, and re-identification restores lost ids.
 """
 
 from pf_tracker_ros.opencv import require_opencv

@@ -1,4 +1,4 @@
-"""Detectors that need no network and no model file: people, and whatever moves."""
+"""Detectors without a neural network: people (HOG) and motion (background subtraction)."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from pf_tracker_ros.targets.track_manager import NOMINAL_INTERVAL, default_numpy
 from pf_tracker_ros.tracking.image_front_end import ImageFrontEnd
 from pf_tracker_ros.tracking.input_checks import check_image
 
-# The window of the people detector has a margin around the person: shares of its width and height
-# at each side. With these, its boxes overlap those of PETS09-S2L1 and TUD-Stadtmitte most.
+# Margin of the HOG window around a person, as shares of its width and height at each side. These
+# give the largest overlap with the boxes of PETS09-S2L1 and TUD-Stadtmitte.
 _MARGIN_ACROSS, _MARGIN_DOWN = 0.25, 0.125
-# From one size that is looked for to the next.
-_SIZE_STEP = 1.1
-# How fast the share of right ones rises with the people detector's own score.
+# Ratio between neighboring scales of the search for people.
+_SCALE_STEP = 1.1
+# Rate at which precision rises with the weight of the support vector machine.
 _SCORE_RATE = 2.0
 
-# What moves is cleaned with this kernel, in pixels of the background model; the smallest side that
-# counts, as a share of its height. With these, most boxes are right on PETS09-S2L1.
+# Kernel of the morphological filter, in pixels of the foreground mask, and the smallest side of an
+# object as a share of the mask's height. These give the most correct boxes on PETS09-S2L1.
 _KERNEL = np.ones((3, 3), np.uint8)
-_SMALLEST = 0.04
-# What has left the place where it first stood leaves a hole in the background, which looks like an
-# object that stands still. So of what is found anew, this share must have changed since the last
-# image by so many gray levels; and what overlaps what was found before by more than that is it.
-_LEAST_CHANGED, _CHANGE = 0.02, 20
+_MIN_SIDE = 0.04
+# An object that was part of the first background leaves a ghost when it moves away. So at least
+# this share of a new object must have changed by this number of gray levels since the last image.
+_MIN_CHANGED, _CHANGED_ABOVE = 0.02, 20
+# An object that overlaps a former one by more than this (intersection over union) is not new.
 _SAME_ABOVE = 0.3
 
 
@@ -46,17 +46,17 @@ class Detector(Protocol):
     def detect(
         self, image: NDArray[np.generic], interval: float = NOMINAL_INTERVAL
     ) -> Detections | None:
-        """What is found in an image.
+        """Detect objects in an image.
 
         Args:
-            image: As for `Tracker.start`, of any size and kind.
-            interval: Seconds since the last one.
+            image: As for `Tracker.start`, of any size and type.
+            interval: Seconds since the last image.
 
         Returns:
-            The detections, of age 0; None where the detector cannot say.
+            The detections, of age 0; None if the detector is not ready.
 
         Raises:
-            ValueError: It is no image.
+            ValueError: The image is invalid.
         """
 
 
@@ -67,13 +67,17 @@ DETECTORS = Registry[Detector](
 
 @DETECTORS.register("people")
 class PeopleDetector:
-    """People who stand or walk and are at least 100 px high, by OpenCV's HOG detector.
+    """Detects people who stand or walk and are at least 100 px high, by OpenCV's HOG detector.
 
-    It takes about 0.1 s for an image of 640 x 480 on one core. Sources: Dalal, Triggs 2005,
-    "Histograms of oriented gradients for human detection"; OpenCV's `HOGDescriptor`.
+    1. Histograms of oriented gradients describe windows of 64 x 128 px at several scales.
+    2. A linear support vector machine classifies each window.
+    3. The score of a window of weight w is 1 - exp(-2 w).
+
+    Takes about 0.1 s for 640 x 480 on one core. Sources: Dalal, Triggs 2005, "Histograms of
+    oriented gradients for human detection"; OpenCV's `HOGDescriptor`.
 
     Raises:
-        ValueError: This OpenCV has no such detector.
+        ValueError: This version of OpenCV has no such detector.
     """
 
     def __init__(self) -> None:
@@ -84,16 +88,16 @@ class PeopleDetector:
         self._hog = cv2.HOGDescriptor()
         people = cv2.HOGDescriptor_getDefaultPeopleDetector()  # type: ignore[attr-defined]
         self._hog.setSVMDetector(people)
-        self._eye = _Eye(0, needs_foreground=False)
+        self._frames = _FrameSource(0, needs_foreground=False)
 
     def detect(self, image: NDArray[np.generic], interval: float = NOMINAL_INTERVAL) -> Detections:
         """See `Detector.detect`; the label is "person"."""
-        frame = self._eye.prepare(image, interval)
+        frame = self._frames.prepare(image, interval)
         width, height = self._hog.winSize
         if frame.size[0] < width or frame.size[1] < height:
             return Detections([])
         windows, weights = self._hog.detectMultiScale(
-            frame.pixels, winStride=(8, 8), padding=(8, 8), scale=_SIZE_STEP
+            frame.pixels, winStride=(8, 8), padding=(8, 8), scale=_SCALE_STEP
         )
         if len(windows) == 0:
             return Detections([])
@@ -107,74 +111,79 @@ class PeopleDetector:
 
 @DETECTORS.register("motion")
 class MotionDetector:
-    """Whatever moves before a camera that stands still, by the background model.
+    """Detects whatever moves in front of a static camera, by background subtraction.
 
-    The first images teach it the background. What has moved and stands still is found for as long
-    as it is no part of that.
+    1. The background model (`BackgroundModel`) marks the foreground; the first images train it.
+    2. Morphological opening and closing clean the foreground mask.
+    3. Each connected component is a candidate.
+    4. A candidate is detected if it overlaps a former detection, or has changed since the last
+       image.
+
+    An object that stops is detected until it is part of the background.
 
     Args:
         seed: Seeds the background model.
     """
 
     def __init__(self, seed: int = 0) -> None:
-        self._eye = _Eye(seed, needs_foreground=True)
+        self._frames = _FrameSource(seed, needs_foreground=True)
         self._last: NDArray[np.uint8] | None = None
-        self._found = np.zeros((0, 4))
+        self._boxes = np.zeros((0, 4))
 
     def detect(
         self, image: NDArray[np.generic], interval: float = NOMINAL_INTERVAL
     ) -> Detections | None:
-        """See `Detector.detect`; the label is "moving", the score the share of it that moves."""
-        frame = self._eye.prepare(image, interval)
-        if self._eye.is_new:
-            self._last, self._found = None, np.zeros((0, 4))
+        """See `Detector.detect`; label "moving", score the foreground's share of the box."""
+        frame = self._frames.prepare(image, interval)
+        if self._frames.is_new:
+            self._last, self._boxes = None, np.zeros((0, 4))
         if frame.foreground is None or frame.background is None or frame.background.name != "ready":
             return None
         mask, reduction = frame.foreground
         changed = self._changed(frame, mask)
         boxes, scores = [], []
-        for place in _clusters(mask):
-            x, y, width, height = place
+        for box in _component_boxes(mask):
+            x, y, width, height = box
             part = np.s_[y : y + height, x : x + width]
-            is_known = pairwise_iou(place[None], self._found).max(initial=0.0) > _SAME_ABOVE
-            if is_known or np.mean(changed[part]) > _LEAST_CHANGED:
-                boxes.append(place)
+            is_known = pairwise_iou(box[None], self._boxes).max(initial=0.0) > _SAME_ABOVE
+            if is_known or np.mean(changed[part]) > _MIN_CHANGED:
+                boxes.append(box)
                 scores.append(float(np.mean(mask[part] > 0)))
-        self._found = np.array(boxes, dtype=np.float64).reshape(-1, 4)
-        return Detections(self._found * float(reduction), scores, ["moving"] * len(boxes))
+        self._boxes = np.array(boxes, dtype=np.float64).reshape(-1, 4)
+        return Detections(self._boxes * float(reduction), scores, ["moving"] * len(boxes))
 
     def _changed(self, frame: Frame, mask: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """(h, w) what has changed since the last image, in the pixels of the mask."""
+        """(h, w) pixels of the mask that have changed since the last image."""
         pixels, last = frame.pixels, self._last
         gray = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
         size = (mask.shape[1], mask.shape[0])
         self._last = now = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
         if last is None or last.shape != now.shape:
             return np.zeros(mask.shape, dtype=np.bool_)
-        changed: NDArray[np.bool_] = cv2.absdiff(now, last) > _CHANGE
+        changed: NDArray[np.bool_] = cv2.absdiff(now, last) > _CHANGED_ABOVE
         return changed
 
 
-def _clusters(mask: NDArray[np.uint8]) -> NDArray[np.intp]:
-    """(K, 4) boxes x, y, width, height of what hangs together in a mask, in its pixels."""
-    whole = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _KERNEL)
-    whole = cv2.morphologyEx(whole, cv2.MORPH_CLOSE, _KERNEL)
-    _, _, found, _ = cv2.connectedComponentsWithStats(whole)
-    # The first is the background.
-    sides = np.minimum(found[1:, 2], found[1:, 3])
-    clusters: NDArray[np.intp] = found[1:, :4][sides >= max(_SMALLEST * mask.shape[0], 3)]
-    return clusters
+def _component_boxes(mask: NDArray[np.uint8]) -> NDArray[np.intp]:
+    """(K, 4) boxes x, y, width, height of a mask's connected components, in its pixels."""
+    cleaned = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _KERNEL)
+    cleaned = cv2.morphologyEx(cleaned, cv2.MORPH_CLOSE, _KERNEL)
+    _, _, components, _ = cv2.connectedComponentsWithStats(cleaned)
+    # The first component is the background.
+    sides = np.minimum(components[1:, 2], components[1:, 3])
+    boxes: NDArray[np.intp] = components[1:, :4][sides >= max(_MIN_SIDE * mask.shape[0], 3)]
+    return boxes
 
 
-class _Eye:
-    """Makes frames of images, and begins anew where they are of another size or kind.
+class _FrameSource:
+    """Prepares frames from images; resets when their size or type changes.
 
     Attributes:
-        is_new: Whether it has begun with the last image.
+        is_new: Whether the last image was the first one or caused a reset.
 
     Args:
         seed: Seeds the background model.
-        needs_foreground: Whether there is one.
+        needs_foreground: Whether frames need a foreground mask.
     """
 
     def __init__(self, seed: int, needs_foreground: bool) -> None:
@@ -194,16 +203,16 @@ class _Eye:
         return frame
 
 
-# Other work on the same core comes first.
+# Lets the threads that track come first.
 _NICENESS = 10
 
 
 class DetectorResult(NamedTuple):
-    """What a detector found.
+    """The detections in a frame.
 
     Attributes:
-        detections: In a frame.
-        stamp: Of that frame, nanoseconds.
+        detections: In the frame.
+        stamp: Of the frame, nanoseconds.
     """
 
     detections: Detections
@@ -211,78 +220,77 @@ class DetectorResult(NamedTuple):
 
 
 class DetectorThread:
-    """Shows a detector a frame now and then, without waiting for what it says.
+    """Runs a detector on some frames in a thread, so that tracking does not wait for it.
 
-    Frames that come while it is busy are none of its business, so it may look at fewer than the
-    rate asks for. Which frames it looks at, and when it answers, depends on the machine.
+    Frames are ignored while the detector is busy. Which frames it processes, and when results
+    arrive, depends on the speed of the machine.
 
     Args:
-        detector: Looks at the frames, in the thread.
-        rate: Most frames that it looks at in a second of their stamps; of those without stamps it
-            takes whichever comes when it has nothing to do.
+        detector: Runs in the thread.
+        rate: Most frames per second of their stamps; frames without stamps are not limited.
     """
 
     def __init__(self, detector: Detector, rate: float) -> None:
         self._detector = detector
         self._spacing = NANOSECONDS / rate
         self._last = 0
-        self._working: Future[DetectorResult | None] | None = None
-        self._is_disregarded = False
+        self._pending: Future[DetectorResult | None] | None = None
+        self._is_discarded = False
         self._executor = ThreadPoolExecutor(
-            1, thread_name_prefix="detector", initializer=_stand_back
+            1, thread_name_prefix="detector", initializer=_lower_priority
         )
 
     def offer(self, image: NDArray[np.generic], stamp: int) -> bool:
-        """Show a frame, if one is due and the last one has been answered and taken.
+        """Start detection in a frame, if one is due and the last result has been taken.
 
         Args:
-            image: Not to be changed from then on.
-            stamp: When it was taken, in nanoseconds; 0 means unknown.
+            image: Must not change afterwards.
+            stamp: Time of capture, nanoseconds; 0 if unknown.
 
         Returns:
-            Whether it is looked at.
+            Whether it is processed.
         """
         elapsed = stamp - self._last
         known = stamp != 0 and self._last != 0
-        if self._working or (known and 0 <= elapsed < self._spacing):
+        if self._pending or (known and 0 <= elapsed < self._spacing):
             return False
         interval = elapsed / NANOSECONDS if known and elapsed > 0 else NOMINAL_INTERVAL
-        self._last, self._is_disregarded = stamp, False
-        self._working = self._executor.submit(self._look, image, stamp, interval)
+        self._last, self._is_discarded = stamp, False
+        self._pending = self._executor.submit(self._detect, image, stamp, interval)
         return True
 
     def take(self, *, wait: bool = False) -> DetectorResult | None:
-        """What was found in the last frame that was looked at; None if nothing new is known.
+        """Take the last result, each once; None if there is no new one.
 
         Args:
-            wait: Whether to wait for it.
+            wait: Whether to wait for a running detection.
 
         Raises:
-            Exception: Whatever the detector raised.
+            Exception: Whatever the detector has raised.
         """
-        working = self._working
-        if working is None or not (wait or working.done()):
+        pending = self._pending
+        if pending is None or not (wait or pending.done()):
             return None
-        self._working = None
-        found = working.result()
-        return None if self._is_disregarded else found
+        self._pending = None
+        result = pending.result()
+        return None if self._is_discarded else result
 
     def discard_pending(self) -> None:
-        """Let nothing be found in the frame that is looked at, as where time begins anew."""
-        self._is_disregarded = True
+        """Discard the result of the running detection, as after a jump of time."""
+        self._is_discarded = True
 
     def close(self) -> None:
-        """End the thread; a frame that it has not begun to look at stays unseen."""
+        """End the thread; a detection that has not started is cancelled."""
         self._executor.shutdown(cancel_futures=True)
 
-    def _look(
+    def _detect(
         self, image: NDArray[np.generic], stamp: int, interval: float
     ) -> DetectorResult | None:
         detections = self._detector.detect(image, interval)
         return DetectorResult(detections, stamp) if detections is not None else None
 
 
-def _stand_back() -> None:
-    """Let other work come before that of this thread, where the system tells threads apart."""
+def _lower_priority() -> None:
+    """Lower the priority of this thread, where the system supports it."""
     with contextlib.suppress(AttributeError, OSError):
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)

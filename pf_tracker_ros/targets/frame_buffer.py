@@ -1,4 +1,8 @@
-"""The last frames and the targets before each: what late detections and late targets are of."""
+"""The buffer of recent frames, for out-of-sequence detections and manual targets.
+
+Each entry holds a frame, the tracks before it and its inputs, so that the frames since can be
+reprocessed. Within a bound of memory, older frames are thinned out and reduced in resolution.
+"""
 
 from __future__ import annotations
 
@@ -17,24 +21,24 @@ from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.tracks import Track, TrackKey, TrackSet
 
-# How long an operator may take to draw a target, with some reserve for the way there and back.
-_REACH = NANOSECONDS * 11 // 5
-# Of frames that are too many to be kept in full, the last one in each such time is kept.
-_SPACING = NANOSECONDS // 10
-# Share of the memory that these may take; what is left is for the newest frames.
-_SHARE = 0.55
+# Time span of thinned frames: a user draws a target within 2 s, and the rest is for transport.
+_THINNED_SPAN = NANOSECONDS * 11 // 5
+# Of the frames that memory does not suffice for, the last one in each such interval is kept.
+_THINNED_INTERVAL = NANOSECONDS // 10
+# Share of the memory for thinned frames; the rest is for the newest frames.
+_THINNED_SHARE = 0.55
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedFrame:
-    """A frame that is kept in less memory.
+    """A frame that is stored in reduced resolution.
 
     Attributes:
-        stamp: When it was taken, in nanoseconds.
-        pixels: The image, reduced.
-        shape: Of the image before.
-        reduction: Image pixels to one of the reduced ones along each axis.
-        frame_info: What was known of the frame beside its image, see `Frame.with_image`.
+        stamp: Time of capture, nanoseconds.
+        pixels: The reduced image.
+        shape: Of the original image.
+        reduction: Factor by which each side is reduced, a power of 2.
+        frame_info: The frame without its image, see `Frame.with_image`.
     """
 
     stamp: int
@@ -45,7 +49,7 @@ class ReducedFrame:
 
     @classmethod
     def of(cls, frame: Frame, reduction: int) -> ReducedFrame:
-        """Reduce a frame; by a power of 2, halved again and again, which is fast."""
+        """Reduce a frame by a power of 2, by repeated halving, which is fast."""
         pixels, shape = frame.image, frame.image.shape
         height, width = (length - length % reduction for length in shape[:2])
         pixels = pixels[:height, :width]
@@ -55,7 +59,7 @@ class ReducedFrame:
         return cls(frame.stamp, pixels, shape, reduction, frame.with_image(np.empty((0, 0))))
 
     def restored(self) -> Frame:
-        """The frame with an image of the size and kind of the one before, made anew."""
+        """The frame with an image of the original size and type, interpolated."""
         height, width = (length * self.reduction for length in self.pixels.shape[:2])
         image = cv2.resize(self.pixels, (width, height), interpolation=cv2.INTER_LINEAR)
         below, beside = self.shape[0] - height, self.shape[1] - width
@@ -66,15 +70,15 @@ class ReducedFrame:
 
 @dataclass(frozen=True, eq=False)
 class HistoryEntry:
-    """A frame, and what is needed to work out again what it made of the targets.
+    """A frame with all that is needed to reprocess it.
 
     Attributes:
-        stored_frame: The frame, in full or reduced.
-        interval: Seconds since the moment before.
-        tracks_before: The targets as that left them.
-        detections: What a detector found in it; None where it did not run.
-        started: Targets that were then asked for by hand.
-        stopped: Targets that were then forgotten by hand, as they were.
+        stored_frame: The frame, in full or reduced resolution.
+        interval: Seconds since the entry before.
+        tracks_before: The track set before the frame.
+        detections: In the frame; None if no detector has processed it.
+        started: Manual targets that start after the frame.
+        stopped: Targets that a user stopped after the frame, as they were.
     """
 
     stored_frame: Frame | ReducedFrame
@@ -85,12 +89,12 @@ class HistoryEntry:
     stopped: tuple[Track, ...] = ()
 
     def without(self, keys: Collection[TrackKey]) -> HistoryEntry:
-        """The same, where some of the targets before it had not been there."""
+        """The same without some of the tracks before it."""
         tracks = tuple(track for track in self.tracks_before.tracks if track.key not in keys)
         return replace(self, tracks_before=replace(self.tracks_before, tracks=tracks))
 
     def without_targets(self) -> HistoryEntry:
-        """The same, where nobody had been there, and nobody had said anything of it."""
+        """The same without any tracks, detections and manual targets."""
         return HistoryEntry(
             self.stored_frame,
             self.interval,
@@ -99,12 +103,9 @@ class HistoryEntry:
 
     @property
     def frame(self) -> Frame:
-        """The frame; made anew at each call where it is kept reduced."""
-        return (
-            self.stored_frame.restored()
-            if isinstance(self.stored_frame, ReducedFrame)
-            else self.stored_frame
-        )
+        """The frame; restored at each call if it is stored reduced."""
+        stored = self.stored_frame
+        return stored.restored() if isinstance(stored, ReducedFrame) else stored
 
     @property
     def stamp(self) -> int:
@@ -114,82 +115,71 @@ class HistoryEntry:
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) of the frame, pixels."""
-        shape = (
-            self.stored_frame.shape
-            if isinstance(self.stored_frame, ReducedFrame)
-            else self.stored_frame.image.shape
-        )
+        stored = self.stored_frame
+        shape = stored.shape if isinstance(stored, ReducedFrame) else stored.image.shape
         return shape[1], shape[0]
 
     @property
     def has_input(self) -> bool:
-        """Whether somebody has said something of it that must not be forgotten."""
+        """Whether it has detections or manual targets, which must not be lost."""
         return self.detections is not None or bool(self.started or self.stopped)
 
     def merge_dropped(self, dropped: HistoryEntry) -> HistoryEntry:
-        """This moment as the one after what came before another one, which is dropped."""
-        kept, motion = self.stored_frame, dropped._seen_as.camera_motion
+        """This entry with the interval and camera motion of a dropped entry just before it."""
+        stored, motion = self.stored_frame, dropped._frame_info.camera_motion
         if motion is not None:
-            frame_info = self._seen_as.with_image(self._seen_as.image)
-            since = frame_info.camera_motion
-            frame_info.camera_motion = motion if since is None else since @ motion
-            kept = (
-                replace(kept, frame_info=frame_info)
-                if isinstance(kept, ReducedFrame)
-                else frame_info
-            )
+            info = self._frame_info.with_image(self._frame_info.image)
+            since = info.camera_motion
+            info.camera_motion = motion if since is None else since @ motion
+            stored = replace(stored, frame_info=info) if isinstance(stored, ReducedFrame) else info
         interval = dropped.interval + self.interval
         return replace(
-            self, stored_frame=kept, interval=interval, tracks_before=dropped.tracks_before
+            self, stored_frame=stored, interval=interval, tracks_before=dropped.tracks_before
         )
 
     @property
-    def _seen_as(self) -> Frame:
-        return (
-            self.stored_frame.frame_info
-            if isinstance(self.stored_frame, ReducedFrame)
-            else self.stored_frame
-        )
+    def _frame_info(self) -> Frame:
+        stored = self.stored_frame
+        return stored.frame_info if isinstance(stored, ReducedFrame) else stored
 
 
 class FrameBuffer:
-    """Moments in the order of their stamps, bounded in number and in the bytes of their images.
+    """History entries in the order of their stamps, with bounds on number and memory.
 
-    The newest are kept in full. Where memory does not suffice for those of about two seconds, older
-    ones are thinned out to ten in a second, and reduced as far as that takes. A frame without a
-    stamp (0) is not kept, because nobody could name it, and nothing before it is.
+    The newest frames are stored in full. If memory does not suffice for about two seconds, older
+    ones are thinned out to ten a second and reduced as far as needed. A frame without a stamp (0)
+    is not stored, since nothing can refer to it; it clears the buffer.
 
     Args:
-        frames: Most frames that are kept, but the newest is always.
-        megabytes: Most memory that their images hold, in units of 10^6 bytes.
+        frames: Most frames; the newest is always stored.
+        megabytes: Most memory for images, in units of 10^6 bytes.
 
     Attributes:
-        dropped_until: Stamp of the last frame that was dropped for the bounds with all before it,
-            or because those after it are of another size or kind; 0 if none was.
+        dropped_until: Stamp of the newest frame that was dropped together with all before it, for
+            the bounds or for a change of image size or type; 0 if none was.
     """
 
     def __init__(self, frames: int = 1, megabytes: float = 0.0) -> None:
         self._full: deque[HistoryEntry] = deque()
-        # All of them older than those in full.
+        # All older than those in `_full`.
         self._thinned: deque[HistoryEntry] = deque()
         self._bytes = 0
         self.dropped_until = 0
         self.limit(frames, megabytes)
 
     def limit(self, frames: int, megabytes: float) -> None:
-        """Change the bounds; the oldest frames beyond them are thinned out, or dropped."""
-        self._most_frames, self._megabytes = frames, megabytes
+        """Change the bounds; the oldest frames beyond them are thinned out or dropped."""
+        self._max_frames, self._megabytes = frames, megabytes
         self._trim()
 
     def empty_copy(self) -> FrameBuffer:
-        """Another one with the same bounds, and without moments."""
-        return FrameBuffer(self._most_frames, self._megabytes)
+        """An empty buffer with the same bounds."""
+        return FrameBuffer(self._max_frames, self._megabytes)
 
     def add(self, entry: HistoryEntry) -> None:
-        """Keep a moment, the newest.
+        """Append the newest entry.
 
-        Those before are dropped if their frames are of another size or kind, or if time has gone
-        back.
+        Earlier ones are dropped if the image size or type changes, or if time goes back.
         """
         assert isinstance(entry.stored_frame, Frame)
         stamp, image = entry.stamp, entry.stored_frame.image
@@ -203,11 +193,11 @@ class FrameBuffer:
             elif (last.image.shape, last.image.dtype) != (image.shape, image.dtype):
                 self.clear()
                 self.dropped_until = last.stamp
-            # What was made of an image is as large again, and seldom asked for once more.
+            # The images derived from a frame are as large again, and seldom needed once more.
             last.clear_cache()
         self._full.append(entry)
         self._bytes += _held_bytes(image)
-        while self._thinned and stamp - self._thinned[0].stamp > _REACH:
+        while self._thinned and stamp - self._thinned[0].stamp > _THINNED_SPAN:
             self._drop_oldest()
         self._trim()
 
@@ -216,31 +206,31 @@ class FrameBuffer:
 
     @property
     def entries(self) -> list[HistoryEntry]:
-        """All of them, the oldest first."""
+        """All entries, the oldest first."""
         return [*self._thinned, *self._full]
 
     @property
     def stamps(self) -> list[int]:
-        """The stamps of the frames that are kept."""
+        """The stamps of all entries."""
         return [entry.stamp for entry in self.entries]
 
     @property
     def first(self) -> HistoryEntry:
-        """The oldest."""
+        """The oldest entry."""
         return (self._thinned or self._full)[0]
 
     @property
     def last(self) -> HistoryEntry:
-        """The newest."""
+        """The newest entry."""
         return self._full[-1]
 
     @property
     def is_complete(self) -> bool:
-        """Whether it goes back to the first frame of all."""
+        """Whether it reaches back to the first frame of all."""
         return len(self) > 0 and self.first.tracks_before.frame == 0
 
     def since(self, stamp: int) -> list[HistoryEntry]:
-        """The moments from the one nearest to `stamp` on; none if all are before it."""
+        """The entries from the one nearest to `stamp` on; none if all are before it."""
         entries = self.entries
         first = next((i for i, one in enumerate(entries) if one.stamp >= stamp), len(entries))
         if 0 < first < len(entries):
@@ -249,14 +239,14 @@ class FrameBuffer:
         return entries[first:]
 
     def clear(self) -> None:
-        """Forget all frames."""
+        """Remove all entries."""
         self._full.clear()
         self._thinned.clear()
         self._bytes = 0
         self.dropped_until = 0
 
     def replace_all(self, entries: Sequence[HistoryEntry]) -> None:
-        """Keep these, in the same order, in the place of all; without any, all were dropped."""
+        """Replace all entries, in the order of stamps; without any, all count as dropped."""
         dropped_until = self.last.stamp if len(self) and not entries else self.dropped_until
         self.clear()
         self.dropped_until = dropped_until
@@ -267,13 +257,13 @@ class FrameBuffer:
         self._bytes = sum(map(_bytes_of, entries))
 
     def replace_from(self, entries: Sequence[HistoryEntry]) -> None:
-        """Put moments in the place of all from the first of their stamps on."""
+        """Replace the entries from the stamp of the first given one on."""
         if entries:
             before = [one for one in self.entries if one.stamp < entries[0].stamp]
             self.replace_all([*before, *entries])
 
     def _trim(self) -> None:
-        while len(self) > max(self._most_frames, 1):
+        while len(self) > max(self._max_frames, 1):
             self._drop_oldest()
         while self._bytes > self._megabytes * 1e6 and len(self) > 1:
             if len(self._full) > 1:
@@ -287,10 +277,10 @@ class FrameBuffer:
         self.dropped_until = dropped.stamp
 
     def _thin_out(self) -> None:
-        """Keep the oldest frame in full only if it is the last of its time, and then reduced."""
+        """Reduce the oldest full frame, or drop it if its interval has a later one."""
         entry = self._full.popleft()
         self._bytes -= _bytes_of(entry)
-        is_last = entry.stamp // _SPACING != self._full[0].stamp // _SPACING
+        is_last = entry.stamp // _THINNED_INTERVAL != self._full[0].stamp // _THINNED_INTERVAL
         if is_last or (entry.has_input and self._thinned):
             reduction = self._reduction(entry.frame.image)
             if reduction > 1:
@@ -303,11 +293,11 @@ class FrameBuffer:
             self.dropped_until = entry.stamp
 
     def _reduction(self, image: NDArray[np.generic]) -> int:
-        """The power of 2 by which frames are reduced so that all that are thinned out fit."""
+        """The power of 2 by which frames are reduced so that all thinned ones fit."""
         held, most = _held_bytes(image), self._megabytes * 1e6
-        room = min(_SHARE * most, most - held)
+        room = min(_THINNED_SHARE * most, most - held)
         reduction = 1
-        while held * (_REACH / _SPACING) > room * reduction**2:
+        while held * (_THINNED_SPAN / _THINNED_INTERVAL) > room * reduction**2:
             if 2 * reduction > min(image.shape[:2]):
                 break
             reduction *= 2
@@ -315,16 +305,16 @@ class FrameBuffer:
 
 
 def thinned(entries: Sequence[HistoryEntry], most: int) -> list[HistoryEntry]:
-    """At most so many moments after the first one, spread evenly; the last one is kept.
+    """The first entry and at most `most` later ones, evenly spaced, up to the last.
 
-    Those of which somebody has said something are kept as well.
+    Entries with detections or manual targets are kept in addition.
     """
     steps = min(len(entries) - 1, most)
     kept = set(np.linspace(0, len(entries) - 1, steps + 1).round().astype(int).tolist())
     chosen: list[HistoryEntry] = []
     skipped: list[HistoryEntry] = []
-    for place, entry in enumerate(entries):
-        if place not in kept and not entry.has_input:
+    for index, entry in enumerate(entries):
+        if index not in kept and not entry.has_input:
             skipped.append(entry)
             continue
         chosen.append(reduce(HistoryEntry.merge_dropped, reversed(skipped), entry))
@@ -333,12 +323,12 @@ def thinned(entries: Sequence[HistoryEntry], most: int) -> list[HistoryEntry]:
 
 
 def _bytes_of(entry: HistoryEntry) -> int:
-    kept = entry.stored_frame
-    return kept.pixels.nbytes if isinstance(kept, ReducedFrame) else _held_bytes(kept.image)
+    frame = entry.stored_frame
+    return frame.pixels.nbytes if isinstance(frame, ReducedFrame) else _held_bytes(frame.image)
 
 
 def _held_bytes(image: NDArray[np.generic]) -> int:
-    """The memory that lives as long as the image: a view holds all of what it is a view of."""
+    """The memory that an image keeps alive; a view keeps all of its base."""
     owner: Any = image
     while isinstance(owner, np.ndarray) and owner.base is not None:
         owner = owner.base

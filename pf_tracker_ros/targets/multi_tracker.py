@@ -1,4 +1,4 @@
-"""The tracker of several targets, started and corrected by hand or by a detector."""
+"""The multi-target tracker: targets are started and corrected by calls or by a detector."""
 
 from __future__ import annotations
 
@@ -22,35 +22,34 @@ from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 DEFAULT_MAX_TARGETS = 32
-"""Of several targets, where nobody says how many there may be."""
-# Frames that are kept for late detections, and most memory for their images, in units of 10^6
-# bytes.
-_KEPT = (1000, 128.0)
-# Of the first frame, nanoseconds; those after it are stamped by the time since the frame before.
-# Nothing is further apart, in seconds: of an endless time there is no stamp.
-_FIRST_STAMP, _LONGEST = 10**18, 1e8
+"""Value of `max_targets` where it is not given."""
+# Bounds of the frame buffer for late detections: frames, and 10^6 bytes of images.
+_BUFFER_BOUNDS = (1000, 128.0)
+# Stamp of the first frame, nanoseconds; later stamps add the intervals.
+_FIRST_STAMP = 10**18
+# Longest interval and age, seconds, so that stamps stay finite.
+_MAX_SECONDS = 1e8
 
 
 class MultiTracker:
-    """Tracks any number of targets, which a slow detector starts and corrects, or somebody by hand.
+    """Tracks several targets; a detector of any rate and `start` start and correct them.
 
-    Every frame is looked at, whether a detector saw it or not. A detection of an earlier frame is
-    taken as if it had come in time: what happened since is worked out again.
+    All targets are tracked in every frame, also between the detector's frames. Late detections are
+    applied at their own time stamp.
 
-    The same frames, detections, parameters and seed give the same ids and boxes, to the bit, on one
-    machine. A tracker can be copied and pickled, with its targets but without the frames for late
-    detections.
+    Reproducible: the same frames, detections, parameters and seed give bit-identical ids and boxes
+    on one machine. A copy or pickle has the targets but no buffered frames.
 
     Attributes:
-        rejected_detections: Why detections of the last update were no use.
+        rejected_detections: Why detections of the last update were rejected.
 
     Args:
-        parameters: Every tunable.
+        parameters: All parameters.
         seed: Seeds all randomness.
 
     Raises:
         ParameterError: The parameters contradict each other.
-        ValueError: The seed is no whole number from 0.
+        ValueError: The seed is no integer from 0.
     """
 
     def __init__(self, parameters: TrackerParameters, seed: int = 0) -> None:
@@ -59,8 +58,8 @@ class MultiTracker:
                 f"parameters is {parameters!r}; for a preset, use MultiTracker.from_preset(name)"
             )
         self._manager = TrackManager(parameters, seed)
-        self._manager.frames.limit(*_KEPT)
-        # Of the last frame.
+        self._manager.frames.limit(*_BUFFER_BOUNDS)
+        # Of the last frame; 0 before the first.
         self._stamp = 0
 
     def __copy__(self) -> MultiTracker:
@@ -70,17 +69,17 @@ class MultiTracker:
     def from_preset(
         cls, preset: str, seed: int = 0, parameters: Mapping[str, Any] | None = None
     ) -> MultiTracker:
-        """A tracker with the parameters of a preset, as it suits several targets.
+        """Create a tracker with the parameters of a preset for several targets.
 
         Args:
             preset: A key of `PRESETS`.
             seed: As in the constructor.
-            parameters: Full parameter name to value, over the preset's; `max_targets` is 32 where
-                it is not given.
+            parameters: Full parameter name to value; overrides the preset. `max_targets` is 32 by
+                default.
 
         Raises:
-            ParameterError: No such preset or parameter, or a value that is not allowed.
-            ValueError: The seed is no whole number from 0.
+            ParameterError: The preset or a parameter does not exist, or a value is not allowed.
+            ValueError: The seed is no integer from 0.
         """
         values = {**preset_parameters(preset, DEFAULT_MAX_TARGETS), **(parameters or {})}
         return cls(build(TrackerParameters, values), seed)
@@ -95,18 +94,17 @@ class MultiTracker:
         return self._manager.rejected_detections
 
     def set_parameters(self, values: Mapping[str, Any]) -> None:
-        """Change parameters, all or none, keeping the targets with their ids.
+        """Change parameters, all or none, and keep the targets with their ids.
 
-        What decides on how a target is described, such as the motion model, learns every target
-        again from where it was last seen; frames before the change are then gone for late
-        detections.
+        Some changes, such as another motion model, relearn every target where it was last seen.
+        They also clear the frame buffer, so late detections of earlier frames are rejected.
 
         Args:
             values: Full parameter name to value.
 
         Raises:
-            ParameterError: A name or value is not allowed, values contradict each other, or a
-                target was never seen that would have to be learned again.
+            ParameterError: A name or value is not allowed, or values contradict each other; or a
+                target must be relearned, and no stored frame shows it, as in a new copy.
         """
         values = {**self.parameters, **values}
         other = TrackManager(build(TrackerParameters, values), self._manager.seed)
@@ -114,25 +112,25 @@ class MultiTracker:
 
     @property
     def targets(self) -> tuple[TrackedTarget, ...]:
-        """The targets as the last frame left them, in the order of their ids."""
+        """The reported targets after the last frame, sorted by id."""
         return self._manager.targets
 
     def start(self, image: NDArray[np.generic], box: ArrayLike, label: str = "") -> int:
-        """Take a new target by hand; no detector ends it.
+        """Start a manual target; no detector ends it.
 
-        A box on a target that there is, and that is not lost, takes that one over, with its id.
+        A box on an existing target that is not lost replaces that target and keeps its id.
 
         Args:
-            image: That was given to `update` last, or the first one: see `Tracker.start`.
+            image: The last one passed to `update`, or the first one; as for `Tracker.start`.
             box: (x, y, width, height) of the target in pixels, as for `Tracker.start`.
-            label: What it is.
+            label: Its class, or an empty text.
 
         Returns:
-            Its id, never that of another object.
+            Its id, never reused.
 
         Raises:
-            ValueError: The image, the box or the label is not usable, or there are as many targets
-                as there may be; all are kept.
+            ValueError: The image, the box or the label is invalid, or there are `max_targets`
+                targets; nothing changes.
         """
         check_image(image)
         if not isinstance(label, str):
@@ -142,12 +140,10 @@ class MultiTracker:
         if not manager.accepts_image(image):
             raise ValueError(manager.image_mismatch(image))
         if last is None and self._stamp:
-            raise ValueError(
-                "there is no frame so far, as in a fresh copy; give one to update first"
-            )
+            raise ValueError("there is no frame yet, as in a new copy; pass one to update first")
         if last and not np.array_equal(last.image, image, equal_nan=image.dtype.kind == "f"):
             raise ValueError(
-                "image is not the one that was given last; give it to update first, then start "
+                "image is not the last one passed to update; pass it to update first, then start "
                 "on it"
             )
         if last is None:
@@ -156,15 +152,13 @@ class MultiTracker:
         return manager.start(first_box, label=label).id
 
     def stop(self, id: int) -> None:
-        """Forget a target.
-
-        A detector that still sees it will start it again, with another id.
+        """Remove a target; a detector that still finds it starts it with a new id.
 
         Args:
             id: Of the target.
 
         Raises:
-            ValueError: There is no such target; the message lists those there are.
+            ValueError: No target has this id; the message lists the ids.
         """
         self._manager.stop(id)
 
@@ -174,58 +168,55 @@ class MultiTracker:
         dt: float | None = None,
         detections: Detections | Sequence[Detections] | None = None,
     ) -> tuple[TrackedTarget, ...]:
-        """Follow all targets into the next frame.
+        """Update all targets with the next frame.
 
         Args:
-            image: As for `Tracker.start`; of the same size and kind each time.
-            dt: Seconds since the last frame; None means the nominal interval.
-            detections: What a detector found in this frame, or in the earlier one that its age
-                names, or several such answers; None where it has said nothing. `rejected_detections` tells
-                what was no use in it.
+            image: As for `Tracker.start`; always of the same size and type.
+            dt: Seconds since the last frame; None means the nominal interval, 0.04 s.
+            detections: Of this frame, or of an earlier one by their age; one or several, or None
+                without a new detector result. Invalid ones are listed in `rejected_detections`.
 
         Returns:
-            The targets that are sure enough, in the order of their ids.
+            The reported targets, sorted by id.
 
         Raises:
-            ValueError: The image, `dt` or what is given for detections is not usable; the last
-                good state is kept.
+            ValueError: The image, `dt` or the type of `detections` is invalid; the state is
+                unchanged.
         """
         check_image(image)
         if not self._manager.accepts_image(image):
             raise ValueError(self._manager.image_mismatch(image))
-        answers = _answers(detections)
-        if answers:
+        batches = _as_list(detections)
+        if batches:
             require_scipy()
         interval = NOMINAL_INTERVAL if dt is None else check_interval(dt)
         stamp = _FIRST_STAMP
         if self._stamp:
-            # Two frames at once are one after the other.
-            stamp = self._stamp + max(round(min(interval, _LONGEST) * NANOSECONDS), 1)
+            # Stamps always increase, also with `dt` 0.
+            stamp = self._stamp + max(round(min(interval, _MAX_SECONDS) * NANOSECONDS), 1)
         stamped = [
-            StampedDetections(stamp - round(min(one.age, _LONGEST) * NANOSECONDS), one)
-            for one in answers
+            StampedDetections(stamp - round(min(one.age, _MAX_SECONDS) * NANOSECONDS), one)
+            for one in batches
         ]
         self._manager.update(Frame(image.copy(), stamp), interval, stamped)
         self._stamp = stamp
         return self.targets
 
 
-def _answers(detections: object) -> list[Detections]:
-    """What was given for detections, as a list.
+def _as_list(detections: object) -> list[Detections]:
+    """Detections, several or None as a list.
 
     Raises:
-        ValueError: It is something else.
+        ValueError: The type is another one.
     """
     if detections is None:
         return []
-    given = detections if isinstance(detections, list | tuple) else [detections]
-    answers: list[Detections] = []
-    for one in given:
+    batches: list[Any] = list(detections) if isinstance(detections, list | tuple) else [detections]
+    for one in batches:
         if not isinstance(one, Detections):
             raise ValueError(
                 f"detections are a {type(one).__name__}; expected "
-                "Detections(boxes, scores, labels, age), several of them, or None where no "
-                "detector ran"
+                "Detections(boxes, scores, labels, age), a list of them, or None without a "
+                "detector result"
             )
-        answers.append(one)
-    return answers
+    return batches

@@ -1,10 +1,15 @@
-"""Out-of-sequence measurements: late detections, and targets that were drawn on an earlier frame.
+"""Out-of-sequence measurements: late detections, and manual targets on earlier frames.
 
-1. The frame that a late measurement is of is found in the frame buffer by its stamp.
-2. The targets are those that were there before that frame.
-3. It and all frames since are processed again, with what is known of them now.
+A slow detector reports on a frame after later frames have been processed. The measurement is
+applied at its own time stamp:
 
-A late measurement so has the effect that it would have had in time; it costs the frames since.
+1. Find the frame of the measurement in the frame buffer by its stamp.
+2. Restore the track set before that frame.
+3. Reprocess that frame and all since, with all their detections and manual targets.
+
+The result is the same as if the measurement had been in time. The cost is one update for each frame
+since. The term is that of Bar-Shalom 2002, "Update with out-of-sequence measurements in tracking:
+exact solution", whose update of a Kalman filter needs no reprocessing.
 """
 
 from __future__ import annotations
@@ -23,66 +28,71 @@ from pf_tracker_ros.targets.frame_buffer import FrameBuffer, HistoryEntry
 from pf_tracker_ros.targets.pipeline import TrackingPipeline
 from pf_tracker_ros.targets.tracks import Track, TrackSet
 
-# How late a detection may be, in nanoseconds.
-_LATEST = 2 * NANOSECONDS
-# Nanoseconds that a detector takes at most. What it says of that time before the first frame is no
-# fault: it was there before the tracker.
-_SLOWEST = 5 * NANOSECONDS
-# Before the first frame of all there is none that could be nearer than by so much.
-_NEAR_FIRST = NANOSECONDS // 50
-# What counts of detections in a frame, None where they say nothing of it; why others do not.
+# Maximum age of late detections, nanoseconds.
+_MAX_AGE = 2 * NANOSECONDS
+# Maximum latency of a detector, nanoseconds. Detections of that time before the first frame are
+# ignored silently, since the detector may have started before the tracker.
+_MAX_LATENCY = 5 * NANOSECONDS
+# Tolerance before the first frame of all, nanoseconds: no other frame can be nearer.
+_FIRST_TOLERANCE = NANOSECONDS // 50
+# Returns the valid detections in a frame, None if there is no information, and why others are
+# rejected.
 DetectionFilter = Callable[[Detections, Frame], tuple[tuple[Detection, ...] | None, list[str]]]
 
 
 class StampedDetections(NamedTuple):
-    """What a detector found in the frame with a stamp, nanoseconds; 0 for the one at hand."""
+    """Detections in the frame of a stamp, nanoseconds; 0 for the current frame."""
 
     stamp: int
     detections: Detections
 
 
 def insert_late(
-    buffer: FrameBuffer, late: Sequence[StampedDetections], now: int, look: DetectionFilter
+    buffer: FrameBuffer,
+    late: Sequence[StampedDetections],
+    now: int,
+    filter_detections: DetectionFilter,
 ) -> tuple[list[HistoryEntry], list[str]]:
-    """The moments from the oldest on that late detections are of, with these in them.
+    """Insert late detections into the history.
 
     Args:
-        buffer: The frames so far.
-        late: Of earlier frames than the one at hand.
-        now: Stamp of the frame at hand, nanoseconds.
-        look: Tells what counts of detections.
+        buffer: The history.
+        late: Detections of earlier frames than the current one.
+        now: Stamp of the current frame, nanoseconds.
+        filter_detections: Selects and describes the valid ones.
 
     Returns:
-        The moments, to be processed again, and what was left out.
+        The entries to reprocess, from the earliest frame with late detections on, and why
+        detections were rejected.
     """
     entries: list[HistoryEntry] = []
-    rejected_detections: list[str] = []
+    rejected: list[str] = []
     for stamp, detections in sorted(late, key=lambda one: one.stamp):
-        since = entries_since(buffer, stamp) if now - stamp <= _LATEST else []
+        since = entries_since(buffer, stamp) if now - stamp <= _MAX_AGE else []
         if not since:
-            oldest = max(buffer.first.stamp, now - _LATEST) if len(buffer) else now
+            oldest = max(buffer.first.stamp, now - _MAX_AGE) if len(buffer) else now
             early = buffer.first.stamp - stamp if len(buffer) else 0
-            if not (buffer.is_complete and _NEAR_FIRST < early < _SLOWEST):
-                rejected_detections.append(
+            if not (buffer.is_complete and _FIRST_TOLERANCE < early < _MAX_LATENCY):
+                rejected.append(
                     f"the detections are {(now - stamp) / NANOSECONDS:.3g} s old, and frames of "
                     f"the last {(now - oldest) / NANOSECONDS:.2g} s are kept"
                 )
             continue
         entries = entries or since
-        place = len(entries) - len(since)
-        entry = entries[place]
-        seen, reasons = look(detections, entry.frame)
-        entries[place] = replace(entry, detections=merge_detections(entry.detections, seen))
-        rejected_detections += reasons
-    return entries, rejected_detections
+        index = len(entries) - len(since)
+        entry = entries[index]
+        found, reasons = filter_detections(detections, entry.frame)
+        entries[index] = replace(entry, detections=merge_detections(entry.detections, found))
+        rejected += reasons
+    return entries, rejected
 
 
 def entries_since(buffer: FrameBuffer, stamp: int) -> list[HistoryEntry]:
-    """The moments from the one on that a stamp is of; none where that is not kept.
+    """The entries from the frame of a stamp on; none if that frame is not buffered.
 
     Args:
-        buffer: The frames so far.
-        stamp: Of the frame that a detector saw, nanoseconds; up to half an interval off.
+        buffer: The history.
+        stamp: Of the detections, nanoseconds; up to half an interval before that of their frame.
     """
     since = buffer.since(stamp)
     if not since:
@@ -90,21 +100,21 @@ def entries_since(buffer: FrameBuffer, stamp: int) -> list[HistoryEntry]:
     early = since[0].stamp - stamp
     allowed = round(since[0].interval * NANOSECONDS / 2)
     if buffer.is_complete and since[0] is buffer.first:
-        allowed = max(allowed, _NEAR_FIRST)
+        allowed = max(allowed, _FIRST_TOLERANCE)
     return since if early <= allowed else []
 
 
 def reprocess(
     pipeline: TrackingPipeline, entries: Sequence[HistoryEntry]
 ) -> tuple[TrackSet, list[HistoryEntry]]:
-    """What moments make of the targets that there were before the first of them.
+    """Reprocess consecutive entries from the track set before the first.
 
     Args:
-        pipeline: Makes the crowd of a frame out of the one before.
-        entries: One after the other, at least one.
+        pipeline: Advances the track set by a frame.
+        entries: At least one.
 
     Returns:
-        The targets after the last, and the moments, each with the targets before it.
+        The track set after the last entry, and the entries, each with its new track set before.
     """
     track_set = entries[0].tracks_before
     revised = []
@@ -121,47 +131,47 @@ def replay_track(
     pipeline: TrackingPipeline,
     track: Track,
     entries: Sequence[HistoryEntry],
-    taken_over: Sequence[Track] = (),
+    replaced: Sequence[Track] = (),
 ) -> tuple[Track, list[HistoryEntry]]:
-    """Take a target that began in a moment through those since, which it joins.
+    """Advance a new manual track alone through the frames since its own.
 
-    It is followed by itself: the others were there before it. What looks like it beside it helps to
-    tell it apart and does not join them, since it may be one of them; for the same reason, it is
-    not looked for elsewhere.
+    The other tracks stay as they are. Distractors that arise in the replay are not added to the
+    history, since they may be other targets. For the same reason there is no redetection
+    (`time_since_detection` 0).
 
     Args:
-        pipeline: Makes the crowd of a frame out of the one before.
-        track: Began in the first moment.
-        entries: That one and those since.
-        taken_over: Those in whose place it is from the first moment on.
+        pipeline: Advances the track set by a frame.
+        track: Started in the first entry.
+        entries: The first one and those since.
+        replaced: Tracks that it replaces from the first entry on.
 
     Returns:
-        The target after the last, and the moments with it.
+        The track after the last entry, and the entries with it.
     """
     first, *others = entries
     alone = TrackSet(frame=track.key.frame, tracks=(track,), time_since_detection=0.0)
-    keys = {one.key for one in taken_over}
-    begun = (one for one in first.started if one.key not in keys)
-    # What only looks like a target, nobody would miss.
-    stopped = (*first.stopped, *(one for one in taken_over if not one.is_distractor))
-    revised = [replace(first, started=(*begun, track), stopped=stopped)]
+    keys = {one.key for one in replaced}
+    started = (one for one in first.started if one.key not in keys)
+    # A distractor is no target that could be stopped.
+    stopped = (*first.stopped, *(one for one in replaced if not one.is_distractor))
+    revised = [replace(first, started=(*started, track), stopped=stopped)]
     for entry in others:
-        there = (one for one in entry.tracks_before.tracks if one.key not in keys)
-        before = replace(entry.tracks_before, tracks=(*there, alone.tracks[0]))
+        kept = (one for one in entry.tracks_before.tracks if one.key not in keys)
+        before = replace(entry.tracks_before, tracks=(*kept, alone.tracks[0]))
         revised.append(replace(entry, tracks_before=before))
         alone = pipeline.advance(alone, entry.frame, entry.interval, None)
     return alone.tracks[0], revised
 
 
 def merge_detections(
-    known: tuple[Detection, ...] | None, seen: tuple[Detection, ...] | None
+    known: tuple[Detection, ...] | None, new: tuple[Detection, ...] | None
 ) -> tuple[Detection, ...] | None:
-    """What was said of a frame, and what is said of it in addition, each object once.
+    """Add detections to those already known of a frame, without duplicates.
 
-    What was known keeps its places, which targets are named by.
+    The known ones keep their indices, which are part of the keys of tracks.
     """
-    if not known or seen is None:
-        return known if seen is None else seen
+    if not known or new is None:
+        return known if new is None else new
     boxes = np.array([one.box for one in known])
-    new = [one for one in seen if pairwise_iou(one.box[None], boxes).max() <= DUPLICATE_ABOVE]
-    return (*known, *new)
+    added = [one for one in new if pairwise_iou(one.box[None], boxes).max() <= DUPLICATE_ABOVE]
+    return (*known, *added)

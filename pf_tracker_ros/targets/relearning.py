@@ -1,4 +1,8 @@
-"""Targets for other parameters, or images of another size: learned again where they were seen."""
+"""Adapts tracks to changed parameters or to images of another size.
+
+Where a change affects what a target is described by, such as its templates or the state of its
+motion model, each target is relearned in the frame and at the box where it was last seen.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +17,7 @@ from pf_tracker_ros.appearances import Appearance
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declarations
+from pf_tracker_ros.targets.frame_buffer import HistoryEntry
 from pf_tracker_ros.targets.tracks import Track, TrackKey, TrackSet
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.scaling import clamp_box, scaled_box, scaled_to
@@ -20,41 +25,70 @@ from pf_tracker_ros.tracking.target_filter import TargetFilter
 
 
 class LastSeen(NamedTuple):
-    """Where a target was last seen.
+    """Where a target was last tracked: neither occluded nor lost.
 
     Attributes:
-        frame: In which.
-        box: Of the target.
+        frame: The last such frame.
+        box: Of the target in it, pixels.
     """
 
     frame: Frame
     box: Box
 
 
+def last_seen_after(
+    frame: Frame, track_set: TrackSet, before: Mapping[TrackKey, LastSeen]
+) -> dict[TrackKey, LastSeen]:
+    """Where each target was last seen, after a frame."""
+    last_seen: dict[TrackKey, LastSeen] = {}
+    for track in track_set.tracks:
+        estimate = track.filter_state.estimate
+        if estimate.state == "tracking":
+            last_seen[track.key] = LastSeen(frame, estimate.box)
+        elif track.key in before:
+            last_seen[track.key] = before[track.key]
+    return last_seen
+
+
 def needs_relearning(
-    tracks: Sequence[Track], before: Mapping[str, Any], after: Mapping[str, Any]
+    track_set: TrackSet,
+    entries: Sequence[HistoryEntry],
+    before: Mapping[str, Any],
+    after: Mapping[str, Any],
 ) -> bool:
-    """Whether other parameters ask for targets that are learned again.
+    """Whether a change of parameters requires that targets are relearned.
 
     Args:
-        tracks: Those that are followed, and were in the frames that are kept.
-        before: Full name to value of every parameter in force.
-        after: The same of the others.
+        track_set: After the last frame.
+        entries: The buffered history.
+        before: Full name to value of all parameters before the change.
+        after: The same after the change.
     """
+    earlier = (one for entry in entries for one in entry.tracks_before.tracks)
+    tracks = [*track_set.tracks, *track_set.ended_tracks, *earlier]
     for name, one in declarations(TrackerParameters).items():
         if tracks and one.read_only and one.is_active(before) and after[name] != before[name]:
             return True
-    knowing = {name for name in after["cues"] if after[f"{name}.weight"] > 0.0}
-    return not all(knowing & track.filter_state.templates.keys() for track in tracks)
+    weighted = {name for name in after["cues"] if after[f"{name}.weight"] > 0.0}
+    return not all(weighted & track.filter_state.templates.keys() for track in tracks)
 
 
 def reconfigured(track_set: TrackSet, target_filter: TargetFilter) -> TrackSet:
-    """The crowd for other parameters, which need nothing learned again."""
+    """The track set for a change of parameters that requires no relearning."""
     tracks = (
         replace(track, filter_state=target_filter.reconfigure(track.filter_state))
         for track in track_set.tracks
     )
     return replace(track_set, tracks=tuple(tracks))
+
+
+def reconfigured_entry(entry: HistoryEntry, target_filter: TargetFilter) -> HistoryEntry:
+    """A history entry for a change of parameters that requires no relearning."""
+    return replace(
+        entry,
+        tracks_before=reconfigured(entry.tracks_before, target_filter),
+        started=reconfigured(TrackSet(tracks=entry.started), target_filter).tracks,
+    )
 
 
 def relearned(
@@ -63,35 +97,32 @@ def relearned(
     target_filter: TargetFilter,
     appearance: Appearance | None = None,
 ) -> tuple[TrackSet, tuple[Track, ...]]:
-    """The crowd with every target learned again; one that is hidden is so until it is seen.
+    """The track set with every target relearned; its state stays, such as "occluded".
 
     Args:
         track_set: After the last frame.
         last_seen: Where its targets were last seen.
-        target_filter: Learns them.
-        appearance: Describes them anew, and those that have ended are forgotten; None where the
-            descriptors stay.
+        target_filter: Relearns them.
+        appearance: Computes new descriptors, and ended tracks are dropped; None keeps both.
 
     Returns:
-        The crowd, and those that are not in it because they were never seen.
+        The track set, and the tracks dropped from it because they were never seen.
     """
     tracks: list[Track] = []
     unseen: list[Track] = []
     for track in track_set.tracks:
-        sight = last_seen.get(track.key)
-        if sight is None:
+        seen = last_seen.get(track.key)
+        if seen is None:
             unseen.append(track)
             continue
-        box, before = clamp_box(sight.box, sight.frame.image), track.filter_state
-        target = target_filter.initialize(
-            sight.frame, box, before.generator_state, before.estimate.state
+        box, before = clamp_box(seen.box, seen.frame.image), track.filter_state
+        state = target_filter.initialize(
+            seen.frame, box, before.generator_state, before.estimate.state
         )
-        learned = replace(track, filter_state=target, time_since_template_update=0.0)
-        tracks.append(
-            learned.reset_descriptor(sight.frame, box, appearance) if appearance else learned
-        )
-    gone = () if appearance else track_set.ended_tracks
-    return replace(track_set, tracks=tuple(tracks), ended_tracks=gone), tuple(unseen)
+        new = replace(track, filter_state=state, time_since_template_update=0.0)
+        tracks.append(new.reset_descriptor(seen.frame, box, appearance) if appearance else new)
+    ended = () if appearance else track_set.ended_tracks
+    return replace(track_set, tracks=tuple(tracks), ended_tracks=ended), tuple(unseen)
 
 
 def resized(
@@ -99,45 +130,42 @@ def resized(
     last_seen: Mapping[TrackKey, LastSeen],
     target_filter: TargetFilter,
     last: Frame,
-    opened: Frame,
+    resized_last: Frame,
 ) -> tuple[TrackSet, dict[TrackKey, LastSeen]]:
-    """The crowd in images of another size, without those that were never seen.
+    """The track set in images of another size, without targets that were never seen.
 
     Args:
         track_set: After the last frame.
         last_seen: Where its targets were last seen.
-        target_filter: Learns them.
+        target_filter: Relearns them.
         last: The last frame.
-        opened: The same in that size, and what the image front end knows of it.
+        resized_last: The same in the new size, prepared by the image front end.
 
     Returns:
-        The crowd, and where its targets were last seen, scaled as well.
+        The track set, and where its targets were last seen, scaled as well.
     """
-    frames = {id(last): opened}
-    before, after = last.size, opened.size
+    frames = {id(last): resized_last}
+    before, after = last.size, resized_last.size
     factors = np.divide(after, before)
     scaled: dict[TrackKey, LastSeen] = {}
-    for key, sight in last_seen.items():
-        image = scaled_to(sight.frame.image, opened.image)
+    for key, seen in last_seen.items():
+        image = scaled_to(seen.frame.image, resized_last.image)
         if image is not None:
-            frame = frames.setdefault(id(sight.frame), Frame(image, sight.frame.stamp))
-            scaled[key] = LastSeen(frame, scaled_box(sight.box, sight.frame.size, after))
+            frame = frames.setdefault(id(seen.frame), Frame(image, seen.frame.stamp))
+            scaled[key] = LastSeen(frame, scaled_box(seen.box, seen.frame.size, after))
     track_set, _ = relearned(track_set, scaled, target_filter)
     tracks = [_scaled(track, factors) for track in track_set.tracks]
-    gone = []
+    ended = []
     for track in track_set.ended_tracks:
-        estimate = track.filter_state.estimate
-        there = replace(estimate, box=scaled_box(estimate.box, before, after))
-        gone.append(
-            replace(
-                _scaled(track, factors), filter_state=replace(track.filter_state, estimate=there)
-            )
-        )
-    return replace(track_set, tracks=tuple(tracks), ended_tracks=tuple(gone)), scaled
+        state = track.filter_state
+        box = scaled_box(state.estimate.box, before, after)
+        state = replace(state, estimate=replace(state.estimate, box=box))
+        ended.append(replace(_scaled(track, factors), filter_state=state))
+    return replace(track_set, tracks=tuple(tracks), ended_tracks=tuple(ended)), scaled
 
 
 def _scaled(track: Track, factors: NDArray[np.float64]) -> Track:
-    """What is known of a target beside the filter, by how many pixels one becomes on each axis."""
+    """The track, except its filter state, scaled by (2,) factors along x and y."""
     return replace(
         track,
         log_size=track.log_size + np.log(factors),

@@ -1,4 +1,4 @@
-"""What waits for frames: targets that were drawn, detections; and the kind of images that come."""
+"""Manual targets and detections that wait for their frames, and the guard of the image format."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from pf_tracker_ros.tracking.scaling import same_aspect_ratio, scaled_box, size_
 
 
 class ManualTarget(NamedTuple):
-    """A target that somebody drew.
+    """A target that a user drew or a program requested.
 
     Attributes:
-        box: Pixels.
-        label: What it is.
+        box: (x, y, width, height), pixels.
+        label: Its class, or an empty text.
         stamp: Of the frame that it was drawn on, nanoseconds; 0 for the next one.
-        on_mismatch: Whether the image before was refused, since it fits no target.
-        image_size: (width, height) of that frame, pixels; None before it began.
-        is_selected: Whether it is to be the selected target.
-        has_waited: Whether it has waited for a frame with which time goes back to it.
+        on_mismatch: Whether it was requested after images of another format had been rejected.
+        image_size: (width, height) of the image that it started on, pixels; None before.
+        is_selected: Whether it becomes the selected target.
+        has_waited: Whether its frame was missing once, and it waits for a jump back to it.
     """
 
     box: Box
@@ -40,161 +40,159 @@ class ManualTarget(NamedTuple):
     has_waited: bool = False
 
     def redraw(self, image: NDArray[np.generic], *, is_selected: bool) -> ManualTarget:
-        """The same, drawn on another image; its box is scaled if that has the same aspect ratio."""
+        """The same on another image; the box is scaled if the aspect ratio is equal."""
         size, box = self.image_size, self.box
         if size is not None and same_aspect_ratio(size, size_of(image)):
             box = scaled_box(box, size, size_of(image))
         return ManualTarget(box, self.label, 0, is_selected=is_selected)
 
 
-# The oldest beyond are dropped.
+# Beyond this number, the oldest are dropped.
 MAX_QUEUED_DETECTIONS = 20
 
 
 class DetectionQueue:
-    """Answers of detectors until their frames come; stamps are in nanoseconds, 0 is unknown."""
+    """Detections that wait for their frames; stamps are in nanoseconds, 0 is unknown."""
 
     def __init__(self) -> None:
-        self._answers: list[StampedDetections] = []
+        self._waiting: list[StampedDetections] = []
         self._dropped = 0
 
     def add(self, detections: Detections, stamp: int) -> None:
-        """Keep an answer.
+        """Queue the detections of a frame.
 
         Args:
-            detections: Of one frame; their age is not looked at.
-            stamp: Of that frame, 0 for the next one.
+            detections: Their age is ignored.
+            stamp: Of the frame, 0 for the next one.
         """
-        self._answers.append(StampedDetections(stamp, detections))
-        if len(self._answers) > MAX_QUEUED_DETECTIONS:
-            del self._answers[0]
+        self._waiting.append(StampedDetections(stamp, detections))
+        if len(self._waiting) > MAX_QUEUED_DETECTIONS:
+            del self._waiting[0]
             self._dropped += 1
 
     def due(self, stamp: int) -> list[StampedDetections]:
-        """Those that count with a frame; they are kept."""
-        return [one for one in self._answers if is_due(one.stamp, stamp)]
+        """The detections of frames up to this one; they stay in the queue."""
+        return [one for one in self._waiting if is_due(one.stamp, stamp)]
 
     def discard_due(self, stamp: int) -> None:
-        """Forget those that count with a frame."""
-        self._answers = [one for one in self._answers if not is_due(one.stamp, stamp)]
+        """Discard the detections of frames up to this one."""
+        self._waiting = [one for one in self._waiting if not is_due(one.stamp, stamp)]
 
-    def discard_where(self, is_meant: Callable[[int], bool]) -> tuple[str, ...]:
-        """Forget those of images that were of another size or kind than those of now.
+    def discard_where(self, is_other_format: Callable[[int], bool]) -> tuple[str, ...]:
+        """Discard the detections of images of a former size or type.
 
         Args:
-            is_meant: Tells by the stamp of an image whether it was.
+            is_other_format: Whether the image of a stamp was one.
 
         Returns:
-            A sentence on them, if there are any.
+            A message if any were discarded.
         """
-        kept = [one for one in self._answers if not is_meant(one.stamp)]
-        count = len(self._answers) - len(kept)
-        self._answers = kept
+        kept = [one for one in self._waiting if not is_other_format(one.stamp)]
+        count = len(self._waiting) - len(kept)
+        self._waiting = kept
         if not count:
             return ()
         return (
-            f"{counted(count, 'answer')} of the detector left out, of images of another size or "
-            "kind than those of now",
+            f"{counted(count, 'detector result')} left out: the images had another size or type",
         )
 
     def clear(self) -> None:
-        """Forget all; how many were dropped is still to be told."""
-        self._answers = []
+        """Discard all; the message on dropped ones stays pending."""
+        self._waiting = []
 
     def pop_dropped_message(self) -> tuple[str, ...]:
-        """A sentence on those that were dropped since it was asked last; none without any."""
+        """A message if any were dropped for their number since the last call."""
         count, self._dropped = self._dropped, 0
         if not count:
             return ()
         return (
-            f"{count} of the detector's answers left out: {MAX_QUEUED_DETECTIONS} at most wait for a frame; "
-            "let frames come, and the detector give each the stamp of the image that it saw",
+            f"{counted(count, 'detector result')} left out: at most {MAX_QUEUED_DETECTIONS} wait "
+            "for their frames; publish images, and stamp detections with that of their image",
         )
 
 
-# So many images in a row that fit no target of a detector's: the camera is another one.
-_MOST_MISFITS = 10
-# A target drawn on an image that was refused begins on one so much later, nanoseconds.
+# After this number of mismatched images in a row, the camera is taken for another one.
+_MAX_MISMATCHES = 10
+# A target drawn on a rejected image may start on one at most this much later, nanoseconds.
 _SUBSTITUTE_WITHIN = NANOSECONDS
 
 
 class ImageFormatGuard:
-    """Knows what images the targets were followed in, and those in a row that fit none of them."""
+    """The image size and type of the tracked targets, and the mismatched images in a row."""
 
     def __init__(self) -> None:
-        # Of the last image that was accepted, in words, and its stamp.
-        self._name, self._stamp = "", 0
-        # Stamp of the last image of another size or kind than those since; 0 if there was none.
-        self._others_until = 0
-        # Images in a row that fit no target, and the earliest of their stamps.
-        self._misfits = self._misfits_since = 0
+        # Format and stamp of the last accepted image.
+        self._format, self._stamp = "", 0
+        # Stamp of the last image of the former format; 0 if there was none.
+        self._former_until = 0
+        # Number of mismatched images in a row, and the earliest of their stamps.
+        self._mismatches = self._mismatched_since = 0
 
     @property
     def is_mismatched(self) -> bool:
-        """Whether the last image fits no target."""
-        return self._misfits > 0
+        """Whether the last image had another format than the targets."""
+        return self._mismatches > 0
 
     @property
     def is_new_format(self) -> bool:
-        """Whether so many images in a row fit no target that others will not come."""
-        return self._misfits >= _MOST_MISFITS
+        """Whether the mismatched images are enough to take the camera for another one."""
+        return self._mismatches >= _MAX_MISMATCHES
 
     def accept(self, frame: Frame) -> None:
-        """Take the kind of a frame's image for that of the targets, which are followed into it."""
-        name, stamp = _name_of(frame.image), frame.stamp
+        """Record the format of a frame that the targets are tracked in."""
+        image_format, stamp = _format_of(frame.image), frame.stamp
         if stamp < self._stamp:
-            self._others_until = 0
-        elif self._name and name != self._name:
-            self._others_until = self._stamp
-        self._name, self._stamp = name, stamp
+            self._former_until = 0
+        elif self._format and image_format != self._format:
+            self._former_until = self._stamp
+        self._format, self._stamp = image_format, stamp
 
     def is_before_change(self, stamp: int) -> bool:
-        """Whether a stamp is of the time when the images were of another size or kind."""
-        return 0 < stamp <= self._others_until
+        """Whether a stamp is of the time before the last change of format."""
+        return 0 < stamp <= self._former_until
 
-    def check_manual_target(self, drawn: ManualTarget) -> None:
-        """Refuse a target that was drawn on an image of another size or kind than those of now.
+    def check_manual_target(self, manual: ManualTarget) -> None:
+        """Check that a manual target was drawn on an image of the present format.
 
         Raises:
-            ValueError: It was.
+            ValueError: It was drawn on an image of the former format.
         """
-        if self.is_before_change(drawn.stamp):
+        if self.is_before_change(manual.stamp):
             raise ValueError(
-                f"it was drawn on an image of another size or kind than the last one, {self._name}"
+                "it was drawn on an image of another size or type; draw it on one like the last, "
+                f"{self._format}"
             )
 
     def count_match(self) -> None:
-        """Count an image that the targets can go on with, or that all begins anew with."""
-        self._misfits = 0
+        """Reset the count: the image fits, or the tracker was reset to its format."""
+        self._mismatches = 0
 
     def count_mismatch(self, stamp: int) -> None:
-        """Count an image that fits no target.
+        """Count an image of another format.
 
         Args:
             stamp: Of the image, nanoseconds.
         """
-        self._misfits_since = min(self._misfits_since, stamp) if self._misfits else stamp
-        self._misfits += 1
+        self._mismatched_since = min(self._mismatched_since, stamp) if self._mismatches else stamp
+        self._mismatches += 1
 
-    def is_on_mismatched_image(self, drawn: ManualTarget, stamp: int) -> bool:
-        """Whether a target was drawn on an image that fits no target.
+    def is_on_mismatched_image(self, manual: ManualTarget, stamp: int) -> bool:
+        """Whether a manual target was drawn on one of the mismatched images.
 
         Args:
-            drawn: The target.
-            stamp: Of the last such image, nanoseconds.
+            manual: The target.
+            stamp: Of the last of these images, nanoseconds.
         """
-        if drawn.stamp == 0:
-            return drawn.on_mismatch
-        return self._misfits_since <= drawn.stamp and is_due(drawn.stamp, stamp)
+        if manual.stamp == 0:
+            return manual.on_mismatch
+        return self._mismatched_since <= manual.stamp and is_due(manual.stamp, stamp)
 
     def moved_to_current(self, requested: Sequence[ManualTarget], stamp: int) -> list[ManualTarget]:
-        """Targets that were asked for, those of images that were refused on the one at hand.
-
-        Only those that were drawn a short time before it.
+        """Manual targets, those of recent mismatched images moved to the current one.
 
         Args:
-            requested: All that were asked for.
-            stamp: Of the image at hand, nanoseconds.
+            requested: All that have not started.
+            stamp: Of the current image, nanoseconds.
         """
         return [
             one._replace(stamp=0)
@@ -204,20 +202,19 @@ class ImageFormatGuard:
         ]
 
     def mismatch_message(self, image: NDArray[np.generic]) -> str:
-        """Why an image is refused that fits no target."""
+        """The error message for an image of another format."""
         return (
-            f"image is {_name_of(image)}, but those that the targets were followed in were "
-            f"{self._name}"
+            f"image is {_format_of(image)}, but the targets are tracked in images of {self._format}"
         )
 
 
 def ended_message(ids: Iterable[int]) -> str:
-    """What is told of targets that end because another was drawn on images that fit none."""
+    """The message on targets that end for one drawn on images of another format."""
     return (
-        f"ended: {', '.join(map(str, ids))}; a target was drawn on images of another size or kind, "
-        "and all begins anew with them"
+        f"ended: {', '.join(map(str, ids))}; a new target was drawn on images of another size or "
+        "type"
     )
 
 
-def _name_of(image: NDArray[np.generic]) -> str:
+def _format_of(image: NDArray[np.generic]) -> str:
     return f"{image.shape} {image.dtype}"

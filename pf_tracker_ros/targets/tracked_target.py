@@ -1,4 +1,4 @@
-"""What is told of a target, and what statuses say of all of them."""
+"""A reported target, and the status values of targets."""
 
 from __future__ import annotations
 
@@ -10,15 +10,14 @@ from pf_tracker_ros.tracking.estimate import DESCRIPTIONS, SEVERITIES, Estimate,
 
 @dataclass(frozen=True)
 class TrackedTarget:
-    """One of several targets in one frame, a value.
+    """A target in one frame; immutable.
 
     Attributes:
-        id: Its own from 1 on, never that of another.
-        label: What it was called most, by the detector or by hand; an empty text if nothing.
-        estimate: Where it is, as for a single target. Its state is "occluded" also where another
-            target is in front of it.
-        age: Seconds since it began.
-        unconfirmed_for: Seconds since a detection last confirmed it, or since it was started.
+        id: From 1, never reused.
+        label: Its most frequent label, by detections or a user; an empty text without any.
+        estimate: Its state is "occluded" also if another target is in front of it.
+        age: Seconds since it started.
+        unconfirmed_for: Seconds since its last detection, or since it started.
     """
 
     id: int
@@ -29,13 +28,13 @@ class TrackedTarget:
 
 
 def overall_state(targets: Sequence[TrackedTarget], selected: int) -> str:
-    """The state of the selected target, lost if it is gone; without one of that seen best.
+    """The state of the selected target, "lost" if it has ended; else the best of all targets.
 
-    `idle` where there is none.
+    "idle" without any target.
 
     Args:
-        targets: All that there are.
-        selected: Id, 0 for none.
+        targets: All reported targets.
+        selected: Id of the selected one, 0 for none.
     """
     states = {target.estimate.state for target in targets if selected in (0, target.id)}
     best = next((one for one in ("tracking", "occluded", "lost") if one in states), "idle")
@@ -43,7 +42,7 @@ def overall_state(targets: Sequence[TrackedTarget], selected: int) -> str:
 
 
 def description(targets: Sequence[TrackedTarget], selected: int) -> str:
-    """How all of them are, in words; arguments as of `overall_state`."""
+    """The state of all targets in words; arguments as for `overall_state`."""
     count = len(targets)
     if selected or count < 2:
         return DESCRIPTIONS[overall_state(targets, selected)]
@@ -52,21 +51,21 @@ def description(targets: Sequence[TrackedTarget], selected: int) -> str:
 
 
 def severity(target: TrackedTarget) -> int:
-    """How bad the state of one of them is, as a level of diagnostic_msgs/DiagnosticStatus."""
-    # One of several that is behind another is no fault.
+    """The state of one of several targets as a level of diagnostic_msgs/DiagnosticStatus."""
+    # A target behind another one is no fault.
     return SEVERITIES["tracking" if target.estimate.state == "occluded" else target.estimate.state]
 
 
 def common_values(
     targets: Sequence[TrackedTarget], selected: int, detector_runs: int, estimate: Estimate | None
 ) -> dict[str, str | float | int]:
-    """What is known of them together and of the selected one, under the keys of the status.
+    """The status values of all targets together and of the selected one, by status key.
 
     Args:
-        targets: All that there are.
-        selected: Id, 0 for none.
-        detector_runs: Number of the answers of detectors so far.
-        estimate: Of the selected target; None where there is none.
+        targets: All reported targets.
+        selected: Id of the selected one, 0 for none.
+        detector_runs: Number of detector results received.
+        estimate: Of the selected target; None without one.
     """
     values: dict[str, str | float | int] = {
         "targets": len(targets),
@@ -77,7 +76,7 @@ def common_values(
 
 
 def target_values(target: TrackedTarget) -> dict[str, str | float | int]:
-    """What is known of one of them, under the keys that the status uses."""
+    """The status values of one target, by status key."""
     values: dict[str, str | float | int] = {
         "id": target.id,
         "label": target.label,

@@ -1,4 +1,4 @@
-"""The tracker of one target: a `TrackManager` that holds one."""
+"""The single-target tracker: a `TrackManager` with `max_targets` 1."""
 
 from __future__ import annotations
 
@@ -22,21 +22,20 @@ from pf_tracker_ros.tracking.presets import preset_parameters
 class Tracker:
     """Tracks one target.
 
-    The same frames, box, parameters and seed give the same estimates, to the bit, on one machine;
-    beyond ten thousand particles with one number of threads for NumPy's linear algebra.
+    Reproducible: the same frames, box, parameters and seed give bit-identical estimates on one
+    machine. Above ten thousand particles this needs the same number of NumPy threads, too.
 
-    A tracker can be copied and pickled, with its target: the copy goes on with the same bits and on
-    its own. `copy.copy` is as deep as `copy.deepcopy`, since two trackers cannot share a background
-    model that learns, or a source of randomness. Unpickle with the same version of this package.
-    Trackers are compared by identity; compare their estimates.
+    A tracker can be copied and pickled with its target; the copy gives the same estimates and is
+    independent. `copy.copy` is as deep as `copy.deepcopy`. Unpickle with the same version of this
+    package. Trackers are compared by identity; compare their estimates instead.
 
     Args:
-        parameters: Every tunable, for one target.
-        seed: Seeds all randomness; each `start` begins the sequence anew.
+        parameters: All parameters, with `max_targets` 1.
+        seed: Seeds all randomness; each `start` resets the random generator.
 
     Raises:
-        ParameterError: The parameters contradict each other, or are for several targets.
-        ValueError: The seed is no whole number from 0.
+        ParameterError: The parameters contradict each other, or `max_targets` is not 1.
+        ValueError: The seed is no integer from 0.
     """
 
     def __init__(self, parameters: TrackerParameters, seed: int = 0) -> None:
@@ -58,23 +57,23 @@ class Tracker:
     def from_preset(
         cls, preset: str, seed: int = 0, parameters: Mapping[str, Any] | None = None
     ) -> Tracker:
-        """A tracker with the parameters of a preset.
+        """Create a tracker with the parameters of a preset.
 
         Args:
             preset: A key of `PRESETS`.
             seed: As in the constructor.
-            parameters: Full parameter name to value, over the preset's.
+            parameters: Full parameter name to value; overrides the preset.
 
         Raises:
-            ParameterError: No such preset or parameter, or a value that is not allowed.
-            ValueError: The seed is no whole number from 0.
+            ParameterError: The preset or a parameter does not exist, or a value is not allowed.
+            ValueError: The seed is no integer from 0.
         """
         values = {**preset_parameters(preset), **(parameters or {})}
         return cls(build(TrackerParameters, values), seed)
 
     @property
     def started(self) -> bool:
-        """Whether there is a target to track."""
+        """Whether there is a target."""
         return bool(self._manager.targets)
 
     @property
@@ -89,28 +88,27 @@ class Tracker:
         return self._manager.parameters
 
     def set_parameters(self, values: Mapping[str, Any]) -> None:
-        """Change parameters, all or none, without losing the target.
+        """Change parameters, all or none, and keep the target.
 
-        What decides on how a target is described, such as the motion model, learns it again from
-        where it was last seen.
+        Some changes, such as another motion model, relearn the target where it was last seen.
 
         Args:
             values: Full parameter name to value.
 
         Raises:
             ParameterError: A name or value is not allowed, or values contradict each other; or the
-                target would have to be learned again and was not seen since, as in a fresh copy.
+                target must be relearned, and no stored frame shows it, as in a new copy.
         """
         values = {**self.parameters, **values}
         other = type(self)(build(TrackerParameters, values), self._manager.seed)
         self._manager.adopt_parameters(other._manager)
 
     def start(self, image: NDArray[np.generic], box: ArrayLike) -> Estimate:
-        """Take a new target, in the place of the one before.
+        """Start a new target; it replaces a former one.
 
         Args:
             image: (H, W, 3) uint8 BGR, or gray, (H, W) uint8, uint16 or float32, of any values;
-                those that are not finite count as black.
+                values that are not finite count as black.
             box: (x, y, width, height) of the target in pixels, (x, y) the top-left corner counted
                 from 0; its center inside the image.
 
@@ -118,7 +116,7 @@ class Tracker:
             The estimate for this first frame: the box itself, with confidence 1.
 
         Raises:
-            ValueError: The image or the box is not usable; a target from before is then kept.
+            ValueError: The image or the box is invalid; a former target is kept.
         """
         check_image(image)
         first_box = check_box(box, (image.shape[1], image.shape[0]))
@@ -126,22 +124,22 @@ class Tracker:
         return self._manager.targets[0].estimate
 
     def stop(self) -> None:
-        """Forget the target."""
+        """Remove the target."""
         self._manager.reset()
 
     def update(self, image: NDArray[np.generic], dt: float | None = None) -> Estimate:
-        """Follow the target into the next frame.
+        """Estimate the target in the next frame.
 
         Args:
-            image: As for `start`, of the same size and kind.
-            dt: Seconds since the last frame; None means the nominal interval.
+            image: As for `start`, of the same size and type.
+            dt: Seconds since the last frame; None means the nominal interval, 0.04 s.
 
         Returns:
-            What is now known of the target.
+            The new estimate.
 
         Raises:
             RuntimeError: There is no target; call `start` first.
-            ValueError: The image or `dt` is not usable; the last good state is kept.
+            ValueError: The image or `dt` is invalid; the state is unchanged.
         """
         if not self.started:
             raise RuntimeError("no target: call start(image, box) first")
@@ -152,9 +150,9 @@ class Tracker:
         return self._manager.targets[0].estimate
 
     def map_likelihood(self) -> LikelihoodMap | None:
-        """How likely the target is at each place around its box, in the frame given last.
+        """The likelihood around the target's box in the last frame; tracking is unaffected.
 
-        Nothing is tracked by it. None without a target, and in a copy without that frame.
+        None without a target, and in a new copy, which has no frame.
         """
         targets = self._manager.targets
         return self._manager.map_likelihood(targets[0].id) if targets else None

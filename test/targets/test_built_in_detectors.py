@@ -1,4 +1,4 @@
-"""Detectors that need no model file, and the thread that they work in."""
+"""Detectors without a model file, and their thread."""
 
 import threading
 
@@ -17,11 +17,11 @@ SECOND = 1_000_000_000
 DEADLINE = 30.0
 
 
-def ground(kind=np.uint8):
+def ground(dtype=np.uint8):
     noise = np.random.default_rng(0).integers(172, 188, (300, 400))
-    if kind == np.uint8:
+    if dtype == np.uint8:
         return np.repeat(noise[..., None], 3, axis=2).astype(np.uint8)
-    return (noise * 20).astype(kind)
+    return (noise * 20).astype(dtype)
 
 
 def draw_person(image, x, y, height):
@@ -40,9 +40,9 @@ def draw_person(image, x, y, height):
     return image
 
 
-@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
-def test_people_are_found_in_images_of_every_kind(iou, kind):
-    image = draw_person(draw_person(ground(kind), 80, 60, 150), 250, 80, 180)
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_people_are_detected_in_images_of_every_type(iou, dtype):
+    image = draw_person(draw_person(ground(dtype), 80, 60, 150), 250, 80, 180)
     found = PeopleDetector().detect(image)
     assert found.labels == ("person", "person")
     assert (found.scores > 0.5).all()
@@ -51,38 +51,38 @@ def test_people_are_found_in_images_of_every_kind(iou, kind):
 
 
 @pytest.mark.parametrize("shape", [(300, 400, 3), (20, 20, 3), (128, 63)])
-def test_where_nobody_is_nobody_is_found(shape):
+def test_images_without_people_give_no_detections(shape):
     found = PeopleDetector().detect(np.full(shape, 128, np.uint8))
     assert len(found) == 0
 
 
-def moving(frames, kind=np.uint8):
-    """Images of a bright block that moves for some frames, and where it is."""
+def moving(frames, dtype=np.uint8):
+    """Images of a moving dark block, and its box."""
     for number in range(frames):
-        image = ground(kind)
+        image = ground(dtype)
         x = 20 + 4 * number
         image[100:150, x : x + 30] = 20
         yield image, (x, 100, 30, 50)
 
 
-@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
-def test_what_moves_is_found_once_the_background_is_known(iou, kind):
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_motion_is_detected_once_the_background_is_learned(iou, dtype):
     detector = MotionDetector(seed=1)
-    answers = [(detector.detect(image, 0.2), box) for image, box in moving(40, kind)]
-    assert answers[0][0] is None
-    found, box = answers[-1]
+    results = [(detector.detect(image, 0.2), box) for image, box in moving(40, dtype)]
+    assert results[0][0] is None
+    found, box = results[-1]
     assert found.labels == ("moving",)
     assert iou(found.boxes[0], box) > 0.7
     assert 0.5 < found.scores[0] <= 1.0
 
 
-def test_what_stands_still_is_no_motion():
+def test_a_static_image_has_no_motion():
     detector = MotionDetector()
-    answers = [detector.detect(ground(), 0.2) for _ in range(40)]
-    assert len(answers[-1]) == 0
+    results = [detector.detect(ground(), 0.2) for _ in range(40)]
+    assert len(results[-1]) == 0
 
 
-def test_images_of_another_size_are_another_background():
+def test_another_image_size_resets_the_background():
     detector = MotionDetector()
     for image, _ in moving(30):
         known = detector.detect(image, 0.2)
@@ -90,8 +90,8 @@ def test_images_of_another_size_are_another_background():
     assert detector.detect(np.ascontiguousarray(image[:200]), 0.2) is None
 
 
-def test_what_was_found_in_images_of_another_size_is_not_known_in_these():
-    """What came while the background was learned, and stands still since, never moved."""
+def test_another_image_size_resets_the_former_detections():
+    """An object that appeared during the training of the background is not detected."""
 
     def found_last(detector):
         for number in range(30):
@@ -109,13 +109,13 @@ def test_what_was_found_in_images_of_another_size_is_not_known_in_these():
 
 
 @pytest.mark.parametrize("make", [PeopleDetector, MotionDetector])
-def test_what_is_no_image_is_refused(make):
+def test_an_invalid_image_is_refused(make):
     with pytest.raises(ValueError, match="image is"):
         make().detect(np.zeros((5, 5), bool))
 
 
 class Gate:
-    """A detector that answers when it is told to."""
+    """A detector that waits until it is opened."""
 
     def __init__(self, error=None):
         self.opened = threading.Event()
@@ -148,7 +148,7 @@ def picture(value):
     return np.full((8, 8), value, np.uint8)
 
 
-def test_frames_go_on_while_the_detector_thinks(start):
+def test_the_detector_does_not_block(start):
     gate = Gate()
     thread = start(gate)
     assert thread.offer(picture(1), SECOND)
@@ -162,7 +162,7 @@ def test_frames_go_on_while_the_detector_thinks(start):
     assert [value for value, _ in gate.seen] == [1]
 
 
-def test_no_more_frames_are_looked_at_than_the_rate_says(start):
+def test_the_rate_limits_the_processed_frames(start):
     gate = Gate()
     gate.opened.set()
     thread = start(gate, rate=10.0)
@@ -174,11 +174,11 @@ def test_no_more_frames_are_looked_at_than_the_rate_says(start):
             assert thread.take(wait=True).stamp == stamp
     assert looked_at == [0, 3, 6, 9]
     assert [interval for _, interval in gate.seen[1:]] == pytest.approx([0.12] * 3)
-    # Where time begins anew, so does the rhythm.
+    # A jump back resets the interval.
     assert thread.offer(picture(1), 5)
 
 
-def test_what_is_found_in_a_frame_of_a_time_gone_by_is_no_answer(start):
+def test_a_discarded_result_is_not_returned(start):
     gate = Gate()
     thread = start(gate)
     assert thread.offer(picture(1), 5 * SECOND)
@@ -189,7 +189,7 @@ def test_what_is_found_in_a_frame_of_a_time_gone_by_is_no_answer(start):
     assert thread.take(wait=True).stamp == SECOND
 
 
-def test_what_the_detector_cannot_say_is_no_answer(start):
+def test_a_detector_that_is_not_ready_gives_no_result(start):
     gate = Gate()
     gate.opened.set()
     thread = start(gate)
@@ -199,7 +199,7 @@ def test_what_the_detector_cannot_say_is_no_answer(start):
     assert thread.take(wait=True).stamp == 0
 
 
-def test_what_the_detector_raises_is_raised_once_and_it_goes_on(start):
+def test_an_error_of_the_detector_is_raised_once(start):
     gate = Gate(RuntimeError("no eyes"))
     gate.opened.set()
     thread = start(gate)

@@ -1,4 +1,4 @@
-"""The frames that are kept for late targets and late detections, and what is known of each."""
+"""The buffer of recent frames for late detections and manual targets."""
 
 import tracemalloc
 
@@ -30,9 +30,9 @@ def add(buffer, image, stamp):
 
 
 def filled(image, count, rate=30.0, *, frames=120, megabytes=64.0, seen=()):
-    """A buffer that has seen copies of an image, and their stamps.
+    """A buffer with copies of an image, and their stamps.
 
-    A detector has said of some of these frames, by their numbers, that nothing is in them.
+    The frames with the numbers in `seen` have an empty detector result.
     """
     buffer, stamps = FrameBuffer(frames, megabytes), []
     for index in range(count):
@@ -43,7 +43,7 @@ def filled(image, count, rate=30.0, *, frames=120, megabytes=64.0, seen=()):
 
 
 def held(buffer):
-    """Bytes of what is kept, as it is kept."""
+    """Bytes of the stored images."""
     kept = [one.stored_frame for one in buffer.entries]
     return sum((one.image if isinstance(one, Frame) else one.pixels).nbytes for one in kept)
 
@@ -52,7 +52,7 @@ def is_reduced(one):
     return isinstance(one.stored_frame, ReducedFrame)
 
 
-def test_the_newest_frames_are_kept_up_to_their_number():
+def test_the_newest_frames_are_kept_up_to_a_number():
     buffer = FrameBuffer(frames=3, megabytes=1.0)
     for stamp in range(1, 6):
         add(buffer, IMAGE, stamp)
@@ -61,7 +61,7 @@ def test_the_newest_frames_are_kept_up_to_their_number():
     assert buffer.since(6) == []
 
 
-def test_the_newest_frames_are_kept_up_to_their_bytes_and_the_last_one_always():
+def test_the_newest_frames_are_kept_up_to_a_number_of_bytes():
     buffer = FrameBuffer(frames=100, megabytes=0.0025)
     for stamp in range(1, 6):
         add(buffer, IMAGE, stamp)
@@ -74,7 +74,7 @@ def test_the_newest_frames_are_kept_up_to_their_bytes_and_the_last_one_always():
     assert FrameBuffer().empty_copy().stamps == []
 
 
-def test_an_image_counts_with_all_the_data_that_it_holds():
+def test_an_image_counts_with_all_memory_that_it_holds():
     buffer = FrameBuffer(frames=100, megabytes=0.0025)
     for stamp in range(1, 6):
         # A pixel a row, and the rest of the data is padding, as a message may have it.
@@ -83,7 +83,7 @@ def test_an_image_counts_with_all_the_data_that_it_holds():
     assert buffer.stamps == [4, 5]
 
 
-def test_time_that_goes_back_and_images_of_another_kind_begin_a_buffer_anew():
+def test_a_jump_back_and_another_image_format_clear_the_buffer():
     for image, stamp in (
         (IMAGE, 1),
         (IMAGE, 2),
@@ -95,18 +95,18 @@ def test_time_that_goes_back_and_images_of_another_kind_begin_a_buffer_anew():
         add(buffer, IMAGE, 2)
         add(buffer, image, stamp)
         assert buffer.stamps == [stamp]
-        # Of the old time nothing is known; of what came before other images, that it is gone.
+        # A jump back resets it; a change of format sets it.
         assert buffer.dropped_until == (2 if stamp == 3 else 0)
 
 
-def test_frames_that_nobody_can_name_are_not_kept_and_nothing_before_them():
+def test_a_frame_without_a_stamp_clears_the_buffer():
     buffer = FrameBuffer(frames=10, megabytes=1.0)
     add(buffer, IMAGE, 1)
     add(buffer, IMAGE, 0)
     assert buffer.stamps == []
 
 
-def test_another_one_with_the_same_bounds():
+def test_an_empty_copy_has_the_same_bounds():
     buffer, _ = filled(IMAGE, 5, frames=3)
     other = buffer.empty_copy()
     assert (len(buffer), len(other)) == (3, 0)
@@ -115,7 +115,7 @@ def test_another_one_with_the_same_bounds():
     assert other.stamps == [3, 4, 5]
 
 
-# Frames that are too large for all to be kept
+# Frames that exceed the memory
 
 
 @pytest.mark.parametrize("size", ["1080p", "4K"])
@@ -126,7 +126,7 @@ def test_large_frames_of_two_seconds_are_kept_thinned_out(size):
     assert 2 * NANOSECONDS <= stamps[-1] - buffer.stamps[0] <= 2.3 * NANOSECONDS
     assert np.diff(buffer.stamps).max() <= 0.14 * NANOSECONDS
     assert held(buffer) <= 64e6
-    # Whatever a box was drawn on in two seconds, a frame from no more than 0.07 s off is there.
+    # For each frame of the last two seconds, one at most 0.07 s away is stored.
     for stamp in stamps[30:]:
         assert abs(buffer.since(stamp)[0].stamp - stamp) <= 0.07 * NANOSECONDS
 
@@ -134,22 +134,22 @@ def test_large_frames_of_two_seconds_are_kept_thinned_out(size):
 def test_the_intervals_of_thinned_frames_add_up_to_the_time_between_them():
     buffer, _ = filled(np.zeros(SHAPES["1080p"], np.uint8), 90)
     assert len(buffer) < 60
-    told = [one.interval for one in buffer.entries[1:]]
-    np.testing.assert_allclose(told, np.diff(buffer.stamps) / NANOSECONDS, atol=1e-7)
-    # Each still begins with the targets that the frame before it in the buffer left.
+    intervals = [one.interval for one in buffer.entries[1:]]
+    np.testing.assert_allclose(intervals, np.diff(buffer.stamps) / NANOSECONDS, atol=1e-7)
+    # Each entry has the track set of the entry before it.
     numbers = [one.tracks_before.frame for one in buffer.entries]
     shown = [round((stamp - FIRST) / NANOSECONDS * 30) for stamp in buffer.stamps]
     assert numbers[1:] == [number + 1 for number in shown[:-1]]
 
 
-def test_what_a_detector_has_said_of_a_frame_outlives_the_thinning():
-    told = {45, 52, 53, 61, 70}
-    buffer, stamps = filled(np.zeros(SHAPES["1080p"], np.uint8), 90, seen=told)
+def test_thinning_keeps_frames_with_detections():
+    detected = {45, 52, 53, 61, 70}
+    buffer, stamps = filled(np.zeros(SHAPES["1080p"], np.uint8), 90, seen=detected)
     kept = {stamps.index(one.stamp) for one in buffer.entries if one.detections is not None}
-    assert kept == told
+    assert kept == detected
 
 
-def test_the_newest_of_large_frames_are_the_images_themselves():
+def test_the_newest_of_large_frames_are_stored_in_full():
     buffer, images = FrameBuffer(120, 64.0), []
     for index in range(90):
         images.append(np.zeros(SHAPES["1080p"], np.uint8))
@@ -161,7 +161,7 @@ def test_the_newest_of_large_frames_are_the_images_themselves():
 
 @pytest.mark.parametrize("shape", [(90, 160, 3), (91, 163, 3), (93, 161)])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
-def test_a_frame_that_was_reduced_looks_as_it_did_at_every_place(shape, dtype):
+def test_a_reduced_frame_is_restored_without_shift(shape, dtype):
     if len(shape) == 3 and dtype != np.uint8:
         shape = shape[:2]
     coarse = np.random.default_rng(0).uniform(50.0, 200.0, (6, 9, *shape[2:]))
@@ -176,7 +176,7 @@ def test_a_frame_that_was_reduced_looks_as_it_did_at_every_place(shape, dtype):
     assert not np.array_equal(buffer.first.frame.image, image)
 
 
-def test_a_reduced_frame_is_still_seen_as_it_was():
+def test_a_reduced_frame_keeps_its_exposure_and_camera_motion():
     image = np.random.default_rng(0).integers(8000, 9000, (60, 80), dtype=np.uint16)
     motion = np.array([[1.0, 0.0, 3.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     frame = Frame(image, 7, span=(0.0, 60_000.0))
@@ -184,7 +184,7 @@ def test_a_reduced_frame_is_still_seen_as_it_was():
     restored = ReducedFrame.of(frame, 2).restored()
     assert restored.stamp == 7
     assert restored.camera_motion is motion
-    # In the span of its own values it would be as bright as a mask.
+    # Scaled to its own range of values, it would be as bright as a mask.
     assert restored.pixels.max() < 60
 
 
@@ -196,9 +196,7 @@ def test_a_reduced_frame_is_still_seen_as_it_was():
     st.integers(1, 150),
     st.sets(st.integers(0, 159)),
 )
-def test_whatever_the_images_and_bounds_the_newest_is_kept_and_the_bounds_hold(
-    shape, images_worth, rate, frames, seen
-):
+def test_the_bounds_hold_and_the_newest_frame_is_kept(shape, images_worth, rate, frames, seen):
     image = np.zeros(shape, np.uint8)
     megabytes = images_worth * image.nbytes / 1e6 * (1 + 1e-9)
     buffer, stamps = filled(image, 160, rate, frames=frames, megabytes=megabytes, seen=seen)
@@ -207,9 +205,9 @@ def test_whatever_the_images_and_bounds_the_newest_is_kept_and_the_bounds_hold(
     assert buffer.last.frame.image.nbytes == image.nbytes
     assert len(buffer) <= frames
     assert held(buffer) <= megabytes * 1e6
-    # What was dropped with all before it is older than what is kept.
+    # Dropped frames are older than stored ones.
     assert buffer.dropped_until < buffer.stamps[0]
-    # No time is lost between those that are kept.
+    # Intervals add up to the time between entries.
     for one, interval in zip(buffer.entries[1:], np.diff(buffer.stamps), strict=True):
         assert one.interval == pytest.approx(interval / NANOSECONDS, abs=1e-6)
     buffer.limit(1, megabytes)
@@ -217,14 +215,14 @@ def test_whatever_the_images_and_bounds_the_newest_is_kept_and_the_bounds_hold(
     assert buffer.dropped_until < stamps[-1]
 
 
-def test_frames_that_fit_are_kept_in_full_however_old():
+def test_frames_that_fit_are_kept_in_full_at_any_age():
     image = np.zeros((48, 64), np.uint8)
     buffer, stamps = filled(image, 50, rate=5.0, megabytes=1.0)
     assert buffer.stamps == stamps
     assert not any(map(is_reduced, buffer.entries))
 
 
-def test_the_nearest_frame_stands_in_for_one_that_is_not_there():
+def test_the_nearest_frame_replaces_a_missing_one():
     buffer = FrameBuffer(frames=10, megabytes=1.0)
     for stamp in (100, 200, 300):
         add(buffer, IMAGE, stamp)
@@ -233,7 +231,7 @@ def test_the_nearest_frame_stands_in_for_one_that_is_not_there():
     assert buffer.since(301) == []
 
 
-def test_it_is_whole_until_the_first_frame_of_all_is_dropped():
+def test_the_buffer_is_complete_until_its_first_frame_is_dropped():
     buffer, _ = filled(IMAGE, 3, frames=3)
     assert buffer.is_complete
     buffer.add(entry(IMAGE, FIRST + NANOSECONDS, 0.1, 3))
@@ -241,7 +239,7 @@ def test_it_is_whole_until_the_first_frame_of_all_is_dropped():
     assert not FrameBuffer().is_complete
 
 
-def test_of_all_frames_but_the_newest_only_the_image_is_kept():
+def test_derived_images_are_kept_for_the_newest_frame_only():
     image = np.random.default_rng(0).integers(0, 60_000, (400, 400), dtype=np.uint16)
     buffer = FrameBuffer(10, 10.0)
     seen = []
@@ -258,10 +256,10 @@ def test_of_all_frames_but_the_newest_only_the_image_is_kept():
         np.testing.assert_array_equal(frame.pixels, view)
 
 
-# Moments in the place of others
+# Replaced entries
 
 
-def test_revised_moments_take_the_place_of_those_from_the_first_of_them_on():
+def test_replace_from_replaces_all_entries_from_the_first_stamp_on():
     buffer, stamps = filled(IMAGE, 4)
     revised = [entry(IMAGE, stamp, 0.5, 70) for stamp in stamps[2:]]
     buffer.replace_from(revised)
@@ -271,7 +269,7 @@ def test_revised_moments_take_the_place_of_those_from_the_first_of_them_on():
     assert len(buffer) == 4
 
 
-def test_moments_that_were_put_in_place_count_for_the_bounds():
+def test_replaced_entries_count_for_the_bounds():
     buffer, stamps = filled(IMAGE, 4, megabytes=0.0045)
     buffer.replace_from(buffer.entries[2:])
     add(buffer, IMAGE, stamps[-1] + 1)
@@ -282,7 +280,7 @@ def test_moments_that_were_put_in_place_count_for_the_bounds():
     assert held(buffer) == 2 * IMAGE.nbytes
 
 
-def test_frames_stay_in_order_when_some_are_reduced_after_others_were_thinned_out_in_full():
+def test_entries_stay_in_order_when_some_thinned_frames_are_full():
     image = np.zeros((200, 320, 3), np.uint8)
     megabytes = image.nbytes / 1e6
     buffer, stamps = filled(image, 200, 50.0, frames=1000, megabytes=60 * megabytes)
@@ -295,7 +293,7 @@ def test_frames_stay_in_order_when_some_are_reduced_after_others_were_thinned_ou
     assert buffer.stamps == before == sorted(before)
 
 
-def test_where_all_are_dropped_it_tells_until_when():
+def test_replacing_all_by_none_sets_dropped_until():
     buffer, stamps = filled(IMAGE, 5)
     buffer.replace_all([])
     assert (len(buffer), buffer.dropped_until) == (0, stamps[-1])
@@ -305,47 +303,47 @@ def motion(across, down, scale=1.0):
     return np.array([[scale, 0.0, across], [0.0, scale, down], [0.0, 0.0, 1.0]])
 
 
-def test_a_moment_after_one_that_is_dropped_tells_of_the_time_and_the_motion_of_both():
+def test_a_merged_entry_has_the_interval_and_camera_motion_of_both():
     """A point at (10, 20) goes to (13, 20), then to (26, 45)."""
     dropped = entry(IMAGE, 1, 0.25, 5, motion=motion(3.0, 0.0))
     after = entry(IMAGE, 2, 0.5, 6, motion=motion(0.0, 5.0, scale=2.0))
-    joined = after.merge_dropped(dropped)
-    assert (joined.stamp, joined.interval, joined.tracks_before) == (2, 0.75, dropped.tracks_before)
-    np.testing.assert_allclose(joined.frame.camera_motion @ [10.0, 20.0, 1.0], [26.0, 45.0, 1.0])
+    merged = after.merge_dropped(dropped)
+    assert (merged.stamp, merged.interval, merged.tracks_before) == (2, 0.75, dropped.tracks_before)
+    np.testing.assert_allclose(merged.frame.camera_motion @ [10.0, 20.0, 1.0], [26.0, 45.0, 1.0])
 
 
 @pytest.mark.parametrize(("first", "second"), [(None, True), (True, None), (None, None)])
-def test_where_one_of_two_tells_no_motion_the_other_one_counts(first, second):
+def test_a_missing_camera_motion_leaves_that_of_the_other_entry(first, second):
     known = motion(3.0, 4.0)
     dropped = entry(IMAGE, 1, 0.1, motion=known if first else None)
     after = entry(IMAGE, 2, 0.1, motion=known if second else None)
-    told = after.merge_dropped(dropped).frame.camera_motion
-    assert told is None if not (first or second) else np.array_equal(told, known)
+    merged = after.merge_dropped(dropped).frame.camera_motion
+    assert merged is None if not (first or second) else np.array_equal(merged, known)
 
 
-def test_reduced_frames_are_joined_alike():
+def test_entries_with_reduced_frames_are_merged_alike():
     frames = []
     for stamp, across in ((1, 3.0), (2, 4.0)):
         frame = Frame(np.zeros((8, 8), np.uint8), stamp)
         frame.camera_motion = motion(across, 0.0)
         frames.append(ReducedFrame.of(frame, 2))
     dropped, after = (HistoryEntry(frame, 0.1, TrackSet()) for frame in frames)
-    joined = after.merge_dropped(dropped)
-    assert joined.interval == pytest.approx(0.2)
-    np.testing.assert_array_equal(joined.frame.camera_motion, motion(7.0, 0.0))
+    merged = after.merge_dropped(dropped)
+    assert merged.interval == pytest.approx(0.2)
+    np.testing.assert_array_equal(merged.frame.camera_motion, motion(7.0, 0.0))
 
 
-def test_joining_leaves_the_moment_as_it_was():
+def test_merging_leaves_the_entry_unchanged():
     dropped = entry(IMAGE, 1, 0.1, motion=motion(3.0, 0.0))
     after = entry(IMAGE, 2, 0.1, motion=motion(4.0, 0.0))
     for _ in range(2):
-        told = after.merge_dropped(dropped).frame.camera_motion
-        np.testing.assert_array_equal(told, motion(7.0, 0.0))
+        merged = after.merge_dropped(dropped).frame.camera_motion
+        np.testing.assert_array_equal(merged, motion(7.0, 0.0))
     np.testing.assert_array_equal(after.frame.camera_motion, motion(4.0, 0.0))
 
 
 @pytest.mark.parametrize(("count", "most", "expected"), [(5, 10, 5), (11, 10, 11), (101, 30, 31)])
-def test_of_many_moments_as_many_as_may_be_are_taken_evenly(count, most, expected):
+def test_entries_are_thinned_evenly(count, most, expected):
     entries = filled(IMAGE, count)[0].entries
     chosen = thinned(entries, most)
     assert len(chosen) == expected
@@ -356,10 +354,10 @@ def test_of_many_moments_as_many_as_may_be_are_taken_evenly(count, most, expecte
     assert sum(one.interval for one in chosen[1:]) == pytest.approx((count - 1) / 30)
 
 
-def test_those_that_somebody_has_told_of_are_taken_as_well():
+def test_thinned_entries_include_those_with_detections():
     entries = filled(IMAGE, 101, seen={50, 51, 52})[0].entries
     chosen = thinned(entries, 10)
-    told = [one for one in chosen if one.detections is not None]
-    assert [one.stamp for one in told] == [entries[number].stamp for number in (50, 51, 52)]
+    detected = [one for one in chosen if one.detections is not None]
+    assert [one.stamp for one in detected] == [entries[number].stamp for number in (50, 51, 52)]
     assert len(chosen) == 13
     assert sum(one.interval for one in chosen[1:]) == pytest.approx(100 / 30)

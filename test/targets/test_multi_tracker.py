@@ -83,7 +83,7 @@ def test_no_more_than_are_allowed_are_started_by_hand_either(walkers, make_track
     for box in walkers.boxes[0][:2]:
         tracker.start(walkers.images[0], box)
     for start in (partial(start_earlier, tracker), partial(tracker.start, walkers.images[0])):
-        with pytest.raises(ValueError, match="there are 2 targets, as many as there may be"):
+        with pytest.raises(ValueError, match="there are 2 targets, the maximum"):
             start(walkers.boxes[0][2])
     tracker.stop(1)
     assert tracker.start(walkers.images[0], walkers.boxes[0][2]) == 3

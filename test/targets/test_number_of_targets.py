@@ -91,7 +91,9 @@ def test_fewer_of_several_are_allowed_and_those_there_are_stay(make_session, wal
     show(session, walkers, range(3))
     configure(session, 2)
     assert ids(show(session, walkers, [3, 4])) == [1, 2, 3]
-    with pytest.raises(ValueError, match="there are 3 targets, and there may be 2; stop 2 first"):
+    with pytest.raises(
+        ValueError, match="there are 3 targets, but 'max_targets' is 2; stop 2 first"
+    ):
         session.request((4.0, 4.0, 12.0, 12.0))
 
 
@@ -345,7 +347,7 @@ def test_a_target_on_a_frame_from_before_it_was_learned_again_is_refused(
     session.configure(preset_parameters("default", most) | {"working_size": 60}, seed=0)
     session.request(tuple(walkers.boxes[8][1]), at(8))
     (reason,) = show(session, walkers, [15]).refused
-    assert "before the oldest one here; allowed: one of the last 1 frame" in reason
+    assert "older than the oldest one in the buffer; allowed: the last 1 frame" in reason
 
 
 @pytest.mark.parametrize(("selected", "place"), [(1, 0), (2, 1), (0, 2)])

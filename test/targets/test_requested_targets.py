@@ -1,6 +1,6 @@
-"""What becomes of a target that somebody asks for, by the frame that comes: one target or several.
+"""The outcome of a requested target, by the next frame: with a single target and with several.
 
-The rules are the same, so each case is asked of both.
+The rules are the same for both.
 """
 
 import pytest
@@ -20,11 +20,11 @@ def at(number):
     return START + number * STEP
 
 
-class Followed:
+class Feed:
     """A session for one target or for several, and frames of `walkers` for it."""
 
-    def __init__(self, kind, walkers):
-        if kind == "one":
+    def __init__(self, mode, walkers):
+        if mode == "one":
             self.session = Session({**preset_parameters("li2007"), "particles": 20}, seed=1)
         else:
             self.session = Session(preset_parameters("default", 32), seed=1)
@@ -35,7 +35,7 @@ class Followed:
         image = self.walkers.images[number]
         return self.session.process(Frame(image, at(number) if stamp is None else stamp))
 
-    def ask(self, number, stamp, target=0):
+    def request_on(self, number, stamp, target=0):
         self.session.request(tuple(self.walkers.boxes[number][target]), stamp)
 
     @property
@@ -44,23 +44,23 @@ class Followed:
 
 
 @pytest.fixture(params=["one", "several"])
-def followed(request, walkers):
-    return Followed(request.param, walkers)
+def feed(request, walkers):
+    return Feed(request.param, walkers)
 
 
 @pytest.fixture(params=[False, True], ids=["idle", "following"])
-def watching(request, followed):
+def watching(request, feed):
     """After ten frames, without a target and with one."""
-    followed.follows = request.param
+    feed.has_target = request.param
     for number in range(10, 20):
         if request.param and number == 10:
-            followed.ask(10, at(10), target=1)
-        followed.show(number)
-    return followed
+            feed.request_on(10, at(10), target=1)
+        feed.show(number)
+    return feed
 
 
-# Number of the frame that the target was drawn on, the frame that comes (its number, its stamp),
-# and what becomes of it: "-" stands for "waiting" or, with a target, "tracked".
+# Stamp of the request, the next frame (its number, its stamp), and the outcome; "-" stands for
+# "waiting" or, with a target, "tracked".
 NEXT = (20, at(20))
 DUPLICATE = (19, at(19))
 LATE = (17, at(17))
@@ -86,85 +86,83 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_becomes_of_a_requested_target(watching, case):
+def test_the_outcome_of_a_requested_target(watching, case):
     requested, (number, stamp), expected = CASES[case]
-    watching.ask(number, requested)
+    watching.request_on(number, requested)
     outcome = watching.show(number, stamp)
-    otherwise = "tracked" if watching.follows else "waiting"
+    otherwise = "tracked" if watching.has_target else "waiting"
     assert outcome.frame == {"-": otherwise, "refused": otherwise}.get(expected, expected)
     assert outcome.refused == ((BEFORE_JUMP,) if expected == "refused" else ())
     assert watching.waits == (expected not in ("started", "refused"))
     is_jump = (number, stamp) == JUMP or case in ("next frame, late", "this frame, late")
     assert (outcome.jumped_back > 0) == is_jump
     if watching.waits:
-        # Whatever came, the target starts as soon as its frame is there.
+        # The target starts with its frame, whatever came before.
         due = {"jump": at(-598), "next": at(22)}.get(case.split(", ")[1], at(22))
         assert watching.show(22, due).frame == "started"
 
 
-def test_without_a_target_a_frame_that_comes_twice_or_late_leaves_the_history_alone(followed):
+def test_without_a_target_duplicate_and_late_frames_are_not_buffered(feed):
     for number in range(10, 20):
-        followed.show(number)
-    assert followed.show(3, at(19)).frame == "duplicate"
-    assert followed.show(3, at(18)).frame == "late"
-    followed.ask(12, at(12))
-    outcome = followed.show(20)
+        feed.show(number)
+    assert feed.show(3, at(19)).frame == "duplicate"
+    assert feed.show(3, at(18)).frame == "late"
+    feed.request_on(12, at(12))
+    outcome = feed.show(20)
     assert (outcome.frame, outcome.jumped_back) == ("started", 0.0)
 
 
 @pytest.mark.parametrize("back", [1, 5, 9])
-def test_after_a_stop_one_may_go_back_by_however_little(followed, back):
-    followed.ask(0, 0)
+def test_after_a_stop_any_jump_back_is_accepted(feed, back):
+    feed.request_on(0, 0)
     for number in range(20):
-        followed.show(number)
-    followed.session.stop()
+        feed.show(number)
+    feed.session.stop()
     first = 19 - back
-    followed.ask(first, at(first))
-    outcome = followed.show(first)
+    feed.request_on(first, at(first))
+    outcome = feed.show(first)
     assert (outcome.frame, outcome.refused) == ("started", ())
     assert outcome.jumped_back == pytest.approx(back / 10)
-    assert followed.show(first + 1).frame == "tracked"
+    assert feed.show(first + 1).frame == "tracked"
 
 
 @pytest.mark.parametrize("first", [12, 18, 19])
-def test_after_a_stop_a_target_drawn_on_a_frame_to_come_again_waits_for_it(followed, first):
+def test_after_a_stop_a_target_on_a_future_frame_waits_for_it(feed, first):
     for number in range(20):
-        followed.show(number)
+        feed.show(number)
     for _ in range(2):
-        followed.session.stop()
-        followed.ask(19, at(19))
-        frames = [followed.show(number).frame for number in range(first, 20)]
+        feed.session.stop()
+        feed.request_on(19, at(19))
+        frames = [feed.show(number).frame for number in range(first, 20)]
         assert frames == ["waiting"] * (19 - first) + ["started"]
-        # Gone back before its frame has come again.
-        followed.session.stop()
-        followed.ask(19, at(19))
-        followed.show(12)
+        # A jump back before its frame has arrived.
+        feed.session.stop()
+        feed.request_on(19, at(19))
+        feed.show(12)
 
 
-def test_the_same_frame_again_after_a_stop_is_one_to_start_on(followed):
-    followed.ask(0, 0)
+def test_after_a_stop_a_target_may_start_on_the_same_frame(feed):
+    feed.request_on(0, 0)
     for number in range(3):
-        followed.show(number)
-    followed.session.stop()
-    followed.ask(2, at(2))
-    assert followed.show(2).frame == "started"
+        feed.show(number)
+    feed.session.stop()
+    feed.request_on(2, at(2))
+    assert feed.show(2).frame == "started"
 
 
 @pytest.mark.parametrize("policy", ["keep", "restart", "wait"])
 @pytest.mark.parametrize("length", [5, 20])
-def test_a_recording_in_a_loop_that_names_its_target_starts_it_in_each_pass(
-    followed, policy, length
-):
-    followed.session.time_policy = TimePolicy(policy)
+def test_a_looped_recording_starts_its_target_in_each_pass(feed, policy, length):
+    feed.session.time_policy = TimePolicy(policy)
     for _ in range(3):
-        followed.ask(0, at(0))
-        frames = [followed.show(number).frame for number in range(length)]
+        feed.request_on(0, at(0))
+        frames = [feed.show(number).frame for number in range(length)]
         assert frames == ["started"] + ["tracked"] * (length - 1)
 
 
-def test_after_a_jump_no_frame_of_the_old_time_is_caught_up(watching):
-    """Only the one with which the new time began, which is the nearest to the stamp."""
+def test_after_a_jump_no_earlier_frame_is_replayed(watching):
+    """Only the frame of the jump, which is the nearest to the stamp."""
     watching.show(20, at(-600))
-    watching.ask(10, at(-598))
+    watching.request_on(10, at(-598))
     outcome = watching.show(10, at(-595))
     assert (outcome.frame, outcome.refused, outcome.caught_up) == ("started", (), 1)

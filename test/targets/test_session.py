@@ -1,4 +1,4 @@
-"""Frames and what detectors say of them, by their stamps."""
+"""The session with several targets: frames and detections, matched by their stamps."""
 
 import cv2
 import numpy as np
@@ -38,7 +38,7 @@ def session(make_session):
 
 
 def show(session, walkers, numbers, every=0):
-    """Show frames, each `every`th with what a detector says of it; the last outcome."""
+    """Process frames, each `every`th with detections; returns the last outcome."""
     for number in numbers:
         if every and number % every == 0:
             session.add_detections(walkers.detections(number), at(number))
@@ -50,7 +50,7 @@ def ids(outcome):
     return [target.id for target in outcome.targets]
 
 
-def test_detections_start_targets_that_are_followed_in_between(session, walkers, iou):
+def test_detections_start_targets_that_are_tracked_in_between(session, walkers, iou):
     assert show(session, walkers, [0]).frame == "waiting"
     outcome = show(session, walkers, range(1, 12), every=4)
     assert (outcome.frame, ids(outcome)) == ("tracked", [1, 2, 3])
@@ -58,7 +58,7 @@ def test_detections_start_targets_that_are_followed_in_between(session, walkers,
         assert max(iou(target.estimate.box, box) for box in walkers.boxes[11]) > 0.6
 
 
-def test_late_answers_count_in_the_frame_that_they_are_of(make_session, walkers, iou):
+def test_late_detections_are_applied_at_their_own_frame(make_session, walkers, iou):
     late = make_session()
     for number in range(14):
         outcome = late.process(Frame(walkers.images[number], at(number)))
@@ -69,7 +69,7 @@ def test_late_answers_count_in_the_frame_that_they_are_of(make_session, walkers,
         assert max(iou(target.estimate.box, box) for box in walkers.boxes[13]) > 0.6
 
 
-def test_an_answer_that_is_ahead_waits_for_its_frame(session, walkers):
+def test_early_detections_wait_for_their_frame(session, walkers):
     show(session, walkers, [0])
     for number in (3, 4):
         session.add_detections(walkers.detections(number), at(number))
@@ -77,29 +77,31 @@ def test_an_answer_that_is_ahead_waits_for_its_frame(session, walkers):
     assert ids(show(session, walkers, [3, 4])) == [1, 2, 3]
 
 
-def test_the_same_in_the_same_order_gives_the_same_bits(make_session, walkers, as_told):
-    answers = []
+def test_equal_inputs_give_equal_bits(make_session, walkers, as_told):
+    runs = []
     for _ in range(2):
         session = make_session(seed=5)
-        told = []
+        snapshots = []
         for number in range(12):
             if number in (5, 6, 9):
                 session.add_detections(walkers.detections(number - 3), at(number - 3))
             if number == 4:
                 session.request(tuple(walkers.boxes[2][0]), at(2))
-            told.append(as_told(session.process(Frame(walkers.images[number], at(number))).targets))
-        answers.append(told)
-    assert answers[0] == answers[1]
+            snapshots.append(
+                as_told(session.process(Frame(walkers.images[number], at(number))).targets)
+            )
+        runs.append(snapshots)
+    assert runs[0] == runs[1]
 
 
 @pytest.mark.parametrize("ahead", [3600 * SECOND, -3600 * SECOND])
-def test_answers_by_another_clock_are_refused(session, walkers, ahead):
+def test_detections_of_another_clock_are_rejected(session, walkers, ahead):
     show(session, walkers, [0])
     with pytest.raises(ValueError, match="from another clock"):
         session.add_detections(walkers.detections(0), at(0) + ahead)
 
 
-def test_an_answer_older_than_what_is_kept_is_left_out_with_the_reason(session, walkers):
+def test_detections_older_than_the_buffer_are_rejected_with_a_reason(session, walkers):
     show(session, walkers, range(2))
     session.add_detections(walkers.detections(0), at(0) - 5 * SECOND)
     outcome = show(session, walkers, [2])
@@ -108,17 +110,17 @@ def test_an_answer_older_than_what_is_kept_is_left_out_with_the_reason(session, 
     assert show(session, walkers, [3]).rejected_detections == ()
 
 
-def test_answers_whose_frames_do_not_come_take_no_more_memory(session, walkers):
+def test_the_queue_of_detections_without_frames_is_bounded(session, walkers):
     show(session, walkers, [0])
     for number in range(MAX_QUEUED_DETECTIONS + 5):
         session.add_detections(walkers.detections(0), at(20 + number))
     outcome = show(session, walkers, [1])
     assert len(outcome.rejected_detections) == 1
-    assert outcome.rejected_detections[0].startswith("5 of the detector's answers left out")
+    assert outcome.rejected_detections[0].startswith("5 detector results left out")
     assert show(session, walkers, [2]).rejected_detections == ()
 
 
-def test_ten_thousand_boxes_and_broken_ones_are_survived_with_a_sentence_each(session, walkers):
+def test_too_many_and_invalid_boxes_give_a_message_each(session, walkers):
     show(session, walkers, range(6), every=2)
     rng = np.random.default_rng(3)
     many = Detections(rng.uniform(10, 60, (10_000, 4)), rng.uniform(0.3, 1.0, 10_000))
@@ -133,7 +135,7 @@ def test_ten_thousand_boxes_and_broken_ones_are_survived_with_a_sentence_each(se
 
 
 @pytest.mark.parametrize("is_known", [False, True])
-def test_a_target_drawn_on_a_frame_gone_by_is_one_more_or_the_one_there(
+def test_a_manual_target_on_a_past_frame_is_a_new_or_an_existing_target(
     session, walkers, iou, is_known
 ):
     for number in range(10):
@@ -154,7 +156,7 @@ def test_a_target_drawn_on_a_frame_gone_by_is_one_more_or_the_one_there(
     assert iou(mine.estimate.box, walkers.boxes[10][0]) > 0.5
 
 
-def test_a_target_that_waits_for_its_frame_is_named(session, walkers):
+def test_the_stamp_of_a_requested_target_is_reported(session, walkers):
     show(session, walkers, [0])
     session.request((10.0, 10.0, 20.0, 20.0), at(3))
     assert session.requested_stamp == at(3)
@@ -166,11 +168,11 @@ def test_a_target_that_waits_for_its_frame_is_named(session, walkers):
     assert session.requested_stamp is None
 
 
-def test_when_it_is_full_one_more_is_refused_at_once(make_session, walkers):
+def test_a_request_beyond_max_targets_is_refused_at_once(make_session, walkers):
     session = make_session(max_targets=2)
     for place in (0, 1):
         session.request(tuple(walkers.boxes[0][place]))
-    with pytest.raises(ValueError, match="there are 2 targets, as many as there may be"):
+    with pytest.raises(ValueError, match="there are 2 targets, the maximum"):
         session.request(tuple(walkers.boxes[0][2]))
     assert show(session, walkers, [0]).started == (1, 2)
     with pytest.raises(ValueError, match="stop one first"):
@@ -180,7 +182,7 @@ def test_when_it_is_full_one_more_is_refused_at_once(make_session, walkers):
     assert ids(show(session, walkers, [1])) == [2, 3]
 
 
-def test_a_box_that_is_no_use_is_refused_and_the_others_go_on(session, walkers):
+def test_an_invalid_box_is_refused_alone(session, walkers):
     session.request((500.0, 500.0, 20.0, 20.0))
     session.request(tuple(walkers.boxes[0][1]))
     outcome = show(session, walkers, [0])
@@ -189,7 +191,7 @@ def test_a_box_that_is_no_use_is_refused_and_the_others_go_on(session, walkers):
     assert reason.startswith("target refused: the center of box (500, 500")
 
 
-def test_stop_forgets_all_and_stop_target_one(session, walkers):
+def test_stop_removes_all_targets_and_stop_target_one(session, walkers):
     show(session, walkers, range(6), every=2)
     session.stop_target(2)
     assert [target.id for target in session.targets] == [1, 3]
@@ -201,7 +203,7 @@ def test_stop_forgets_all_and_stop_target_one(session, walkers):
     assert ids(show(session, walkers, [7, 8, 9, 10], every=2)) == [4, 5, 6]
 
 
-def test_an_answer_that_was_under_way_at_the_stop_is_no_fault(session, walkers):
+def test_detections_of_before_a_stop_are_ignored_after_it(session, walkers):
     show(session, walkers, range(6), every=2)
     session.stop()
     session.add_detections(walkers.detections(4), at(4))
@@ -210,7 +212,7 @@ def test_an_answer_that_was_under_way_at_the_stop_is_no_fault(session, walkers):
     assert ids(show(session, walkers, range(7, 12), every=2)) == [4, 5, 6]
 
 
-def test_what_was_said_before_the_stop_starts_nothing_after_it(session, walkers):
+def test_a_stop_discards_queued_detections(session, walkers):
     show(session, walkers, range(3))
     for number in (1, 2):
         session.add_detections(walkers.detections(number), at(number))
@@ -218,7 +220,7 @@ def test_what_was_said_before_the_stop_starts_nothing_after_it(session, walkers)
     assert ids(show(session, walkers, [3, 4])) == []
 
 
-def test_doubled_and_late_frames_are_dropped(session, walkers, as_told):
+def test_duplicate_and_late_frames_are_dropped(session, walkers, as_told):
     before = as_told(show(session, walkers, range(6), every=2).targets)
     for number, frame in ((5, "duplicate"), (3, "late")):
         outcome = session.process(Frame(walkers.images[number], at(number)))
@@ -232,10 +234,10 @@ def test_doubled_and_late_frames_are_dropped(session, walkers, as_told):
 def test_a_jump_back_in_time(session, walkers, policy, kept):
     session.time_policy = TimePolicy(policy)
     show(session, walkers, range(6), every=2)
-    # Of the background, where nobody walks: of two on one target, one would be hidden.
+    # On the background: a second target on a walker would count as occluded.
     session.request((270.0, 8.0, 30.0, 24.0))
     assert len(show(session, walkers, [6]).targets) == 4
-    # Of the time before: it starts nothing once time has begun anew.
+    # Of the time before the jump: starts nothing after it.
     session.add_detections(walkers.detections(6), at(6))
     outcome = session.process(Frame(walkers.images[7], at(7) - 100 * SECOND))
     assert outcome.jumped_back == pytest.approx(99.9)
@@ -255,7 +257,7 @@ def test_a_jump_with_an_image_that_is_refused_changes_nothing(session, walkers, 
 
 
 @pytest.mark.parametrize("policy", ["keep", "restart", "wait"])
-def test_answers_of_the_time_before_a_jump_make_no_ghosts(session, walkers, policy):
+def test_detections_of_before_a_jump_start_no_targets(session, walkers, policy):
     session.time_policy = TimePolicy(policy)
     ghost = Detections([[200.0, 10.0, 40.0, 60.0]], [0.95], ["ghost"])
     show(session, walkers, range(20), every=4)
@@ -274,7 +276,7 @@ def test_answers_of_the_time_before_a_jump_make_no_ghosts(session, walkers, poli
 def test_after_a_jump_a_detector_may_be_ahead_of_the_images(session, walkers, pace):
     session.time_policy = TimePolicy("wait")
     for number in [*range(20), *range(24)]:
-        # Those of the frame at the jump are dropped, for all that is known they are of before.
+        # Detections of the jump frame are dropped: they may be of the time before.
         session.add_detections(walkers.detections(number), at(pace * number))
         outcome = session.process(Frame(walkers.images[number], at(pace * number)))
         assert outcome.rejected_detections == ()
@@ -283,7 +285,7 @@ def test_after_a_jump_a_detector_may_be_ahead_of_the_images(session, walkers, pa
 
 
 @pytest.mark.parametrize("policy", ["keep", "restart", "wait"])
-def test_a_target_drawn_before_a_jump_is_refused_and_one_for_the_next_image_begins(
+def test_a_jump_refuses_earlier_requests_and_starts_those_for_the_next_image(
     session, walkers, policy
 ):
     session.time_policy = TimePolicy(policy)
@@ -300,13 +302,13 @@ def test_a_target_drawn_before_a_jump_is_refused_and_one_for_the_next_image_begi
     assert show(session, walkers, [1]).refused == ()
 
 
-def test_frames_that_are_passed_over_move_the_clock_on(session, walkers):
+def test_skipped_frames_advance_the_clock(session, walkers):
     show(session, walkers, range(8), every=4)
     for second in range(1, 100, 5):
         session.add_detections(walkers.detections(7), at(7) + second * SECOND)
         session.skip(at(7) + second * SECOND)
     now = at(7) + 97 * SECOND
-    # Of a frame that nobody looked at: it is no use, and no fault.
+    # Of a skipped frame: ignored silently.
     session.add_detections(walkers.detections(7), now - SECOND)
     session.add_detections(walkers.detections(8), now)
     session.request(tuple(walkers.boxes[8][0]), now)
@@ -315,7 +317,7 @@ def test_frames_that_are_passed_over_move_the_clock_on(session, walkers):
     assert 0.0 in [target.unconfirmed_for for target in outcome.targets]
 
 
-def test_what_was_said_of_a_frame_that_was_passed_over_starts_nothing(session, walkers):
+def test_detections_of_a_skipped_frame_start_nothing(session, walkers):
     show(session, walkers, range(3))
     for number in (3, 4):
         session.add_detections(walkers.detections(number), at(number))
@@ -325,7 +327,7 @@ def test_what_was_said_of_a_frame_that_was_passed_over_starts_nothing(session, w
     assert (ids(outcome), outcome.rejected_detections) == ([], ())
 
 
-def test_without_stamps_frames_and_answers_are_of_now(session, walkers):
+def test_without_stamps_detections_belong_to_the_current_frame(session, walkers):
     for number in range(6):
         session.add_detections(walkers.detections(number), 0)
         outcome = session.process(Frame(walkers.images[number], 0))
@@ -334,7 +336,7 @@ def test_without_stamps_frames_and_answers_are_of_now(session, walkers):
 
 
 @pytest.mark.parametrize("scale", [0.5, 2.0])
-def test_a_camera_that_comes_back_with_another_size(session, walkers, iou, scale):
+def test_targets_survive_a_change_of_image_size(session, walkers, iou, scale):
     show(session, walkers, range(8), every=4)
     for number in range(8, 12):
         image = cv2.resize(walkers.images[number], None, fx=scale, fy=scale)
@@ -345,7 +347,7 @@ def test_a_camera_that_comes_back_with_another_size(session, walkers, iou, scale
 
 
 @pytest.mark.parametrize("rate", [30, 60, 200])
-def test_what_is_of_images_of_another_size_counts_nowhere(session, walkers, rate):
+def test_requests_and_detections_of_a_former_image_size_are_rejected(session, walkers, rate):
     step = SECOND // rate
     stamps = [START + number * step for number in range(6)]
     for image, stamp in zip(walkers.images[:3], stamps, strict=False):
@@ -355,7 +357,8 @@ def test_what_is_of_images_of_another_size_counts_nowhere(session, walkers, rate
     outcome = session.process(Frame(larger, stamps[3]))
     assert (outcome.started, outcome.targets) == ((), ())
     assert outcome.refused == (
-        "target refused: it was drawn on an image of another size or kind than the last one, "
+        "target refused: it was drawn on an image of another size or type; draw it on one like "
+        "the last, "
         f"{larger.shape} uint8",
     )
     session.add_detections(walkers.detections(2), stamps[2])
@@ -363,13 +366,13 @@ def test_what_is_of_images_of_another_size_counts_nowhere(session, walkers, rate
     outcome = session.process(Frame(larger, stamps[4]))
     assert outcome.targets == ()
     assert outcome.rejected_detections == (
-        "2 answers of the detector left out, of images of another size or kind than those of now",
+        "2 detector results left out: the images had another size or type",
     )
     session.request(tuple(2.0 * walkers.boxes[3][0]), stamps[3])
     assert session.process(Frame(larger, stamps[5])).started == (1,)
 
 
-def test_images_of_another_kind_are_refused_until_it_is_clear_that_they_stay(session, walkers):
+def test_images_of_another_type_are_refused_until_ten_in_a_row(session, walkers):
     show(session, walkers, range(8), every=4)
     gray = [image[..., 0].copy() for image in walkers.images]
     for number in range(8, 17):
@@ -381,7 +384,7 @@ def test_images_of_another_kind_are_refused_until_it_is_clear_that_they_stay(ses
     session.process(Frame(gray[18], at(18)))
 
 
-def test_a_target_that_somebody_drew_is_not_given_up_for_other_images(session, walkers):
+def test_a_manual_target_is_kept_when_images_of_another_type_arrive(session, walkers):
     session.request(tuple(walkers.boxes[0][0]))
     show(session, walkers, range(3))
     for number in range(3, 20):
@@ -395,7 +398,7 @@ def gray(walkers, number):
 
 
 @pytest.mark.parametrize("behind", [None, 0, 5])
-def test_a_target_drawn_on_images_of_another_kind_begins_anew_with_them(
+def test_a_manual_target_on_images_of_another_type_resets_the_tracker(
     make_session, walkers, iou, behind
 ):
     session = make_session(max_targets=2)
@@ -403,14 +406,16 @@ def test_a_target_drawn_on_images_of_another_kind_begins_anew_with_them(
         session.request(tuple(walkers.boxes[0][place]))
     show(session, walkers, range(4))
     for number in range(4, 10):
-        with pytest.raises(ValueError, match="but those that the targets were followed in were"):
+        with pytest.raises(ValueError, match="but the targets are tracked in images of"):
             session.process(Frame(gray(walkers, number), at(number)))
     drawn_on = 10 if behind is None else 10 - behind
     session.request(tuple(walkers.boxes[drawn_on][2]), 0 if behind is None else at(drawn_on), "new")
     outcome = session.process(Frame(gray(walkers, 10), at(10)))
     assert (outcome.frame, outcome.started, ids(outcome)) == ("started", (3,), [3])
-    (told,) = outcome.ended
-    assert told.startswith("ended: 1, 2; a target was drawn on images of another size or kind")
+    (message,) = outcome.ended
+    assert message.startswith(
+        "ended: 1, 2; a new target was drawn on images of another size or type"
+    )
     for number in range(11, 16):
         outcome = session.process(Frame(gray(walkers, number), at(number)))
     assert (ids(outcome), outcome.ended, outcome.targets[0].label) == ([3], (), "new")
@@ -419,7 +424,7 @@ def test_a_target_drawn_on_images_of_another_kind_begins_anew_with_them(
 
 
 @pytest.mark.parametrize("number", [2, 3, 9])
-def test_a_target_drawn_on_an_image_that_fits_gives_none_up(session, walkers, number):
+def test_a_manual_target_on_a_matching_image_ends_no_other(session, walkers, number):
     session.request(tuple(walkers.boxes[0][0]))
     show(session, walkers, range(3))
     session.request(tuple(walkers.boxes[2][1]), 0 if number == 3 else at(number))
@@ -436,7 +441,7 @@ def hide_first(walkers, number, scale=1.0):
 
 
 @pytest.mark.parametrize(("hidden_for", "scales"), [(24, [2.0]), (5, [2.0, 1.0])])
-def test_a_drawn_target_that_was_not_seen_for_long_is_found_in_another_size(
+def test_a_manual_target_unseen_for_long_is_found_in_another_image_size(
     session, walkers, iou, hidden_for, scales
 ):
     session.request(tuple(walkers.boxes[0][0]))
@@ -450,7 +455,7 @@ def test_a_drawn_target_that_was_not_seen_for_long_is_found_in_another_size(
         outcome = session.process(Frame(hide_first(walkers, later, scale), at(later)))
     assert (ids(outcome), outcome.ended) == ([1, 2], ())
     assert outcome.targets[0].estimate.state != "tracking"
-    # Where it was seen last, of which it was learned again, it is known.
+    # It is recognized where it was last seen, since it was relearned there.
     shown = cv2.resize(walkers.images[2], None, fx=scale, fy=scale)
     for later in range(28, 60):
         outcome = session.process(Frame(shown, at(later)))
@@ -459,13 +464,15 @@ def test_a_drawn_target_that_was_not_seen_for_long_is_found_in_another_size(
     assert iou(first.box, scale * walkers.boxes[2][0]) > 0.5
 
 
-def test_fewer_targets_allowed_than_there_are_says_how_many_there_are(session, walkers):
+def test_lowering_max_targets_below_the_number_of_targets_refuses_requests(session, walkers):
     show(session, walkers, range(6), every=2)
     values = preset_parameters("default", 32) | {"max_targets": 2}
     session.configure(values, 0)
-    with pytest.raises(ValueError, match="there are 3 targets, and there may be 2; stop 2 first"):
+    with pytest.raises(
+        ValueError, match="there are 3 targets, but 'max_targets' is 2; stop 2 first"
+    ):
         session.request((4.0, 4.0, 12.0, 12.0))
-    # One that is there needs no room.
+    # A request on an existing target is allowed.
     known = session.targets[0]
     session.request(known.estimate.box)
     assert show(session, walkers, [6]).started == (known.id,)
@@ -482,7 +489,7 @@ def test_parameters_change_at_run_time_and_the_ids_stay(session, walkers):
     assert ids(show(session, walkers, [9])) == [1, 2, 3]
 
 
-def test_a_class_that_changes_is_called_what_it_was_called_most(session, walkers):
+def test_the_label_is_the_most_frequent_one(session, walkers):
     for number in range(12):
         labels = ["person" if number % 3 else "dog"] * 3
         session.add_detections(walkers.detections(number, labels=labels), at(number))

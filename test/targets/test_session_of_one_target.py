@@ -1,3 +1,5 @@
+"""The session with a single target, compared with the library."""
+
 import cv2
 import numpy as np
 import pytest
@@ -64,7 +66,7 @@ def test_the_interval_is_the_difference_of_the_stamps(started, images, box):
     )
 
 
-def test_a_frame_with_the_stamp_of_the_last_one_is_not_tracked_again(started, images, box):
+def test_a_duplicate_frame_is_not_tracked_again(started, images, box):
     first = started.process(Frame(images[1], START + SECOND))
     again = started.process(Frame(images[2], START + SECOND))
     assert again.frame == "duplicate"
@@ -80,7 +82,7 @@ def test_a_late_frame_is_dropped_and_does_not_move_the_clock(started, images, bo
     assert same(after.estimate, library(images[:2], box, [0.04])[0])
 
 
-def test_time_that_begins_anew_goes_on_at_the_nominal_interval(started, images, box):
+def test_a_jump_back_counts_as_the_nominal_interval(started, images, box):
     again = started.process(Frame(images[1], START - LATE_WITHIN - 1))
     assert again.frame == "tracked"
     after = started.process(Frame(images[2], START - LATE_WITHIN - 1 + SECOND // 2))
@@ -100,7 +102,7 @@ def test_one_frame_without_a_stamp_leaves_two_nominal_intervals(started, images,
     assert same(outcome.estimate, library(images[:4], box, [None, None, 1.0])[-1])
 
 
-def test_a_target_waits_for_the_first_frame_that_is_not_before_it(session, images, box):
+def test_a_requested_target_waits_for_the_first_frame_not_before_its_stamp(session, images, box):
     session.request(box, START + SECOND)
     assert session.requested_stamp == START + SECOND
     assert session.process(Frame(images[0], START + SECOND - 1)).frame == "waiting"
@@ -108,28 +110,28 @@ def test_a_target_waits_for_the_first_frame_that_is_not_before_it(session, image
     assert session.requested_stamp is None
 
 
-def test_a_target_that_waits_does_not_hold_up_the_last_one(started, images, box):
+def test_a_waiting_request_does_not_stop_the_present_target(started, images, box):
     started.request((0.0, 0.0, 30.0, 30.0), START + 2 * SECOND)
     assert started.process(Frame(images[1], START + SECOND)).frame == "tracked"
     outcome = started.process(Frame(images[2], START + 2 * SECOND))
     assert (outcome.frame, outcome.estimate.box) == ("started", (0.0, 0.0, 30.0, 30.0))
 
 
-def test_a_withdrawn_target_is_not_started(session, images, box):
+def test_a_cancelled_request_does_not_start(session, images, box):
     session.request(box)
     session.cancel_requests()
     assert session.process(Frame(images[0], START)).frame == "waiting"
 
 
-def test_a_frame_is_known_by_its_stamp_before_its_image_is(started, images):
-    """So that nobody decodes what is dropped; a target makes a duplicate worth looking at."""
+def test_a_frame_is_classified_by_its_stamp_alone(started, images):
+    """So dropped images need no decoding; a duplicate is processed if a target starts on it."""
     stamp = START + SECOND
     assert started.classify(stamp) == "next"
-    told = started.process(Frame(images[1], stamp), "next").estimate
+    estimate = started.process(Frame(images[1], stamp), "next").estimate
     for arrival, other in (("duplicate", stamp), ("late", stamp - SECOND // 2)):
         assert started.classify(other) == arrival
         dropped = started.drop(arrival)
-        assert (dropped.frame, dropped.estimate) == (arrival, told)
+        assert (dropped.frame, dropped.estimate) == (arrival, estimate)
         assert (dropped.started, dropped.refused, dropped.jumped_back) == ((), (), 0.0)
     started.request((0.0, 0.0, 30.0, 30.0))
     assert started.classify(stamp) == "again"
@@ -148,9 +150,7 @@ def test_a_refused_target_leaves_the_last_one_tracked(started, images, box):
     assert same(outcome.estimate, library(images[:2], box, [0.04])[0])
 
 
-def test_a_target_that_is_refused_with_a_frame_that_is_refused_too_is_told_of_with_the_next(
-    started, images
-):
+def test_a_refusal_is_reported_with_the_next_valid_frame(started, images):
     started.request((1000.0, 0.0, 10.0, 10.0))
     with pytest.raises(ValueError, match="image is"):
         started.process(Frame(images[1][:40], START + 40_000_000))
@@ -167,13 +167,13 @@ def test_a_refused_target_without_another_leaves_the_session_waiting(session, im
 
 
 def test_an_image_of_another_size_is_refused_and_does_not_move_the_clock(started, images, box):
-    with pytest.raises(ValueError, match="but those that the targets were followed in were"):
+    with pytest.raises(ValueError, match="but the targets are tracked in images of"):
         started.process(Frame(images[1][:50], START + 20_000_000))
     after = started.process(Frame(images[1], START + 40_000_000))
     assert same(after.estimate, library(images[:2], box, [0.04])[0])
 
 
-def test_each_target_begins_the_random_sequence_anew(started, images, box):
+def test_each_target_resets_the_random_generator(started, images, box):
     started.process(Frame(images[1], START + SECOND))
     started.request(box)
     started.process(Frame(images[0], START + 2 * SECOND))
@@ -181,7 +181,7 @@ def test_each_target_begins_the_random_sequence_anew(started, images, box):
     assert same(outcome.estimate, library(images[:2], box, [1.0])[0])
 
 
-def test_a_new_seed_counts_from_the_next_target(started, images, box):
+def test_a_new_seed_takes_effect_with_the_next_target(started, images, box):
     started.configure(PARAMETERS, seed=4)
     same_seed = started.process(Frame(images[1], START + SECOND))
     assert same(same_seed.estimate, library(images[:2], box, [1.0])[0])
@@ -191,7 +191,7 @@ def test_a_new_seed_counts_from_the_next_target(started, images, box):
     assert not same(other_seed.estimate, same_seed.estimate)
 
 
-def test_parameters_change_under_way(started, images):
+def test_parameters_change_while_tracking(started, images):
     started.configure(PARAMETERS | {"particles": 33}, seed=3)
     started.process(Frame(images[1], START + SECOND))
     assert len(started.process(Frame(images[2], START + 2 * SECOND)).estimate.weights) == 33
@@ -242,7 +242,7 @@ def test_after_a_jump_back_restart_begins_with_the_first_box(images, box):
     assert same(after.estimate, library(images[2:4], box, [0.04])[-1])
 
 
-def test_after_a_jump_back_wait_forgets_the_target(images, box):
+def test_after_a_jump_back_wait_removes_the_target(images, box):
     session, outcome = jumped(images, box, "wait")
     assert (outcome.frame, outcome.estimate, outcome.jumped_back) == ("waiting", None, 5.04)
     assert session.process(Frame(images[3], START - 4 * SECOND)).frame == "waiting"
@@ -260,26 +260,26 @@ def test_a_restart_on_an_image_that_the_box_does_not_fit_waits(images, box):
     assert "larger than the image" in outcome.refused[0]
 
 
-def test_a_recording_shorter_than_the_threshold_that_loops_is_followed(started, images):
+def test_a_looped_recording_shorter_than_the_threshold_is_tracked(started, images):
     for index in range(1, 20):
         started.process(Frame(images[index], START + index * 40_000_000))
     frames = [started.process(Frame(images[i], START + i * 40_000_000)).frame for i in range(12)]
     assert frames == ["late"] * 9 + ["tracked"] * 3
 
 
-# Targets on frames that have gone by
+# Targets on past frames
 
 
 @pytest.fixture
 def watching(session, images):
-    """A session without a target that has seen ten frames, 40 ms apart."""
+    """A session without a target after ten frames, 40 ms apart."""
     session.frame_buffer.limit(frames=8, megabytes=10.0)
     for index in range(10):
         session.process(Frame(images[index], START + index * 40_000_000))
     return session
 
 
-def test_a_target_on_a_past_frame_is_followed_up_to_now(watching, images, box, moving_square):
+def test_a_target_on_a_past_frame_is_caught_up(watching, images, box, moving_square):
     drawn = tuple(moving_square.boxes[6])
     watching.request(drawn, START + 6 * 40_000_000)
     outcome = watching.process(Frame(images[10], START + 10 * 40_000_000))
@@ -289,22 +289,22 @@ def test_a_target_on_a_past_frame_is_followed_up_to_now(watching, images, box, m
     assert same(after.estimate, library(images[6:12], drawn, [0.04] * 5)[-1])
 
 
-def test_a_target_on_a_frame_that_was_lost_starts_on_the_one_after_it(watching, images, box):
+def test_a_target_on_a_missing_frame_starts_on_the_next_one(watching, images, box):
     watching.request(box, START + 6 * 40_000_000 - 1)
     outcome = watching.process(Frame(images[10], START + 10 * 40_000_000))
     assert (outcome.frame, outcome.caught_up) == ("started", 4)
 
 
-def test_a_target_on_a_frame_that_is_no_longer_kept_is_refused(watching, images, box):
+def test_a_target_on_a_frame_beyond_the_buffer_is_refused(watching, images, box):
     watching.request(box, START + 40_000_000)
     outcome = watching.process(Frame(images[10], START + 10 * 40_000_000))
     assert (outcome.frame, outcome.estimate) == ("waiting", None)
-    assert "0.080 s before the oldest one here" in outcome.refused[0]
-    assert "one of the last 8 frames" in outcome.refused[0]
+    assert "0.080 s older than the oldest one in the buffer" in outcome.refused[0]
+    assert "the last 8 frames" in outcome.refused[0]
     assert "frame_buffer_length" in outcome.refused[0]
 
 
-def test_the_refusal_tells_how_far_back_a_target_may_be(watching, images, box):
+def test_the_refusal_states_the_oldest_allowed_frame(watching, images, box):
     watching.request(box, START + 40_000_000)
     outcome = watching.process(Frame(images[10], START + 10 * 40_000_000))
     assert "back to 0.280 s ago" in outcome.refused[0]
@@ -328,7 +328,7 @@ def test_a_target_of_two_seconds_ago_is_caught_up_where_only_ten_images_fit(
 def test_a_target_is_caught_up_through_a_bounded_number_of_frames(
     session, images, box, monkeypatch
 ):
-    """Each costs an update; they lie evenly in time, from the drawn one to the newest."""
+    """Each costs an update; they are evenly spaced in time."""
     session.frame_buffer.limit(frames=200, megabytes=1000.0)
     image = images[0].copy()
     for index in range(100):
@@ -350,19 +350,17 @@ def test_a_target_is_caught_up_through_a_bounded_number_of_frames(
 
 
 def test_a_target_from_long_before_the_first_frame_is_refused(session, images, box):
-    """It may be of a recording that begins again, which the next frame tells."""
+    """The refusal waits for a frame, since a looped recording may restart."""
     session.request(box, START)
     outcome = session.process(Frame(images[0], START + SECOND + 1))
     assert (outcome.frame, outcome.refused) == ("waiting", ())
     outcome = session.process(Frame(images[0], START + SECOND + 40_000_000))
     assert outcome.frame == "waiting"
-    assert "1.040 s before the oldest one here" in outcome.refused[0]
+    assert "1.040 s older than the oldest one in the buffer" in outcome.refused[0]
 
 
-def test_a_target_that_comes_before_the_last_frame_of_a_pass_waits_for_the_first_of_the_next(
-    started, images, box
-):
-    """As where a tracker is a frame behind a replay in a loop."""
+def test_a_request_at_the_end_of_a_pass_waits_for_the_next_pass(started, images, box):
+    """As when the tracker is a frame behind a looped replay."""
     started.frame_buffer.limit(frames=8, megabytes=10.0)
     stamps = [START + index * 100_000_000 for index in range(len(images))]
     for image, stamp in zip(images[1:-1], stamps[1:-1], strict=True):
@@ -375,15 +373,13 @@ def test_a_target_that_comes_before_the_last_frame_of_a_pass_waits_for_the_first
     assert outcome.estimate.box == pytest.approx(box)
 
 
-def test_a_target_stamped_by_another_clock_is_refused(watching, box):
+def test_a_request_with_a_stamp_of_another_clock_is_refused(watching, box):
     with pytest.raises(ValueError, match=r"is 3600 s after that of the last frame"):
         watching.request(box, START + 9 * 40_000_000 + 3600 * SECOND)
     assert watching.requested_stamp is None
 
 
-def test_a_target_can_be_set_right_on_a_past_frame_while_another_is_tracked(
-    started, images, box, moving_square
-):
+def test_a_target_on_a_past_frame_replaces_the_present_one(started, images, box, moving_square):
     started.frame_buffer.limit(frames=8, megabytes=10.0)
     for index in range(1, 6):
         started.process(Frame(images[index], START + index * 40_000_000))
@@ -403,10 +399,10 @@ def test_a_stopped_session_waits_for_the_next_target(started, images, box):
     assert started.process(Frame(images[1], START + 2 * SECOND)).frame == "started"
 
 
-# Parameters that ask for a target that is learned again
+# Parameters that require relearning
 
 
-def test_another_model_learns_the_target_where_it_was_last_seen(started, images, box):
+def test_another_motion_model_relearns_the_target_where_it_was_last_seen(started, images, box):
     seen = started.process(Frame(images[1], START + 40_000_000)).estimate
     started.configure(preset_parameters("zhang2015"), seed=3)
     assert started.estimate.box == seen.box
@@ -427,24 +423,24 @@ def test_another_model_learns_the_target_where_it_was_last_seen(started, images,
         ("default", "correlation_response.window", 3.0),
     ],
 )
-def test_what_describes_the_target_is_learned_again(preset, name, value, images, box):
+def test_parameters_of_templates_and_states_relearn_the_target(preset, name, value, images, box):
     before = preset_parameters(preset)
     session = Session(before, seed=3)
     session.request(box)
     session.process(Frame(images[0], START))
     session.process(Frame(images[1], START + 40_000_000))
     session.configure(before | {name: value}, seed=3)
-    told = session.process(Frame(images[2], START + 80_000_000)).estimate
+    estimate = session.process(Frame(images[2], START + 80_000_000)).estimate
     tracker = Tracker.from_preset(preset, seed=3)
     tracker.start(images[0], box)
     tracker.update(images[1], 0.04)
     tracker.set_parameters({name: value})
-    assert told == tracker.update(images[2], 0.04)
+    assert estimate == tracker.update(images[2], 0.04)
 
 
 @pytest.mark.parametrize("cue", ["hog", "correlation_response", "foreground"])
-def test_a_cue_is_added_without_learning_the_target_again(cue, images, box):
-    """Also one that brings parameters that are fixed from then on."""
+def test_a_cue_is_added_as_by_the_library(cue, images, box):
+    """Also a cue with parameters that are read-only from then on."""
     before = preset_parameters("li2007")
     changes = {"cues": (*before["cues"], cue)}
     session = Session(before, seed=3)
@@ -452,19 +448,19 @@ def test_a_cue_is_added_without_learning_the_target_again(cue, images, box):
     session.process(Frame(images[0], START))
     session.process(Frame(images[1], START + 40_000_000))
     session.configure(before | changes, seed=3)
-    told = session.process(Frame(images[2], START + 80_000_000)).estimate
+    estimate = session.process(Frame(images[2], START + 80_000_000)).estimate
     tracker = Tracker.from_preset("li2007", seed=3)
     tracker.start(images[0], box)
     tracker.update(images[1], 0.04)
     tracker.set_parameters(changes)
-    assert told == tracker.update(images[2], 0.04)
+    assert estimate == tracker.update(images[2], 0.04)
     session.configure(before, seed=3)
     tracker.set_parameters({"cues": before["cues"]})
-    told = session.process(Frame(images[3], START + 120_000_000)).estimate
-    assert told == tracker.update(images[3], 0.04)
+    estimate = session.process(Frame(images[3], START + 120_000_000)).estimate
+    assert estimate == tracker.update(images[3], 0.04)
 
 
-def test_cues_that_do_not_know_a_hidden_target_learn_it_from_before_it_was_hidden(started, images):
+def test_new_cues_relearn_an_occluded_target_where_it_was_last_seen(started, images):
     black = np.zeros_like(images[0])
     seen = started.process(Frame(images[1], START + 40_000_000))
     hidden = started.process(Frame(black, START + 80_000_000))
@@ -478,7 +474,7 @@ def test_cues_that_do_not_know_a_hidden_target_learn_it_from_before_it_was_hidde
     assert shown.estimate.box == pytest.approx(seen.estimate.box, abs=6)
 
 
-def test_a_hidden_target_is_learned_from_before_it_was_hidden(session, images, box):
+def test_an_occluded_target_is_relearned_where_it_was_last_seen(session, images, box):
     hiding = PARAMETERS | {"track.occluded_below": 0.9, "track.recovered_above": 0.9}
     session.configure(hiding, seed=3)
     session.request(box)
@@ -496,11 +492,11 @@ def test_a_hidden_target_is_learned_from_before_it_was_hidden(session, images, b
 @pytest.mark.parametrize(
     "estimated", [(-30.0, 20.0, 220.0, 50.0), (150.0, 118.0, 40.0, 40.0), (20.0, 20.0, 0.5, 300.0)]
 )
-def test_a_target_that_outgrew_the_image_can_be_learned_again(started, images, estimated):
-    # An estimate is bounded by the motion model, a new target by the image as well.
+def test_a_target_larger_than_the_image_can_be_relearned(started, images, estimated):
+    # The motion model bounds an estimate; the image also bounds a new target.
     last_seen = started._manager._last_seen
-    for key, sight in last_seen.items():
-        last_seen[key] = sight._replace(box=estimated)
+    for key, seen in last_seen.items():
+        last_seen[key] = seen._replace(box=estimated)
     started.configure(preset_parameters("zhang2015"), seed=0)
     assert started.process(Frame(images[0], START + SECOND)).frame == "tracked"
 
@@ -520,8 +516,8 @@ def test_a_check_changes_nothing(started, images, box):
     assert same(after.estimate, library(images[:2], box, [0.04])[0])
 
 
-def test_a_loop_that_loses_its_first_frame_starts_the_target_on_the_second(session, images, box):
-    # Longer than the history, so that frames of the first pass have been dropped.
+def test_a_loop_without_its_first_frame_starts_the_target_on_the_second(session, images, box):
+    # Longer than the buffer, so that frames of the first pass have been dropped.
     session.frame_buffer.limit(4, 64.0)
     stamps = [START + index * 40_000_000 for index in range(60)]
     session.request(box, stamps[0])
@@ -533,70 +529,68 @@ def test_a_loop_that_loses_its_first_frame_starts_the_target_on_the_second(sessi
     assert outcome.estimate.box == box
 
 
-# Parameters are tried and taken
+# Checked and adopted parameters
 
 
 @pytest.fixture
-def made(monkeypatch):
-    """The followers that have been built."""
-    built, init = [], TargetFilter.__init__
+def built(monkeypatch):
+    """The target filters that have been built."""
+    filters, init = [], TargetFilter.__init__
 
     def counting(target_filter, parameters):
-        built.append(target_filter)
+        filters.append(target_filter)
         init(target_filter, parameters)
 
     monkeypatch.setattr(TargetFilter, "__init__", counting)
-    return built
+    return filters
 
 
 @pytest.mark.parametrize("changes", [{"motion.position_noise": 3.0}, {"working_size": 60}, {}])
-def test_what_has_been_checked_is_made_once(started, images, box, made, changes):
+def test_a_checked_change_is_built_once(started, images, box, built, changes):
     started.check(PARAMETERS | changes, 3)
     started.configure(PARAMETERS | changes, 3)
-    assert len(made) == 1
-    told = started.process(Frame(images[1], START + 40_000_000)).estimate
+    assert len(built) == 1
+    estimate = started.process(Frame(images[1], START + 40_000_000)).estimate
     tracker = Tracker.from_preset("li2007", seed=3, parameters={"particles": 20})
     tracker.start(images[0], box)
     tracker.set_parameters(changes)
-    assert told == tracker.update(images[1], 0.04)
+    assert estimate == tracker.update(images[1], 0.04)
 
 
-def test_what_was_checked_before_a_frame_or_a_stop_is_not_taken_after_it(started, images, box):
+def test_a_check_is_outdated_by_a_frame_or_a_stop(started, images, box):
     after = PARAMETERS | {"working_size": 60}
     started.check(after, 3)
     started.process(Frame(images[1], START + 40_000_000))
     started.configure(after, 3)
-    told = started.process(Frame(images[2], START + 80_000_000)).estimate
+    estimate = started.process(Frame(images[2], START + 80_000_000)).estimate
     tracker = Tracker.from_preset("li2007", seed=3, parameters={"particles": 20})
     tracker.start(images[0], box)
     tracker.update(images[1], 0.04)
     tracker.set_parameters({"working_size": 60})
-    assert told == tracker.update(images[2], 0.04)
+    assert estimate == tracker.update(images[2], 0.04)
     started.check(PARAMETERS, 3)
     started.stop()
     started.configure(PARAMETERS, 3)
     assert started.process(Frame(images[3], START + SECOND)).frame == "waiting"
 
 
-def test_between_frames_a_target_that_is_learned_again_is_told_where_it_was(started, images):
-    told = started.process(Frame(images[1], START + 40_000_000)).estimate
+def test_a_relearned_target_keeps_its_estimate_until_the_next_frame(started, images):
+    estimate = started.process(Frame(images[1], START + 40_000_000)).estimate
     started.configure(preset_parameters("zhang2015"), seed=3)
-    assert (started.estimate.box, started.estimate.state) == (told.box, "tracking")
+    assert (started.estimate.box, started.estimate.state) == (estimate.box, "tracking")
 
 
 @pytest.mark.parametrize("state", ["occluded", "lost"])
-def test_a_target_out_of_sight_that_is_learned_again_is_so_until_a_frame_shows_it(
-    session, images, box, state
-):
+def test_a_relearned_target_keeps_its_state_until_a_frame_shows_it(session, images, box, state):
     black = np.zeros_like(images[0])
     session.configure(PARAMETERS | {"track.lost_after": 0.1}, seed=3)
     session.request(box)
     session.process(Frame(images[0], START))
     count = 1 if state == "occluded" else 4
     for index in range(1, count + 1):
-        told = session.process(Frame(black, START + index * 40_000_000)).estimate
-    assert told.state == state
-    # Nothing is too little for these to call the target hidden, but it takes something to see it.
+        estimate = session.process(Frame(black, START + index * 40_000_000)).estimate
+    assert estimate.state == state
+    # With these, no confidence makes the target occluded, but recovery needs confidence.
     after = preset_parameters("zhang2015")
     after |= {"track.lost_after": 3600.0, "track.occluded_below": 0.0}
     session.configure(after, seed=3)
@@ -607,7 +601,7 @@ def test_a_target_out_of_sight_that_is_learned_again_is_so_until_a_frame_shows_i
     assert shown.state == "tracking"
 
 
-def test_a_duplicate_stays_one_though_the_target_is_learned_from_an_earlier_frame(started, images):
+def test_relearning_from_an_earlier_frame_does_not_move_the_clock(started, images):
     black = np.zeros_like(images[0])
     assert started.process(Frame(black, START + 40_000_000)).estimate.state == "occluded"
     started.configure(preset_parameters("zhang2015"), seed=3)
@@ -623,13 +617,13 @@ def in_size(image, size):
 
 @pytest.mark.parametrize("preset", ["default", "li2007", "zhang2015", "zhang_bo"])
 @pytest.mark.parametrize("size", [(320, 240), (80, 60), (107, 80)])
-def test_images_of_another_size_are_followed(images, box, moving_square, preset, size):
+def test_targets_are_tracked_in_images_of_another_size(images, box, moving_square, preset, size):
     session = Session(preset_parameters(preset), seed=4)
     session.request(box)
     for index in range(5):
         session.process(Frame(images[index], START + index * 40_000_000))
     scale = np.array(size) / (160, 120)
-    # Its background model begins anew with the size, and the target is part of it for a while.
+    # The new size resets the background model, and the target is part of it for a while.
     near = 24 if preset == "zhang_bo" else 8
     for index in range(5, 12):
         image = in_size(images[index], size)
@@ -643,7 +637,7 @@ def test_images_of_another_size_are_followed(images, box, moving_square, preset,
     assert back.box[:2] == pytest.approx(moving_square.boxes[12][:2], abs=near)
 
 
-def test_16_bit_images_of_another_size_are_followed(images, box, moving_square):
+def test_targets_are_tracked_in_16_bit_images_of_another_size(images, box, moving_square):
     session = Session(PARAMETERS, seed=3)
     session.request(box)
     gray = (images.mean(axis=3) * 250).astype(np.uint16)
@@ -653,7 +647,7 @@ def test_16_bit_images_of_another_size_are_followed(images, box, moving_square):
     assert outcome.estimate.box[:2] == pytest.approx(2 * moving_square.boxes[1][:2], abs=12)
 
 
-def test_a_target_out_of_sight_stays_so_when_the_size_changes(started, images):
+def test_an_occluded_target_stays_so_when_the_image_size_changes(started, images):
     black = np.zeros_like(images[0])
     assert started.process(Frame(black, START + 40_000_000)).estimate.state == "occluded"
     small = started.process(Frame(in_size(black, (80, 60)), START + 80_000_000)).estimate
@@ -665,14 +659,16 @@ def test_a_target_out_of_sight_stays_so_when_the_size_changes(started, images):
 REFUSED = {
     "another aspect ratio": lambda image: image[:100],
     "too small for the target": lambda image: in_size(image, (4, 3)),
-    "another kind": lambda image: in_size(image, (80, 60))[..., 0],
+    "another type": lambda image: in_size(image, (80, 60))[..., 0],
 }
 
 
-@pytest.mark.parametrize("kind", REFUSED)
-def test_what_cannot_be_scaled_is_refused_and_the_target_kept(started, images, box, kind):
-    with pytest.raises(ValueError, match="but those that the targets were followed in were"):
-        started.process(Frame(np.ascontiguousarray(REFUSED[kind](images[1])), START + 20_000_000))
+@pytest.mark.parametrize("case", REFUSED)
+def test_an_image_that_cannot_be_scaled_to_is_refused_and_the_target_kept(
+    started, images, box, case
+):
+    with pytest.raises(ValueError, match="but the targets are tracked in images of"):
+        started.process(Frame(np.ascontiguousarray(REFUSED[case](images[1])), START + 20_000_000))
     after = started.process(Frame(images[1], START + 40_000_000))
     assert same(after.estimate, library(images[:2], box, [0.04])[0])
 
@@ -686,7 +682,7 @@ def test_a_target_drawn_on_a_frame_of_another_size_is_refused(watching, images, 
     outcome = watching.process(Frame(in_size(images[10], (80, 60)), stamp))
     assert (outcome.frame, outcome.estimate) == ("waiting", None)
     assert (
-        "on an image of another size or kind than the last one, (60, 80, 3) uint8"
+        "on an image of another size or type; draw it on one like the last, (60, 80, 3) uint8"
         in outcome.refused[0]
     )
 

@@ -77,7 +77,7 @@ def test_a_box_that_is_drawn_again_puts_the_target_right(walkers, make_tracker, 
         assert [target.id for target in told] == [first, second]
     assert told[0].label == "mine"
     assert start_earlier(tracker, walkers.boxes[4][1], 3 * INTERVAL, "other") == second
-    with pytest.raises(ValueError, match="as many as there may be"):
+    with pytest.raises(ValueError, match="the maximum"):
         tracker.start(walkers.images[7], walkers.boxes[7][2])
     late = walkers.detections(5, targets=[0], age=3 * INTERVAL)
     for number in range(8, 20):
@@ -155,7 +155,7 @@ def test_one_by_hand_that_was_gone_is_found_elsewhere(returner, make_tracker, io
 def test_starting_on_another_image_than_the_last_is_refused(walkers, make_tracker):
     tracker = make_tracker()
     tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
-    with pytest.raises(ValueError, match="not the one that was given last"):
+    with pytest.raises(ValueError, match="not the last one passed to update"):
         tracker.start(walkers.images[5], walkers.boxes[5][0])
     assert len(tracker.update(walkers.images[1], INTERVAL)) == 3
 
@@ -194,7 +194,7 @@ def test_a_copy_asks_for_a_frame_before_it_starts_a_target(walkers, make_tracker
         lambda: other.start(walkers.images[0], walkers.boxes[0][1]),
         lambda: start_earlier(other, walkers.boxes[0][1]),
     ):
-        with pytest.raises(ValueError, match="no frame so far, as in a fresh copy; give one"):
+        with pytest.raises(ValueError, match="no frame yet, as in a new copy; pass one"):
             start()
     other.update(walkers.images[0], INTERVAL)
     other.start(walkers.images[0], walkers.boxes[0][1])

@@ -1,4 +1,4 @@
-"""What is of the camera is done once a frame, however many targets there are."""
+"""Computations on the image are done once a frame, for any number of targets."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def go_on(manager, images, numbers):
         manager.update(Frame(images[number], at(number)), INTERVAL)
 
 
-# What is done once
+# Shared computations
 
 
 @pytest.mark.parametrize("preset", ["default", "li2007", "zhang2015"])
@@ -82,16 +82,16 @@ def test_pixels_are_converted_and_reduced_once_for_all_targets(
 
 @pytest.fixture
 def model_updates(monkeypatch):
-    """The boxes that every update of a background model was told."""
-    told = []
+    """The boxes passed to each update of a background model."""
+    updates = []
     update = BackgroundModel.update
 
     def counted(model, image, foreground_boxes=()):
-        told.append([tuple(box) for box in foreground_boxes])
+        updates.append([tuple(box) for box in foreground_boxes])
         return update(model, image, foreground_boxes)
 
     monkeypatch.setattr(BackgroundModel, "update", counted)
-    return told
+    return updates
 
 
 @pytest.mark.parametrize("targets", [1, 3])
@@ -108,7 +108,7 @@ def test_the_background_is_learned_once_a_frame(targets, make_manager, walkers, 
 
 
 @pytest.mark.parametrize("preset", ["li2007", "zhang2015"])
-def test_without_a_cue_of_the_foreground_there_is_no_background_model(
+def test_without_a_foreground_cue_there_is_no_background_model(
     preset, make_manager, walkers, model_updates
 ):
     manager = make_manager(preset)
@@ -117,9 +117,7 @@ def test_without_a_cue_of_the_foreground_there_is_no_background_model(
     assert model_updates == []
 
 
-def test_whoever_begins_the_background_anew_is_told_where_all_targets_are(
-    make_manager, walkers, model_updates
-):
+def test_a_new_background_model_gets_the_boxes_of_all_targets(make_manager, walkers, model_updates):
     manager = make_manager("li2007")
     begin(manager, walkers.images, walkers.boxes[0])
     manager.adopt_parameters(
@@ -129,7 +127,7 @@ def test_whoever_begins_the_background_anew_is_told_where_all_targets_are(
     assert model_updates == [[tuple(box) for box in walkers.boxes[0]]]
 
 
-def test_the_gray_range_goes_on_once_a_frame(make_manager, walkers, monkeypatch):
+def test_gain_control_is_updated_once_a_frame(make_manager, walkers, monkeypatch):
     intervals = []
     update = GainControl.update
 
@@ -145,19 +143,19 @@ def test_the_gray_range_goes_on_once_a_frame(make_manager, walkers, monkeypatch)
     assert intervals == [0.0] + [INTERVAL] * 3
 
 
-def test_a_single_target_waits_without_anything_being_done(make_manager, walkers, model_updates):
+def test_without_a_single_target_frames_are_only_buffered(make_manager, walkers, model_updates):
     manager = make_manager("zhang_bo", 1)
     go_on(manager, walkers.images, range(4))
     assert (model_updates, len(manager.frames)) == ([], 4)
-    # It is caught up through the frames since, with a background that begins with the first.
+    # It is caught up through the frames since its own, with a new background model.
     started = manager.start(tuple(walkers.boxes[1][0]), at(1))
     assert (started.caught_up, len(model_updates)) == (2, 3)
 
 
-# Targets that cannot begin
+# Refused targets
 
 
-def test_targets_of_one_seed_draw_their_own_numbers(make_manager, walkers):
+def test_targets_of_one_seed_have_their_own_random_numbers(make_manager, walkers):
     manager = make_manager("li2007")
     begin(manager, walkers.images, [walkers.boxes[0][0], walkers.boxes[0][0] + (25, 0, 0, 0)])
     first, second = (target.estimate.particles for target in manager.targets)
@@ -173,9 +171,9 @@ def test_targets_of_one_seed_draw_their_own_numbers(make_manager, walkers):
         ((10.0, 10.0, 20.0, 20.0), at(0) - 2 * 10**9, FrameNotBufferedError),
     ],
 )
-def test_a_start_that_is_refused_leaves_all_as_it_was(make_manager, walkers, as_told, most, drawn):
+def test_a_refused_start_changes_nothing(make_manager, walkers, as_told, most, drawn):
     box, stamp, refusal = drawn
-    told = []
+    snapshots = []
     for is_tried in (False, True):
         manager = make_manager("default", most)
         begin(manager, walkers.images, walkers.boxes[0][:most])
@@ -184,18 +182,20 @@ def test_a_start_that_is_refused_leaves_all_as_it_was(make_manager, walkers, as_
             with pytest.raises(refusal):
                 manager.start(box, stamp)
         go_on(manager, walkers.images, range(6, 9))
-        told.append((as_told(manager.targets), manager.frames.stamps))
-    assert told[0] == told[1]
+        snapshots.append((as_told(manager.targets), manager.frames.stamps))
+    assert snapshots[0] == snapshots[1]
 
 
-def test_one_too_many_drawn_long_ago_leaves_the_frames_as_they_were(make_manager, walkers, as_told):
-    """More frames than it would be caught up through, in which the camera has moved."""
+def test_a_refused_start_on_an_old_frame_leaves_the_buffer_unchanged(
+    make_manager, walkers, as_told
+):
+    """More frames than are replayed, by a moving camera."""
     images = [np.roll(walkers.images[0], number % 7, axis=1) for number in range(45)]
     manager = make_manager("default", 1 + 1)
     begin(manager, images, walkers.boxes[0][:2])
     go_on(manager, images, range(1, 45))
     before = [entry.frame.camera_motion for entry in manager.frames.entries]
-    with pytest.raises(ValueError, match="as many as there may be"):
+    with pytest.raises(ValueError, match="the maximum"):
         manager.start(tuple(walkers.boxes[0][2]), at(0))
     after = [entry.frame.camera_motion for entry in manager.frames.entries]
     assert any(motion is not None for motion in before)

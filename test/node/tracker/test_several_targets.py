@@ -133,7 +133,7 @@ def test_one_more_than_there_may_be_is_refused_with_the_reason(client, crowd, wa
     client.point_at((150.0, 20.0, 30.0, 30.0))
     status = client.show(images[1], client.at(1))
     assert status.level == "WARN"
-    assert "target refused: there are 2 targets, as many as there may be" in status.message
+    assert "target refused: there are 2 targets, the maximum" in status.message
     assert ids(status) == [1, 2]
     send_id(client, node, "stop_target", 1)
     client.point_at((150.0, 20.0, 30.0, 30.0))
@@ -168,7 +168,7 @@ def test_images_of_another_kind_are_refused_until_a_target_is_given_on_them(clie
     client.point_at(boxes[3][1], client.at(3))
     status = client.show(images[4][..., 1].copy(), client.at(4), "mono8")
     assert (status.level, status.values["frame"], ids(status)) == ("WARN", "started", [3])
-    assert "ended: 1, 2; a target was drawn on images of another size or kind" in status.message
+    assert "ended: 1, 2; a new target was drawn on images of another size or type" in status.message
     status = client.show(images[5][..., 1].copy(), client.at(5), "mono8")
     assert (status.level, ids(status)) == ("OK", [3])
 

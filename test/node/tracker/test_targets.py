@@ -69,7 +69,7 @@ def test_a_target_on_a_frame_that_is_gone_is_refused_with_the_reason(graph, clie
     client.point_at(boxes[1], stamp=client.at(1))
     status = client.show(images[6], client.at(6))
     assert (status.level, status.values["state"]) == ("WARN", "idle")
-    assert "0.160 s before the oldest one here" in status.message
+    assert "0.160 s older than the oldest one in the buffer" in status.message
     assert status.values["last_error"] == status.message
     client.set_parameters(frame_buffer_length=5)
     client.show(images[7], client.at(7))

@@ -1,4 +1,4 @@
-"""Detections that come late, twice or of frames in any order."""
+"""Detections that arrive late, twice or out of order."""
 
 import numpy as np
 import pytest
@@ -9,35 +9,33 @@ INTERVAL = 0.1
 
 
 @pytest.mark.parametrize("delay", [1, 4, 9])
-def test_late_detections_do_what_they_would_have_done_in_time(
-    walkers, make_tracker, as_told, delay
-):
-    """After each of them the targets are those of a detector that answers at once."""
+def test_late_detections_have_the_effect_of_those_in_time(walkers, make_tracker, as_told, delay):
+    """After each, the targets are those of a detector without latency."""
     in_time, late = make_tracker(seed=2), make_tracker(seed=2)
     for number, image in enumerate(walkers.images):
         seen = walkers.detections(number) if number % 10 == 0 else None
         expected = in_time.update(image, INTERVAL, seen)
         before = number - delay
-        answer = None
+        detections = None
         if before >= 0 and before % 10 == 0:
-            answer = walkers.detections(before, age=delay * INTERVAL)
-        told = late.update(image, INTERVAL, answer)
-        if answer:
-            assert as_told(told) == as_told(expected)
-    assert as_told(told) == as_told(expected)
+            detections = walkers.detections(before, age=delay * INTERVAL)
+        targets = late.update(image, INTERVAL, detections)
+        if detections:
+            assert as_told(targets) == as_told(expected)
+    assert as_told(targets) == as_told(expected)
 
 
-def test_a_late_detection_of_an_earlier_frame_keeps_the_ids(walkers, make_tracker):
+def test_detections_of_an_earlier_frame_keep_the_ids(walkers, make_tracker):
     tracker = make_tracker()
     for number in range(8):
         seen = walkers.detections(number) if number == 6 else None
-        answer = tracker.update(walkers.images[number], INTERVAL, seen)
-    ids = [target.id for target in answer]
+        targets = tracker.update(walkers.images[number], INTERVAL, seen)
+    ids = [target.id for target in targets]
     late = walkers.detections(3, age=5 * INTERVAL)
     assert [target.id for target in tracker.update(walkers.images[8], INTERVAL, late)] == ids
 
 
-def test_an_answer_that_comes_twice_counts_once(walkers, make_tracker, as_told):
+def test_duplicate_detections_count_once(walkers, make_tracker, as_told):
     once, twice = make_tracker(), make_tracker()
     for tracker in (once, twice):
         tracker.update(walkers.images[0], INTERVAL)
@@ -48,7 +46,7 @@ def test_an_answer_that_comes_twice_counts_once(walkers, make_tracker, as_told):
     )
 
 
-def test_detections_beyond_the_history_are_left_out_with_a_reason(run, walkers, make_tracker):
+def test_detections_beyond_the_buffer_are_rejected_with_a_reason(run, walkers, make_tracker):
     tracker = make_tracker()
     run(tracker, walkers, frames=5)
     old = walkers.detections(0, age=100.0)
@@ -59,7 +57,7 @@ def test_detections_beyond_the_history_are_left_out_with_a_reason(run, walkers, 
     assert tracker.rejected_detections == ()
 
 
-def test_what_a_detector_saw_before_the_first_frame_is_no_fault(walkers, make_tracker, run):
+def test_detections_of_before_the_first_frame_are_ignored_silently(walkers, make_tracker, run):
     tracker = make_tracker()
     run(tracker, walkers, frames=5)
     before = walkers.detections(0, age=2.0)
@@ -67,24 +65,24 @@ def test_what_a_detector_saw_before_the_first_frame_is_no_fault(walkers, make_tr
     assert tracker.rejected_detections == ()
     for number in range(6, 29):
         tracker.update(walkers.images[number], INTERVAL)
-    # By then the first frames are not kept any more, so something is missed.
+    # The first frames have left the buffer, so detections are missed.
     tracker.update(walkers.images[29], INTERVAL, walkers.detections(0, age=2.9))
     assert "2.9 s old" in tracker.rejected_detections[0]
 
 
-def test_another_detector_s_later_answer_of_the_same_frame_keeps_the_ids(walkers, make_tracker):
+def test_a_second_detector_s_later_result_keeps_the_ids(walkers, make_tracker):
     tracker = make_tracker()
-    told = []
+    targets = []
     for number in range(8):
         seen = {0: walkers.detections(0, [1]), 3: walkers.detections(0, [0, 2], age=3 * INTERVAL)}
-        told.append(tracker.update(walkers.images[number], INTERVAL, seen.get(number)))
-    assert [target.id for target in told[0]] == [1]
-    assert [target.id for target in told[-1]] == [1, 2, 3]
-    (before,), (after, *_) = told[2], told[-1]
+        targets.append(tracker.update(walkers.images[number], INTERVAL, seen.get(number)))
+    assert [target.id for target in targets[0]] == [1]
+    assert [target.id for target in targets[-1]] == [1, 2, 3]
+    (before,), (after, *_) = targets[2], targets[-1]
     assert abs(before.estimate.box[0] - 5 * 3 - after.estimate.box[0]) < 5.0
 
 
-def test_no_id_is_that_of_two_where_frames_are_worked_out_more_than_once(make_tracker):
+def test_repeated_reprocessing_gives_no_id_to_two_targets(make_tracker):
     image = np.full((120, 160, 3), 120, np.uint8)
     image[40:80, 50:74], image[40:80, 56:80] = (20, 20, 230), (230, 40, 20)
     one, other = (np.array([(x, 40.0, 24.0, 40.0)]) for x in (50, 56))
@@ -92,37 +90,37 @@ def test_no_id_is_that_of_two_where_frames_are_worked_out_more_than_once(make_tr
     for _ in range(8):
         tracker.update(image, INTERVAL)
     tracker.update(image, INTERVAL, Detections(one))
-    # It takes the place of that one, which is back once its frame is worked out once more.
-    (told,) = tracker.update(image, INTERVAL, Detections(other, age=0.4))
-    assert told.id == 1
+    # It replaces that one, which returns when its frame is reprocessed again.
+    (target,) = tracker.update(image, INTERVAL, Detections(other, age=0.4))
+    assert target.id == 1
     tracker.update(image, INTERVAL, Detections(other, age=0.2))
-    told = tracker.update(image, INTERVAL, Detections(np.vstack([one, other])))
-    assert [target.id for target in told] == [1, 2]
+    targets = tracker.update(image, INTERVAL, Detections(np.vstack([one, other])))
+    assert [target.id for target in targets] == [1, 2]
     tracker.stop(1)
     assert [target.id for target in tracker.targets] == [2]
 
 
 @pytest.mark.parametrize("pause", [1.5, 4.0, 100.0])
-def test_after_a_pause_a_detection_shows_its_target_at_once(walkers, make_tracker, iou, pause):
+def test_after_a_pause_a_detection_recovers_its_target_at_once(walkers, make_tracker, iou, pause):
     tracker = make_tracker()
     for number in range(12):
-        told = tracker.update(walkers.images[number], INTERVAL, walkers.detections(number))
-    ids = [target.id for target in told]
-    told = tracker.update(walkers.images[12], pause, walkers.detections(12))
-    assert [target.id for target in told] == ids
-    for target, true in zip(told, walkers.boxes[12], strict=True):
+        targets = tracker.update(walkers.images[number], INTERVAL, walkers.detections(number))
+    ids = [target.id for target in targets]
+    targets = tracker.update(walkers.images[12], pause, walkers.detections(12))
+    assert [target.id for target in targets] == ids
+    for target, true in zip(targets, walkers.boxes[12], strict=True):
         assert target.estimate.state == "tracking"
         assert target.unconfirmed_for == 0.0
         assert iou(target.estimate.box, true) > 0.7
 
 
-def test_a_late_answer_starts_none_on_what_was_drawn_on_its_frame(walkers, make_tracker):
+def test_late_detections_start_no_target_on_a_manual_one(walkers, make_tracker):
     tracker = make_tracker()
-    name = tracker.start(walkers.images[0], walkers.boxes[0][0])
+    id = tracker.start(walkers.images[0], walkers.boxes[0][0])
     for image in walkers.images[1:6]:
         tracker.update(image, INTERVAL)
     late = walkers.detections(0, targets=[0, 1], age=6 * INTERVAL)
-    told = tracker.update(walkers.images[6], INTERVAL, late)
-    assert [target.id for target in told] == [name, name + 1]
-    assert told[0].estimate.box[0] < 100
-    assert told[1].estimate.box[0] > 200
+    targets = tracker.update(walkers.images[6], INTERVAL, late)
+    assert [target.id for target in targets] == [id, id + 1]
+    assert targets[0].estimate.box[0] < 100
+    assert targets[1].estimate.box[0] > 200

@@ -1,4 +1,4 @@
-"""Targets that are kept, with their ids, when the parameters or the images' size change."""
+"""Targets keep their ids when the parameters or the image size change."""
 
 import copy
 
@@ -14,7 +14,7 @@ INTERVAL = 0.1
 
 @pytest.fixture
 def started(walkers, make_tracker):
-    """A tracker that has followed the walkers for eight frames."""
+    """A tracker after eight frames of the walkers."""
 
     def start(**parameters):
         tracker = make_tracker(**parameters)
@@ -28,7 +28,7 @@ def started(walkers, make_tracker):
 
 
 def follow(tracker, walkers, numbers, iou, scale=1.0):
-    """Follow without a detector; the ids, which must stay on what they were on."""
+    """Track without a detector; checks the boxes and returns the ids."""
     for number in numbers:
         image = cv2.resize(walkers.images[number], None, fx=scale, fy=scale)
         for target in tracker.update(image, INTERVAL):
@@ -46,14 +46,14 @@ def follow(tracker, walkers, numbers, iou, scale=1.0):
     ],
     ids=["tuned", "another motion model", "other cues"],
 )
-def test_parameters_change_and_the_targets_stay(started, walkers, iou, values):
+def test_targets_survive_a_change_of_parameters(started, walkers, iou, values):
     tracker = started()
     tracker.set_parameters(values)
     assert {name: tracker.parameters[name] for name in values} == values
     assert follow(tracker, walkers, range(8, 16), iou) == [1, 2, 3]
 
 
-def test_a_tuned_tracker_still_takes_late_detections(started, walkers):
+def test_late_detections_are_accepted_after_a_change_of_parameters(started, walkers):
     tracker = started()
     tracker.set_parameters({"particles": 60})
     tracker.update(walkers.images[8], INTERVAL, walkers.detections(4, age=4 * INTERVAL))
@@ -62,7 +62,7 @@ def test_a_tuned_tracker_still_takes_late_detections(started, walkers):
 
 
 @pytest.mark.parametrize("values", [{"particles": 0}, {"nose": 1}, {"cues": ("foreground",)}])
-def test_a_change_that_is_refused_changes_nothing(started, walkers, as_told, values):
+def test_a_refused_change_has_no_effect(started, walkers, as_told, values):
     tracker, other = started(), started()
     with pytest.raises(ParameterError):
         tracker.set_parameters({"detector.recall": 0.5, **values})
@@ -72,9 +72,7 @@ def test_a_change_that_is_refused_changes_nothing(started, walkers, as_told, val
     )
 
 
-def test_a_target_that_is_long_out_of_sight_is_learned_from_where_it_was_seen_last(
-    walkers, make_tracker, iou
-):
+def test_an_occluded_target_is_relearned_where_it_was_last_seen(walkers, make_tracker, iou):
     tracker = make_tracker()
     tracker.start(walkers.images[0], walkers.boxes[0][0])
     blank = np.full_like(walkers.images[0], 120)
@@ -91,10 +89,10 @@ def test_a_target_that_is_long_out_of_sight_is_learned_from_where_it_was_seen_la
     assert iou(target.estimate.box, walkers.boxes[0][0]) > 0.6
 
 
-def test_what_no_frame_shows_that_is_kept_refuses_the_change(started, walkers):
-    """As in a copy, which carries no frames."""
+def test_a_change_is_refused_if_no_stored_frame_shows_a_target(started, walkers):
+    """As in a copy, which has no frames."""
     tracker = copy.copy(started())
-    with pytest.raises(ParameterError, match="the target 1 would have to be learned again"):
+    with pytest.raises(ParameterError, match="target 1 must be relearned"):
         tracker.set_parameters({"motion.model": "constant_velocity", "particles": 50})
     assert tracker.parameters["motion.model"] == "constant_velocity_and_size"
     tracker.set_parameters({"particles": 50})
@@ -103,7 +101,7 @@ def test_what_no_frame_shows_that_is_kept_refuses_the_change(started, walkers):
     assert [target.id for target in tracker.targets] == [1, 2, 3]
 
 
-def test_a_lost_target_stays_lost_for_sure_when_it_is_learned_again(walkers, make_tracker):
+def test_a_lost_target_stays_lost_when_it_is_relearned(walkers, make_tracker):
     tracker = make_tracker(track__lost_after=0.5)
     tracker.start(walkers.images[0], walkers.boxes[0][0])
     blank = np.full_like(walkers.images[0], 120)
@@ -117,7 +115,7 @@ def test_a_lost_target_stays_lost_for_sure_when_it_is_learned_again(walkers, mak
 
 
 @pytest.mark.parametrize("scale", [2.0, 0.5])
-def test_a_camera_that_scales_its_images_keeps_the_ids(started, walkers, iou, scale):
+def test_scaled_images_keep_the_ids(started, walkers, iou, scale):
     tracker = started()
     image = cv2.resize(walkers.images[8], None, fx=scale, fy=scale)
     assert not tracker._manager.accepts_image(image)
@@ -126,7 +124,7 @@ def test_a_camera_that_scales_its_images_keeps_the_ids(started, walkers, iou, sc
     assert follow(tracker, walkers, range(8, 14), iou, scale) == [1, 2, 3]
 
 
-def test_images_of_another_kind_are_not_scaled_to(started, walkers, as_told):
+def test_images_of_another_type_or_aspect_ratio_are_not_scaled_to(started, walkers, as_told):
     tracker = started()
     before = as_told(tracker.targets)
     for image in (walkers.images[8][..., 0].copy(), walkers.images[8][:100]):
@@ -135,16 +133,16 @@ def test_images_of_another_kind_are_not_scaled_to(started, walkers, as_told):
     assert tracker._manager.accepts_image(walkers.images[8])
 
 
-def test_ids_are_not_used_again_after_all_were_forgotten(started, walkers):
+def test_ids_are_not_reused_after_all_targets_are_removed(started, walkers):
     tracker = started()
     tracker._manager.clear()
     assert tracker.targets == ()
     for number in range(8, 13):
-        told = tracker.update(walkers.images[number], INTERVAL, walkers.detections(number))
-    assert [target.id for target in told] == [4, 5, 6]
+        targets = tracker.update(walkers.images[number], INTERVAL, walkers.detections(number))
+    assert [target.id for target in targets] == [4, 5, 6]
 
 
-def test_another_camera_may_send_other_images(started, walkers, start_earlier):
+def test_after_a_reset_images_of_any_format_are_accepted(started, walkers, start_earlier):
     tracker = started()
     tracker._manager.reset()
     gray = [image[:100, :, 0].copy() for image in walkers.images]
@@ -154,9 +152,7 @@ def test_another_camera_may_send_other_images(started, walkers, start_earlier):
     assert target.id == 4
 
 
-def test_a_target_drawn_on_a_frame_gone_by_is_followed_up_to_now(
-    walkers, make_tracker, iou, start_earlier
-):
+def test_a_manual_target_on_a_past_frame_is_caught_up(walkers, make_tracker, iou, start_earlier):
     tracker = make_tracker()
     for number in range(10):
         tracker.update(walkers.images[number], INTERVAL)
@@ -165,20 +161,20 @@ def test_a_target_drawn_on_a_frame_gone_by_is_followed_up_to_now(
     assert (target.id, target.label) == (id, "dog")
     assert iou(target.estimate.box, walkers.boxes[9][1]) > 0.6
     assert target.age == pytest.approx(6 * INTERVAL)
-    # Nor is it gone where what happened since is worked out again.
+    # It also survives the reprocessing of frames.
     late = walkers.detections(6, targets=[0], age=4 * INTERVAL)
-    told = tracker.update(walkers.images[10], INTERVAL, late)
-    assert id in [one.id for one in told]
+    targets = tracker.update(walkers.images[10], INTERVAL, late)
+    assert id in [one.id for one in targets]
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (((10, 10, 20, 20), 60.0), "drawn on a frame from 59.300 s before the oldest one here"),
+        (((10, 10, 20, 20), 60.0), "its frame is 59.300 s older than the oldest one in the buffer"),
         (((10, 10, 0, 20), 0.0), "too small"),
     ],
 )
-def test_an_earlier_target_that_cannot_be_is_refused(
+def test_an_invalid_manual_target_on_a_past_frame_is_refused(
     started, as_told, arguments, message, start_earlier
 ):
     tracker = started()
@@ -188,13 +184,13 @@ def test_an_earlier_target_that_cannot_be_is_refused(
     assert as_told(tracker.targets) == before
 
 
-def test_before_the_first_frame_there_is_nothing_to_start_on(make_tracker):
-    with pytest.raises(ValueError, match="no frame so far"):
+def test_no_target_starts_before_the_first_frame(make_tracker):
+    with pytest.raises(ValueError, match="no frame yet"):
         make_tracker()._manager.start((10, 10, 20, 20))
 
 
-def test_several_answers_at_once_are_as_good_as_one_after_the_other(walkers, make_tracker):
-    """Two detectors, and one that is late: what each says counts in the frame that it saw."""
+def test_several_detector_results_at_once_equal_one_after_the_other(walkers, make_tracker):
+    """Two detectors, in time and late: each result is applied at its own frame."""
     together, in_time = make_tracker(), make_tracker()
     for number in range(12):
         found = [walkers.detections(number, [0]), walkers.detections(number, [1])]
@@ -208,16 +204,16 @@ def test_several_answers_at_once_are_as_good_as_one_after_the_other(walkers, mak
     assert np.allclose(sorted(boxes[0].values()), sorted(boxes[1].values()), atol=4.0)
 
 
-def test_only_labels_that_are_asked_for_count(walkers, make_tracker):
+def test_detections_with_other_labels_are_ignored(walkers, make_tracker):
     tracker = make_tracker(detector__labels=("person", "dog"))
     for number in range(4):
         found = walkers.detections(number, labels=["person", "car", "dog"])
-        told = tracker.update(walkers.images[number], INTERVAL, found)
-    assert sorted(target.label for target in told) == ["dog", "person"]
+        targets = tracker.update(walkers.images[number], INTERVAL, found)
+    assert sorted(target.label for target in targets) == ["dog", "person"]
     assert tracker.rejected_detections == ()
 
 
-def test_a_history_of_fewer_frames_reaches_less_far(started, walkers):
+def test_a_smaller_buffer_rejects_older_detections(started, walkers):
     tracker = started()
     tracker._manager.frames.limit(3, 100.0)
     tracker.update(walkers.images[8], INTERVAL, walkers.detections(4, age=4 * INTERVAL))
