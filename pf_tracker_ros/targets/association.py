@@ -66,8 +66,8 @@ def assign(costs: NDArray[np.float64], max_cost: float) -> dict[int, int]:
     }
 
 
+# Standard deviations of a detection's center, in widths and heights of its box.
 CENTER_STD = np.array([0.15, 0.1])
-"""(2,) standard deviations of a detection's center, in widths and heights of its box."""
 # Those of the logarithms of its sides.
 _LOG_SIZE_STD = np.array([0.25, 0.15])
 # Degrees of freedom of the center's distance. The tails are heavy: people crouch, and detectors
@@ -159,14 +159,11 @@ def correct_id_switches(
         appearance: Compares descriptors.
     """
     corrected = list(tracks)
-    clear = [index for index, one in enumerate(assigned) if one is not None and one.is_clear]
-    for index, other_index in itertools.combinations(clear, 2):
-        one, other = corrected[index], corrected[other_index]
-        detection, other_detection = assigned[index], assigned[other_index]
-        if detection is None or other_detection is None:
-            continue
+    clear = [(index, one) for index, one in enumerate(assigned) if one and one.is_clear]
+    for (index, detection), (other_index, other_detection) in itertools.combinations(clear, 2):
         if not _are_near(detection, other_detection):
             continue
+        one, other = corrected[index], corrected[other_index]
         descriptors = np.array([detection.descriptor, other_detection.descriptor])
         one_kept, one_exchanged = appearance.distance(one.descriptor, descriptors)
         other_exchanged, other_kept = appearance.distance(other.descriptor, descriptors)

@@ -236,7 +236,7 @@ def check_message_size(octets: bytes) -> None:
     if len(octets) > _MAX_MESSAGE_SIZE:
         raise ValueError(
             f"the message has {len(octets)} bytes; allowed: up to {_MAX_MESSAGE_SIZE}, about a "
-            "thousand detections. Leave out detections with low scores."
+            "thousand detections; leave out those with low scores"
         )
 
 

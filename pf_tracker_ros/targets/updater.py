@@ -3,9 +3,9 @@
 1. Order the tracks: detected ones first, lost manual ones last; otherwise the lower box first,
    since it is nearer to the camera.
 2. Predict the particles of all tracks at once.
-3. For each track, collect external likelihoods, which multiply that of the image:
-   the detection, or else the motion; the occluders in front; the ground's size of a box.
-4. Update the particle filter. A target behind others coasts instead, on its Kalman prediction.
+3. For each track, collect the external likelihoods, which multiply that of the image: of the
+   detection, or else of the motion; of the occluders in front; of the height on the ground.
+4. Update the particle filter. An occluded track coasts instead, at its predicted center.
 5. Correct the center filter, and with a detection the box, the descriptor and the log odds.
 6. Where a detector ran, undetected tracks lose existence log odds (`count_misses`): the logarithm
    of 1 - recall, less where the target is hidden or was missed a moment ago.
@@ -46,7 +46,7 @@ from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import ExternalLikelihood, FramePrediction
 from pf_tracker_ros.tracking.target_filter import TargetFilter
 
-# Probability that a detection is not of its target, and has no information about the position.
+# Probability that a detection is not of its target.
 _WRONG = 0.02
 # Covered share of a target above which it is occluded.
 _OCCLUDED_ABOVE = 0.5
@@ -54,14 +54,11 @@ _OCCLUDED_ABOVE = 0.5
 _SAME_ABOVE = 0.5
 # Largest distance of a target from its predicted place, in its own sides.
 _NEAR = 1.5
-# Weight of the share that occluders cover beyond the predicted one, and the least of that one.
-_OCCLUDER_WEIGHT = 30.0
-_FREE_COVERAGE = 0.2
+# Weight of the covered share beyond the predicted one, and the minimum of that one.
+_OCCLUDER_WEIGHT, _FREE_COVERAGE = 30.0, 0.2
 # Share of the way to its detection that a box moves. It moves all of it below this intersection
-# over union, unless the confidence of the image is above that value.
-_GAIN = 0.5
-_FAR_BELOW = 0.5
-_CONFIDENT_ABOVE = 0.6
+# over union, unless the confidence of the track is above the last value.
+_GAIN, _FAR_BELOW, _CONFIDENT_ABOVE = 0.5, 0.5, 0.6
 # Standard deviation of a center measured in the image, in the sides of the box.
 _IMAGE_STD = np.array([0.3, 0.2])
 # Detections over which sizes are averaged.
@@ -70,7 +67,7 @@ _AVERAGED_SIZES = 3.3
 _DUPLICATE_AFTER = 0.2
 # Degrees of freedom of the image's distance from the predicted center.
 _DEGREES_OF_FREEDOM = 3.0
-# Confidence from which on the image counts fully for the center filter of an undetected target, and
+# Confidence from which on the estimate of an undetected target counts fully for its center filter;
 # the least that it counts.
 _FULL_CONFIDENCE, _MIN_COUNT = 0.5, 0.05
 # Frames between two size estimates of an undetected target: sizes change slowly.
@@ -86,23 +83,22 @@ _SWITCHED_ABOVE, _SWITCH_GATE = 0.3, 6.0
 _NO_DETECTOR_AFTER = 10.0
 # Existence log odds: what a detection adds, their minimum before that, and their maximum.
 _HIT_LOG_ODDS, _MIN_LOG_ODDS, _MAX_LOG_ODDS = 2.0, -1.0, 1.5
-# Seconds until misses of the detector are independent: it misses again what it missed just now.
+# Time constant, seconds, after which two misses are independent.
 _INDEPENDENT_AFTER = 0.3
-# Seconds without a frame after which a detected target starts from its detection: the particles are
-# too few for the area in which it may be.
+# Seconds without a frame after which a track starts again from its detection: the particles are too
+# few for the area in which it may be.
 _PAUSED_AFTER = 1.0
-# Minimum visible share of a target for the effect of a miss.
+# Minimum of the visible share, which scales the effect of a miss.
 _MIN_VISIBLE = 0.4
 
 
 class Updater:
     """Updates the tracks, the one in front first.
 
-    Targets explain their own pixels: a box that covers the box of a target in front is less likely
-    for the targets behind. Lost manual targets occlude nothing, since their place is unknown.
-    Without detections, the size comes from the image and from the ground that targets with one
-    label stand on. A single target without a distractor nearby and without a detector uses the
-    image alone, and is searched for in the whole image once it is lost.
+    Targets explain their own pixels: a box on a target in front is less likely for those behind.
+    Lost manual targets occlude nothing, since their place is unknown. Without detections, the size
+    comes from the image and the ground. A single target, without a distractor nearby or a detector,
+    uses the image alone, and is searched for in the whole image once it is lost.
 
     Args:
         target_filter: Particle filter of each target.
@@ -234,7 +230,7 @@ class Updater:
         is_alone: bool,
         is_silent: bool,
     ) -> Track:
-        """One track, behind others."""
+        """One track, behind the tracks in front."""
         if detection and interval > _PAUSED_AFTER:
             return self._reinitialize(track, frame, interval, detection)
         filter_state, is_occluded_by_other = track.filter_state, False
@@ -254,7 +250,7 @@ class Updater:
         if len(boxes):
             covered = pairwise_coverage(predicted_box[None], boxes)[0]
             external_likelihoods.append(_occluder_likelihood(boxes, covered))
-            # A distractor occludes a confident target; for any other the filter is updated.
+            # A distractor occludes only a confident target.
             is_confident = track.filter_state.estimate.confidence > _FULL_CONFIDENCE
             occludes = np.array([is_confident or not one.is_distractor for one in front])
             is_covered = bool((covered * occludes).max() > _OCCLUDED_ABOVE)
