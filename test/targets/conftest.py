@@ -287,7 +287,7 @@ def iou():
     return overlap
 
 
-def told(targets):
+def output_values(targets):
     """All output values of targets, to compare their bits."""
     return [
         (
@@ -305,4 +305,4 @@ def told(targets):
 
 @pytest.fixture(scope="session")
 def as_told():
-    return told
+    return output_values
