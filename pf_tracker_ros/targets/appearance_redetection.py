@@ -1,4 +1,10 @@
-"""Looks for lost targets all over the image."""
+"""Redetection of lost targets by their appearance, in the whole image.
+
+1. A lost manual target is searched for every fifth frame, where there is no detector.
+2. The appearance proposes the most similar boxes that are on no other target.
+3. The particle filter searches around each. A box counts where both the appearance distance and the
+   filter's confidence are good enough; the best one becomes the target's.
+"""
 
 from __future__ import annotations
 
@@ -16,24 +22,21 @@ from pf_tracker_ros.targets.center_kalman_filter import CenterKalmanFilter
 from pf_tracker_ros.targets.tracks import Track, TrackSet
 from pf_tracker_ros.tracking.target_filter import TargetFilter
 
-# Every how many frames it is the turn of a target, and how many places are looked at then.
+# Frames between two searches for a target, and the boxes that each compares.
 _EVERY, _PLACES = 5, 6
-# Seconds without a detector after which there is none.
-_ON_THEIR_OWN_AFTER = 10.0
-# What is found differs from the target by less than this, by so much less than what is in its box
-# now, and is it with more than this confidence.
-_ALIKE_BELOW, _MARGIN, _CONFIDENT_ABOVE = 0.25, 0.1, 0.7
+# Seconds without detections after which there is no detector.
+_NO_DETECTOR_AFTER = 10.0
+# Largest appearance distance of a match, how much less than that of the present box it is, and its
+# least confidence.
+_MAX_DISTANCE, _MARGIN, _MIN_CONFIDENCE = 0.25, 0.1, 0.7
 
 
 class AppearanceRedetector:
-    """Brings lost targets to where they are seen again, if no detector will.
-
-    What was started by hand, where there is no detector, has to be found by its appearance: where
-    the image is most like it, and none of the other targets is, the filter is asked.
+    """Moves lost manual targets to where they are seen again.
 
     Args:
-        target_filter: Knows the targets.
-        appearance: Describes them.
+        target_filter: Particle filter of each target.
+        appearance: Proposes and compares boxes.
     """
 
     def __init__(self, target_filter: TargetFilter, appearance: Appearance) -> None:
@@ -41,60 +44,61 @@ class AppearanceRedetector:
         self._appearance = appearance
 
     def find(self, track_set: TrackSet, frame: Frame) -> TrackSet:
-        """The crowd with those brought there that are found.
+        """The track set with the lost targets moved to where they are found.
 
         Args:
             track_set: In this frame.
-            frame: At hand.
+            frame: This one.
         """
-        lost = [track for track in track_set.tracks if _is_looked_for(track)]
-        if not lost or track_set.time_since_detection < _ON_THEIR_OWN_AFTER:
+        lost = [track for track in track_set.tracks if _is_due(track)]
+        if not lost or track_set.time_since_detection < _NO_DETECTOR_AFTER:
             return track_set
         others = [
             track.box for track in track_set.tracks if track.filter_state.estimate.state != "lost"
         ]
-        known = np.array(others).reshape(-1, 4)
+        excluded = np.array(others).reshape(-1, 4)
         found: dict[Track, NDArray[np.float64]] = {}
         for track in lost:
-            box = self._place(track, frame, known)
+            box = self._find_box(track, frame, excluded)
             if box is not None:
                 found[track] = box
-                known = np.vstack([known, box])
+                excluded = np.vstack([excluded, box])
         return replace(
             track_set,
             tracks=tuple(
-                self._brought(track, found[track]) if track in found else track
+                self._move_to(track, found[track]) if track in found else track
                 for track in track_set.tracks
             ),
         )
 
-    def _place(
-        self, track: Track, frame: Frame, known: NDArray[np.float64]
+    def _find_box(
+        self, track: Track, frame: Frame, excluded: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
-        """(4,) box where a target is seen, None if nowhere."""
+        """(4,) box of a lost target; None where it is not found."""
         box, size = track.box, np.array(track.filter_state.last_seen_box[2:])
         center = box[:2] + box[2:] / 2
         is_inside = bool(((center >= 0.0) & (center < frame.size)).all())
-        here = self._distances(track, frame, [box])[0] if is_inside else 1.0
-        best, least = None, min(_ALIKE_BELOW, here - _MARGIN)
-        places = self._appearance.find(frame, track.descriptor, size, known, _PLACES)
-        for place, differs in zip(places, self._distances(track, frame, places), strict=True):
-            if differs < least:
-                found = self._target_filter.search_around(track.filter_state, frame, place)
-                is_there = found is not None and are_same_place(found.box, as_box(place))
-                if found is not None and is_there and found.confidence > _CONFIDENT_ABOVE:
-                    best, least = found.box, differs
+        present = self._distances(track, frame, [box])[0] if is_inside else 1.0
+        best, least = None, min(_MAX_DISTANCE, present - _MARGIN)
+        places = self._appearance.find(frame, track.descriptor, size, excluded, _PLACES)
+        for place, distance in zip(places, self._distances(track, frame, places), strict=True):
+            if distance < least:
+                candidate = self._target_filter.search_around(track.filter_state, frame, place)
+                if candidate is None or not are_same_place(candidate.box, as_box(place)):
+                    continue
+                if candidate.confidence > _MIN_CONFIDENCE:
+                    best, least = candidate.box, distance
         return best
 
     def _distances(
         self, track: Track, frame: Frame, boxes: Sequence[NDArray[np.float64]]
     ) -> NDArray[np.float64]:
-        """(N,) how far what is in (4,) boxes is from a target."""
-        seen = self._appearance.extract(frame, np.array(boxes).reshape(-1, 4))
-        return self._appearance.distance(track.descriptor, seen)
+        """(N,) appearance distances of (4,) boxes from a target."""
+        descriptors = self._appearance.extract(frame, np.array(boxes).reshape(-1, 4))
+        return self._appearance.distance(track.descriptor, descriptors)
 
-    def _brought(self, track: Track, box: NDArray[np.float64]) -> Track:
-        """A target that was found in a (4,) box."""
+    def _move_to(self, track: Track, box: NDArray[np.float64]) -> Track:
+        """A track moved to a (4,) box."""
         return replace(
             track,
             filter_state=self._target_filter.operations.move_to(track.filter_state, as_box(box)),
@@ -102,7 +106,7 @@ class AppearanceRedetector:
         )
 
 
-def _is_looked_for(track: Track) -> bool:
-    """Whether a target is lost, nobody else will show it, and it is its turn."""
+def _is_due(track: Track) -> bool:
+    """Whether a track is a lost manual one, and is searched for in this frame."""
     is_lost = track.is_manual and track.filter_state.estimate.state == "lost"
     return is_lost and track.filter_state.followed_frames % _EVERY == 0

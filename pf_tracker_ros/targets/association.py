@@ -1,8 +1,20 @@
-"""Which detection is of which target, and whether targets are still who they were.
+"""Data association: which detection belongs to which track, and whether identities still hold.
 
-1. Detections are assigned to targets, all at once, at the least cost (`Associator`).
-2. Targets that came out of a crossing as each other are exchanged (`correct_id_switches`).
-3. Targets that a detector has started are compared with those that are missing (`ReIdentifier`).
+1. `Associator`: global nearest neighbor. The cost of a pair of track and detection is a negative
+   log likelihood ratio, with squared Mahalanobis distance d^2 of the centers under the variance S
+   of prediction plus detector, and the detector's own variance R:
+
+       cost = 5/2 log(1 + d^2 / 3) + 1/2 log(|S| / |R|) + 0.3 (size) + 1 (other label)
+              + 2 (appearance distance / mean appearance distance of the track - 2.4)
+
+   Pairs with d^2 above a gate are excluded. The Hungarian algorithm minimizes the sum over all
+   pairs; a pair above the maximum cost is none.
+2. `correct_id_switches`: where two detected tracks are near each other and their descriptors fit
+   better the other way round, they exchange filters.
+3. `ReIdentifier`: a new track takes over the key of a lost one with a similar appearance.
+
+Sources: Wojke, Bewley and Paulus 2017, "Simple Online and Realtime Tracking with a Deep Association
+Metric", for the gate and the appearance; the heavy tails are those of Student's t distribution.
 """
 
 from __future__ import annotations
@@ -23,10 +35,10 @@ from pf_tracker_ros.targets.tracks import Track, TrackSet
 
 
 def require_scipy() -> None:
-    """Make sure that there is SciPy, which is imported with the first detections.
+    """Check that SciPy can be imported; only detections need it.
 
     Raises:
-        ValueError: It cannot be imported; the message says why, and how to get it.
+        ValueError: It cannot be imported; the message has the reason and the remedy.
     """
     try:
         import_module("scipy.optimize")
@@ -37,51 +49,48 @@ def require_scipy() -> None:
         ) from error
 
 
-def assign(costs: NDArray[np.float64], most: float) -> dict[int, int]:
-    """Row to column, each at most once.
+def assign(costs: NDArray[np.float64], max_cost: float) -> dict[int, int]:
+    """Row to column, each at most once, by the Hungarian algorithm.
 
     Args:
-        costs: (N, M) of each pair; infinite for those that cannot be.
-        most: What costs this or more is no pair.
+        costs: (N, M) of each pair; infinite for excluded pairs.
+        max_cost: A pair costs less than this.
     """
     from scipy.optimize import linear_sum_assignment
 
-    rows, columns = linear_sum_assignment(np.minimum(costs, most))
+    rows, columns = linear_sum_assignment(np.minimum(costs, max_cost))
     return {
         int(row): int(column)
         for row, column in zip(rows, columns, strict=True)
-        if costs[row, column] < most
+        if costs[row, column] < max_cost
     }
 
 
-# Standard deviations of a detection's center, in widths and in heights of its box.
+# Standard deviations of a detection's center, in widths and heights of its box.
 CENTER_STD = np.array([0.15, 0.1])
-# Of the logarithms of its sides.
-_SIZE_SPREAD = np.array([0.25, 0.15])
-# Degrees of freedom of a distance: the tails are heavy, since people crouch, and detectors cut them
-# in two or join them.
-_TAIL = 3.0
-# Squared distance, in units of its variance, beyond which a detection is of another target, however
-# alike they look.
+# Those of the logarithms of its sides.
+_LOG_SIZE_STD = np.array([0.25, 0.15])
+# Degrees of freedom of the center's distance. The tails are heavy: people crouch, and detectors
+# split or merge them.
+_DEGREES_OF_FREEDOM = 3.0
+# Largest squared Mahalanobis distance.
 _GATE = 60.0
-# Weight of a size, and the most that it counts.
-_SIZE_WEIGHT, _MOST_OF_SIZE = 0.3, 9.0
-# Weight of the appearance, in units of how much that of the target usually varies, and up to how
-# many of these it rather speaks for the target.
-_APPEARANCE_WEIGHT, _USUALLY = 2.0, 2.4
-# Weight of another label.
+# Weight of the size, and its maximum.
+_SIZE_WEIGHT, _MAX_SIZE_COST = 0.3, 9.0
+# Weight of the appearance distance, in mean distances of the track, and the distance that costs
+# nothing.
+_APPEARANCE_WEIGHT, _NEUTRAL_DISTANCE = 2.0, 2.4
+# Cost of another label.
 _LABEL_WEIGHT = 1.0
-# A detection that costs more than this is of none of the targets.
-_MOST_COST = 5.5
+# Maximum cost of a pair.
+_MAX_COST = 5.5
 
 
 class Associator:
-    """Assigns detections to targets, all at once, at the least cost.
+    """Assigns detections to tracks, all at once, at the least total cost.
 
-    The cost of a pair is what a detection of the target would be unlikely for: its distance under
-    the covariance of its course and of the detector, its size, its appearance and its label. The
-    appearance counts as much as the target's own views are alike, so that it tells more in one
-    footage than in another.
+    The appearance distance is relative to the track's mean distance, so that the appearance counts
+    more for targets that always look the same.
 
     Args:
         appearance: Compares descriptors.
@@ -90,91 +99,87 @@ class Associator:
     def __init__(self, appearance: Appearance) -> None:
         self._appearance = appearance
 
-    def assign(
-        self,
-        tracks: Sequence[Track],
-        seen: Sequence[Detection],
-    ) -> dict[int, int]:
-        """Place of a target to the place of its detection; each at most once.
+    def assign(self, tracks: Sequence[Track], detections: Sequence[Detection]) -> dict[int, int]:
+        """Index of a track to the index of its detection; each at most once.
 
         Args:
-            tracks: N targets, their courses in this frame.
-            seen: M detections.
+            tracks: N, predicted into this frame.
+            detections: M.
         """
-        if not tracks or not seen:
+        if not tracks or not detections:
             return {}
-        # Only here: without detections no SciPy is needed.
-
-        boxes = np.array([one.box for one in seen])
-        descriptors = np.array([one.descriptor for one in seen])
-        costs = np.array([self._costs(track, seen, boxes, descriptors) for track in tracks])
-        return assign(costs, _MOST_COST)
+        boxes = np.array([one.box for one in detections])
+        descriptors = np.array([one.descriptor for one in detections])
+        costs = np.array([self._costs(track, detections, boxes, descriptors) for track in tracks])
+        return assign(costs, _MAX_COST)
 
     def _costs(
         self,
         track: Track,
-        seen: Sequence[Detection],
+        detections: Sequence[Detection],
         boxes: NDArray[np.float64],
         descriptors: NDArray[np.float32],
     ) -> NDArray[np.float64]:
-        """(M,) of one target; infinite beyond the gate."""
+        """(M,) costs of one track; infinite beyond the gate."""
         size, center_filter = np.exp(track.log_size), track.center_filter
-        of_detector = np.square(CENTER_STD * size)
-        variance = center_filter.center_variance + of_detector
-        apart = boxes[:, :2] + boxes[:, 2:] / 2 - center_filter.center
-        squared = (np.square(apart) / variance).sum(axis=1)
-        costs = (_TAIL + 2.0) / 2.0 * np.log1p(squared / _TAIL)
-        costs += 0.5 * np.log(variance / of_detector).sum()
-        sizes = np.square(np.log(boxes[:, 2:] / size) / _SIZE_SPREAD).sum(axis=1)
-        costs += _SIZE_WEIGHT * np.minimum(sizes, _MOST_OF_SIZE)
+        detector_variance = np.square(CENTER_STD * size)
+        variance = center_filter.center_variance + detector_variance
+        offsets = boxes[:, :2] + boxes[:, 2:] / 2 - center_filter.center
+        squared = (np.square(offsets) / variance).sum(axis=1)
+        costs = (_DEGREES_OF_FREEDOM + 2.0) / 2.0 * np.log1p(squared / _DEGREES_OF_FREEDOM)
+        costs += 0.5 * np.log(variance / detector_variance).sum()
+        sizes = np.square(np.log(boxes[:, 2:] / size) / _LOG_SIZE_STD).sum(axis=1)
+        costs += _SIZE_WEIGHT * np.minimum(sizes, _MAX_SIZE_COST)
         label = track.label
-        costs += _LABEL_WEIGHT * np.array([one.label != label for one in seen])
-        differs = self._appearance.distance(track.descriptor, descriptors)
-        costs += _APPEARANCE_WEIGHT * (differs / track.mean_appearance_distance - _USUALLY)
+        costs += _LABEL_WEIGHT * np.array([one.label != label for one in detections])
+        distances = self._appearance.distance(track.descriptor, descriptors)
+        relative = distances / track.mean_appearance_distance
+        costs += _APPEARANCE_WEIGHT * (relative - _NEUTRAL_DISTANCE)
         costs[squared > _GATE] = np.inf
         return costs
 
 
-# Targets within so many heights of each other may have been taken for each other.
+# Tracks within so many heights of each other may have switched.
 _NEAR = 2.0
-# By how much the descriptors must fit better the other way round.
-_MARGIN = 0.15
+# Least decrease of the sum of both appearance distances.
+_MIN_GAIN = 0.15
 
 
 def correct_id_switches(
-    tracks: Sequence[Track], own: Sequence[Detection | None], appearance: Appearance
+    tracks: Sequence[Track], assigned: Sequence[Detection | None], appearance: Appearance
 ) -> tuple[Track, ...]:
-    """The targets, with those exchanged that came out of a crossing as each other.
+    """The tracks, with identities exchanged between those that switched at a crossing.
 
-    Who is who is asked of the appearance, as soon as detections show both alone; the filters go on.
+    The appearance decides, as soon as detections show both without overlap. The filters stay where
+    they are.
 
     Args:
-        tracks: The targets.
-        own: The detection of each, None where there is none.
+        tracks: N.
+        assigned: Detection of each track, or None.
         appearance: Compares descriptors.
     """
-    settled = list(tracks)
-    shown = [place for place, one in enumerate(own) if one is not None and one.is_clear]
-    for place, other in itertools.combinations(shown, 2):
-        one, another = settled[place], settled[other]
-        seen, seen_other = own[place], own[other]
-        if seen is None or seen_other is None or not _are_near(seen, seen_other):
+    corrected = list(tracks)
+    clear = [(index, one) for index, one in enumerate(assigned) if one and one.is_clear]
+    for (index, detection), (other_index, other_detection) in itertools.combinations(clear, 2):
+        if not _are_near(detection, other_detection):
             continue
-        shown_both = np.array([seen.descriptor, seen_other.descriptor])
-        one_as_is, one_exchanged = appearance.distance(one.descriptor, shown_both)
-        another_exchanged, another_as_is = appearance.distance(another.descriptor, shown_both)
-        if one_as_is + another_as_is - (one_exchanged + another_exchanged) > _MARGIN:
-            settled[place], settled[other] = _with_filter(another, one), _with_filter(one, another)
-    return tuple(settled)
+        one, other = corrected[index], corrected[other_index]
+        descriptors = np.array([detection.descriptor, other_detection.descriptor])
+        one_kept, one_exchanged = appearance.distance(one.descriptor, descriptors)
+        other_exchanged, other_kept = appearance.distance(other.descriptor, descriptors)
+        if one_kept + other_kept - (one_exchanged + other_exchanged) > _MIN_GAIN:
+            corrected[index] = _with_filter_of(other, one)
+            corrected[other_index] = _with_filter_of(one, other)
+    return tuple(corrected)
 
 
 def _are_near(one: Detection, other: Detection) -> bool:
-    apart = one.box[:2] + one.box[2:] / 2 - other.box[:2] - other.box[2:] / 2
-    return math.hypot(*apart) < _NEAR * (one.box[3] + other.box[3]) / 2
+    offset = one.box[:2] + one.box[2:] / 2 - other.box[:2] - other.box[2:] / 2
+    return math.hypot(*offset) < _NEAR * (one.box[3] + other.box[3]) / 2
 
 
-def _with_filter(track: Track, other: Track) -> Track:
-    """Who the one is, where the other one was followed."""
+def _with_filter_of(track: Track, other: Track) -> Track:
+    """A track with its own identity and the filters of another one."""
     return replace(
         track,
         filter_state=other.filter_state,
@@ -186,23 +191,22 @@ def _with_filter(track: Track, other: Track) -> Track:
     )
 
 
-# A target is recognized where its appearance differs by less than so much of what it usually
-# varies by.
-_ALIKE_BELOW = 1.5
-# How far it may have come: box heights at once, and in each second.
-_REACH, _SPEED = 1.0, 1.0
-# Belief below which a target that somebody asked for is missing, if the image does not show it.
+# Largest appearance distance of the same target, in its mean appearance distances.
+_MAX_RELATIVE_DISTANCE = 1.5
+# Largest displacement while lost: box heights, and heights per second.
+_MAX_OFFSET, _MAX_SPEED = 1.0, 1.0
+# Existence log odds below which a manual target is missing, if the image does not show it.
 _MISSING_BELOW = -1.0
-# A box that holds more than this of another target's is around both.
-_HOLDS_ABOVE = 0.8
+# A box that covers more than this of another track's box is around both.
+_COVERS_ABOVE = 0.8
 
 
 class ReIdentifier:
-    """Gives targets that a detector has started the names of those they were before.
+    """Gives new tracks the identity of lost ones.
 
-    Nobody ends what was started by hand. If it is lost, though, the detector finds it before
-    anybody knows that it is the same one, and it begins as another: until the detector has missed
-    the one often enough, and both look alike.
+    Lost are ended tracks, and manual targets that neither the detector nor the image shows. A
+    manual target never ends. The detector finds it as a new track, which takes over its key once
+    the detector has missed it often enough and both look alike.
 
     Args:
         appearance: Compares descriptors.
@@ -212,80 +216,80 @@ class ReIdentifier:
         self._appearance = appearance
 
     def reidentify(self, track_set: TrackSet) -> TrackSet:
-        """The crowd with those recognized that a detection shows.
+        """The track set with the lost tracks that detections show.
 
-        What has ended is recognized by the first detection or not at all.
+        An ended track is re-identified by the first detection of a new one, or not at all.
 
         Args:
-            track_set: In a frame that the detector saw.
+            track_set: In a frame with detections.
         """
         missing = [
             *track_set.ended_tracks,
             *(track for track in track_set.tracks if _is_missing(track)),
         ]
-        shown = [track for track in track_set.tracks if _may_be_another(track, track_set.tracks)]
-        if not missing or not shown:
+        candidates = [track for track in track_set.tracks if _is_candidate(track, track_set.tracks)]
+        if not missing or not candidates:
             return track_set
-        differs = np.array([self._differences(before, shown) for before in missing])
-        pairs = assign(differs, _ALIKE_BELOW)
-        known = {shown[column].key: missing[row] for row, column in pairs.items()}
-        found = {before.key for before in known.values()}
+        distances = np.array([self._distances(before, candidates) for before in missing])
+        pairs = assign(distances, _MAX_RELATIVE_DISTANCE)
+        matches = {candidates[column].key: missing[row] for row, column in pairs.items()}
+        found = {before.key for before in matches.values()}
         return replace(
             track_set,
             tracks=tuple(
-                _as_before(track, known[track.key]) if track.key in known else track
+                _with_identity_of(track, matches[track.key]) if track.key in matches else track
                 for track in track_set.tracks
                 if track.key not in found
             ),
             ended_tracks=tuple(track for track in track_set.ended_tracks if track.key not in found),
         )
 
-    def _differences(self, before: Track, shown: Sequence[Track]) -> NDArray[np.float64]:
-        """(N,) how unlike a missing target others are, in what it varies by; infinite if not it."""
-        differs = self._appearance.distance(
-            before.descriptor, np.array([track.descriptor for track in shown])
+    def _distances(self, before: Track, candidates: Sequence[Track]) -> NDArray[np.float64]:
+        """(N,) appearance distances of a missing track, in its mean; infinite where excluded."""
+        distances = self._appearance.distance(
+            before.descriptor, np.array([track.descriptor for track in candidates])
         )
-        may_be = [_may_be(before, track) for track in shown]
-        return np.where(may_be, differs / before.mean_appearance_distance, math.inf)
+        allowed = [_can_be_same(before, track) for track in candidates]
+        return np.where(allowed, distances / before.mean_appearance_distance, math.inf)
 
 
 def _is_missing(track: Track) -> bool:
-    """Whether somebody asked for a target that neither the detector nor the image shows."""
+    """Whether a manual target is seen neither by the detector nor in the image."""
     is_seen = track.unconfirmed_for == 0.0 or track.filter_state.estimate.state == "tracking"
     return track.is_manual and not is_seen and track.existence_log_odds < _MISSING_BELOW
 
 
-def _may_be_another(track: Track, tracks: Sequence[Track]) -> bool:
-    """Whether a detection shows a target that a detector has started, and that one alone."""
+def _is_candidate(track: Track, tracks: Sequence[Track]) -> bool:
+    """Whether a track began by detections, is detected now, and its box is around no other one."""
     if track.unconfirmed_for > 0.0 or track.is_manual or track.is_distractor:
         return False
     known = (one for one in tracks if one is not track and one.is_reported and not _is_missing(one))
     others = [one.box for one in known if one.filter_state.estimate.state != "lost"]
-    inside = pairwise_coverage(np.array(others).reshape(-1, 4), track.box[None])
-    return bool((inside <= _HOLDS_ABOVE).all())
+    covered = pairwise_coverage(np.array(others).reshape(-1, 4), track.box[None])
+    return bool((covered <= _COVERS_ABOVE).all())
 
 
-def _may_be(before: Track, track: Track) -> bool:
-    """Whether another target may be the missing one, whatever it looks like."""
+def _can_be_same(before: Track, track: Track) -> bool:
+    """Whether times, distance and labels allow that a track is the missing one."""
     if before.time_since_end is None:
         since, began_after = before.unconfirmed_for, track.age <= before.unconfirmed_for
     else:
         since, began_after = before.time_since_end, track.hits == 1
-    # Nobody looks for what has ended: its course alone goes along where the camera turns.
-    one, other = track.box, before.box if before.time_since_end is None else before.expected
-    apart = one[:2] + one[2:] / 2 - other[:2] - other[2:] / 2
-    is_near = math.hypot(*apart) <= (_REACH + _SPEED * since) * other[3]
-    return began_after and is_near and _may_be_called(before, track.label)
+    # No filter searches for an ended track: only its center filter follows the camera.
+    box, last = track.box, before.box if before.time_since_end is None else before.predicted_box
+    offset = box[:2] + box[2:] / 2 - last[:2] - last[2:] / 2
+    is_near = math.hypot(*offset) <= (_MAX_OFFSET + _MAX_SPEED * since) * last[3]
+    return began_after and is_near and _allows_label(before, track.label)
 
 
-def _may_be_called(before: Track, label: str) -> bool:
-    """Whether a target may have a label: nobody has called it anything else alone."""
+def _allows_label(before: Track, label: str) -> bool:
+    """Whether a track may have a label: one of its own, or either has none."""
     known = set(before.votes) - {""}
     return not known or label in known or not label
 
 
-def _as_before(track: Track, before: Track) -> Track:
-    """A target that is the one of before, where it is now."""
+def _with_identity_of(track: Track, before: Track) -> Track:
+    """A new track with the key, the appearance and the history of a missing one."""
     votes = {
         label: before.votes.get(label, 0.0) + track.votes.get(label, 0.0)
         for label in (*before.votes, *track.votes)

@@ -1,4 +1,17 @@
-"""Where a target goes: the place and velocity of its center, and how sure they are."""
+"""Kalman filter of a target's center, with a nearly constant velocity.
+
+The particle filter finds the target in the current image. This filter keeps its motion across noisy
+detections and occlusions. With p and v the position and velocity along one axis, T the interval,
+q the intensity of the white acceleration noise, z a measured center and r its variance:
+
+1. Predict: p += T v; P = F P F' + q [[T^3/3, T^2/2], [T^2/2, T]], with F = [[1, T], [0, 1]].
+2. Correct: (p, v) += K (z - p), with K = (P_pp, P_pv) / (P_pp + r); P -= K (P_pp, P_pv).
+   The innovation z - p is limited to three standard deviations.
+3. Camera motion compensation: p and v are mapped by the similarity between the two images.
+
+Sources: Bar-Shalom, Li and Kirubarajan 2001, "Estimation with Applications to Tracking and
+Navigation", 6.2.2; Aharon, Orfaig and Bobrovsky 2022, "BoT-SORT".
+"""
 
 from __future__ import annotations
 
@@ -7,32 +20,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-# How much a velocity changes in a second, box heights a second: people walk on.
+# Square root of the acceleration noise's intensity, box heights: the change of velocity per second.
 _ACCELERATION = 0.2
-# Standard deviation of a new target's velocity, heights a second.
-_FIRST_SPEED = 0.3
-# Seconds without a frame up to which a target is taken to have gone on as it went.
-_LONGEST_STEP = 2.0
-# Seconds after which a target is not expected still farther away: it may also have stood still.
-_LONGEST_PAUSE = 10.0
-# What is measured farther from the prediction than so many standard deviations moves it no more
-# than that.
-_MOST_DEVIATIONS = 3.0
+# Standard deviation of a new target's velocity, heights per second.
+_INITIAL_VELOCITY_STD = 0.3
+# Seconds without a frame up to which the velocity counts.
+_MAX_STEP = 2.0
+# Seconds after which the uncertainty of the position grows no further.
+_MAX_PAUSE = 10.0
+# Largest innovation, standard deviations.
+_MAX_DEVIATIONS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class CenterKalmanFilter:
-    """A Kalman filter of nearly constant velocity, both axes on their own; a value.
-
-    Particles tell where a target is in the image at hand. This remembers how it has moved, over
-    detections that jitter and while others hide it.
+    """State of the filter, with independent axes; a value.
 
     Attributes:
         center: (2,) of the box, pixels.
         velocity: (2,) pixels per second.
-        center_variance: (2,) variance of the center, px^2.
-        center_velocity_covariance: (2,) covariance of center and velocity, px^2/s.
-        velocity_variance: (2,) variance of the velocity, px^2/s^2.
+        center_variance: (2,) px^2.
+        center_velocity_covariance: (2,) px^2/s.
+        velocity_variance: (2,) px^2/s^2.
     """
 
     center: NDArray[np.float64]
@@ -42,28 +51,27 @@ class CenterKalmanFilter:
     velocity_variance: NDArray[np.float64]
 
     @classmethod
-    def initiate(
-        cls, box: NDArray[np.float64], deviation: NDArray[np.float64]
-    ) -> CenterKalmanFilter:
-        """That of a target at rest, in all likelihood.
+    def initiate(cls, box: NDArray[np.float64], std: NDArray[np.float64]) -> CenterKalmanFilter:
+        """The filter of a new target, which is most likely at rest.
 
         Args:
             box: (4,) of the target, pixels.
-            deviation: (2,) standard deviation of its center, pixels.
+            std: (2,) standard deviation of its center, pixels.
         """
-        speed = np.full(2, np.square(_FIRST_SPEED * box[3]))
-        return cls(box[:2] + box[2:] / 2, np.zeros(2), np.square(deviation), np.zeros(2), speed)
+        velocity_variance = np.full(2, np.square(_INITIAL_VELOCITY_STD * box[3]))
+        center = box[:2] + box[2:] / 2
+        return cls(center, np.zeros(2), np.square(std), np.zeros(2), velocity_variance)
 
     def predict(self, interval: float, height: float) -> CenterKalmanFilter:
-        """The course some seconds later, for a target of a height in pixels.
+        """The filter after an interval in seconds, for a target of a height in pixels.
 
-        After a pause nobody knows whether it has gone on as it went: it is expected around where it
-        was, the less surely the faster it went and the longer that was, up to ten seconds.
+        After a pause of more than two seconds the target may have stopped. Its predicted center is
+        then the last one, and the velocity adds to the variance, for up to ten seconds.
         """
-        if interval > _LONGEST_STEP:
-            stopped = self.velocity_variance + np.square(self.velocity)
-            at_rest = replace(self, velocity=np.zeros(2), velocity_variance=stopped)
-            return at_rest._step(min(interval, _LONGEST_PAUSE), height)
+        if interval > _MAX_STEP:
+            variance = self.velocity_variance + np.square(self.velocity)
+            at_rest = replace(self, velocity=np.zeros(2), velocity_variance=variance)
+            return at_rest._step(min(interval, _MAX_PAUSE), height)
         return self._step(interval, height)
 
     def _step(self, interval: float, height: float) -> CenterKalmanFilter:
@@ -81,29 +89,28 @@ class CenterKalmanFilter:
             velocity_variance=self.velocity_variance + noise,
         )
 
-    def correct(
-        self, center: NDArray[np.float64], deviation: NDArray[np.float64]
-    ) -> CenterKalmanFilter:
-        """The course after the center was measured.
+    def correct(self, center: NDArray[np.float64], std: NDArray[np.float64]) -> CenterKalmanFilter:
+        """The filter after a measurement of the center.
 
         Args:
             center: (2,) pixels.
-            deviation: (2,) standard deviation of it, pixels.
+            std: (2,) standard deviation of the measurement, pixels.
         """
-        total = self.center_variance + np.square(deviation)
-        farthest = _MOST_DEVIATIONS * np.sqrt(total)
-        surprise = np.clip(center - self.center, -farthest, farthest)
-        gain, speed_gain = self.center_variance / total, self.center_velocity_covariance / total
+        variance = self.center_variance + np.square(std)
+        largest = _MAX_DEVIATIONS * np.sqrt(variance)
+        innovation = np.clip(center - self.center, -largest, largest)
+        gain = self.center_variance / variance
+        velocity_gain = self.center_velocity_covariance / variance
         return CenterKalmanFilter(
-            self.center + gain * surprise,
-            self.velocity + speed_gain * surprise,
+            self.center + gain * innovation,
+            self.velocity + velocity_gain * innovation,
             (1.0 - gain) * self.center_variance,
             (1.0 - gain) * self.center_velocity_covariance,
-            self.velocity_variance - speed_gain * self.center_velocity_covariance,
+            self.velocity_variance - velocity_gain * self.center_velocity_covariance,
         )
 
     def compensate_camera_motion(self, camera_motion: NDArray[np.float64]) -> CenterKalmanFilter:
-        """The same course, seen by a camera that has moved; see `EgoMotion.follow`.
+        """The filter in the image of a camera that has moved; see `EgoMotion.update`.
 
         Args:
             camera_motion: (3, 3) similarity.
@@ -113,7 +120,7 @@ class CenterKalmanFilter:
         return replace(self, center=center, velocity=velocity)
 
     def scale(self, factors: NDArray[np.float64]) -> CenterKalmanFilter:
-        """The same course in an image of another size, by (2,) factors of its width and height."""
+        """The filter in an image of another size, by (2,) factors of its width and height."""
         squares = np.square(factors)
         return CenterKalmanFilter(
             self.center * factors,

@@ -1,4 +1,10 @@
-"""What a detector says of a frame, and how its messages say it."""
+"""Detections: validation, duplicate removal and descriptors, and their ROS message.
+
+1. `Detections` holds the result of a detector for one frame, with its shapes checked.
+2. `usable` selects the finite boxes inside the image and removes duplicates (non-maximum
+   suppression).
+3. `describe_detections` adds the appearance descriptor of each.
+"""
 
 from __future__ import annotations
 
@@ -16,31 +22,30 @@ from pf_tracker_ros.boxes import Box, bounding_box_of_rotated, pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.plurals import counted
 
-# Characters of a label.
-_LONGEST_LABEL = 100
-# No camera shows more that could be told apart; the best scores are kept.
-_MOST = 200
-# Two boxes that overlap by more than this (intersection over union) are one object, seen twice.
+# Maximum length of a label.
+_MAX_LABEL_LENGTH = 100
+# Maximum number of detections in a frame; those of the best scores count.
+_MAX_COUNT = 200
 DUPLICATE_ABOVE = 0.65
-# A box that overlaps another by less than this shows its own object alone.
+"""Two boxes with an intersection over union above this are detections of one object."""
+# A box is clear of others below this intersection over union.
 _CLEAR_BELOW = 0.1
-# Narrower and lower boxes hold too few pixels.
-_SMALLEST_SIDE = 2.0
+# Minimum width and height of a box, pixels.
+_MIN_SIDE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """What a detector found in one frame; an empty one says that it ran and found nothing.
+    """Objects that a detector found in one frame; empty where it ran and found none.
 
-    Boxes that are no use (not finite, without area, outside of the image) are left out where they
-    are used, since a detector that now and then gives one is worth hearing; doubled ones count as
-    one.
+    Unusable boxes (not finite, without area, outside of the image) are skipped later, not refused.
+    Duplicates count as one.
 
     Args:
         boxes: (M, 4) x, y, width, height in pixels, as in `Tracker.start`.
-        scores: (M,) of the detector, 0 to 1; None where it gives none, which counts as 1.
-        labels: (M,) what each is, such as "person"; None where it does not tell.
-        age: Seconds since the frame was taken that the detector saw, 0 for the one at hand.
+        scores: (M,) 0 to 1; None for 1 each.
+        labels: (M,) such as "person"; None for empty texts.
+        age: Seconds since the detector's frame was taken, 0 for the current frame.
 
     Attributes:
         boxes: As given, as floats; read-only.
@@ -49,7 +54,7 @@ class Detections:
         age: As given.
 
     Raises:
-        ValueError: The shapes do not fit each other, or the age is no time.
+        ValueError: The shapes do not match, or the age is negative or no number.
     """
 
     boxes: NDArray[np.float64]
@@ -64,42 +69,45 @@ class Detections:
         labels: Sequence[str] | None = None,
         age: float = 0.0,
     ) -> None:
-        four = _floats(boxes, "boxes")
-        if four.size == 0:
-            four = four.reshape(0, 4)
-        if four.ndim != 2 or four.shape[1] != 4:
+        all_boxes = _floats(boxes, "boxes")
+        if all_boxes.size == 0:
+            all_boxes = all_boxes.reshape(0, 4)
+        if all_boxes.ndim != 2 or all_boxes.shape[1] != 4:
             raise ValueError(
-                f"boxes have the shape {four.shape}; expected (M, 4), x, y, width and height each"
+                f"boxes have the shape {all_boxes.shape}; expected (M, 4): x, y, width, height"
             )
-        count = len(four)
-        each = np.ones(count) if scores is None else _floats(scores, "scores")
-        if each.shape != (count,):
-            raise ValueError(f"scores have the shape {each.shape}; expected ({count},), one a box")
+        count = len(all_boxes)
+        all_scores = np.ones(count) if scores is None else _floats(scores, "scores")
+        if all_scores.shape != (count,):
+            raise ValueError(
+                f"scores have the shape {all_scores.shape}; expected ({count},), one per box"
+            )
         is_list = isinstance(labels, Iterable) and not isinstance(labels, str)
         texts = tuple(labels) if labels is not None and is_list else ("",) * count
         if not (labels is None or is_list) or not all(isinstance(text, str) for text in texts):
-            raise ValueError(f"labels are {labels!r}; expected {counted(count, 'text')}, one a box")
+            raise ValueError(
+                f"labels are {labels!r}; expected {counted(count, 'text')}, one per box"
+            )
         if len(texts) != count:
-            raise ValueError(f"given {counted(len(texts), 'label')}; expected {count}, one a box")
+            raise ValueError(f"{counted(len(texts), 'label')}; expected {count}, one per box")
         if not _is_time(age):
             raise ValueError(f"age is {age!r}; allowed: a finite number of seconds from 0 up")
-        four.setflags(write=False)
-        each.setflags(write=False)
-        for name, value in zip(
-            ("boxes", "scores", "labels", "age"), (four, each, texts, float(age)), strict=True
-        ):
+        all_boxes.setflags(write=False)
+        all_scores.setflags(write=False)
+        values = (all_boxes, all_scores, texts, float(age))
+        for name, value in zip(("boxes", "scores", "labels", "age"), values, strict=True):
             object.__setattr__(self, name, value)
 
     def __len__(self) -> int:
         return len(self.boxes)
 
     def with_labels(self, labels: Collection[str]) -> Detections:
-        """Those with one of some labels; all where there are none."""
+        """The detections with one of these labels; all for no labels."""
         if not labels:
             return self
-        places = [place for place, label in enumerate(self.labels) if label in labels]
-        texts = [self.labels[place] for place in places]
-        return Detections(self.boxes[places], self.scores[places], texts, self.age)
+        numbers = [number for number, label in enumerate(self.labels) if label in labels]
+        texts = [self.labels[number] for number in numbers]
+        return Detections(self.boxes[numbers], self.scores[numbers], texts, self.age)
 
 
 def _is_time(age: object) -> bool:
@@ -112,14 +120,14 @@ def _is_time(age: object) -> bool:
 
 
 class Detection(NamedTuple):
-    """One object that a detector found.
+    """One detection, with its appearance.
 
     Attributes:
         box: (4,) in pixels, inside the image.
         score: 0 to 1.
-        label: What it is, or an empty text.
-        descriptor: Of what is in the box.
-        is_clear: Whether none of the others overlaps it.
+        label: Or an empty text.
+        descriptor: Of its appearance.
+        is_clear: Whether no other detection overlaps it.
     """
 
     box: NDArray[np.float64]
@@ -132,16 +140,16 @@ class Detection(NamedTuple):
 def usable(
     detections: Detections, size: tuple[int, int], score_above: float
 ) -> tuple[NDArray[np.intp], NDArray[np.float64], list[str]]:
-    """Which detections count, the best score first.
+    """Select the detections that count, the best score first.
 
     Args:
-        detections: Of any kind.
+        detections: All.
         size: (width, height) of the image.
-        score_above: Those of a lower score are left out, which needs no reason.
+        score_above: Minimum score; lower ones are left out without a reason.
 
     Returns:
-        The (K,) numbers of those that count, their (K, 4) boxes cut to the image, and a sentence
-        for each reason why others do not.
+        (K,) numbers of the detections that count, their (K, 4) boxes clipped to the image, and a
+        sentence for each reason why others do not count.
     """
     with np.errstate(invalid="ignore", over="ignore"):
         boxes, scores = detections.boxes, detections.scores
@@ -150,8 +158,8 @@ def usable(
         centers = boxes[:, :2] + boxes[:, 2:] / 2
         starts, ends = np.maximum(boxes[:, :2], 0.0), np.minimum(ends, size)
         inside = ((centers >= 0.0) & (centers <= size)).all(axis=1)
-        has_area = (boxes[:, 2:] >= _SMALLEST_SIDE).all(axis=1)
-        has_area &= (ends - starts >= _SMALLEST_SIDE).all(axis=1) | ~inside
+        has_area = (boxes[:, 2:] >= _MIN_SIDE).all(axis=1)
+        has_area &= (ends - starts >= _MIN_SIDE).all(axis=1) | ~inside
     reasons = [
         f"{count} of {counted(len(boxes), 'detection')} left out: {reason}"
         for count, reason in (
@@ -163,33 +171,33 @@ def usable(
     ]
     numbers = np.flatnonzero(finite & has_area & inside & (scores >= score_above))
     numbers = numbers[np.argsort(-scores[numbers], kind="stable")]
-    if len(numbers) > _MOST:
+    if len(numbers) > _MAX_COUNT:
         reasons.append(
-            f"{len(numbers) - _MOST} of {len(boxes)} detections left out: the {_MOST} with the "
-            "best scores count"
+            f"{len(numbers) - _MAX_COUNT} of {len(boxes)} detections left out: the {_MAX_COUNT} "
+            "with the best scores count"
         )
-        numbers = numbers[:_MOST]
-    cut = np.hstack([starts, ends - starts])
-    # Scores again by rank: equal ones would be sorted in an order of OpenCV's own.
+        numbers = numbers[:_MAX_COUNT]
+    clipped = np.hstack([starts, ends - starts])
+    # Ranks for scores: OpenCV's order of equal scores is undefined.
     ranks = np.linspace(1.0, 0.5, len(numbers))
-    kept = cv2.dnn.NMSBoxes(cut[numbers].tolist(), ranks.tolist(), 0.0, DUPLICATE_ABOVE)
+    kept = cv2.dnn.NMSBoxes(clipped[numbers].tolist(), ranks.tolist(), 0.0, DUPLICATE_ABOVE)
     numbers = numbers[np.asarray(kept, dtype=np.intp).ravel()]
-    return numbers, cut[numbers], reasons
+    return numbers, clipped[numbers], reasons
 
 
 def describe_detections(
     detections: Detections, frame: Frame, score_above: float, appearance: Appearance
 ) -> tuple[list[Detection], list[str]]:
-    """What counts of the detections of a frame, all described at once; and why others do not."""
+    """The detections of a frame that count, with descriptors; and why others do not count."""
     numbers, boxes, reasons = usable(detections, frame.size, score_above)
-    shared = pairwise_iou(boxes, boxes)
-    np.fill_diagonal(shared, 0.0)
-    clear = shared.max(axis=1, initial=0.0) < _CLEAR_BELOW
-    found = [
+    overlaps = pairwise_iou(boxes, boxes)
+    np.fill_diagonal(overlaps, 0.0)
+    clear = overlaps.max(axis=1, initial=0.0) < _CLEAR_BELOW
+    described = [
         Detection(
             box,
             float(np.clip(detections.scores[number], 0.0, 1.0)),
-            detections.labels[number][:_LONGEST_LABEL],
+            detections.labels[number][:_MAX_LABEL_LENGTH],
             descriptor,
             bool(is_clear),
         )
@@ -197,14 +205,14 @@ def describe_detections(
             numbers, boxes, appearance.extract(frame, boxes), clear, strict=True
         )
     ]
-    return found, reasons
+    return described, reasons
 
 
 def _floats(values: ArrayLike, name: str) -> NDArray[np.float64]:
-    """A copy of numbers as floats.
+    """A copy as floats.
 
     Raises:
-        ValueError: They are none.
+        ValueError: The values are no numbers.
     """
     try:
         array = np.asarray(values)
@@ -215,28 +223,28 @@ def _floats(values: ArrayLike, name: str) -> NDArray[np.float64]:
     return np.array(array, dtype=np.float64) if array.size else np.zeros(array.shape)
 
 
-# Bytes of a message: a thousand detections, each of which becomes objects of Python.
-_LARGEST = 500_000
+# Maximum size of a message, bytes: about a thousand detections.
+_MAX_MESSAGE_SIZE = 500_000
 
 
 def check_message_size(octets: bytes) -> None:
-    """Refuse a serialized message that would take too long to read.
+    """Refuse a serialized message that takes too long to deserialize.
 
     Raises:
-        ValueError: It is longer than about a thousand detections.
+        ValueError: It is longer than 500,000 bytes.
     """
-    if len(octets) > _LARGEST:
+    if len(octets) > _MAX_MESSAGE_SIZE:
         raise ValueError(
-            f"the message has {len(octets)} bytes; allowed: up to {_LARGEST}, about a "
-            "thousand detections; let the detector leave out those with low scores"
+            f"the message has {len(octets)} bytes; allowed: up to {_MAX_MESSAGE_SIZE}, about a "
+            "thousand detections; leave out those with low scores"
         )
 
 
 def detections_from_message(message: Any) -> Detections:
     """The detections of a vision_msgs Detection2DArray.
 
-    The label and the score are those of the hypothesis with the best score; without one there is no
-    label, and the score is 1. A box that is turned counts as its upright outline.
+    Label and score are those of the best hypothesis; without one they are empty and 1. A rotated
+    box becomes its upright bounding box.
     """
     boxes, scores, labels = [], [], []
     for detection in message.detections:
@@ -250,7 +258,7 @@ def detections_from_message(message: Any) -> Detections:
 
 
 def upright_box(box: Any) -> Box:
-    """The box around a vision_msgs BoundingBox2D, which may be turned."""
+    """The upright bounding box of a vision_msgs BoundingBox2D, which may be rotated."""
     center = box.center
     return bounding_box_of_rotated(
         (center.position.x, center.position.y), (box.size_x, box.size_y), center.theta

@@ -1,4 +1,18 @@
-"""What looks like a target beside it, and is none: followed too, so that both can be told apart."""
+"""Distractors: objects that look like a target beside it, tracked so that both are told apart.
+
+A target that crosses a similar object could be lost to it. So the object gets a track of its own:
+
+1. Candidate: the filter of a target reports the likeliest similar box beside it, in each frame.
+2. Initiate: a candidate that was seen for 0.1 s and is about to cross the target becomes a track.
+   It explains its own pixels, and its detections are not assigned to the target.
+3. Update: the track moves with its Kalman filter, corrected by the candidates near it, without a
+   particle filter.
+4. Promote or end: a detection turns it into a target (`Initiator.promote_distractors`). Otherwise
+   it ends far from the target, on another target, or unseen.
+
+Compare Zhu et al. 2018, "Distractor-aware Siamese Networks for Visual Object Tracking", which keeps
+similar objects as negative templates.
+"""
 
 from __future__ import annotations
 
@@ -16,39 +30,32 @@ from pf_tracker_ros.targets.lifecycle import Initiator
 from pf_tracker_ros.targets.tracks import DistractorCandidate, Track, TrackKey, TrackSet
 from pf_tracker_ros.tracking.state_operations import StateOperations
 
-# Seconds for which it is seen, so that it is no flicker, and how far it may be from where it was
-# expected, in its sides.
-_SHOWN_FOR, _NEAR = 0.1, 0.5
-# What overlaps a target by more than this is part of it.
-_APART_BELOW = 0.3
-# What overlaps another target by more than this is that one.
+# Seconds for which a candidate is seen before it becomes a track, and its largest distance from its
+# prediction, in its sides.
+_SEEN_FOR, _NEAR = 0.1, 0.5
+# A candidate with a larger intersection over union with a track is a part of that.
+_SEPARATE_BELOW = 0.3
+# A distractor with a larger intersection over union with another target is that.
 _SAME_ABOVE = 0.5
-# Two that will be within half a side of each other in so many seconds may be taken for each other.
-_MEET, _SOON = 0.5, 1.0
-# Farther from its target, in its own sides, it is not taken for it.
+# Distance in sides, and seconds: nearer than this within that time, two tracks are about to cross.
+_CROSSING_DISTANCE, _CROSSING_WITHIN = 0.5, 1.0
+# Distance from its target, in its own sides, beyond which a distractor ends.
 _FAR = 2.0
-# Seconds for which one is carried on that is not seen because its target is in front of it or
-# behind it, within so many sides; one that should be seen then ends so many times faster.
-_UNSEEN_FOR, _BESIDE, _FASTER = 2.0, 0.7, 6.0
-# At a time.
-_MOST = 2
-# Their places among what begins in a frame are above those of detections.
-_FIRST_PLACE = 1_000_000
+# Seconds unseen after which it ends. They count six times where it should be visible: its target is
+# not occluded, and farther away than 0.7 of its sides.
+_UNSEEN_FOR, _BESIDE, _VISIBLE_RATE = 2.0, 0.7, 6.0
+# Distractors at a time.
+_MAX_DISTRACTORS = 2
+# Numbers of their keys begin above those of detections.
+_FIRST_NUMBER = 1_000_000
 
 
 class DistractorManager:
-    """Starts, moves and ends rivals: targets that nobody asked for and that are not told.
-
-    A target that walks past its like could leave with it. So what looks like a target beside it is
-    a target as well, as soon as the two are about to cross: it explains its own pixels, and a
-    detection of it is not taken for that of the other one. It costs next to nothing: its course
-    leads it, and what the other one, which it looks like, sees of it in its own search corrects
-    that. The first detection makes it a target like others; until then it ends once it is far from
-    the other one, or not seen.
+    """Starts, updates and ends distractors; they are not reported.
 
     Args:
-        initiator: Begins them.
-        operations: Moves them.
+        initiator: Makes the tracks.
+        operations: Moves their filter states.
     """
 
     def __init__(self, initiator: Initiator, operations: StateOperations) -> None:
@@ -56,50 +63,44 @@ class DistractorManager:
         self._operations = operations
 
     def initiate(
-        self, track_set: TrackSet, frame: Frame, interval: float, *, is_seen: bool
+        self, track_set: TrackSet, frame: Frame, interval: float, *, has_detections: bool
     ) -> TrackSet:
-        """The crowd with what was seen beside the targets for a moment.
+        """The track set with updated candidates and new distractors.
 
         Args:
             track_set: In this frame.
-            frame: At hand.
-            interval: Seconds since the last one.
-            is_seen: Whether a detector saw the frame: then it is that which tells what is there.
+            frame: This one.
+            interval: Seconds since the last frame.
+            has_detections: Whether a detector saw the frame; then no distractor begins, since the
+                detections show what there is.
         """
-        tracks = [_glimpsed(track, interval) for track in track_set.tracks]
-        if is_seen:
+        tracks = [_with_candidate(track, interval) for track in track_set.tracks]
+        if has_detections:
             return replace(track_set, tracks=tuple(tracks))
-        rivals = sum(track.is_distractor for track in tracks)
-        for host in tuple(tracks):
-            distractor_candidate = host.distractor_candidate
-            if (
-                distractor_candidate is None
-                or distractor_candidate.seconds < _SHOWN_FOR
-                or not host.is_reported
-            ):
+        count = sum(track.is_distractor for track in tracks)
+        for target in tuple(tracks):
+            candidate = target.distractor_candidate
+            if candidate is None or candidate.seconds < _SEEN_FOR or not target.is_reported:
                 continue
-            if rivals >= _MOST:
+            if count >= _MAX_DISTRACTORS:
                 break
             others = np.array([track.box for track in tracks])
-            is_part = pairwise_iou(distractor_candidate.box[None], others).max() > _APART_BELOW
-            if (
-                is_part
-                or is_truncated(distractor_candidate.box, frame.size)
-                or not _will_meet(host, distractor_candidate)
-            ):
+            is_part = pairwise_iou(candidate.box[None], others).max() > _SEPARATE_BELOW
+            is_cut = is_truncated(candidate.box, frame.size)
+            if is_part or is_cut or not _will_cross(target, candidate):
                 continue
-            key = TrackKey(track_set.frame, _FIRST_PLACE + rivals)
-            track = self._initiator.initiate_distractor(frame, distractor_candidate.box, key, host)
-            tracks.append(replace(track, center_filter=distractor_candidate.center_filter))
-            rivals += 1
+            key = TrackKey(track_set.frame, _FIRST_NUMBER + count)
+            track = self._initiator.initiate_distractor(frame, candidate.box, key, target)
+            tracks.append(replace(track, center_filter=candidate.center_filter))
+            count += 1
         return replace(track_set, tracks=tuple(tracks))
 
     def update(self, track_set: TrackSet, interval: float) -> TrackSet:
-        """The crowd with the rivals where they are seen, without those of no use any more.
+        """The track set with updated distractors, without those that end.
 
         Args:
             track_set: In this frame.
-            interval: Seconds since the last one.
+            interval: Seconds since the last frame.
         """
         targets = {track.key: track for track in track_set.tracks if not track.is_distractor}
         if len(targets) == len(track_set.tracks):
@@ -109,75 +110,71 @@ class DistractorManager:
             if not track.distracted_key:
                 tracks.append(track)
             elif track.distracted_key in targets:
-                host = targets[track.distracted_key]
-                rival = self._moved(track, host, interval)
-                if _is_of_use(rival, host, [one for one in targets.values() if one is not host]):
-                    tracks.append(rival)
+                target = targets[track.distracted_key]
+                distractor = self._update_one(track, target, interval)
+                others = [one for one in targets.values() if one is not target]
+                if _continues(distractor, target, others):
+                    tracks.append(distractor)
         return replace(track_set, tracks=tuple(tracks))
 
-    def _moved(self, rival: Track, host: Track, interval: float) -> Track:
-        """A rival where its course takes it, corrected by what its host sees of it."""
-        center_filter, seen, unseen_for = rival.center_filter, host.filter_state.distractor_box, 0.0
-        if seen is not None and _are_within(rival.expected, seen, _NEAR):
-            center, deviation = seen[:2] + seen[2:] / 2, CENTER_STD * seen[2:]
-            center_filter = center_filter.correct(center, deviation)
+    def _update_one(self, distractor: Track, target: Track, interval: float) -> Track:
+        """A distractor at its predicted center, corrected by the target's observation of it."""
+        center_filter, unseen_for = distractor.center_filter, 0.0
+        box, predicted = target.filter_state.distractor_box, distractor.predicted_box
+        if box is not None and _are_within(predicted, box, _NEAR):
+            center_filter = center_filter.correct(box[:2] + box[2:] / 2, CENTER_STD * box[2:])
         else:
-            is_visible = not host.is_occluded_by_other and not _are_within(
-                rival.expected, host.box, _BESIDE
-            )
-            unseen_for = rival.unseen_for + interval * (_FASTER if is_visible else 1.0)
-        rival = replace(
-            rival,
+            is_beside = _are_within(predicted, target.box, _BESIDE)
+            is_visible = not target.is_occluded_by_other and not is_beside
+            unseen_for = distractor.unseen_for + interval * (_VISIBLE_RATE if is_visible else 1.0)
+        distractor = replace(
+            distractor,
             center_filter=center_filter,
-            age=rival.age + interval,
+            age=distractor.age + interval,
             distractor_candidate=None,
             unseen_for=unseen_for,
         )
-        target = self._operations.move_to(rival.filter_state, as_box(rival.expected))
-        return replace(rival, filter_state=target)
+        filter_state = self._operations.move_to(
+            distractor.filter_state, as_box(distractor.predicted_box)
+        )
+        return replace(distractor, filter_state=filter_state)
 
 
-def _glimpsed(track: Track, interval: float) -> Track:
-    """A target with what was seen beside it lately, this frame included."""
+def _with_candidate(track: Track, interval: float) -> Track:
+    """A track with its distractor candidate updated by this frame."""
     box, before = track.filter_state.distractor_box, track.distractor_candidate
     if box is None or track.is_distractor or track.is_occluded_by_other:
         return track if before is None else replace(track, distractor_candidate=None)
-    center, deviation = box[:2] + box[2:] / 2, CENTER_STD * box[2:]
+    center, std = box[:2] + box[2:] / 2, CENTER_STD * box[2:]
+    candidate = DistractorCandidate(box, CenterKalmanFilter.initiate(box, std), 0.0)
     if before is not None:
-        center_filter = before.center_filter.predict(interval, box[3])
-        if (np.abs(center_filter.center - center) < _NEAR * box[2:]).all():
-            center_filter = center_filter.correct(center, deviation)
-            return replace(
-                track,
-                distractor_candidate=DistractorCandidate(
-                    box, center_filter, before.seconds + interval
-                ),
+        predicted = before.center_filter.predict(interval, box[3])
+        if (np.abs(predicted.center - center) < _NEAR * box[2:]).all():
+            candidate = DistractorCandidate(
+                box, predicted.correct(center, std), before.seconds + interval
             )
-    return replace(
-        track,
-        distractor_candidate=DistractorCandidate(
-            box, CenterKalmanFilter.initiate(box, deviation), 0.0
-        ),
-    )
+    return replace(track, distractor_candidate=candidate)
 
 
-def _will_meet(host: Track, distractor_candidate: DistractorCandidate) -> bool:
-    """Whether a target and what was seen beside it are about to cross."""
-    apart = distractor_candidate.center_filter.center - host.center_filter.center
-    speed = distractor_candidate.center_filter.velocity - host.center_filter.velocity
-    when = np.clip(-(apart @ speed) / np.maximum(speed @ speed, 1e-9), 0.0, _SOON)
-    return bool((np.abs(apart + when * speed) < _MEET * distractor_candidate.box[2:]).all())
+def _will_cross(target: Track, candidate: DistractorCandidate) -> bool:
+    """Whether a target and its candidate are about to cross, at their present velocities."""
+    offset = candidate.center_filter.center - target.center_filter.center
+    velocity = candidate.center_filter.velocity - target.center_filter.velocity
+    squared_speed = np.maximum(velocity @ velocity, 1e-9)
+    closest_after = np.clip(-(offset @ velocity) / squared_speed, 0.0, _CROSSING_WITHIN)
+    distances = np.abs(offset + closest_after * velocity)
+    return bool((distances < _CROSSING_DISTANCE * candidate.box[2:]).all())
 
 
-def _is_of_use(rival: Track, host: Track, others: Sequence[Track]) -> bool:
-    """Whether a rival may be seen near its host, and is none of the other targets."""
-    if rival.unseen_for > _UNSEEN_FOR or not _are_within(rival.box, host.box, _FAR):
+def _continues(distractor: Track, target: Track, others: Sequence[Track]) -> bool:
+    """Whether a distractor is seen, near its target, and on no other target."""
+    if distractor.unseen_for > _UNSEEN_FOR or not _are_within(distractor.box, target.box, _FAR):
         return False
     boxes = np.array([one.box for one in others]).reshape(-1, 4)
-    return bool(pairwise_iou(rival.box[None], boxes).max(initial=0.0) <= _SAME_ABOVE)
+    return bool(pairwise_iou(distractor.box[None], boxes).max(initial=0.0) <= _SAME_ABOVE)
 
 
 def _are_within(one: NDArray[np.float64], other: NDArray[np.float64], sides: float) -> bool:
-    """Whether the centers of two (4,) boxes are within so many sides of the first one."""
-    apart = np.abs(other[:2] + other[2:] / 2 - one[:2] - one[2:] / 2)
-    return bool((apart < sides * one[2:]).all())
+    """Whether the centers of two (4,) boxes are within a number of sides of the first one."""
+    offset = np.abs(other[:2] + other[2:] / 2 - one[:2] - one[2:] / 2)
+    return bool((offset < sides * one[2:]).all())

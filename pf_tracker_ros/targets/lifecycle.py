@@ -1,4 +1,12 @@
-"""When a target begins, by hand or by detections, and when it ends."""
+"""Initiation, confirmation and deletion of tracks.
+
+1. Initiate: a user's box, a detection of no track, or a distractor starts a tentative track.
+2. Confirm: after enough hits, the track is reported.
+3. Delete: a track ends once its existence log odds are low, or once it has left the image.
+
+These are Deep SORT's tentative, confirmed and deleted tracks (Wojke, Bewley and Paulus 2017), with
+log odds for its count of misses. Manual tracks are reported at once, and only a user ends them.
+"""
 
 from __future__ import annotations
 
@@ -19,34 +27,35 @@ from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.tracks import Track, TrackKey, TrackSet
 from pf_tracker_ros.tracking.target_filter import TargetFilter
 
-# A detection that overlaps a target without one by more than this is taken for a bad one of it.
-_TAKEN_ABOVE = 0.45
-# Belief in a target of a detection with a score of 1; with less, it is as much below that.
-_FIRST_BELIEF = 1.0
-# That in a rival: it ends once a slow detector sees the frame and does not find it.
-_RIVAL_BELIEF = -0.45
-# Seconds; what a detector says in as many of its answers as come within them is confirmed.
+# A detection with an intersection over union above this is of the same object as a track.
+_SAME_ABOVE = 0.45
+# Existence log odds of a track whose first detection has the score 1; twice the difference less for
+# a lower score.
+_INITIAL_LOG_ODDS = 1.0
+# Those of a distractor: one miss of a slow detector ends it.
+_DISTRACTOR_LOG_ODDS = -0.45
+# Seconds: a track is confirmed by as many hits as a detector has frames in them.
 _CONFIRMED_WITHIN = 0.3
-# Which child of the seed the targets' randomness comes from; others are the camera's.
-_RANDOMNESS_KEY = 1
+# Child of the seed for the random numbers of tracks; others are of the image front end.
+_SPAWN_KEY = 1
 
 
 class Initiator:
-    """Starts targets: by hand, or on detections of none that there is.
+    """Starts tracks: manual ones, ones on unassigned detections, and distractors.
 
     Args:
-        target_filter: Follows each target.
+        target_filter: Particle filter of each target.
         seed: Seeds all randomness.
-        most: Targets at a time.
-        appearance: Describes them.
+        max_targets: At a time.
+        appearance: Extracts descriptors.
     """
 
     def __init__(
-        self, target_filter: TargetFilter, seed: int, most: int, appearance: Appearance
+        self, target_filter: TargetFilter, seed: int, max_targets: int, appearance: Appearance
     ) -> None:
         self._target_filter = target_filter
         self._seed = seed
-        self._most = most
+        self._max_targets = max_targets
         self._appearance = appearance
 
     def initiate_manual(
@@ -57,124 +66,128 @@ class Initiator:
         label: str,
         generator: np.random.Generator | None = None,
     ) -> Track:
-        """A target that somebody asked for.
+        """A track that a user started.
 
         Args:
-            frame: That it was drawn on.
+            frame: That the box was drawn on.
             box: Of the target, pixels.
-            key: Names it.
-            label: What it is.
-            generator: Its source of randomness; None for one of its own among others.
+            key: Of the track.
+            label: Of the target, or an empty text.
+            generator: Its random numbers; None for those of its key.
         """
-        track = self._life(frame, np.array(box), key, generator=generator)
+        track = self._new_track(frame, np.array(box), key, generator=generator)
         return track.add_label_vote(label, 1.0)
 
     def initiate_distractor(
-        self, frame: Frame, box: NDArray[np.float64], key: TrackKey, host: Track
+        self, frame: Frame, box: NDArray[np.float64], key: TrackKey, distracted: Track
     ) -> Track:
-        """What looks like a target beside it, in a (4,) box: no detector has found it so far."""
-        track = self._life(frame, box, key).add_label_vote(host.label, 0.0)
+        """A distractor of a track, in a (4,) box, without a detection."""
+        track = self._new_track(frame, box, key).add_label_vote(distracted.label, 0.0)
         return replace(
             track,
-            existence_log_odds=_RIVAL_BELIEF,
+            existence_log_odds=_DISTRACTOR_LOG_ODDS,
             hits=0,
-            distracted_key=host.key,
+            distracted_key=distracted.key,
             ground_box=None,
         )
 
     def initiate(
-        self, track_set: TrackSet, frame: Frame, rest: Sequence[tuple[int, Detection]]
+        self, track_set: TrackSet, frame: Frame, unassigned: Sequence[tuple[int, Detection]]
     ) -> TrackSet:
-        """The crowd with new targets.
+        """The track set with new tracks.
 
         Args:
             track_set: In this frame.
-            frame: At hand.
-            rest: The detections that are of none of the targets, with their places among all.
+            frame: This one.
+            unassigned: Detections of no track, with their numbers among all.
         """
         tracks = list(track_set.tracks)
-        unconfirmed = [
+        # The detection may be a poor one of a track that has none in this frame.
+        undetected = [
             track.box for track in tracks if track.unconfirmed_for > 0.0 and not track.is_distractor
         ]
-        boxes = np.array(unconfirmed).reshape(-1, 4)
-        for place, one in rest:
-            if sum(not track.is_distractor for track in tracks) >= self._most:
+        boxes = np.array(undetected).reshape(-1, 4)
+        for number, one in unassigned:
+            if sum(not track.is_distractor for track in tracks) >= self._max_targets:
                 break
-            if pairwise_iou(one.box[None], boxes).max(initial=0.0) > _TAKEN_ABOVE:
+            if pairwise_iou(one.box[None], boxes).max(initial=0.0) > _SAME_ABOVE:
                 continue
-            key = TrackKey(track_set.frame, place)
-            track = self._life(frame, one.box, key, one.descriptor).add_label_vote(
-                one.label, one.score
-            )
-            track = replace(track, existence_log_odds=_FIRST_BELIEF + 2.0 * (one.score - 1.0))
+            key = TrackKey(track_set.frame, number)
+            track = self._new_track(frame, one.box, key, one.descriptor)
+            track = track.add_label_vote(one.label, one.score)
+            log_odds = _INITIAL_LOG_ODDS + 2.0 * (one.score - 1.0)
             tracks = [
                 other
                 for other in tracks
                 if not (other.is_distractor and is_same_object(other, track.box))
             ]
-            tracks.append(track)
+            tracks.append(replace(track, existence_log_odds=log_odds))
         return replace(track_set, tracks=tuple(tracks))
 
-    def add_manual(self, track_set: TrackSet, drawn: Sequence[Track]) -> TrackSet:
-        """The crowd with targets that somebody drew on its frame.
+    def add_manual(self, track_set: TrackSet, started: Sequence[Track]) -> TrackSet:
+        """The track set with manual tracks that begin in its frame.
 
-        They take over those that a detector has started there, and have room before them.
+        They replace detected tracks of the same objects, and have priority over other detected ones
+        where there are too many.
 
         Args:
             track_set: In that frame.
-            drawn: As they begin in it.
+            started: The manual tracks.
         """
-        if not drawn:
+        if not started:
             return track_set
         tracks = [
             track
             for track in track_set.tracks
-            if track.is_manual or not any(is_same_object(track, one.box) for one in drawn)
+            if track.is_manual or not any(is_same_object(track, one.box) for one in started)
         ]
-        tracks += drawn
+        tracks += started
         surplus = self.surplus_keys(tracks)
         return replace(
             track_set, tracks=tuple(track for track in tracks if track.key not in surplus)
         )
 
     def surplus_keys(self, tracks: Sequence[Track]) -> set[TrackKey]:
-        """Those that detectors have started beyond the number that there may be, the unsurest."""
-        followed = [track for track in tracks if not track.is_distractor]
-        started = [track for track in followed if not track.is_manual]
-        started.sort(key=lambda track: (track.is_reported, track.existence_log_odds))
-        return {track.key for track in started[: max(len(followed) - self._most, 0)]}
+        """Keys of the detected tracks beyond `max_targets`, those of the lowest log odds."""
+        targets = [track for track in tracks if not track.is_distractor]
+        detected = [track for track in targets if not track.is_manual]
+        detected.sort(key=lambda track: (track.is_reported, track.existence_log_odds))
+        return {track.key for track in detected[: max(len(targets) - self._max_targets, 0)]}
 
-    def promote_distractors(self, track_set: TrackSet, own: Sequence[Detection | None]) -> TrackSet:
-        """The crowd in which the rivals that detections show are targets, while there is room.
+    def promote_distractors(
+        self, track_set: TrackSet, assigned: Sequence[Detection | None]
+    ) -> TrackSet:
+        """The track set in which detected distractors are targets, up to `max_targets`.
 
         Args:
             track_set: In this frame.
-            own: The detection of each, None where there is none.
+            assigned: Detection of each track, or None.
         """
         tracks = []
-        room = self._most - sum(not track.is_distractor for track in track_set.tracks)
-        for track, one in zip(track_set.tracks, own, strict=True):
-            is_adopted = one is not None and track.is_distractor and room > 0
-            room -= is_adopted
-            tracks.append(replace(track, distracted_key=None) if is_adopted else track)
+        room = self._max_targets - sum(not track.is_distractor for track in track_set.tracks)
+        for track, detection in zip(track_set.tracks, assigned, strict=True):
+            is_promoted = detection is not None and track.is_distractor and room > 0
+            room -= is_promoted
+            tracks.append(replace(track, distracted_key=None) if is_promoted else track)
         return replace(track_set, tracks=tuple(tracks))
 
     def confirm(self, track_set: TrackSet, image_size: tuple[int, int]) -> TrackSet:
-        """The crowd with those targets confirmed that were so often enough, while there is room.
+        """The track set with the tracks confirmed that have enough hits, up to `max_targets`.
 
-        A fast detector has to say it in as many answers as a moment holds; a slow one is believed
-        at once, since the next word would come too late. What the border cuts has to be said once
-        more: half an object looks like others, and detectors are wrong there more often.
+        A fast detector needs as many hits as it has frames in 0.3 s; a slow one needs one. A box
+        that the image border cuts needs one more: detectors are wrong there more often.
 
         Args:
             track_set: In this frame.
             image_size: (width, height), pixels.
         """
-        answers = math.ceil(_CONFIRMED_WITHIN / max(track_set.detection_interval, 1e-3) - 1e-6)
-        needed = max(answers, 1)
+        hits = math.ceil(_CONFIRMED_WITHIN / max(track_set.detection_interval, 1e-3) - 1e-6)
+        needed = max(hits, 1)
         tracks = []
-        # Those that began before fewer targets were allowed may be too many.
-        room = self._most - sum(track.is_manual or track.is_confirmed for track in track_set.tracks)
+        # Negative where `max_targets` was lowered meanwhile.
+        room = self._max_targets - sum(
+            track.is_manual or track.is_confirmed for track in track_set.tracks
+        )
         for track in track_set.tracks:
             is_sure = track.hits >= needed + is_truncated(track.box, image_size)
             if is_sure and not (track.is_confirmed or track.is_manual):
@@ -183,7 +196,7 @@ class Initiator:
             tracks.append(replace(track, is_confirmed=track.is_confirmed or is_sure))
         return replace(track_set, tracks=tuple(tracks))
 
-    def _life(
+    def _new_track(
         self,
         frame: Frame,
         box: NDArray[np.float64],
@@ -194,41 +207,40 @@ class Initiator:
         if descriptor is None:
             (descriptor,) = self._appearance.extract(frame, box[None])
         if generator is None:
-            place = 2 * key.place if key.place >= 0 else -2 * key.place - 1
-            spawn_key = (_RANDOMNESS_KEY, key.frame, place)
+            number = 2 * key.number if key.number >= 0 else -2 * key.number - 1
+            spawn_key = (_SPAWN_KEY, key.frame, number)
             generator = np.random.default_rng(
                 np.random.SeedSequence(self._seed, spawn_key=spawn_key)
             )
-        target = self._target_filter.initialize(frame, as_box(box), GeneratorState.of(generator))
-        center_filter = CenterKalmanFilter.initiate(box, CENTER_STD * box[2:])
-        ground_box = None if is_truncated(box, frame.size) else box
+        generator_state = GeneratorState.of(generator)
+        filter_state = self._target_filter.initialize(frame, as_box(box), generator_state)
         return Track(
             key,
-            target,
+            filter_state,
             descriptor,
-            center_filter,
+            CenterKalmanFilter.initiate(box, CENTER_STD * box[2:]),
             np.log(box[2:]),
-            _FIRST_BELIEF,
-            ground_box=ground_box,
+            _INITIAL_LOG_ODDS,
+            ground_box=None if is_truncated(box, frame.size) else box,
         )
 
 
 def is_same_object(track: Track, box: NDArray[np.float64]) -> bool:
-    """Whether a target and a (4,) box are on the same object."""
-    return bool(pairwise_iou(track.box[None], box[None])[0, 0] > _TAKEN_ABOVE)
+    """Whether a track and a (4,) box are on the same object."""
+    return bool(pairwise_iou(track.box[None], box[None])[0, 0] > _SAME_ABOVE)
 
 
-# Belief below which there is no such target.
+# Existence log odds below which a track ends.
 _ENDS_BELOW = -1.0
-# A target whose center is so near to the image's border, in its own sides, has left.
+# A target whose center is this near to the image border, in its own sides, has left.
 _LEFT_WITHIN = 0.03
 
 
 class Deleter:
-    """Ends targets that the detector does not find any more, or that have left the image.
+    """Ends tracks that the detector does not find any more, or that have left the image.
 
     Args:
-        reidentify_within: Seconds for which one that was told is remembered.
+        reidentify_within: Seconds for which an ended track can be re-identified.
     """
 
     def __init__(self, reidentify_within: float) -> None:
@@ -237,14 +249,14 @@ class Deleter:
     def delete_tracks(
         self, track_set: TrackSet, image_size: tuple[int, int], interval: float
     ) -> TrackSet:
-        """The crowd without those that end in this frame.
+        """The track set without the tracks that end in this frame.
 
         Args:
             track_set: In this frame.
             image_size: (width, height), pixels.
             interval: Seconds since the last frame.
         """
-        gone = [
+        ended = [
             replace(track, time_since_end=(track.time_since_end or 0.0) + interval)
             for track in track_set.ended_tracks
         ]
@@ -255,8 +267,8 @@ class Deleter:
             ):
                 tracks.append(track)
             elif track.is_confirmed:
-                gone.append(replace(track, time_since_end=0.0))
-        kept = [track for track in gone if (track.time_since_end or 0.0) < self._reidentify_within]
+                ended.append(replace(track, time_since_end=0.0))
+        kept = [track for track in ended if (track.time_since_end or 0.0) < self._reidentify_within]
         return replace(track_set, tracks=tuple(tracks), ended_tracks=tuple(kept))
 
 

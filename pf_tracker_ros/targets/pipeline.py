@@ -1,4 +1,16 @@
-"""How all targets go on from frame to frame."""
+"""Advances all tracks by one frame, as tracking by detection with a particle filter per target.
+
+1. Predict: camera motion compensation, then a Kalman prediction of each center.
+2. Associate: detections are assigned to tracks, and identity switches corrected.
+3. Update: the particle filter of each target, then the existence log odds.
+4. Delete: tracks that are not detected any more or have left the image.
+5. Initiate: tracks on unassigned detections, re-identified with lost ones where they match.
+6. Redetect: lost targets without a detector, by their appearance.
+7. Distractors: objects that look like a target get tracks of their own.
+
+Steps 2 and 5 run on frames with detections only. The stages are those of Deep SORT (Wojke, Bewley
+and Paulus 2017) and of Stone Soup.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +31,10 @@ from pf_tracker_ros.tracking.target_filter import TargetFilter
 
 
 class TrackingPipeline:
-    """Makes the crowd of a frame out of the one before; holds the roles, and nothing of a target.
+    """Turns one track set into that of the next frame; has no state of its own.
 
     Args:
-        target_filter: Follows each target.
+        target_filter: Particle filter of each target.
         parameters: Every tunable.
         seed: Seeds all randomness.
     """
@@ -35,26 +47,28 @@ class TrackingPipeline:
         self._updater = Updater(target_filter, parameters.detector.recall, self.appearance)
         self.initiator = Initiator(target_filter, seed, parameters.max_targets, self.appearance)
         self._deleter = Deleter(parameters.track.reidentify_within)
-        self._recognizer = ReIdentifier(self.appearance)
-        self._finder = AppearanceRedetector(target_filter, self.appearance)
+        self._reidentifier = ReIdentifier(self.appearance)
+        self._redetector = AppearanceRedetector(target_filter, self.appearance)
         self._distractors = DistractorManager(self.initiator, target_filter.operations)
 
     def advance(
-        self, track_set: TrackSet, frame: Frame, interval: float, seen: Sequence[Detection] | None
+        self,
+        track_set: TrackSet,
+        frame: Frame,
+        interval: float,
+        detections: Sequence[Detection] | None,
     ) -> TrackSet:
-        """The crowd one frame later.
+        """The track set one frame later.
 
         Args:
             track_set: After the last frame.
             frame: The next one.
-            interval: Seconds since the last one.
-            seen: What the detector found in it; None where it did not run.
+            interval: Seconds since the last frame.
+            detections: Of this frame; None where no detector ran.
         """
-        time_since_detection, detection_interval = (
-            track_set.time_since_detection + interval,
-            track_set.detection_interval,
-        )
-        if seen is not None:
+        time_since_detection = track_set.time_since_detection + interval
+        detection_interval = track_set.detection_interval
+        if detections is not None:
             time_since_detection, detection_interval = 0.0, time_since_detection
         track_set = replace(
             track_set,
@@ -65,23 +79,27 @@ class TrackingPipeline:
         if frame.camera_motion is not None:
             track_set = track_set.compensate_camera_motion(frame.camera_motion)
         tracks = tuple(track.predict(interval) for track in track_set.tracks)
-        own: list[Detection | None] = [None] * len(tracks)
-        if seen:
-            for place, number in self._associator.assign(tracks, seen).items():
-                own[place] = seen[number]
-            tracks = correct_id_switches(tracks, own, self.appearance)
-        tracks = self._updater.update(tracks, frame, interval, own, time_since_detection)
-        if seen is not None:
-            tracks = self._updater.count_misses(tracks, own, detection_interval)
-        track_set = self.initiator.promote_distractors(replace(track_set, tracks=tracks), own)
+        assigned: list[Detection | None] = [None] * len(tracks)
+        if detections:
+            for index, number in self._associator.assign(tracks, detections).items():
+                assigned[index] = detections[number]
+            tracks = correct_id_switches(tracks, assigned, self.appearance)
+        tracks = self._updater.update(tracks, frame, interval, assigned, time_since_detection)
+        if detections is not None:
+            tracks = self._updater.count_misses(tracks, assigned, detection_interval)
+        track_set = self.initiator.promote_distractors(replace(track_set, tracks=tracks), assigned)
         track_set = self._deleter.delete_tracks(track_set, frame.size, interval)
         track_set = self._distractors.update(track_set, interval)
-        if seen is not None:
-            taken = {id(one) for one in own}
-            rest = [(place, one) for place, one in enumerate(seen) if id(one) not in taken]
-            track_set = self.initiator.initiate(track_set, frame, rest)
-            track_set = self._recognizer.reidentify(track_set)
+        if detections is not None:
+            used = {id(one) for one in assigned}
+            unassigned = [
+                (number, one) for number, one in enumerate(detections) if id(one) not in used
+            ]
+            track_set = self.initiator.initiate(track_set, frame, unassigned)
+            track_set = self._reidentifier.reidentify(track_set)
             track_set = self.initiator.confirm(track_set, frame.size)
         if len(track_set.tracks) > 1:
-            track_set = self._finder.find(track_set, frame)
-        return self._distractors.initiate(track_set, frame, interval, is_seen=seen is not None)
+            track_set = self._redetector.find(track_set, frame)
+        return self._distractors.initiate(
+            track_set, frame, interval, has_detections=detections is not None
+        )

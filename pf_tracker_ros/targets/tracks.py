@@ -1,8 +1,16 @@
-"""Tracks: what is known of each target beside the filter, all of them after a frame, their ids.
+"""Tracks: the record of each target beside its particle filter, and the ids of all.
 
-A track (`Track`) is a value: where it came from, what speaks for it, what it has been called. All of
-a frame are one value, too (`TrackSet`), so that the past can be processed again. Ids count from 1 in
-the order in which targets are reported, and are never used again.
+1. A `Track` is Deep SORT's: hits, age and time since the last detection, with an appearance
+   descriptor and a Kalman filter of its center. The log odds of its existence replace Deep SORT's
+   count of misses; the probability of existence is that of integrated probabilistic data
+   association.
+2. A `TrackSet` holds all tracks after one frame. Both are values, so that the frame buffer can
+   keep earlier ones and reprocess from there.
+3. `TrackIds` maps track keys to ids. Ids count from 1 in the order of the first report and are
+   never reused.
+
+Sources: Wojke, Bewley and Paulus 2017, "Simple Online and Realtime Tracking with a Deep Association
+Metric"; Musicki, Evans and Stankovic 1994, "Integrated Probabilistic Data Association".
 """
 
 from __future__ import annotations
@@ -21,37 +29,38 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.center_kalman_filter import CenterKalmanFilter
 from pf_tracker_ros.tracking.filter_state import FilterState
 
-# How far a target usually is from its own descriptor, before it is known, and how many detections
-# that is worth.
-PRIOR_APPEARANCE_DISTANCE, _PRIOR_VIEWS = 0.12, 10
-# Detections that a descriptor, and how much it varies, are averages of; the least that it varies.
-_VIEWS, _LEAST_VARIES = 30, 0.02
-# Labels of a target that are counted.
-_MOST_LABELS = 10
-# Least share of a detection's descriptor in that of its target.
-_RATE = 0.05
+# Prior of the mean appearance distance, and the number of detections that it counts as.
+_PRIOR_APPEARANCE_DISTANCE, _PRIOR_SAMPLES = 0.12, 10
+# Detections that the mean appearance distance averages over; its minimum.
+_AVERAGED_SAMPLES, _MIN_APPEARANCE_DISTANCE = 30, 0.02
+# Labels with votes per track.
+_MAX_LABELS = 10
+# Minimum weight of a new detection in the descriptor.
+_MIN_BLEND_RATE = 0.05
+# A track replaces another one above this intersection over union.
+_SAME_ABOVE = 0.5
 
 
 class TrackKey(NamedTuple):
-    """Names a target for good, even where what happened since is worked out again.
+    """Identifies a track permanently, also when its frames are reprocessed.
 
     Attributes:
         frame: Number of the frame that it began in.
-        place: Among those that began there: from 0 up by a detection, from -1 down by hand; for
-            rivals from 1,000,000 up.
+        number: Among the tracks that began there: from 0 up for detections, from -1 down for
+            manual targets, from 1,000,000 up for distractors.
     """
 
     frame: int
-    place: int
+    number: int
 
 
 class DistractorCandidate(NamedTuple):
-    """What looks like a target beside it.
+    """An object beside a target that looks like it, before it gets a track of its own.
 
     Attributes:
         box: (4,) in the last frame, pixels.
-        center_filter: Where it goes.
-        seconds: From the first to the last of the frames in a row that showed it.
+        center_filter: Of its center.
+        seconds: From the first to the last of the consecutive frames that showed it.
     """
 
     box: NDArray[np.float64]
@@ -61,33 +70,33 @@ class DistractorCandidate(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A target, and what is known of it beside its place and its templates; a value.
+    """A target; a value.
 
     Attributes:
-        key: Its name for good.
-        filter_state: As the filter follows it.
-        descriptor: Of its appearance, as far as confirmed.
-        mean_appearance_distance: How far its detections usually are from that, 0 to 1.
-        appearance_samples: Detections that both were made of.
-        center_filter: Where it goes.
-        log_size: (2,) logarithms of its width and height, smoothed over the detections.
-        existence_log_odds: Logarithm of the odds that there is such a target.
-        votes: Label to the sum of the scores with which it was given.
+        key: Its permanent key.
+        filter_state: Of its particle filter.
+        descriptor: Of its appearance, averaged over detections.
+        mean_appearance_distance: Mean distance of its detections from the descriptor, 0 to 1.
+        appearance_samples: Detections in these two averages.
+        center_filter: Kalman filter of its center.
+        log_size: (2,) logarithms of width and height, smoothed over the detections.
+        existence_log_odds: Log odds that the target exists.
+        votes: Label to the sum of its scores.
         age: Seconds since it began.
-        hits: Detections that were taken for it, the first one too.
+        hits: Detections assigned to it; the start counts as one.
         unconfirmed_for: Seconds since the last of them.
-        time_since_template_update: Seconds since it was learned anew.
-        is_confirmed: Whether it was confirmed often enough to be told.
+        time_since_template_update: Seconds since the templates were learned from a detection.
+        is_confirmed: Whether it had enough hits to be reported.
         is_occluded_by_other: Whether another target is in front of it.
-        is_duplicate: Whether its box, then, is as good as that of the other one.
-        may_have_switched: Whether it may be another one by now, which it was seen beside.
-        distracted_key: The target that it looks like and is beside of, where only that is known of it: a
-            rival, which is followed to be told apart, and not told. None for all others.
-        unseen_for: Seconds for which a rival was not seen; more where it should have been.
-        distractor_candidate: What looks like it beside it; None where nothing does.
-        time_since_end: Seconds since it ended; None while it is followed.
-        ground_box: (4,) box that somebody or the detector last told of it whole, pixels; None where
-            nobody did, or the camera has moved since.
+        is_duplicate: Whether, meanwhile, its box is on the same object as that of the other one.
+        may_have_switched: Whether it may have jumped to a distractor.
+        distracted_key: Key of the track that this distractor looks like; None for targets.
+        unseen_for: Seconds for which a distractor was not seen; they count more where it should
+            have been visible.
+        distractor_candidate: None where nothing beside it looks like it.
+        time_since_end: Seconds since it ended; None for active tracks.
+        ground_box: (4,) last box from a user or a detector that the image border did not cut,
+            pixels; None without one, or where the camera has moved since.
     """
 
     key: TrackKey
@@ -96,7 +105,7 @@ class Track:
     center_filter: CenterKalmanFilter
     log_size: NDArray[np.float64]
     existence_log_odds: float
-    mean_appearance_distance: float = PRIOR_APPEARANCE_DISTANCE
+    mean_appearance_distance: float = _PRIOR_APPEARANCE_DISTANCE
     appearance_samples: int = 1
     votes: Mapping[str, float] = field(default_factory=dict)
     age: float = 0.0
@@ -115,120 +124,117 @@ class Track:
 
     @property
     def is_manual(self) -> bool:
-        """Whether somebody asked for it, so that only they end it."""
-        return self.key.place < 0
+        """Whether a user started it; then only a user ends it."""
+        return self.key.number < 0
 
     @property
     def is_undetected(self) -> bool:
-        """Whether nobody has told of it since somebody asked for it: no detector knows it."""
+        """Whether it is manual, and no detection was ever assigned to it."""
         return self.is_manual and self.hits == 1
 
     @property
     def is_distractor(self) -> bool:
-        """Whether it is only known to look like another."""
+        """Whether it only exists to be told apart from the target that it looks like."""
         return self.distracted_key is not None
 
     @property
     def label(self) -> str:
-        """What it was called most."""
+        """The label with the most votes, or an empty text."""
         return max(self.votes, key=lambda label: self.votes[label], default="")
 
     @property
     def box(self) -> NDArray[np.float64]:
-        """(4,) as the last frame left it, pixels."""
+        """(4,) estimated box of the last frame, pixels."""
         return np.array(self.filter_state.estimate.box)
 
     @property
-    def expected(self) -> NDArray[np.float64]:
-        """(4,) box where its course is, pixels."""
+    def predicted_box(self) -> NDArray[np.float64]:
+        """(4,) box around the center of the Kalman filter, in the last size, pixels."""
         size = self.box[2:]
         return np.concatenate([self.center_filter.center - size / 2, size])
 
     def compensate_camera_motion(self, camera_motion: NDArray[np.float64]) -> Track:
-        """The same after the camera has moved: courses are those through the scene.
+        """The track after the camera has moved, with its center filters in the new image.
 
-        Its particles stay: they look for it in the image, near where its course leads, and
-        its box has a size of its own, since the scene is not as far away as it is.
+        The particles stay: the filter searches around the predicted center. The box keeps its size,
+        since the target is not at the distance of the background.
 
         Args:
-            camera_motion: (3, 3), see `EgoMotion.follow`.
+            camera_motion: (3, 3), see `EgoMotion.update`.
         """
-        distractor_candidate = self.distractor_candidate
-        if distractor_candidate:
-            distractor_candidate = distractor_candidate._replace(
-                center_filter=distractor_candidate.center_filter.compensate_camera_motion(
-                    camera_motion
-                )
+        candidate = self.distractor_candidate
+        if candidate:
+            candidate = candidate._replace(
+                center_filter=candidate.center_filter.compensate_camera_motion(camera_motion)
             )
-        center_filter = self.center_filter.compensate_camera_motion(camera_motion)
         return replace(
             self,
-            center_filter=center_filter,
-            distractor_candidate=distractor_candidate,
+            center_filter=self.center_filter.compensate_camera_motion(camera_motion),
+            distractor_candidate=candidate,
             ground_box=None,
         )
 
     def predict(self, interval: float) -> Track:
-        """The same, with its course so many seconds later."""
+        """The track with its center predicted by an interval in seconds."""
         return replace(self, center_filter=self.center_filter.predict(interval, self.box[3]))
 
     @property
     def is_reported(self) -> bool:
-        """Whether it is sure enough, and seen well enough, to be told."""
+        """Whether it is part of the output: all manual ones, and confirmed ones that are seen."""
         is_seen = self.existence_log_odds > 0.0 and self.filter_state.estimate.state != "lost"
         is_seen = is_seen and not (self.is_duplicate or self.is_distractor)
         return self.is_manual or (self.is_confirmed and is_seen)
 
     def add_label_vote(self, label: str, score: float) -> Track:
-        """The same, called by a label once more; without one, nothing is said."""
+        """The track with one more vote for a label; an empty label is no vote."""
         if not label:
             return self
         votes = {**self.votes, label: self.votes.get(label, 0.0) + score}
-        if len(votes) > _MOST_LABELS:
-            # The newest one stays, or no other could ever win.
+        if len(votes) > _MAX_LABELS:
+            # The new label stays, or none could ever be added.
             least = min((one for one in votes if one != label), key=lambda one: votes[one])
             del votes[least]
         return replace(self, votes=votes)
 
     def reset_descriptor(self, frame: Frame, box: Box, appearance: Appearance) -> Track:
-        """The same, described anew by what is in its box."""
+        """The track with a new descriptor, from a box of a frame."""
         (descriptor,) = appearance.extract(frame, np.array([box]))
         return replace(
             self,
             descriptor=descriptor,
-            mean_appearance_distance=PRIOR_APPEARANCE_DISTANCE,
+            mean_appearance_distance=_PRIOR_APPEARANCE_DISTANCE,
             appearance_samples=1,
         )
 
-    def update_descriptor(self, seen: Descriptor, appearance: Appearance) -> Track:
-        """The same, seen once more alone."""
-        views = self.appearance_samples + 1
-        rate = 1.0 / min(views + _PRIOR_VIEWS, _VIEWS)
-        differs = max(float(appearance.distance(self.descriptor, seen[None])[0]), _LEAST_VARIES)
+    def update_descriptor(self, detected: Descriptor, appearance: Appearance) -> Track:
+        """The track with the descriptor of one more detection, which no other one overlaps."""
+        samples = self.appearance_samples + 1
+        rate = 1.0 / min(samples + _PRIOR_SAMPLES, _AVERAGED_SAMPLES)
+        distance = max(
+            float(appearance.distance(self.descriptor, detected[None])[0]), _MIN_APPEARANCE_DISTANCE
+        )
         return replace(
             self,
-            descriptor=appearance.blend(self.descriptor, seen, max(1.0 / views, _RATE)),
+            descriptor=appearance.blend(
+                self.descriptor, detected, max(1.0 / samples, _MIN_BLEND_RATE)
+            ),
             mean_appearance_distance=self.mean_appearance_distance
-            + rate * (differs - self.mean_appearance_distance),
-            appearance_samples=views,
+            + rate * (distance - self.mean_appearance_distance),
+            appearance_samples=samples,
         )
-
-
-SAME_ABOVE = 0.5
-"""A target that a late detection has started is the one that was there before if they overlap by
-more than this."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrackSet:
-    """All targets after a frame, a value.
+    """All tracks after a frame; a value.
 
     Attributes:
         frame: Number of that frame.
-        tracks: The targets that are followed, told or not.
-        ended_tracks: Those that have ended and are remembered.
-        time_since_detection: Seconds since the detector saw a frame.
-        detection_interval: Seconds between the last two frames that it saw; infinite before the second.
+        tracks: The active tracks, reported or not.
+        ended_tracks: Tracks that have ended and can still be re-identified.
+        time_since_detection: Seconds since the last frame with detections.
+        detection_interval: Seconds between the last two of these frames; infinite before the
+            second.
     """
 
     frame: int = 0
@@ -239,16 +245,16 @@ class TrackSet:
 
     @property
     def has_detector(self) -> bool:
-        """Whether a detector has ever said something."""
+        """Whether detections were ever received."""
         return self.time_since_detection < math.inf
 
     @property
     def boxes(self) -> list[Box]:
-        """Where the targets are, pixels."""
+        """Of the active tracks, pixels."""
         return [track.filter_state.estimate.box for track in self.tracks]
 
     def compensate_camera_motion(self, camera_motion: NDArray[np.float64]) -> TrackSet:
-        """The same after the camera has moved, see `Track.compensate_camera_motion`."""
+        """The track set after the camera has moved, see `Track.compensate_camera_motion`."""
         return replace(
             self,
             tracks=tuple(track.compensate_camera_motion(camera_motion) for track in self.tracks),
@@ -258,17 +264,17 @@ class TrackSet:
         )
 
     def without(self, stopped: Track) -> TrackSet:
-        """The same, without one of them, followed or gone.
+        """The track set without one track, active or ended.
 
-        Where a late detection has started another one in its place, without that.
+        Where a late detection has started another track in its place, that one is removed.
 
         Args:
-            stopped: As it was when it was to be forgotten.
+            stopped: The track when it was stopped.
         """
-        everybody = (*self.tracks, *self.ended_tracks)
+        all_tracks = (*self.tracks, *self.ended_tracks)
         key = stopped.key
-        if all(one.key != key for one in everybody):
-            key = _in_place_of(stopped, everybody)
+        if all(one.key != key for one in all_tracks):
+            key = _replacement_key(stopped, all_tracks)
         return replace(
             self,
             tracks=tuple(one for one in self.tracks if one.key != key),
@@ -276,22 +282,22 @@ class TrackSet:
         )
 
 
-def _in_place_of(stopped: Track, others: Sequence[Track]) -> TrackKey:
-    """The key of the target that a detector started where another one was; else that one's own."""
+def _replacement_key(stopped: Track, others: Sequence[Track]) -> TrackKey:
+    """Key of the track that a detection started in place of a stopped one; else its own key."""
     started = [one for one in others if not one.is_manual]
     if not started:
         return stopped.key
-    same = pairwise_iou(stopped.box[None], np.array([one.box for one in started]))[0]
-    best = int(same.argmax())
-    return started[best].key if same[best] > SAME_ABOVE else stopped.key
+    overlaps = pairwise_iou(stopped.box[None], np.array([one.box for one in started]))[0]
+    best = int(overlaps.argmax())
+    return started[best].key if overlaps[best] > _SAME_ABOVE else stopped.key
 
 
-# TrackIds of targets that are remembered beyond those that there are.
-_MOST_NAMES = 10_000
+# Ids from which on those of ended tracks are pruned.
+_MAX_IDS = 10_000
 
 
 class TrackIds:
-    """TrackKey of a target to its id."""
+    """Maps the keys of tracks to their ids."""
 
     def __init__(self) -> None:
         self._ids: dict[TrackKey, int] = {}
@@ -304,18 +310,18 @@ class TrackIds:
         return self._ids[key]
 
     def get(self, key: TrackKey) -> int | None:
-        """The id of a target, None while it has none."""
+        """The id of a track; None before it has one."""
         return self._ids.get(key)
 
     def assign_id(self, track: Track) -> int:
-        """The id of a target, which gets one if it has none."""
+        """The id of a track, a new one where it has none."""
         if track.key not in self._ids:
             self._last += 1
             self._ids[track.key] = self._last
         return self._ids[track.key]
 
     def reported(self, tracks: Sequence[Track]) -> dict[int, Track]:
-        """Id to target, of those that are told."""
+        """Id to track, of the reported tracks."""
         return {
             self._ids[track.key]: track
             for track in tracks
@@ -323,46 +329,46 @@ class TrackIds:
         }
 
     def next_manual_key(self, frame: int) -> TrackKey:
-        """A key for a target that is asked for in a frame."""
-        places = (key.place for key in self._ids if key.frame == frame)
-        # Not by their number: one that was taken over has left its place.
-        return TrackKey(frame, min(0, min(places, default=0)) - 1)
+        """An unused key for a manual target in a frame."""
+        numbers = (key.number for key in self._ids if key.frame == frame)
+        # Not their count: `transfer_id` removes keys.
+        return TrackKey(frame, min(0, min(numbers, default=0)) - 1)
 
     def transfer_id(self, before: Sequence[TrackKey], now: TrackKey) -> None:
-        """Let a target be called as the first of some that it takes over, which are no more."""
-        names = [name for key in before if (name := self._ids.pop(key, None)) is not None]
-        if names:
-            self._ids[now] = names[0]
+        """Give a track the first id of the tracks that it replaces; the other ids end."""
+        ids = [id for key in before if (id := self._ids.pop(key, None)) is not None]
+        if ids:
+            self._ids[now] = ids[0]
 
     def inherit_ids(self, reported: Mapping[int, Track], track_set: TrackSet) -> None:
-        """Let targets that took the places of others, when those were worked out again, be them.
+        """After reprocessing, give tracks the ids of those that they replace.
 
         Args:
-            reported: Id to target, as told before.
-            track_set: As worked out again.
+            reported: Id to track, as reported before.
+            track_set: After reprocessing.
         """
-        there = {track.key for track in (*track_set.tracks, *track_set.ended_tracks)}
-        lost = [(name, track) for name, track in reported.items() if track.key not in there]
+        present = {track.key for track in (*track_set.tracks, *track_set.ended_tracks)}
+        lost = [(id, track) for id, track in reported.items() if track.key not in present]
         for track in track_set.tracks:
             if not lost or not track.is_reported or track.key in self._ids:
                 continue
-            same = pairwise_iou(track.box[None], np.array([one.box for _, one in lost]))[0]
-            best = int(same.argmax())
-            if same[best] > SAME_ABOVE:
-                name, before = lost.pop(best)
-                # Worked out once more, that one may be back, as another one.
+            overlaps = pairwise_iou(track.box[None], np.array([one.box for _, one in lost]))[0]
+            best = int(overlaps.argmax())
+            if overlaps[best] > _SAME_ABOVE:
+                id, before = lost.pop(best)
+                # The next reprocessing may bring the old key back, as another target.
                 del self._ids[before.key]
-                self._ids[track.key] = name
+                self._ids[track.key] = id
 
     def prune(self, track_set: TrackSet, oldest: int) -> None:
-        """Forget those that no frame can bring back.
+        """Remove the ids of tracks that no reprocessing can bring back.
 
         Args:
-            track_set: All targets that there are.
-            oldest: Number of the oldest frame that may be worked out again.
+            track_set: All tracks.
+            oldest: Number of the oldest frame that may be reprocessed.
         """
-        if len(self._ids) > _MOST_NAMES:
-            there = {track.key for track in (*track_set.tracks, *track_set.ended_tracks)}
+        if len(self._ids) > _MAX_IDS:
+            present = {track.key for track in (*track_set.tracks, *track_set.ended_tracks)}
             self._ids = {
-                key: name for key, name in self._ids.items() if key in there or key.frame >= oldest
+                key: id for key, id in self._ids.items() if key in present or key.frame >= oldest
             }

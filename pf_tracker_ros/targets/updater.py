@@ -1,4 +1,18 @@
-"""Follows every target into the next frame, each with what the others leave to it."""
+"""Updates every track with the image and its detection, with occlusions between the targets.
+
+1. Order the tracks: detected ones first, lost manual ones last; otherwise the lower box first,
+   since it is nearer to the camera.
+2. Predict the particles of all tracks at once.
+3. For each track, collect the external likelihoods, which multiply that of the image: of the
+   detection, or else of the motion; of the occluders in front; of the height on the ground.
+4. Update the particle filter. An occluded track coasts instead, at its predicted center.
+5. Correct the center filter, and with a detection the box, the descriptor and the log odds.
+6. Where a detector ran, undetected tracks lose existence log odds (`count_misses`): the logarithm
+   of 1 - recall, less where the target is hidden or was missed a moment ago.
+
+Detections are one factor of the likelihood, as in Breitenstein et al. 2011, "Online Multiperson
+Tracking-by-Detection from a Single, Uncalibrated Camera".
+"""
 
 from __future__ import annotations
 
@@ -32,71 +46,64 @@ from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import ExternalLikelihood, FramePrediction
 from pf_tracker_ros.tracking.target_filter import TargetFilter
 
-# Probability that a detection is not of its target, so that it says nothing of the place.
+# Probability that a detection is not of its target.
 _WRONG = 0.02
-# A target of which more than this is behind another one is not looked for.
-_HIDDEN_ABOVE = 0.5
-# Two boxes that overlap by more than this are on one object, and it is that of the one in front.
+# Covered share of a target above which it is occluded.
+_OCCLUDED_ABOVE = 0.5
+# Two boxes with an intersection over union above this are on one object: that of the one in front.
 _SAME_ABOVE = 0.5
-# How far a target may be from where it was expected, in its own sides.
+# Largest distance of a target from its predicted place, in its own sides.
 _NEAR = 1.5
-# What others in front explain of a box, beyond what was expected, counts against it so strongly.
-_EXPLAINED = 30.0
-_EXPLAINED_FREELY = 0.2
-# Share of the way to a detection that its target goes; all of it where they overlap by less, unless
-# the image is so sure of where it is.
-_GAIN = 0.5
-_FAR_BELOW = 0.5
-_SURE_ABOVE = 0.6
-# Standard deviation of a place that the image tells, in the sides of the box.
-_IMAGE_SPREAD = np.array([0.3, 0.2])
-# Confirmations over which sizes are averaged.
-_SIZES = 3.3
-# Seconds without a detection after which a hidden target is not told where its box is as good as
-# that of the one in front.
-_DOUBLED_AFTER = 0.2
-# Degrees of freedom of how far the image may show a target from its course.
-_TAIL = 3.0
-# Confidence of a target on its own from which on its place counts fully for its course, and the
-# least that it counts.
-_FULLY_ABOVE, _LEAST_COUNT = 0.5, 0.05
-# Every how many frames the size of a target on its own is looked for: it changes slowly.
+# Weight of the covered share beyond the predicted one, and the minimum of that one.
+_OCCLUDER_WEIGHT, _FREE_COVERAGE = 30.0, 0.2
+# Share of the way to its detection that a box moves. It moves all of it below this intersection
+# over union, unless the confidence of the track is above the last value.
+_GAIN, _FAR_BELOW, _CONFIDENT_ABOVE = 0.5, 0.5, 0.6
+# Standard deviation of a center measured in the image, in the sides of the box.
+_IMAGE_STD = np.array([0.3, 0.2])
+# Detections over which sizes are averaged.
+_AVERAGED_SIZES = 3.3
+# Seconds without a detection after which a track on the same object as its occluder is a duplicate.
+_DUPLICATE_AFTER = 0.2
+# Degrees of freedom of the image's distance from the predicted center.
+_DEGREES_OF_FREEDOM = 3.0
+# Confidence from which on the estimate of an undetected target counts fully for its center filter;
+# the least that it counts.
+_FULL_CONFIDENCE, _MIN_COUNT = 0.5, 0.05
+# Frames between two size estimates of an undetected target: sizes change slowly.
 _SIZE_EVERY = 2
-# Seconds from one learning of a confirmed target to the next.
+# Seconds between two template updates by detections.
 _LEARN_EVERY = 0.4
-# Seconds without a detector's answer after which the image tells the sizes again.
+# Seconds without detections after which sizes are estimated in the image.
 _SILENT_AFTER = 2.0
-# A target that overlaps what looks like it by more than this may be that. It is itself again within
-# so many squared standard deviations of its course.
-_ON_RIVAL, _DOUBT_GATE = 0.3, 6.0
-# Seconds without a detector's answer after which there is none.
-_ON_THEIR_OWN_AFTER = 10.0
-# What a detection adds to the belief in its target, and the most that this can be.
-_HIT, _LEAST_BELIEF, _MOST_BELIEF = 2.0, -1.0, 1.5
-# What the detector misses now it will miss again in a moment: seconds until it decides anew.
-_DECIDES_ANEW = 0.3
-# Seconds without a frame after which a detection alone tells where its target is: particles are too
-# few for all the places where it may be.
+# A target with an intersection over union with its distractor above this may have switched. It is
+# itself again within this squared Mahalanobis distance of its predicted center.
+_SWITCHED_ABOVE, _SWITCH_GATE = 0.3, 6.0
+# Seconds without detections after which there is no detector.
+_NO_DETECTOR_AFTER = 10.0
+# Existence log odds: what a detection adds, their minimum before that, and their maximum.
+_HIT_LOG_ODDS, _MIN_LOG_ODDS, _MAX_LOG_ODDS = 2.0, -1.0, 1.5
+# Time constant, seconds, after which two misses are independent.
+_INDEPENDENT_AFTER = 0.3
+# Seconds without a frame after which a track starts again from its detection: the particles are too
+# few for the area in which it may be.
 _PAUSED_AFTER = 1.0
-# Of a hidden target it says at least so much that it was not found.
-_LEAST_VISIBLE = 0.4
+# Minimum of the visible share, which scales the effect of a miss.
+_MIN_VISIBLE = 0.4
 
 
 class Updater:
-    """Follows and corrects targets, the one in front first.
+    """Updates the tracks, the one in front first.
 
-    Targets explain their own pixels: what is in the box of one that is in front counts against
-    those behind it, and one that is hidden is carried on by its motion alone. What was
-    started by hand and is lost comes last and hides nothing, since nobody knows where it is. A
-    detection is one more factor of the likelihood; it then brings the box along, and is learned
-    from. Without any, or any more, the image has to tell the size, too, and the ground that all
-    stand on. A single target without a rival near and without a detector is followed by its pixels
-    alone, and looked for all over the image once it is lost.
+    Targets explain their own pixels: a box on a target in front is less likely for those behind.
+    Lost manual targets occlude nothing, since their place is unknown. Without detections, the size
+    comes from the image and the ground. A single target, without a distractor nearby or a detector,
+    uses the image alone, and is searched for in the whole image once it is lost.
 
     Args:
-        target_filter: Follows each target.
+        target_filter: Particle filter of each target.
         recall: Share of the visible targets that the detector finds.
-        appearance: Describes the targets.
+        appearance: Extracts descriptors.
     """
 
     def __init__(self, target_filter: TargetFilter, recall: float, appearance: Appearance) -> None:
@@ -109,171 +116,178 @@ class Updater:
         tracks: Sequence[Track],
         frame: Frame,
         interval: float,
-        own: Sequence[Detection | None],
+        assigned: Sequence[Detection | None],
         time_since_detection: float,
     ) -> tuple[Track, ...]:
-        """The targets one frame later.
+        """The tracks one frame later.
 
         Args:
-            tracks: N targets after the last frame, their courses in the next one.
+            tracks: N, with centers predicted into the next frame.
             frame: The next one.
-            interval: Seconds since the last one.
-            own: The detection of each, None where there is none.
-            time_since_detection: Seconds since the detector saw a frame.
+            interval: Seconds since the last frame.
+            assigned: Detection of each track, or None.
+            time_since_detection: Seconds since the last frame with detections.
         """
         updated = list(tracks)
         grounds = fit_grounds(tracks)
-        predicted = np.array([track.expected for track in tracks]).reshape(-1, 4)
+        boxes = np.array([track.predicted_box for track in tracks]).reshape(-1, 4)
         front: list[Track] = []
-        # What was just confirmed explains its pixels first, and a guess last; of the others, what
-        # stands lower in the image, since it is nearer to the camera.
-        lower = predicted[:, 1] + predicted[:, 3]
-        unseen = np.array([one is None for one in own], dtype=np.bool_)
-        guessed = unseen & np.array([_is_guess(track) for track in tracks], dtype=np.bool_)
+        lower_edges = boxes[:, 1] + boxes[:, 3]
+        undetected = np.array([one is None for one in assigned], dtype=np.bool_)
+        unknown = np.array([_is_place_unknown(track) for track in tracks], dtype=np.bool_)
         is_silent = time_since_detection > _SILENT_AFTER
-        alone = _are_alone(tracks, predicted) & (time_since_detection > _ON_THEIR_OWN_AFTER)
-        expected = self._expect(tracks, frame, interval, own, alone, is_silent=is_silent)
-        for place in np.lexsort((-lower, guessed, unseen)).tolist():
-            track = tracks[place]
-            if track.is_distractor and own[place] is None:
-                target = self._target_filter.operations.move_to(
-                    track.filter_state, as_box(predicted[place])
+        alone = _are_alone(tracks, boxes) & (time_since_detection > _NO_DETECTOR_AFTER)
+        predictions = self._predict(tracks, frame, interval, assigned, alone, is_silent=is_silent)
+        for index in np.lexsort((-lower_edges, undetected & unknown, undetected)).tolist():
+            track = tracks[index]
+            if track.is_distractor and assigned[index] is None:
+                filter_state = self._target_filter.operations.move_to(
+                    track.filter_state, as_box(boxes[index])
                 )
-                track = replace(track, filter_state=target)
+                track = replace(track, filter_state=filter_state)
             else:
-                track = self._follow(
+                track = self._update_track(
                     track,
-                    predicted[place],
+                    boxes[index],
                     frame,
                     interval,
-                    own=own[place],
-                    expected=expected.get(place),
+                    detection=assigned[index],
+                    frame_prediction=predictions.get(index),
                     front=front,
                     ground=grounds.get(track.label),
-                    is_alone=bool(alone[place]),
+                    is_alone=bool(alone[index]),
                     is_silent=is_silent,
                 )
-                if own[place] is None and track.is_undetected:
-                    rivals = [one.distracted_key == track.key for one in tracks]
-                    track = self._doubt(track, tracks[place], predicted[rivals])
-            updated[place] = track
-            if not _is_guess(track):
+                if assigned[index] is None and track.is_undetected:
+                    distractors = [one.distracted_key == track.key for one in tracks]
+                    track = self._check_switch(track, tracks[index], boxes[distractors])
+            updated[index] = track
+            if not _is_place_unknown(track):
                 front.append(track)
         return tuple(updated)
 
-    def _expect(
+    def _predict(
         self,
         tracks: Sequence[Track],
         frame: Frame,
         interval: float,
-        own: Sequence[Detection | None],
+        assigned: Sequence[Detection | None],
         alone: NDArray[np.bool_],
         *,
         is_silent: bool,
     ) -> dict[int, FramePrediction]:
-        """Place of each target that will be followed to where it is expected.
+        """Index to prediction, of the tracks whose filters will probably be updated.
 
-        Those that others hid in the last frame are left out: most of them will be hidden again.
+        Tracks that were occluded in the last frame are left out: most still are.
         """
-        will_begin_anew = interval > _PAUSED_AFTER
-        places, targets = [], []
-        for place, (track, one) in enumerate(zip(tracks, own, strict=True)):
-            if will_begin_anew if one else track.is_distractor or track.is_occluded_by_other:
+        is_paused = interval > _PAUSED_AFTER
+        indices, states = [], []
+        for index, (track, detection) in enumerate(zip(tracks, assigned, strict=True)):
+            if is_paused if detection else track.is_distractor or track.is_occluded_by_other:
                 continue
-            places.append(place)
-            asks_for_size = bool(alone[place]) or _asks_for_size(track, one, is_silent)
-            targets.append((track.filter_state, asks_for_size))
-        return dict(zip(places, self._target_filter.predict(targets, frame, interval), strict=True))
+            indices.append(index)
+            estimates_size = bool(alone[index]) or _is_size_due(track, detection, is_silent)
+            states.append((track.filter_state, estimates_size))
+        return dict(zip(indices, self._target_filter.predict(states, frame, interval), strict=True))
 
     def count_misses(
-        self, tracks: Sequence[Track], own: Sequence[Detection | None], detection_interval: float
+        self,
+        tracks: Sequence[Track],
+        assigned: Sequence[Detection | None],
+        detection_interval: float,
     ) -> tuple[Track, ...]:
-        """The targets, those that the detector did not find believed in less.
+        """The tracks, with lower existence log odds where no detection was assigned.
 
         Args:
-            tracks: In the frame that it saw.
-            own: The detection of each, None where there is none.
-            detection_interval: Seconds since the frame that it saw before.
+            tracks: In a frame with detections.
+            assigned: Detection of each track, or None.
+            detection_interval: Seconds since the last frame with detections.
         """
         boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
-        lower = boxes[:, 1] + boxes[:, 3]
-        hiding = pairwise_coverage(boxes, boxes) * (lower[None] > lower[:, None])
-        visible = 1.0 - hiding.max(axis=1, initial=0.0)
-        decided = 1.0 - math.exp(-detection_interval / _DECIDES_ANEW)
-        loss = self._log_miss * decided * np.maximum(visible, _LEAST_VISIBLE)
+        lower_edges = boxes[:, 1] + boxes[:, 3]
+        covered = pairwise_coverage(boxes, boxes) * (lower_edges[None] > lower_edges[:, None])
+        visible = 1.0 - covered.max(axis=1, initial=0.0)
+        independence = 1.0 - math.exp(-detection_interval / _INDEPENDENT_AFTER)
+        changes = self._log_miss * independence * np.maximum(visible, _MIN_VISIBLE)
         return tuple(
             track
-            if one
-            else replace(track, existence_log_odds=track.existence_log_odds + float(lost))
-            for track, one, lost in zip(tracks, own, loss, strict=True)
+            if detection
+            else replace(track, existence_log_odds=track.existence_log_odds + float(change))
+            for track, detection, change in zip(tracks, assigned, changes, strict=True)
         )
 
-    def _follow(
+    def _update_track(
         self,
         track: Track,
-        predicted: NDArray[np.float64],
+        predicted_box: NDArray[np.float64],
         frame: Frame,
         interval: float,
         *,
-        own: Detection | None,
-        expected: FramePrediction | None,
+        detection: Detection | None,
+        frame_prediction: FramePrediction | None,
         front: Sequence[Track],
         ground: Ground | None,
         is_alone: bool,
         is_silent: bool,
     ) -> Track:
-        """One target, behind others."""
-        if own and interval > _PAUSED_AFTER:
-            return self._begin_anew(track, frame, interval, own)
-        target, is_occluded_by_other = track.filter_state, False
-        is_sized = _is_sized(track, own, is_silent)
-        evidence: list[ExternalLikelihood] = []
-        if own:
-            evidence.append(_of_detection(own.box))
+        """One track, behind the tracks in front."""
+        if detection and interval > _PAUSED_AFTER:
+            return self._reinitialize(track, frame, interval, detection)
+        filter_state, is_occluded_by_other = track.filter_state, False
+        external_likelihoods: list[ExternalLikelihood] = []
+        if detection:
+            external_likelihoods.append(_detection_likelihood(detection.box))
         elif not is_alone:
-            evidence.append(_of_course(track))
+            external_likelihoods.append(_motion_likelihood(track))
+        is_sized = _needs_size(track, detection, is_silent)
         if is_sized and not is_alone and ground and track.ground_box is not None:
-            evidence.append(partial(ground.log_likelihood, track.ground_box))
-        # What is taken for a rival may be none: only what it looks like yields to it.
+            external_likelihoods.append(partial(ground.log_likelihood, track.ground_box))
+        # A distractor may be none: it occludes only the target that it looks like.
         front = [one for one in front if one.distracted_key in (None, track.key)]
         boxes = np.array([one.box for one in front]).reshape(-1, 4)
-        are_near = _are_near(boxes, predicted)
+        are_near = _are_near(boxes, predicted_box)
         front, boxes = list(compress(front, are_near)), boxes[are_near]
         if len(boxes):
-            hidden = pairwise_coverage(predicted[None], boxes)[0]
-            evidence.append(_of_others(boxes, hidden))
-            # What is only like a target hides it where its course is sure; else it is looked for.
-            is_sure = track.filter_state.estimate.confidence > _FULLY_ABOVE
-            hides = np.array([is_sure or not one.is_distractor for one in front])
-            is_occluded_by_other = own is None and bool((hidden * hides).max() > _HIDDEN_ABOVE)
+            covered = pairwise_coverage(predicted_box[None], boxes)[0]
+            external_likelihoods.append(_occluder_likelihood(boxes, covered))
+            # A distractor occludes only a confident target.
+            is_confident = track.filter_state.estimate.confidence > _FULL_CONFIDENCE
+            occludes = np.array([is_confident or not one.is_distractor for one in front])
+            is_covered = bool((covered * occludes).max() > _OCCLUDED_ABOVE)
+            is_occluded_by_other = detection is None and is_covered
         if not is_occluded_by_other:
-            if expected is None:
-                asked = (target, is_alone or _asks_for_size(track, own, is_silent))
-                (expected,) = self._target_filter.predict([asked], frame, interval)
-            followed = self._target_filter.step(
-                expected, _all_of(evidence), searches_everywhere=is_alone
+            if frame_prediction is None:
+                estimates_size = is_alone or _is_size_due(track, detection, is_silent)
+                (frame_prediction,) = self._target_filter.predict(
+                    [(filter_state, estimates_size)], frame, interval
+                )
+            stepped = self._target_filter.step(
+                frame_prediction, _product(external_likelihoods), searches_everywhere=is_alone
             )
-            if own is None and len(boxes):
-                found = np.array(followed.estimate.box)
-                is_occluded_by_other = _is_on_one(found, boxes)
-                is_on_rival = _is_on_one(found, boxes[[one.is_distractor for one in front]])
-                known = followed.known_distractor if is_on_rival else target.known_distractor
-                target = replace(target, known_distractor=known)
+            if detection is None and len(boxes):
+                box = np.array(stepped.estimate.box)
+                is_occluded_by_other = _is_on_any(box, boxes)
+                is_on_distractor = _is_on_any(box, boxes[[one.is_distractor for one in front]])
+                known = (stepped if is_on_distractor else filter_state).known_distractor
+                filter_state = replace(filter_state, known_distractor=known)
         center_filter, log_size = track.center_filter, track.log_size
         if is_occluded_by_other:
-            target = self._target_filter.operations.coast(target, frame, interval)
-            target = self._target_filter.operations.move_to(target, _inside(predicted, frame.size))
+            operations = self._target_filter.operations
+            filter_state = operations.coast(filter_state, frame, interval)
+            filter_state = operations.move_to(
+                filter_state, _with_center_inside(predicted_box, frame.size)
+            )
         else:
-            target = followed
-            if own is None:
-                center_filter, log_size = _corrected_by_image(track, target)
-        is_duplicate = is_occluded_by_other and track.unconfirmed_for > _DOUBLED_AFTER
+            filter_state = stepped
+            if detection is None:
+                center_filter, log_size = _corrected_by_image(track, filter_state)
+        is_duplicate = is_occluded_by_other and track.unconfirmed_for > _DUPLICATE_AFTER
         if is_duplicate:
-            are_told = [not one.is_distractor for one in front]
-            is_duplicate = _is_on_one(np.array(target.estimate.box), boxes[are_told])
+            are_targets = [not one.is_distractor for one in front]
+            is_duplicate = _is_on_any(np.array(filter_state.estimate.box), boxes[are_targets])
         track = replace(
             track,
-            filter_state=target,
+            filter_state=filter_state,
             center_filter=center_filter,
             log_size=log_size,
             age=track.age + interval,
@@ -282,122 +296,129 @@ class Updater:
             is_occluded_by_other=is_occluded_by_other,
             is_duplicate=is_duplicate,
         )
-        return self._correct(track, frame, own) if own else track
+        return self._correct(track, frame, detection) if detection else track
 
-    def _doubt(self, track: Track, before: Track, rivals: NDArray[np.float64]) -> Track:
-        """A target that may be another one by now, without its course moved, and not told as seen.
+    def _check_switch(self, track: Track, before: Track, distractors: NDArray[np.float64]) -> Track:
+        """Mark a track as occluded, and keep its center filter, where it may be on a distractor.
 
-        It is doubted from when it jumps to what was seen beside it, and the filter does not know
-        that as something else, or from when it is on what looks like it. That ends where its course
-        leads, and once it is lost: where it is found again is where it is.
+        It may have switched once it jumps to the second peak of the last frame, unless the filter
+        knows that as a distractor, or once it overlaps a distractor. That ends near the predicted
+        center, and once the target is lost: redetection then decides.
 
         Args:
             track: In this frame.
-            before: After the last one, its course in this frame.
-            rivals: (K, 4) boxes of what looks like it.
+            before: After the last one, with its center predicted into this frame.
+            distractors: (K, 4) boxes of its distractors.
         """
-        target, box, last = track.filter_state, track.box, before.filter_state
+        filter_state, box, last = track.filter_state, track.box, before.filter_state
         if last.status.state == "lost":
             return replace(track, may_have_switched=False)
-        is_on_rival = pairwise_iou(box[None], rivals).max(initial=0.0) > _ON_RIVAL
-        is_doubted = bool(is_on_rival) or (
-            target.known_distractor is None and _has_jumped(last, box)
+        overlaps = pairwise_iou(box[None], distractors)
+        may_have_switched = bool(overlaps.max(initial=0.0) > _SWITCHED_ABOVE) or (
+            filter_state.known_distractor is None and _has_jumped(last, box)
         )
-        if not is_doubted and before.may_have_switched:
-            variance = before.center_filter.center_variance + np.square(_IMAGE_SPREAD * box[2:])
-            apart = box[:2] + box[2:] / 2 - before.center_filter.center
-            is_doubted = bool((np.square(apart) / variance).sum() > _DOUBT_GATE)
-        if not is_doubted:
+        if not may_have_switched and before.may_have_switched:
+            variance = before.center_filter.center_variance + np.square(_IMAGE_STD * box[2:])
+            offset = box[:2] + box[2:] / 2 - before.center_filter.center
+            may_have_switched = bool((np.square(offset) / variance).sum() > _SWITCH_GATE)
+        if not may_have_switched:
             return replace(track, may_have_switched=False)
-        if target.estimate.state == "tracking":
-            target = replace(target, estimate=replace(target.estimate, state="occluded"))
+        if filter_state.estimate.state == "tracking":
+            estimate = replace(filter_state.estimate, state="occluded")
+            filter_state = replace(filter_state, estimate=estimate)
         return replace(
-            track, filter_state=target, center_filter=before.center_filter, may_have_switched=True
+            track,
+            filter_state=filter_state,
+            center_filter=before.center_filter,
+            may_have_switched=True,
         )
 
-    def _begin_anew(self, track: Track, frame: Frame, interval: float, own: Detection) -> Track:
-        """A target that a detection shows after a pause, where its motion tells of no place."""
-        target = self._target_filter.initialize(
-            frame, as_box(own.box), track.filter_state.generator_state
+    def _reinitialize(
+        self, track: Track, frame: Frame, interval: float, detection: Detection
+    ) -> Track:
+        """A track that starts from its detection after a pause, which no motion model spans."""
+        filter_state = self._target_filter.initialize(
+            frame, as_box(detection.box), track.filter_state.generator_state
         )
         track = replace(
             track,
-            filter_state=target,
+            filter_state=filter_state,
             age=track.age + interval,
             time_since_template_update=track.time_since_template_update + interval,
             is_occluded_by_other=False,
             is_duplicate=False,
         )
-        return self._correct(track, frame, own)
+        return self._correct(track, frame, detection)
 
-    def _correct(self, track: Track, frame: Frame, own: Detection) -> Track:
-        """A target that a detection confirms, with its box brought towards that."""
+    def _correct(self, track: Track, frame: Frame, detection: Detection) -> Track:
+        """A track with a hit, and its box moved towards the detection."""
         box = track.box
-        is_far = bool(pairwise_iou(box[None], own.box[None])[0, 0] < _FAR_BELOW)
-        # Where the image is sure, it takes a second detection to say that it is wrong.
-        is_doubted = is_far and track.filter_state.estimate.confidence > _SURE_ABOVE
-        goes_over = is_far and not is_doubted
-        share = 1.0 / min(track.hits + 1, _SIZES)
-        log_size = track.log_size + share * (np.log(own.box[2:]) - track.log_size)
+        is_far = bool(pairwise_iou(box[None], detection.box[None])[0, 0] < _FAR_BELOW)
+        # Against a confident image, one distant detection is not enough.
+        is_doubted = is_far and track.filter_state.estimate.confidence > _CONFIDENT_ABOVE
+        jumps = is_far and not is_doubted
+        share = 1.0 / min(track.hits + 1, _AVERAGED_SIZES)
+        log_size = track.log_size + share * (np.log(detection.box[2:]) - track.log_size)
         size = np.exp(log_size)
-        center, seen = box[:2] + box[2:] / 2, own.box[:2] + own.box[2:] / 2
-        center = center + (1.0 if goes_over else _GAIN) * (seen - center)
-        target = self._target_filter.operations.move_to(
-            track.filter_state, as_box([*(center - size / 2), *size])
-        )
-        learns = goes_over or (track.time_since_template_update >= _LEARN_EVERY and not is_doubted)
-        if learns:
-            target = self._target_filter.operations.relearn(target, frame)
-        track = track.update_descriptor(own.descriptor, self._appearance) if own.is_clear else track
+        center = box[:2] + box[2:] / 2
+        detected = detection.box[:2] + detection.box[2:] / 2
+        center = center + (1.0 if jumps else _GAIN) * (detected - center)
+        operations = self._target_filter.operations
+        filter_state = operations.move_to(track.filter_state, as_box([*(center - size / 2), *size]))
+        is_due = track.time_since_template_update >= _LEARN_EVERY
+        relearns = jumps or (is_due and not is_doubted)
+        if relearns:
+            filter_state = operations.relearn(filter_state, frame)
+        if detection.is_clear:
+            track = track.update_descriptor(detection.descriptor, self._appearance)
+        is_cut = is_truncated(detection.box, frame.size)
         return replace(
-            track.add_label_vote(own.label, own.score),
-            filter_state=target,
-            center_filter=track.center_filter.correct(seen, CENTER_STD * size),
+            track.add_label_vote(detection.label, detection.score),
+            filter_state=filter_state,
+            center_filter=track.center_filter.correct(detected, CENTER_STD * size),
             log_size=log_size,
             existence_log_odds=min(
-                max(track.existence_log_odds, _LEAST_BELIEF) + _HIT, _MOST_BELIEF
+                max(track.existence_log_odds, _MIN_LOG_ODDS) + _HIT_LOG_ODDS, _MAX_LOG_ODDS
             ),
             hits=track.hits + 1,
             unconfirmed_for=0.0,
-            time_since_template_update=0.0 if learns else track.time_since_template_update,
-            ground_box=track.ground_box
-            if is_truncated(own.box, frame.size)
-            else np.array(target.estimate.box),
+            time_since_template_update=0.0 if relearns else track.time_since_template_update,
+            ground_box=track.ground_box if is_cut else np.array(filter_state.estimate.box),
         )
 
 
 def _corrected_by_image(
-    track: Track, target: FilterState
+    track: Track, filter_state: FilterState
 ) -> tuple[CenterKalmanFilter, NDArray[np.float64]]:
-    """The course and the (2,) log size of a target, corrected by where the image shows it."""
-    log_size, box = track.log_size, np.array(target.estimate.box)
-    deviation = _IMAGE_SPREAD * box[2:]
+    """The center filter and the (2,) log size of a track, corrected by the particle filter."""
+    log_size, box = track.log_size, np.array(filter_state.estimate.box)
+    std = _IMAGE_STD * box[2:]
     if track.is_undetected:
-        count = min(target.estimate.confidence / _FULLY_ABOVE, 1.0)
-        deviation = deviation / max(count, _LEAST_COUNT)
-        if target.status.state == "tracking":
+        count = min(filter_state.estimate.confidence / _FULL_CONFIDENCE, 1.0)
+        std = std / max(count, _MIN_COUNT)
+        if filter_state.status.state == "tracking":
             log_size = np.log(box[2:])
-    return track.center_filter.correct(box[:2] + box[2:] / 2, deviation), log_size
+    return track.center_filter.correct(box[:2] + box[2:] / 2, std), log_size
 
 
-def _is_guess(track: Track) -> bool:
-    """Whether nobody knows where a target is; those of a detector end once it does not see them."""
+def _is_place_unknown(track: Track) -> bool:
+    """Whether a track is a lost manual one; others end once the detector does not find them."""
     return track.is_manual and track.filter_state.estimate.state == "lost"
 
 
-def _is_sized(track: Track, own: Detection | None, is_silent: bool) -> bool:
-    """Whether the image has to tell a target's size."""
-    return own is None and (track.is_undetected or is_silent)
+def _needs_size(track: Track, detection: Detection | None, is_silent: bool) -> bool:
+    """Whether the size of a track comes from the image."""
+    return detection is None and (track.is_undetected or is_silent)
 
 
-def _asks_for_size(track: Track, own: Detection | None, is_silent: bool) -> bool:
-    """Whether it has to in this frame."""
+def _is_size_due(track: Track, detection: Detection | None, is_silent: bool) -> bool:
+    """Whether its size is estimated in this frame."""
     is_due = track.filter_state.followed_frames % _SIZE_EVERY == 0
-    return is_due and _is_sized(track, own, is_silent)
+    return is_due and _needs_size(track, detection, is_silent)
 
 
 def _has_jumped(last: FilterState, box: NDArray[np.float64]) -> bool:
-    """Whether a target has jumped to a (4,) box, where something was seen beside it before."""
+    """Whether a (4,) box is at the second peak of the last frame, and away from the last box."""
     return (
         last.second_peak is not None
         and bool(are_same_place(box, last.second_peak))
@@ -405,94 +426,101 @@ def _has_jumped(last: FilterState, box: NDArray[np.float64]) -> bool:
     )
 
 
-def _inside(box: NDArray[np.float64], image_size: tuple[int, int]) -> Box:
-    """A (4,) box moved until its center is in the image, as those of the particles are."""
+def _with_center_inside(box: NDArray[np.float64], image_size: tuple[int, int]) -> Box:
+    """A (4,) box moved until its center is in the image, as are those of the particles."""
     half = box[2:] / 2
     center = np.clip(box[:2] + half, 0.0, image_size)
     return as_box([*(center - half), *box[2:]])
 
 
-def _are_alone(tracks: Sequence[Track], predicted: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(N,) which target is the only one, with no rival near its (4,) of the (N, 4) predictions."""
+def _are_alone(tracks: Sequence[Track], boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(N,) the only target, with no distractor near its box of the (N, 4) predicted ones."""
     is_only = sum(not track.is_distractor for track in tracks) == 1
-    return np.array([is_only and _are_near(predicted, box).sum() == 1 for box in predicted], bool)
+    return np.array([is_only and _are_near(boxes, box).sum() == 1 for box in boxes], bool)
 
 
-def _are_near(boxes: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(K,) which of (K, 4) boxes a target could overlap that is about at a (4,) place."""
-    apart = np.abs(boxes[:, :2] + boxes[:, 2:] / 2 - place[:2] - place[2:] / 2)
-    near: NDArray[np.bool_] = np.all(apart < boxes[:, 2:] / 2 + _NEAR * place[2:], axis=1)
+def _are_near(boxes: NDArray[np.float64], predicted_box: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(K,) which of (K, 4) boxes a target may overlap, given its (4,) predicted box."""
+    offsets = boxes[:, :2] + boxes[:, 2:] / 2 - predicted_box[:2] - predicted_box[2:] / 2
+    near: NDArray[np.bool_] = np.all(
+        np.abs(offsets) < boxes[:, 2:] / 2 + _NEAR * predicted_box[2:], axis=1
+    )
     return near
 
 
-def _is_on_one(box: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
+def _is_on_any(box: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
     """Whether a (4,) box is on the object of one of (K, 4) others."""
     return bool(pairwise_iou(box[None], others).max(initial=0.0) > _SAME_ABOVE)
 
 
-def _of_detection(box: NDArray[np.float64]) -> ExternalLikelihood:
-    """The factor of a detection: near it a box is likelier, up to that it may be wrong."""
-    center, spread = box[:2] + box[2:] / 2, CENTER_STD * box[2:]
+def _detection_likelihood(box: NDArray[np.float64]) -> ExternalLikelihood:
+    """A Gaussian around the center of a detection, plus the probability that it is wrong."""
+    center, std = box[:2] + box[2:] / 2, CENTER_STD * box[2:]
 
     def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
         x, y, width, height = boxes
-        across = np.square((x + width / 2 - center[0]) / spread[0])
-        down = np.square((y + height / 2 - center[1]) / spread[1])
+        across = np.square((x + width / 2 - center[0]) / std[0])
+        down = np.square((y + height / 2 - center[1]) / std[1])
         return np.log(_WRONG + (1.0 - _WRONG) * np.exp(-0.5 * (across + down)))
 
     return log_likelihood
 
 
-def _of_course(track: Track) -> ExternalLikelihood:
-    """The factor of how a target has moved: it seldom jumps aside."""
+def _motion_likelihood(track: Track) -> ExternalLikelihood:
+    """Student's t distribution around the predicted center."""
     center, size = track.center_filter.center, track.box[2:]
-    variance = track.center_filter.center_variance + np.square(_IMAGE_SPREAD * size)
+    variance = track.center_filter.center_variance + np.square(_IMAGE_STD * size)
 
     def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
         x, y, width, height = boxes
         across = np.square(x + width / 2 - center[0]) / variance[0]
         down = np.square(y + height / 2 - center[1]) / variance[1]
-        return -(_TAIL + 2.0) / 2.0 * np.log1p((across + down) / _TAIL)
+        squared = across + down
+        return -(_DEGREES_OF_FREEDOM + 2.0) / 2.0 * np.log1p(squared / _DEGREES_OF_FREEDOM)
 
     return log_likelihood
 
 
-def _of_others(front: NDArray[np.float64], expected: NDArray[np.float64]) -> ExternalLikelihood:
-    """The factor of (K, 4) boxes in front: what is in them is explained by others.
+def _occluder_likelihood(
+    front: NDArray[np.float64], covered: NDArray[np.float64]
+) -> ExternalLikelihood:
+    """Lower for boxes that tracks in front cover by more than predicted.
 
     Args:
-        front: Boxes, at least one.
-        expected: (K,) share of the target that each was expected to cover.
+        front: (K, 4) boxes, at least one.
+        covered: (K,) share of the predicted box that each covers.
     """
-    free = np.maximum(expected, _EXPLAINED_FREELY)
+    free = np.maximum(covered, _FREE_COVERAGE)
 
     def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
         x, y, width, height = boxes
         area = np.maximum(width * height, 1e-9)
-        explained = (
+        excess = (
             np.maximum(
-                _shared(x, width, left, across) * _shared(y, height, top, down) / area - freely, 0.0
+                _overlap(x, width, left, across) * _overlap(y, height, top, down) / area - allowed,
+                0.0,
             )
-            for (left, top, across, down), freely in zip(front, free, strict=True)
+            for (left, top, across, down), allowed in zip(front, free, strict=True)
         )
-        return -_EXPLAINED * reduce(np.add, explained)
+        return -_OCCLUDER_WEIGHT * reduce(np.add, excess)
 
     return log_likelihood
 
 
-def _shared(
+def _overlap(
     start: NDArray[np.float64], side: NDArray[np.float64], other_start: float, other_side: float
 ) -> NDArray[np.float64]:
-    """How much of sides along one axis is on another one, pixels."""
+    """Overlap of intervals with another one along one axis, pixels."""
     end = np.minimum(start + side, other_start + other_side)
     return np.maximum(end - np.maximum(start, other_start), 0.0)
 
 
-def _all_of(evidence: Sequence[ExternalLikelihood]) -> ExternalLikelihood | None:
-    if not evidence:
+def _product(external_likelihoods: Sequence[ExternalLikelihood]) -> ExternalLikelihood | None:
+    """The product of likelihoods; None without any."""
+    if not external_likelihoods:
         return None
 
     def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
-        return reduce(np.add, (one(boxes) for one in evidence))
+        return reduce(np.add, (one(boxes) for one in external_likelihoods))
 
     return log_likelihood

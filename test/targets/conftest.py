@@ -1,4 +1,4 @@
-"""Footage of several drawn targets, and what a detector would say of them."""
+"""Footage of several drawn targets, with exact detections."""
 
 from dataclasses import dataclass
 
@@ -20,18 +20,18 @@ def texture(seed, height, width, low, high):
 
 @dataclass(frozen=True)
 class Drawn:
-    """Frames with the boxes of all that is in them.
+    """Frames with the true boxes of their targets.
 
     Attributes:
         images: (H, W, 3) uint8 BGR each.
-        boxes: (frames, targets, 4), NaN where a target is not in the image.
+        boxes: (frames, targets, 4), NaN for targets outside of the image.
     """
 
     images: list
     boxes: np.ndarray
 
     def detections(self, frame, targets=None, age=0.0, labels=None):
-        """A detector that finds all that is there, or some of it, exactly."""
+        """Exact detections of all targets in a frame, or of some."""
         boxes = self.boxes[frame] if targets is None else self.boxes[frame][list(targets)]
         boxes = boxes[np.isfinite(boxes).all(axis=1)]
         return Detections(boxes, np.full(len(boxes), 0.95), labels, age)
@@ -76,7 +76,7 @@ def draw():
 
 @pytest.fixture(scope="session")
 def walkers():
-    """Three targets far from each other that walk for 30 frames."""
+    """Three distant targets that walk for 30 frames."""
     steps = np.arange(30)
     return draw_paths(
         [
@@ -89,7 +89,7 @@ def walkers():
 
 @pytest.fixture(scope="session")
 def crossing():
-    """Two targets that cross; the second is nearer and hides the first for some frames."""
+    """Two targets that cross; the second occludes the first for some frames."""
     steps = np.arange(40)
     return draw_paths(
         [
@@ -101,7 +101,7 @@ def crossing():
 
 @pytest.fixture(scope="session")
 def passage():
-    """One that passes behind another, who stands."""
+    """A target that passes behind a standing one."""
     steps = np.arange(36)
     return draw_paths(
         [
@@ -113,7 +113,7 @@ def passage():
 
 @pytest.fixture(scope="session")
 def turned_passage(passage):
-    """The same by a camera that sees a part of it, and turns while the one is behind the other."""
+    """The same, cropped by a camera that turns during the occlusion."""
     offsets = np.clip(8 * (np.arange(36) - 15), 0, 96)
     boxes = passage.boxes.copy()
     boxes[..., 0] -= offsets[:, None]
@@ -123,7 +123,7 @@ def turned_passage(passage):
 
 @pytest.fixture(scope="session")
 def lookalikes():
-    """By name: one that passes behind its like, who stands, or comes towards it."""
+    """A target that passes behind its twin, by what that does: it stands, or approaches."""
     steps = np.arange(40)
 
     def drawn(start, speed, of_other):
@@ -133,12 +133,12 @@ def lookalikes():
         ]
         return draw_paths(ways, colors=[(20, 20, 230)] * 2, textures=(10, 10))
 
-    return {"who stands": drawn(80, 4, 0), "who comes": drawn(110, 2, 2)}
+    return {"stands": drawn(80, 4, 0), "approaches": drawn(110, 2, 2)}
 
 
 @pytest.fixture(scope="session")
 def pair():
-    """One that comes to stand behind another and stays there."""
+    """A target that stops behind another one."""
     steps = np.arange(24)
     gap = np.maximum(40 - 5 * steps, 6)
     return draw_paths(
@@ -151,7 +151,7 @@ def pair():
 
 @pytest.fixture(scope="session")
 def leaving_pair():
-    """One that walks out of the image, and another who catches up and walks out before it."""
+    """A target that leaves the image, and another one that overtakes it in front."""
     steps = np.arange(50)
     x = 200 + 4 * steps
     behind = np.minimum(4 * steps, 32) - 40
@@ -163,7 +163,7 @@ def leaving_pair():
 
 @pytest.fixture(scope="session")
 def vanisher():
-    """One that stands and is gone at once; another one walks past that place long after."""
+    """A standing target that vanishes; another one walks past its place much later."""
     steps = np.arange(70)
     stands = np.stack([160 + 0.0 * steps, 104 + 0 * steps], 1)
     stands[steps >= 8] = np.nan
@@ -172,7 +172,7 @@ def vanisher():
 
 @pytest.fixture(scope="session")
 def leaver():
-    """A target that leaves at the right and comes back there, beside one that stays."""
+    """A target that leaves on the right and returns there, and one that stays."""
     steps = np.arange(50)
     x = np.where(steps < 30, 240 + 6 * steps, 240 + 6 * (54 - steps)).astype(float)
     path = np.stack([x, 90 + 0 * steps], 1)
@@ -182,7 +182,7 @@ def leaver():
 
 @pytest.fixture(scope="session")
 def approacher():
-    """A target in the colors of what is around it, which grows by 1.3 % from frame to frame."""
+    """A target in the colors of the background that grows by 1.3 % per frame."""
     ground = texture(1, HEIGHT, WIDTH, 100, 150)
     sprite = texture(10, int(SIZE[1]), int(SIZE[0]), 100, 150)
     images, boxes = [], []
@@ -198,12 +198,12 @@ def approacher():
 
 @pytest.fixture(scope="session")
 def comer():
-    """One that comes nearer on the ground that three others stand on, in colors much like it."""
+    """A target that approaches on the ground of three others, in its colors."""
     ground = texture(1, HEIGHT, WIDTH, 100, 150)
     sprites = [texture(seed, 40, 24, 90, 160) for seed in (10, 11, 12, 13)]
     images, boxes = [], []
     for step in range(50):
-        # x, and how far below the horizon they stand.
+        # x, and distance of the lower edge from the horizon.
         places = [(60 + step, 70 + 1.6 * step), (130, 60), (200, 100), (270, 170)]
         image, row = ground.copy(), []
         for sprite, (x, below) in reversed([*zip(sprites, places, strict=True)]):
@@ -218,7 +218,7 @@ def comer():
 
 @pytest.fixture(scope="session")
 def returner():
-    """A target that is gone for 3 s and then stands far from where it was."""
+    """A target that is absent for 3 s, then stands elsewhere."""
     steps = np.arange(120)
     path = np.stack([60.0 + 0 * steps, 90.0 + 0 * steps], 1)
     path[(steps >= 10) & (steps < 40)] = np.nan
@@ -228,14 +228,14 @@ def returner():
 
 @pytest.fixture(scope="session")
 def jumper():
-    """A target that stands, and from one frame to the next stands elsewhere."""
+    """A standing target that jumps between two frames."""
     steps = np.arange(60)
     return draw_paths([np.stack([np.where(steps < 12, 80.0, 150.0), 90.0 + 0 * steps], 1)])
 
 
 @pytest.fixture(scope="session")
 def twins():
-    """Two that look alike and stand far from each other."""
+    """Two distant targets that look alike."""
     steps = np.arange(70)
     places = [np.stack([x + 0 * steps, 90.0 + 0 * steps], 1) for x in (60.0, 250.0)]
     return draw_paths(places, colors=[(20, 20, 230)] * 2, textures=(10, 10))
@@ -252,7 +252,7 @@ def make_tracker():
 
 @pytest.fixture(scope="session")
 def start_earlier():
-    """Starts a target that somebody saw in a frame so many seconds before the last one."""
+    """Starts a target on an earlier frame, by its age in seconds."""
 
     def start(tracker, box, age=0.0, label=""):
         stamp = tracker._stamp - round(age * 1e9)
@@ -262,12 +262,12 @@ def start_earlier():
 
 
 def run_through(tracker, drawn, every=10, frames=None, labels=None):
-    """What is told in each frame, with a detector that sees every so many."""
-    answers = []
+    """Targets of each frame, with detections in every few frames."""
+    outputs = []
     for number, image in enumerate(drawn.images[:frames]):
-        seen = drawn.detections(number, labels=labels) if number % every == 0 else None
-        answers.append(tracker.update(image, INTERVAL, seen))
-    return answers
+        detections = drawn.detections(number, labels=labels) if number % every == 0 else None
+        outputs.append(tracker.update(image, INTERVAL, detections))
+    return outputs
 
 
 @pytest.fixture(scope="session")
@@ -287,8 +287,8 @@ def iou():
     return overlap
 
 
-def told(targets):
-    """All that is told, to be compared to the bit."""
+def output_values(targets):
+    """All output values of targets, to compare their bits."""
     return [
         (
             target.id,
@@ -305,4 +305,4 @@ def told(targets):
 
 @pytest.fixture(scope="session")
 def as_told():
-    return told
+    return output_values

@@ -1,4 +1,4 @@
-"""Targets by hand that are found again by their looks, with no detector beside them."""
+"""Redetection of lost manual targets by their appearance, without a detector."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ INTERVAL = 0.1
 
 
 def last_boxes(tracker, drawn, frames):
-    """(frames, targets, 4) of the targets that the first frame shows, all started by hand."""
+    """(frames, targets, 4) of the targets in the first frame, all manually started."""
     for box in drawn.boxes[0]:
         tracker.start(drawn.images[0], box)
     return np.array(
@@ -18,23 +18,23 @@ def last_boxes(tracker, drawn, frames):
     )
 
 
-GONE, BACK = 10, 40
-# A turn of a lost one comes every five frames.
-SOON = BACK + 5
-# In windows, one after another, it takes so many frames to have looked everywhere.
+LEAVES, RETURNS = 10, 40
+# A lost target is searched for every fifth frame.
+SOON = RETURNS + 5
+# Frames until the search windows of a single target have covered the image.
 WINDOWS = 77
 PLACES = [(250.0, 120.0), (290.0, 40.0), (40.0, 170.0)]
 
 
 @pytest.fixture(params=PLACES)
-def comes_back(draw, request):
-    """One that is gone for 3 s and then stands elsewhere; by how many others that stand still."""
+def returning(draw, request):
+    """A target that is absent for 3 s, then elsewhere; by the number of standing others."""
 
     def drawn(others):
-        steps = np.arange(BACK + WINDOWS + 1)
+        steps = np.arange(RETURNS + WINDOWS + 1)
         path = np.stack([60.0 + 0 * steps, 90.0 + 0 * steps], 1)
-        path[GONE:BACK] = np.nan
-        path[BACK:] = request.param
+        path[LEAVES:RETURNS] = np.nan
+        path[RETURNS:] = request.param
         stands = np.stack([150.0 + 0 * steps, 40.0 + 0 * steps], 1)
         return draw([path, *[stands] * others])
 
@@ -42,27 +42,25 @@ def comes_back(draw, request):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_lost_one_is_found_within_a_moment_wherever_it_is(comes_back, make_tracker, iou, seed):
-    drawn = comes_back(others=1)
+def test_a_lost_target_is_soon_found_anywhere_in_the_image(returning, make_tracker, iou, seed):
+    drawn = returning(others=1)
     boxes = last_boxes(make_tracker(seed), drawn, SOON + 1)
-    assert all(iou(drawn.boxes[0][0], box) > 0.5 for box, _ in boxes[: GONE - 1])
+    assert all(iou(drawn.boxes[0][0], box) > 0.5 for box, _ in boxes[: LEAVES - 1])
     assert iou(drawn.boxes[SOON][0], boxes[-1][0]) > 0.5
     assert all(iou(drawn.boxes[0][1], other) > 0.5 for _, other in boxes)
 
 
-def test_where_nothing_is_looked_for_elsewhere_it_stays_lost(comes_back, make_tracker, iou):
-    drawn = comes_back(others=1)
+def test_without_redetection_it_stays_lost(returning, make_tracker, iou):
+    drawn = returning(others=1)
     tracker = make_tracker(redetection__windows=0)
     boxes = last_boxes(tracker, drawn, len(drawn.images))
-    assert all(iou(drawn.boxes[-1][0], box) == 0.0 for box, _ in boxes[BACK - 1 :])
+    assert all(iou(drawn.boxes[-1][0], box) == 0.0 for box, _ in boxes[RETURNS - 1 :])
     assert [target.estimate.state for target in tracker.targets] == ["lost", "tracking"]
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_an_only_one_is_found_by_when_all_windows_are_looked_at(
-    comes_back, make_tracker, iou, seed
-):
-    drawn = comes_back(others=0)
+def test_a_single_target_is_found_once_all_windows_are_searched(returning, make_tracker, iou, seed):
+    drawn = returning(others=0)
     tracker = make_tracker(seed)
     ((box,),) = last_boxes(tracker, drawn, len(drawn.images))[-1:]
     assert iou(drawn.boxes[-1][0], box) > 0.5
@@ -70,7 +68,7 @@ def test_an_only_one_is_found_by_when_all_windows_are_looked_at(
     assert target.estimate.state == "tracking"
 
 
-def test_one_that_is_gone_is_not_taken_for_its_twin(twins, make_tracker, iou):
+def test_a_lost_target_is_not_found_on_its_twin(twins, make_tracker, iou):
     images = [image.copy() for image in twins.images]
     x, y, width, height = twins.boxes[0][0].astype(int)
     for image in images[8:]:
@@ -80,7 +78,7 @@ def test_one_that_is_gone_is_not_taken_for_its_twin(twins, make_tracker, iou):
     assert iou(twins.boxes[-1][1], boxes[-1][1]) > 0.7
 
 
-def test_of_two_alike_that_are_lost_one_is_found_where_one_is(twins, make_tracker, iou):
+def test_of_two_lost_twins_one_is_found_where_one_is(twins, make_tracker, iou):
     images = [twins.images[0]] * 8
     empty = twins.images[0].copy()
     for x, y, width, height in twins.boxes[0].astype(int):
@@ -95,19 +93,19 @@ def test_of_two_alike_that_are_lost_one_is_found_where_one_is(twins, make_tracke
     assert found[0] < 0.3
 
 
-def test_one_that_a_detector_knew_is_found_as_well_once_there_is_none(returner, make_tracker, iou):
+def test_a_detected_target_is_found_too_once_there_is_no_detector(returner, make_tracker, iou):
     tracker = make_tracker()
-    name = tracker.start(returner.images[0], returner.boxes[0][0])
+    id = tracker.start(returner.images[0], returner.boxes[0][0])
     images = [*returner.images[1:10], *[returner.images[20]] * 90, *[returner.images[-1]] * 30]
     for number, image in enumerate(images, 1):
-        told = tracker.update(image, INTERVAL, returner.detections(5) if number == 5 else None)
-    (target,) = told
-    assert target.id == name
+        detections = returner.detections(5) if number == 5 else None
+        (target,) = tracker.update(image, INTERVAL, detections)
+    assert target.id == id
     assert iou(returner.boxes[-1][0], target.estimate.box) > 0.5
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_one_drawn_on_a_frame_gone_by_is_not_taken_for_its_twin(
+def test_a_target_on_an_earlier_frame_is_not_found_on_its_twin(
     twins, make_tracker, iou, seed, start_earlier
 ):
     images = [image.copy() for image in twins.images]
@@ -116,9 +114,9 @@ def test_one_drawn_on_a_frame_gone_by_is_not_taken_for_its_twin(
         image[y : y + height, x : x + width] = image[y - height : y, x : x + width]
     tracker = make_tracker(seed, track__lost_after=0.2)
     for number, image in enumerate(images[:38]):
-        seen = twins.detections(number, targets=[1]) if number % 2 == 0 else None
-        tracker.update(image, INTERVAL, seen)
-    name = start_earlier(tracker, twins.boxes[20][0], 17 * INTERVAL)
-    (target,) = (one for one in tracker.targets if one.id == name)
+        detections = twins.detections(number, targets=[1]) if number % 2 == 0 else None
+        tracker.update(image, INTERVAL, detections)
+    id = start_earlier(tracker, twins.boxes[20][0], 17 * INTERVAL)
+    (target,) = (one for one in tracker.targets if one.id == id)
     assert target.estimate.state == "lost"
     assert iou(twins.boxes[0][1], target.estimate.box) == 0.0

@@ -9,7 +9,7 @@ from pf_tracker_ros.targets.detections import describe_detections
 SIZE = (320, 200)
 
 
-def found(detections, score_above=0.0):
+def describe(detections, score_above=0.0):
     image = np.full((SIZE[1], SIZE[0], 3), 90, np.uint8)
     return describe_detections(detections, Frame(image), score_above, ColorStripes())
 
@@ -23,28 +23,28 @@ def found(detections, score_above=0.0):
         ((["a"],), "expected numbers"),
         (([[1, 2, 3, 4]], [0.5, 0.6]), r"scores have the shape \(2,\)"),
         (([[1, 2, 3, 4]], None, ["a", "b"]), "2 labels; expected 1"),
-        (([[1, 2, 3, 4]], None, "a"), "expected 1 text, one a box"),
-        (([[1, 2, 3, 4]], None, [3]), "expected 1 text, one a box"),
-        (([[1, 2, 3, 4]], None, 3), "labels are 3; expected 1 text, one a box"),
+        (([[1, 2, 3, 4]], None, "a"), "expected 1 text, one per box"),
+        (([[1, 2, 3, 4]], None, [3]), "expected 1 text, one per box"),
+        (([[1, 2, 3, 4]], None, 3), "labels are 3; expected 1 text, one per box"),
         (([[1, 2, 3, 4]], None, None, -0.1), "age is -0.1"),
         (([[1, 2, 3, 4]], None, None, float("nan")), "age is nan"),
         (([[1, 2, 3, 4]], None, None, 10**400), "age is 1000"),
         (([[1, 2, 3, 4]], None, None, "now"), "age is 'now'"),
     ],
 )
-def test_what_does_not_fit_is_refused_in_one_sentence(arguments, message):
+def test_mismatched_arguments_are_refused_in_one_line(arguments, message):
     with pytest.raises(ValueError, match=message) as raised:
         Detections(*arguments)
     assert "\n" not in str(raised.value)
 
 
 @pytest.mark.parametrize("nothing", [[], np.empty((0, 4)), np.empty(0)])
-def test_nothing_is_a_detection_too(nothing):
+def test_detections_may_be_empty(nothing):
     assert len(Detections(nothing)) == 0
-    assert found(Detections(nothing)) == ([], [])
+    assert describe(Detections(nothing)) == ([], [])
 
 
-def test_what_is_given_is_copied_and_cannot_be_written_to():
+def test_arguments_are_copied_and_read_only():
     boxes = np.array([[10.0, 20.0, 30.0, 40.0]])
     detections = Detections(boxes)
     boxes[:] = 0
@@ -64,41 +64,41 @@ def test_what_is_given_is_copied_and_cannot_be_written_to():
         ((-100, 10, 30, 40), "outside of the image"),
     ],
 )
-def test_a_box_that_is_no_use_is_left_out_and_the_others_count(box, reason):
-    seen, reasons = found(Detections([box, (100, 50, 30, 40)]))
-    assert [tuple(one.box) for one in seen] == [(100, 50, 30, 40)]
+def test_an_unusable_box_is_left_out_and_the_others_count(box, reason):
+    described, reasons = describe(Detections([box, (100, 50, 30, 40)]))
+    assert [tuple(one.box) for one in described] == [(100, 50, 30, 40)]
     assert len(reasons) == 1
     assert reason in reasons[0]
     assert reasons[0].startswith("1 of 2 detections")
 
 
-def test_a_box_is_cut_to_the_image():
-    seen, _ = found(Detections([(-10, -20, 60, 100), (-50, -50, 400, 300)]))
-    assert sorted(tuple(one.box) for one in seen) == [(0, 0, 50, 80), (0, 0, 320, 200)]
+def test_a_box_is_clipped_to_the_image():
+    described, _ = describe(Detections([(-10, -20, 60, 100), (-50, -50, 400, 300)]))
+    assert sorted(tuple(one.box) for one in described) == [(0, 0, 50, 80), (0, 0, 320, 200)]
 
 
-def test_doubled_boxes_count_once_with_the_best_score():
+def test_duplicates_count_once_with_the_best_score():
     boxes = [(100, 50, 30, 60), (101, 50, 30, 60), (100, 51, 30, 60), (120, 50, 30, 60)]
-    seen, reasons = found(Detections(boxes, [0.5, 0.9, 0.6, 0.7], ["a", "b", "c", "d"]))
-    assert [one.label for one in seen] == ["b", "d"]
+    described, reasons = describe(Detections(boxes, [0.5, 0.9, 0.6, 0.7], ["a", "b", "c", "d"]))
+    assert [one.label for one in described] == ["b", "d"]
     assert reasons == []
 
 
-def test_scores_below_the_least_and_those_that_are_no_number_are_left_out():
+def test_low_and_nan_scores_are_left_out_and_high_ones_clipped():
     boxes = [(20, 50, 30, 60), (80, 50, 30, 60), (140, 50, 30, 60)]
-    seen, reasons = found(Detections(boxes, [0.2, np.nan, 7.0]), score_above=0.3)
-    assert [one.score for one in seen] == [1.0]
+    described, reasons = describe(Detections(boxes, [0.2, np.nan, 7.0]), score_above=0.3)
+    assert [one.score for one in described] == [1.0]
     assert len(reasons) == 1
 
 
-def test_of_ten_thousand_the_best_count(make_tracker, walkers):
+def test_of_ten_thousand_the_best_200_count(make_tracker, walkers):
     draw = np.random.default_rng(0)
     boxes = np.hstack([draw.uniform(0, 180, (10_000, 2)), np.full((10_000, 2), 12.0)])
     detections = Detections(boxes, draw.uniform(0, 0.9, 10_000))
-    seen, reasons = found(detections)
-    assert 0 < len(seen) <= 200
+    described, reasons = describe(detections)
+    assert 0 < len(described) <= 200
     assert "10000" in reasons[0]
     tracker = make_tracker(max_targets=6)
-    answer = tracker.update(walkers.images[0], 0.1, detections)
-    assert len(answer) <= 6
+    targets = tracker.update(walkers.images[0], 0.1, detections)
+    assert len(targets) <= 6
     assert len(tracker.rejected_detections) == 1

@@ -1,4 +1,4 @@
-"""What looks like a target beside it, and what that is good for."""
+"""Distractors: objects that look like a target beside it."""
 
 from dataclasses import replace
 
@@ -12,132 +12,134 @@ INTERVAL = 0.1
 NOTHING = Detections(np.empty((0, 4)))
 
 
-def rivals(tracker):
+def distractors(tracker):
     return [track for track in tracker._manager._track_set.tracks if track.is_distractor]
 
 
-def begun(tracker, drawn):
-    """Follow the first target until there is a rival; the number of that frame."""
+def begin_distractor(tracker, drawn):
+    """Track the first target until a distractor begins; the number of that frame."""
     tracker.start(drawn.images[0], drawn.boxes[0][0])
     for number, image in enumerate(drawn.images[1:], 1):
         tracker.update(image, INTERVAL)
-        if rivals(tracker):
+        if distractors(tracker):
             return number
-    raise AssertionError("no rival began")
+    raise AssertionError("no distractor began")
 
 
 @pytest.fixture
 def passing(lookalikes):
-    return lookalikes["who stands"]
+    return lookalikes["stands"]
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("other", ["who stands", "who comes"])
-def test_a_target_that_passes_behind_its_like_does_not_stay_with_it(
-    lookalikes, make_tracker, iou, other, seed
-):
+@pytest.mark.parametrize("other", ["stands", "approaches"])
+def test_a_target_that_passes_behind_its_twin_is_kept(lookalikes, make_tracker, iou, other, seed):
     drawn, tracker = lookalikes[other], make_tracker(seed)
-    name = tracker.start(drawn.images[0], drawn.boxes[0][0])
+    id = tracker.start(drawn.images[0], drawn.boxes[0][0])
     for number, image in enumerate(drawn.images[1:], 1):
-        told = tracker.update(image, INTERVAL)
-        # What it is told apart from is not told itself.
-        assert [target.id for target in told] == [name]
+        targets = tracker.update(image, INTERVAL)
+        # The distractor is not reported.
+        assert [target.id for target in targets] == [id]
         if number > 34:
-            assert iou(told[0].estimate.box, drawn.boxes[number][0]) > 0.6, number
+            assert iou(targets[0].estimate.box, drawn.boxes[number][0]) > 0.6, number
 
 
-def test_a_rival_is_where_the_look_alike_is_and_ends_once_it_is_far(passing, make_tracker, iou):
+def test_a_distractor_is_on_the_twin_and_ends_once_it_is_far(passing, make_tracker, iou):
     tracker = make_tracker()
-    first = begun(tracker, passing)
-    (rival,) = rivals(tracker)
-    assert iou(rival.box, passing.boxes[first][1]) > 0.6
+    first = begin_distractor(tracker, passing)
+    (distractor,) = distractors(tracker)
+    assert iou(distractor.box, passing.boxes[first][1]) > 0.6
     for image in passing.images[first + 1 :]:
         tracker.update(image, INTERVAL)
-    assert not rivals(tracker)
-    # It has had no id.
+    assert not distractors(tracker)
+    # The distractor had no id.
     assert tracker.start(passing.images[-1], passing.boxes[-1][1]) == 2
 
 
-def test_what_the_detector_finds_of_a_rival_is_a_target_of_its_own(passing, make_tracker, iou):
+def test_a_detected_distractor_becomes_a_target(passing, make_tracker, iou):
     tracker = make_tracker()
-    number = begun(tracker, passing) + 1
-    (rival,) = rivals(tracker)
+    number = begin_distractor(tracker, passing) + 1
+    (distractor,) = distractors(tracker)
     only_other = passing.detections(number, targets=[1], labels=["person"])
-    told = tracker.update(passing.images[number], INTERVAL, only_other)
-    assert [target.id for target in told] == [1, 2]
-    for target, truth in zip(told, passing.boxes[number], strict=True):
+    targets = tracker.update(passing.images[number], INTERVAL, only_other)
+    assert [target.id for target in targets] == [1, 2]
+    for target, truth in zip(targets, passing.boxes[number], strict=True):
         assert iou(target.estimate.box, truth) > 0.6
-    assert told[1].label == "person"
-    assert told[1].age == pytest.approx(rival.age + INTERVAL)
-    assert not rivals(tracker)
+    assert targets[1].label == "person"
+    assert targets[1].age == pytest.approx(distractor.age + INTERVAL)
+    assert not distractors(tracker)
 
 
-def test_a_rival_that_is_one_who_was_gone_comes_back_with_its_id(passing, make_tracker, iou):
+def test_a_distractor_is_reidentified_with_an_ended_track(passing, make_tracker, iou):
     tracker = make_tracker()
     for number in range(3):
         tracker.update(
             passing.images[number], INTERVAL, passing.detections(number, labels=["p", "p"])
         )
-    (one,) = (one.id for one in tracker.targets if iou(one.estimate.box, passing.boxes[2][1]) > 0.5)
+    (id,) = (one.id for one in tracker.targets if iou(one.estimate.box, passing.boxes[2][1]) > 0.5)
     track_set = tracker._manager._track_set
     ended = next(
-        track for track in track_set.tracks if tracker._manager._track_ids[track.key] == one
+        track for track in track_set.tracks if tracker._manager._track_ids[track.key] == id
     )
-    gone = (replace(ended, time_since_end=0.0),)
+    ended_tracks = (replace(ended, time_since_end=0.0),)
     tracks = tuple(track for track in track_set.tracks if track is not ended)
-    tracker._manager._track_set = replace(track_set, tracks=tracks, ended_tracks=gone)
+    tracker._manager._track_set = replace(track_set, tracks=tracks, ended_tracks=ended_tracks)
     for number in range(3, 20):
-        seen = passing.detections(number, targets=[1], labels=["p"]) if rivals(tracker) else None
-        told = tracker.update(passing.images[number], INTERVAL, seen)
-        if seen:
+        detections = (
+            passing.detections(number, targets=[1], labels=["p"]) if distractors(tracker) else None
+        )
+        targets = tracker.update(passing.images[number], INTERVAL, detections)
+        if detections:
             break
-    assert one in [target.id for target in told]
+    assert id in [target.id for target in targets]
 
 
-def test_a_rival_ends_once_the_detector_does_not_find_it(passing, make_tracker):
+def test_a_distractor_ends_once_the_detector_does_not_find_it(passing, make_tracker):
     tracker = make_tracker()
-    number = begun(tracker, passing) + 1
-    told = tracker.update(passing.images[number], INTERVAL, NOTHING)
-    assert [target.id for target in told] == [1]
-    assert not rivals(tracker)
+    number = begin_distractor(tracker, passing) + 1
+    targets = tracker.update(passing.images[number], INTERVAL, NOTHING)
+    assert [target.id for target in targets] == [1]
+    assert not distractors(tracker)
 
 
-def test_rivals_keep_no_detection_from_starting_a_target(passing, make_tracker):
+def test_distractors_do_not_count_as_targets(passing, make_tracker):
     tracker = make_tracker(max_targets=2)
-    number = begun(tracker, passing) + 1
+    number = begin_distractor(tracker, passing) + 1
     far = Detections([[250.0, 20.0, 24.0, 40.0]])
-    told = tracker.update(passing.images[number], INTERVAL, far)
-    assert [target.id for target in told] == [1, 2]
-    assert told[1].estimate.box[0] > 200
+    targets = tracker.update(passing.images[number], INTERVAL, far)
+    assert [target.id for target in targets] == [1, 2]
+    assert targets[1].estimate.box[0] > 200
 
 
-def test_rivals_are_the_same_when_frames_are_worked_out_again(passing, make_tracker, as_told):
-    answers = []
+def test_distractors_are_the_same_after_reprocessing(passing, make_tracker, as_told):
+    outputs = []
     for late in (0, 3):
         tracker = make_tracker()
-        number = begun(tracker, passing)
-        for place in range(number + 1, number + 9):
-            seen = None
-            if place == number + 5 + late:
-                seen = passing.detections(number + 5, targets=[0], age=late * INTERVAL)
-            told = tracker.update(passing.images[place], INTERVAL, seen)
-        answers.append((as_told(told), [(one.key, one.box.tolist()) for one in rivals(tracker)]))
-    assert answers[0] == answers[1]
+        number = begin_distractor(tracker, passing)
+        for index in range(number + 1, number + 9):
+            detections = None
+            if index == number + 5 + late:
+                detections = passing.detections(number + 5, targets=[0], age=late * INTERVAL)
+            targets = tracker.update(passing.images[index], INTERVAL, detections)
+        outputs.append(
+            (as_told(targets), [(one.key, one.box.tolist()) for one in distractors(tracker)])
+        )
+    assert outputs[0] == outputs[1]
 
 
-def test_a_crowd_with_a_rival_takes_images_of_another_size(passing, make_tracker):
+def test_a_track_set_with_a_distractor_can_be_resized(passing, make_tracker):
     tracker = make_tracker()
-    number = begun(tracker, passing) + 1
+    number = begin_distractor(tracker, passing) + 1
     assert tracker._manager.resize(Frame(passing.images[number][::2, ::2]))
-    told = tracker.update(passing.images[number][::2, ::2], INTERVAL)
-    assert [target.id for target in told] == [1]
-    assert told[0].estimate.box[0] < passing.boxes[number][0][0]
+    targets = tracker.update(passing.images[number][::2, ::2], INTERVAL)
+    assert [target.id for target in targets] == [1]
+    assert targets[0].estimate.box[0] < passing.boxes[number][0][0]
 
 
-def test_targets_drawn_on_one_frame_gone_by_bring_no_rival_twice(
+def test_two_targets_on_one_earlier_frame_start_no_distractor_twice(
     lookalikes, make_tracker, start_earlier
 ):
-    footage, tracker = lookalikes["who comes"], make_tracker()
+    footage, tracker = lookalikes["approaches"], make_tracker()
     for image in footage.images[:20]:
         tracker.update(image, INTERVAL)
     for _ in range(2):
@@ -152,22 +154,20 @@ def test_targets_drawn_on_one_frame_gone_by_bring_no_rival_twice(
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("other", ["who stands", "who comes"])
-def test_a_single_target_passes_its_like_and_is_not_told_where_that_is(
-    lookalikes, iou, other, seed
-):
+@pytest.mark.parametrize("other", ["stands", "approaches"])
+def test_a_single_target_passes_its_twin_and_is_not_reported_on_it(lookalikes, iou, other, seed):
     drawn, tracker = lookalikes[other], Tracker.from_preset("default", seed)
     tracker.start(drawn.images[0], drawn.boxes[0][0])
-    told = [tracker.update(image, INTERVAL) for image in drawn.images[1:]]
-    for estimate, (own, others) in zip(told, drawn.boxes[1:], strict=True):
-        assert estimate.state != "tracking" or iou(estimate.box, own) >= iou(estimate.box, others)
-    assert (told[-1].state, len(tracker._manager.targets)) == ("tracking", 1)
-    assert iou(told[-1].box, drawn.boxes[-1][0]) > 0.6
+    estimates = [tracker.update(image, INTERVAL) for image in drawn.images[1:]]
+    for estimate, (own, twin) in zip(estimates, drawn.boxes[1:], strict=True):
+        assert estimate.state != "tracking" or iou(estimate.box, own) >= iou(estimate.box, twin)
+    assert (estimates[-1].state, len(tracker._manager.targets)) == ("tracking", 1)
+    assert iou(estimates[-1].box, drawn.boxes[-1][0]) > 0.6
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_single_target_that_sits_on_its_like_is_told_as_occluded(draw, iou, seed):
-    """It is gone where the two cross, and the other one goes on."""
+def test_a_single_target_on_its_twin_is_occluded(draw, iou, seed):
+    """It vanishes where the two cross, and its twin goes on."""
     steps = np.arange(50)
     own = np.stack([60.0 + 3 * steps, 90.0 + 0 * steps], 1)
     own[steps > 28] = np.nan
@@ -185,7 +185,7 @@ def test_a_single_target_that_sits_on_its_like_is_told_as_occluded(draw, iou, se
     assert on_other > 10
 
 
-def test_without_a_search_nothing_is_followed_beside_a_single_target(passing):
+def test_without_a_search_there_are_no_distractors(passing):
     tracker = Tracker.from_preset("li2007")
     tracker.start(passing.images[0], passing.boxes[0][0])
     for image in passing.images[1:]:

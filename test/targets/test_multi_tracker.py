@@ -16,9 +16,9 @@ INTERVAL = 0.1
 # Targets that a detector starts
 
 
-def test_targets_start_on_detections_and_are_followed_between_them(run, walkers, make_tracker, iou):
-    answers = run(make_tracker(), walkers, labels=["person"] * 3)
-    for number, targets in enumerate(answers):
+def test_detections_start_targets_that_are_tracked_between_them(run, walkers, make_tracker, iou):
+    outputs = run(make_tracker(), walkers, labels=["person"] * 3)
+    for number, targets in enumerate(outputs):
         assert [target.id for target in targets] == [1, 2, 3]
         for target in targets:
             truth = max(walkers.boxes[number], key=lambda box: iou(box, target.estimate.box))
@@ -29,56 +29,56 @@ def test_targets_start_on_detections_and_are_followed_between_them(run, walkers,
             assert target.unconfirmed_for == pytest.approx(number % 10 * INTERVAL)
 
 
-def test_without_targets_there_are_none(walkers, make_tracker):
+def test_without_detections_there_are_no_targets(walkers, make_tracker):
     tracker = make_tracker()
-    nothing = Detections(np.empty((0, 4)))
+    no_detections = Detections(np.empty((0, 4)))
     assert tracker.update(walkers.images[0]) == ()
-    assert tracker.update(walkers.images[1], INTERVAL, nothing) == ()
+    assert tracker.update(walkers.images[1], INTERVAL, no_detections) == ()
     assert tracker.targets == ()
 
 
-def test_a_fast_detector_has_to_say_it_more_than_once(walkers, make_tracker):
+def test_a_fast_detector_needs_several_hits(walkers, make_tracker):
     tracker = make_tracker()
     counts = []
     for number in range(8):
-        seen = walkers.detections(number) if number > 1 else Detections([])
-        counts.append(len(tracker.update(walkers.images[number], INTERVAL, seen)))
+        detections = walkers.detections(number) if number > 1 else Detections([])
+        counts.append(len(tracker.update(walkers.images[number], INTERVAL, detections)))
     assert counts == [0, 0, 0, 0, 3, 3, 3, 3]
 
 
-def test_a_detector_that_runs_twice_a_second_is_believed_at_once(walkers, make_tracker):
+def test_a_detector_that_runs_twice_a_second_needs_one_hit(walkers, make_tracker):
     tracker = make_tracker()
-    for number, seen in enumerate((Detections([]), None, walkers.detections(2))):
-        told = tracker.update(walkers.images[number], 0.24, seen)
-    assert len(told) == 3
+    for number, detections in enumerate((Detections([]), None, walkers.detections(2))):
+        targets = tracker.update(walkers.images[number], 0.24, detections)
+    assert len(targets) == 3
 
 
 @pytest.mark.parametrize("offset", [(-36, 0), (0, -38), (276, 0), (0, 138)])
-def test_what_the_border_cuts_has_to_be_found_twice(walkers, make_tracker, offset):
+def test_a_box_cut_by_the_border_needs_two_hits(walkers, make_tracker, offset):
     image = np.roll(walkers.images[0], offset, axis=(1, 0))
-    seen = Detections([walkers.boxes[0][0] + [*offset, 0, 0]])
+    detections = Detections([walkers.boxes[0][0] + [*offset, 0, 0]])
     tracker = make_tracker()
-    assert tracker.update(image, INTERVAL, seen) == ()
+    assert tracker.update(image, INTERVAL, detections) == ()
     tracker.update(image, INTERVAL)
-    assert len(tracker.update(image, 1.0, seen)) == 1
+    assert len(tracker.update(image, 1.0, detections)) == 1
 
 
-def test_what_the_detector_does_not_find_again_ends(walkers, make_tracker):
+def test_a_target_that_the_detector_misses_ends(walkers, make_tracker):
     tracker = make_tracker()
     tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
     for number in range(1, 30):
-        seen = walkers.detections(number, targets=[0, 2]) if number % 5 == 0 else None
-        answer = tracker.update(walkers.images[number], INTERVAL, seen)
-    assert len(answer) == 2
-    centers = [target.estimate.box[1] for target in answer]
+        detections = walkers.detections(number, targets=[0, 2]) if number % 5 == 0 else None
+        targets = tracker.update(walkers.images[number], INTERVAL, detections)
+    assert len(targets) == 2
+    centers = [target.estimate.box[1] for target in targets]
     assert all(abs(y - 80) > 20 for y in centers)
 
 
-def test_no_more_targets_start_than_are_allowed(run, walkers, make_tracker):
+def test_detections_start_at_most_max_targets(run, walkers, make_tracker):
     assert len(run(make_tracker(max_targets=2), walkers, frames=1)[0]) == 2
 
 
-def test_no_more_than_are_allowed_are_started_by_hand_either(walkers, make_tracker, start_earlier):
+def test_max_targets_counts_for_manual_ones(walkers, make_tracker, start_earlier):
     tracker = make_tracker(max_targets=2)
     for box in walkers.boxes[0][:2]:
         tracker.start(walkers.images[0], box)
@@ -89,24 +89,24 @@ def test_no_more_than_are_allowed_are_started_by_hand_either(walkers, make_track
     assert tracker.start(walkers.images[0], walkers.boxes[0][2]) == 3
 
 
-def test_low_scores_start_nothing(walkers, make_tracker):
+def test_low_scores_start_no_target(walkers, make_tracker):
     low = Detections(walkers.boxes[0], [0.6, 0.1, 0.95])
     assert len(make_tracker(detector__score_above=0.5).update(walkers.images[0], 0.1, low)) <= 2
 
 
-def test_a_target_is_called_what_it_was_called_most(walkers, make_tracker):
+def test_the_label_of_a_target_is_the_most_frequent_one(walkers, make_tracker):
     tracker = make_tracker()
-    names = ["car", "person", "person", "car", "person"]
-    for number, name in enumerate(names):
-        seen = walkers.detections(number, targets=[0], labels=[name])
-        answer = tracker.update(walkers.images[number], 1.0, seen)
-    assert [(target.id, target.label) for target in answer] == [(1, "person")]
+    labels = ["car", "person", "person", "car", "person"]
+    for number, label in enumerate(labels):
+        detections = walkers.detections(number, targets=[0], labels=[label])
+        targets = tracker.update(walkers.images[number], 1.0, detections)
+    assert [(target.id, target.label) for target in targets] == [(1, "person")]
 
 
-# The same bits
+# Determinism
 
 
-def test_the_same_frames_detections_and_seed_give_the_same(run, walkers, make_tracker, as_told):
+def test_equal_frames_detections_and_seeds_give_equal_bits(run, walkers, make_tracker, as_told):
     runs = [run(make_tracker(seed=4), walkers, every=6) for _ in range(2)]
     assert list(map(as_told, runs[0])) == list(map(as_told, runs[1]))
     other = run(make_tracker(seed=5), walkers, every=6)
@@ -120,20 +120,20 @@ def test_a_copy_goes_on_with_the_same_bits(run, walkers, make_tracker, as_told, 
     tracker = make_tracker()
     run(tracker, walkers, frames=5)
     other = copied(tracker)
-    answers = [
+    outputs = [
         [
             as_told(one.update(walkers.images[number], INTERVAL, walkers.detections(number)))
             for number in (5, 6)
         ]
         for one in (tracker, other)
     ]
-    assert answers[0] == answers[1]
+    assert outputs[0] == outputs[1]
 
 
 # Shared work
 
 
-def test_what_is_made_of_a_frame_is_made_once_for_all_targets(walkers, make_tracker, monkeypatch):
+def test_a_frame_is_preprocessed_once_for_all_targets(walkers, make_tracker, monkeypatch):
     counts = {"background": 0, "pixels": 0}
     learn, compute = BackgroundModel.update, TiledImage.read
 
@@ -150,51 +150,51 @@ def test_what_is_made_of_a_frame_is_made_once_for_all_targets(walkers, make_trac
 
     monkeypatch.setattr(BackgroundModel, "update", count_learning)
     monkeypatch.setattr(TiledImage, "read", count_pixels)
-    made = []
+    work = []
     for copies in (1, 3):
         tracker = make_tracker(working_size=12)
         for number in range(copies):
-            # As near to each other as different targets may be.
+            # As near as separate targets may be.
             tracker.start(walkers.images[0], walkers.boxes[0][0] + (10 * number, 0, 0, 0))
         counts.update(background=0, pixels=0)
         tracker.update(walkers.images[1], INTERVAL)
         assert len(tracker.targets) == copies
-        made.append(dict(counts))
-    assert made[0]["background"] == made[1]["background"] == 1
-    assert made[0]["pixels"] > 0
-    assert made[1]["pixels"] < 1.5 * made[0]["pixels"]
+        work.append(dict(counts))
+    assert work[0]["background"] == work[1]["background"] == 1
+    assert work[0]["pixels"] > 0
+    assert work[1]["pixels"] < 1.5 * work[0]["pixels"]
 
 
-def test_one_wrong_detection_does_not_carry_a_target_away(walkers, make_tracker, iou):
+def test_one_wrong_detection_does_not_move_a_target_away(walkers, make_tracker, iou):
     tracker = make_tracker()
     for number in range(12):
-        seen = walkers.detections(number) if number % 5 == 0 else None
-        answer = tracker.update(walkers.images[number], INTERVAL, seen)
+        detections = walkers.detections(number) if number % 5 == 0 else None
+        targets = tracker.update(walkers.images[number], INTERVAL, detections)
     wrong = walkers.boxes[12].copy()
     wrong[0, 0] += 12.0
-    answer = tracker.update(walkers.images[12], INTERVAL, Detections(wrong))
-    assert iou(walkers.boxes[12][0], answer[0].estimate.box) > 0.55
+    targets = tracker.update(walkers.images[12], INTERVAL, Detections(wrong))
+    assert iou(walkers.boxes[12][0], targets[0].estimate.box) > 0.55
 
 
-# Track
+# Lifecycle
 
 
-def test_one_that_left_comes_back_with_its_id_while_it_is_remembered(run, leaver, make_tracker):
+def test_a_target_that_left_is_reidentified_for_some_time(run, leaver, make_tracker):
     ids = {}
-    for remember in (10.0, 0.0):
-        tracker = make_tracker(track__reidentify_within=remember)
-        answers = run(tracker, leaver, every=2)
+    for seconds in (10.0, 0.0):
+        tracker = make_tracker(track__reidentify_within=seconds)
+        outputs = run(tracker, leaver, every=2)
         away = [number for number, boxes in enumerate(leaver.boxes) if np.isnan(boxes[0]).any()]
-        assert len(answers[away[-1]]) == 1
-        first = {target.id for target in answers[6]}
-        last = {target.id for target in answers[-1]}
-        ids[remember] = (first, last)
+        assert len(outputs[away[-1]]) == 1
+        first = {target.id for target in outputs[6]}
+        last = {target.id for target in outputs[-1]}
+        ids[seconds] = (first, last)
     assert ids[10.0][0] == ids[10.0][1]
     assert len(ids[0.0][0] & ids[0.0][1]) == 1
     assert len(ids[0.0][1]) == 2
 
 
-# What is not usable
+# Invalid input
 
 
 @pytest.mark.parametrize(
@@ -207,9 +207,7 @@ def test_one_that_left_comes_back_with_its_id_while_it_is_remembered(run, leaver
         ((None, 0.1, [[1, 2, 3, 4]]), "expected Detections"),
     ],
 )
-def test_what_is_refused_leaves_the_targets_as_they_were(
-    walkers, make_tracker, as_told, arguments, message
-):
+def test_a_refused_call_changes_no_target(walkers, make_tracker, as_told, arguments, message):
     tracker, other = make_tracker(), make_tracker()
     for one in (tracker, other):
         one.update(walkers.images[0], INTERVAL, walkers.detections(0))
@@ -222,21 +220,21 @@ def test_what_is_refused_leaves_the_targets_as_they_were(
     )
 
 
-def test_an_image_buffer_may_be_used_again(walkers, make_tracker, as_told):
+def test_an_image_buffer_may_be_reused(walkers, make_tracker, as_told):
     kept, reused = make_tracker(), make_tracker()
     buffer = np.empty_like(walkers.images[0])
     for number in range(8):
         late = walkers.detections(2, age=5 * INTERVAL) if number == 7 else None
         buffer[:] = walkers.images[number]
-        answers = [
+        outputs = [
             kept.update(walkers.images[number], INTERVAL, late),
             reused.update(buffer, INTERVAL, late),
         ]
         buffer[:] = 0
-    assert as_told(answers[0]) == as_told(answers[1])
+    assert as_told(outputs[0]) == as_told(outputs[1])
 
 
-def test_parameters_are_those_of_the_preset_and_what_is_set(make_tracker):
+def test_parameters_are_those_of_the_preset_and_the_given_ones(make_tracker):
     assert make_tracker(max_targets=5).parameters["max_targets"] == 5
     with pytest.raises(ParameterError, match="no preset 'none'"):
         MultiTracker.from_preset("none")
@@ -247,25 +245,25 @@ def test_parameters_are_those_of_the_preset_and_what_is_set(make_tracker):
 
 
 @pytest.mark.parametrize("preset", ["li2007", "zhang2015", "zhang_bo"])
-def test_every_preset_can_follow_several(run, walkers, preset):
+def test_every_preset_tracks_several_targets(run, walkers, preset):
     tracker = MultiTracker.from_preset(preset)
-    answers = run(tracker, walkers, every=3, frames=7)
-    assert [target.id for target in answers[-1]] == [1, 2, 3]
+    outputs = run(tracker, walkers, every=3, frames=7)
+    assert [target.id for target in outputs[-1]] == [1, 2, 3]
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
-def test_gray_images_of_every_kind(walkers, make_tracker, dtype):
+def test_gray_images_of_every_type(walkers, make_tracker, dtype):
     tracker = make_tracker()
     for number in range(6):
         gray = walkers.images[number].mean(axis=2).astype(dtype)
-        answer = tracker.update(gray, INTERVAL, walkers.detections(number) if number == 0 else None)
-    assert len(answer) == 3
+        targets = tracker.update(
+            gray, INTERVAL, walkers.detections(number) if number == 0 else None
+        )
+    assert len(targets) == 3
 
 
 @pytest.mark.parametrize("box", [(np.nan, 1, 20, 20), (0.4, 0.5, 0.1, 0.2), (5000, 10, 20, 20)])
-def test_answers_of_which_nothing_makes_sense_do_not_say_that_nothing_is_there(
-    walkers, make_tracker, box
-):
+def test_only_unusable_detections_are_no_misses(walkers, make_tracker, box):
     tracker = make_tracker()
     tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
     for image in walkers.images[1:]:
@@ -274,15 +272,13 @@ def test_answers_of_which_nothing_makes_sense_do_not_say_that_nothing_is_there(
         assert "1 of 1 detection left out" in tracker.rejected_detections[0]
 
 
-def test_a_detector_that_writes_more_into_its_labels_each_time_needs_no_more_memory(
-    walkers, make_tracker
-):
+def test_long_labels_need_no_more_memory(walkers, make_tracker):
     tracker = make_tracker()
     sizes = []
     for number in range(25):
         labels = [f"person {number:04d} " + "x" * 100_000] * 3
-        seen = walkers.detections(number, labels=labels)
-        targets = tracker.update(walkers.images[number], INTERVAL, seen)
+        detections = walkers.detections(number, labels=labels)
+        targets = tracker.update(walkers.images[number], INTERVAL, detections)
         sizes.append(len(pickle.dumps(tracker)))
     assert all(len(target.label) <= 100 for target in targets)
     assert sizes[-1] < sizes[12] + 50_000
@@ -297,8 +293,8 @@ def test_a_copy_keeps_no_more_frames_than_it_was_allowed(walkers, make_tracker):
     assert len(other._manager.frames) == 3
 
 
-def test_what_comes_after_any_time_is_followed_on(walkers, make_tracker):
+def test_tracking_goes_on_after_every_interval(walkers, make_tracker):
     tracker = make_tracker()
     for number, dt in enumerate([INTERVAL, 1e20, 1e20, 1e150, 1e300, INTERVAL]):
-        told = tracker.update(walkers.images[number], dt, walkers.detections(number))
-    assert len(told) == 3
+        targets = tracker.update(walkers.images[number], dt, walkers.detections(number))
+    assert len(targets) == 3

@@ -1,4 +1,4 @@
-"""One target or several, by `max_targets`: from the start, or changed under way."""
+"""One target or several, by `max_targets`: from the start, or changed during a session."""
 
 import subprocess
 import sys
@@ -23,11 +23,11 @@ def at(number):
 
 @pytest.fixture
 def make_session():
-    """A session of so many targets that keeps enough frames for all that is told late."""
+    """A session with `max_targets` and a frame buffer for all late input."""
 
-    def make(most, **parameters):
+    def make(max_targets, **parameters):
         named = {name.replace("__", "."): value for name, value in parameters.items()}
-        session = Session(preset_parameters("default", most) | named, seed=0)
+        session = Session(preset_parameters("default", max_targets) | named, seed=0)
         session.frame_buffer.limit(frames=200, megabytes=128.0)
         return session
 
@@ -35,7 +35,7 @@ def make_session():
 
 
 def show(session, drawn, numbers, found=None):
-    """Show frames; a detector tells of each of them that is a key of `found`."""
+    """Process frames, with detections of the targets that `found` maps a frame to."""
     for number in numbers:
         if found and number in found:
             session.add_detections(drawn.detections(number, found[number]), at(number))
@@ -47,14 +47,14 @@ def ids(outcome):
     return [target.id for target in outcome.targets]
 
 
-def configure(session, most):
-    session.configure(preset_parameters("default", most), seed=0)
+def configure(session, max_targets):
+    session.configure(preset_parameters("default", max_targets), seed=0)
 
 
 # Changed while targets are followed
 
 
-def test_a_single_target_stays_with_its_id_once_several_are_allowed(make_session, walkers, iou):
+def test_a_single_target_keeps_its_id_when_max_targets_increases(make_session, walkers, iou):
     session = make_session(1)
     session.request(tuple(walkers.boxes[0][0]))
     before = show(session, walkers, range(5))
@@ -68,9 +68,7 @@ def test_a_single_target_stays_with_its_id_once_several_are_allowed(make_session
     assert ids(show(session, walkers, range(12, 16), {12: [2], 14: [2]})) == [1, 2, 3]
 
 
-def test_several_targets_stay_until_one_takes_their_place_once_a_single_one_is_allowed(
-    make_session, walkers, iou
-):
+def test_with_max_targets_1_a_new_target_replaces_the_several_there_are(make_session, walkers, iou):
     session = make_session(4)
     for place in range(3):
         session.request(tuple(walkers.boxes[0][place]))
@@ -84,7 +82,7 @@ def test_several_targets_stay_until_one_takes_their_place_once_a_single_one_is_a
     assert iou(outcome.targets[0].estimate.box, walkers.boxes[11][1]) > 0.6
 
 
-def test_fewer_of_several_are_allowed_and_those_there_are_stay(make_session, walkers):
+def test_targets_stay_when_max_targets_decreases(make_session, walkers):
     session = make_session(4)
     for place in range(3):
         session.request(tuple(walkers.boxes[0][place]))
@@ -98,7 +96,7 @@ def test_fewer_of_several_are_allowed_and_those_there_are_stay(make_session, wal
 
 
 @pytest.mark.parametrize(("before", "after"), [(1, 4), (4, 1)])
-def test_a_change_of_the_number_that_is_refused_changes_nothing(
+def test_a_refused_change_of_max_targets_changes_nothing(
     make_session, walkers, as_told, before, after
 ):
     sessions = [make_session(before), make_session(before)]
@@ -109,14 +107,14 @@ def test_a_change_of_the_number_that_is_refused_changes_nothing(
     for attempt in (sessions[0].check, sessions[0].configure):
         with pytest.raises(ValueError, match="particles"):
             attempt(wrong, 0)
-    told = [as_told(show(session, walkers, range(3, 8)).targets) for session in sessions]
-    assert told[0] == told[1]
+    outputs = [as_told(show(session, walkers, range(3, 8)).targets) for session in sessions]
+    assert outputs[0] == outputs[1]
 
 
-# The selected one
+# The selected target
 
 
-def test_of_several_the_one_that_is_selected_is_told(make_session, walkers):
+def test_the_estimate_is_that_of_the_selected_target(make_session, walkers):
     session = make_session(4)
     for place in range(3):
         session.request(tuple(walkers.boxes[0][place]))
@@ -131,7 +129,7 @@ def test_of_several_the_one_that_is_selected_is_told(make_session, walkers):
 
 
 @pytest.mark.parametrize("id", [3, -1, True, "1", 1.5])
-def test_one_that_is_not_there_cannot_be_selected(make_session, walkers, id):
+def test_an_unknown_id_cannot_be_selected(make_session, walkers, id):
     session = make_session(4)
     for place in range(2):
         session.request(tuple(walkers.boxes[0][place]))
@@ -142,9 +140,7 @@ def test_one_that_is_not_there_cannot_be_selected(make_session, walkers, id):
     assert session.selected == 2
 
 
-def test_a_selected_target_stays_so_while_it_is_lost_and_no_other_takes_its_place(
-    make_session, walkers
-):
+def test_a_lost_target_stays_selected_and_a_stopped_one_is_not_replaced(make_session, walkers):
     session = make_session(4, track__lost_after=0.3, redetection__windows=0)
     for place in range(2):
         session.request(tuple(walkers.boxes[0][place]))
@@ -161,7 +157,7 @@ def test_a_selected_target_stays_so_while_it_is_lost_and_no_other_takes_its_plac
     assert (ids(outcome), outcome.selected, outcome.estimate) == ([2], 0, None)
 
 
-def test_one_that_has_ended_stays_selected_and_comes_back_so(make_session, leaver):
+def test_an_ended_target_stays_selected_until_it_is_reidentified(make_session, leaver):
     session = make_session(4)
     show(session, leaver, range(10), {number: [0, 1] for number in range(0, 10, 2)})
     (id,) = (one.id for one in session.targets if one.estimate.box[0] > 150)
@@ -175,7 +171,7 @@ def test_one_that_has_ended_stays_selected_and_comes_back_so(make_session, leave
     assert outcome.estimate is not None
 
 
-def test_a_single_target_is_the_selected_one_by_itself(make_session, walkers):
+def test_a_single_target_is_always_selected(make_session, walkers):
     session = make_session(1)
     assert session.selected == 0
     for number in (0, 3):
@@ -188,9 +184,7 @@ def test_a_single_target_is_the_selected_one_by_itself(make_session, walkers):
 
 
 @pytest.mark.parametrize(("policy", "selected"), [("keep", 2), ("restart", 4), ("wait", 0)])
-def test_after_time_has_gone_back_the_one_that_was_selected_is(
-    make_session, walkers, policy, selected
-):
+def test_the_selected_target_after_a_jump_back_in_time(make_session, walkers, policy, selected):
     session = make_session(4)
     session.time_policy = TimePolicy(policy)
     for place in range(2):
@@ -201,7 +195,7 @@ def test_after_time_has_gone_back_the_one_that_was_selected_is(
     assert outcome.jumped_back > 99
     assert outcome.selected == selected
     if policy == "restart":
-        # The two that were drawn begin anew under other ids, in their order.
+        # The two manual targets start again with new ids, in their order.
         assert outcome.started == (3, 4)
         assert outcome.estimate.box == tuple(walkers.boxes[0][1])
 
@@ -223,8 +217,8 @@ def test_of_many_detections_one_starts_the_single_target(make_session, walkers):
     assert outcome.rejected_detections == ()
 
 
-def test_detections_confirm_and_correct_the_target_that_was_drawn(make_session, walkers, iou):
-    """It was drawn aside: a detector that knows where it is sets that right."""
+def test_detections_confirm_and_correct_a_manual_target(make_session, walkers, iou):
+    """Its box was drawn beside it."""
     drawn = tuple(walkers.boxes[0][0] + (5, 4, 0, 0))
     boxes = {}
     for every in (2, 100):
@@ -239,7 +233,7 @@ def test_detections_confirm_and_correct_the_target_that_was_drawn(make_session, 
     assert iou(boxes[2], truth) > iou(boxes[100], truth) + 0.1
 
 
-def test_no_detector_ends_the_single_target_that_was_drawn(make_session, walkers):
+def test_no_detector_ends_a_manual_target(make_session, walkers):
     session = make_session(1)
     session.request(tuple(walkers.boxes[0][0]))
     for number in range(20):
@@ -248,7 +242,7 @@ def test_no_detector_ends_the_single_target_that_was_drawn(make_session, walkers
     assert ids(outcome) == [1]
 
 
-def test_a_drawn_target_takes_the_place_of_one_that_a_detector_started(make_session, walkers, iou):
+def test_a_manual_target_replaces_a_detected_one(make_session, walkers, iou):
     session = make_session(1)
     assert ids(show(session, walkers, range(6), dict.fromkeys(range(0, 6, 2), (1,)))) == [1]
     session.request(tuple(walkers.boxes[6][0]), at(6))
@@ -257,9 +251,9 @@ def test_a_drawn_target_takes_the_place_of_one_that_a_detector_started(make_sess
     assert iou(outcome.estimate.box, walkers.boxes[11][0]) > 0.6
 
 
-def test_a_single_target_takes_late_detections_by_their_stamps(make_session, walkers, as_told):
-    """It ends where those in time would have brought it."""
-    told = []
+def test_late_detections_of_a_single_target_count_at_their_stamps(make_session, walkers, as_told):
+    """The result is that of timely detections."""
+    outputs = []
     for late in (0, 3):
         session = make_session(1)
         session.request(tuple(walkers.boxes[0][0] + (4, 4, 0, 0)))
@@ -268,13 +262,13 @@ def test_a_single_target_takes_late_detections_by_their_stamps(make_session, wal
                 session.add_detections(walkers.detections(6, [0]), at(6))
             outcome = show(session, walkers, [number])
             assert outcome.rejected_detections == ()
-        told.append(as_told(outcome.targets))
-    assert told[0] == told[1]
+        outputs.append(as_told(outcome.targets))
+    assert outputs[0] == outputs[1]
 
 
 @pytest.mark.parametrize("preset", ["default", "li2007"])
-def test_a_late_answer_of_the_frame_that_it_was_drawn_on_starts_no_other(walkers, iou, preset):
-    """The detector has seen that frame before anybody drew on it, and tells of another first."""
+def test_late_detections_of_the_frame_of_a_manual_target_start_no_other(walkers, iou, preset):
+    """The first of the detections is of another object."""
     session = Session(preset_parameters(preset), seed=0)
     session.frame_buffer.limit(frames=200, megabytes=128.0)
     show(session, walkers, range(3))
@@ -287,7 +281,7 @@ def test_a_late_answer_of_the_frame_that_it_was_drawn_on_starts_no_other(walkers
         assert iou(walkers.boxes[number][0], outcome.estimate.box) > 0.5
 
 
-def test_one_that_looks_like_the_single_target_is_no_second_one_though_detections_show_it(draw):
+def test_with_max_targets_1_a_detected_distractor_is_no_second_target(draw):
     steps = np.arange(60)
     twins = draw(
         [
@@ -297,21 +291,19 @@ def test_one_that_looks_like_the_single_target_is_no_second_one_though_detection
         colors=[(20, 20, 230)] * 2,
         textures=(10, 10),
     )
-    session, told = Session(preset_parameters("default"), seed=0), 0
+    session, detected = Session(preset_parameters("default"), seed=0), 0
     session.frame_buffer.limit(frames=200, megabytes=128.0)
     session.request(tuple(twins.boxes[0][0]))
     for number, image in enumerate(twins.images):
         stamp = START + number * STEP * 2 // 5
         if any(track.is_distractor for track in session._manager._track_set.tracks):
             session.add_detections(twins.detections(number), stamp)
-            told += 1
+            detected += 1
         assert ids(session.process(Frame(image, stamp))) == [1]
-    assert told > 5
+    assert detected > 5
 
 
-def test_what_the_last_target_took_the_place_of_stays_gone_when_an_answer_comes_late(
-    make_session, walkers
-):
+def test_a_replaced_target_stays_ended_after_a_late_detection(make_session, walkers):
     session = make_session(5)
     show(session, walkers, range(5))
     session.request(tuple(walkers.boxes[5][0]), at(5))
@@ -324,7 +316,7 @@ def test_what_the_last_target_took_the_place_of_stays_gone_when_an_answer_comes_
     assert ids(outcome) == [outcome.selected] == [2]
 
 
-def test_a_target_on_an_older_frame_than_the_last_one_began_on_is_followed_from_there(
+def test_a_target_on_an_earlier_frame_than_the_last_start_is_tracked_from_there(
     make_session, walkers, iou
 ):
     session = make_session(1)
@@ -337,21 +329,19 @@ def test_a_target_on_an_older_frame_than_the_last_one_began_on_is_followed_from_
     assert iou(walkers.boxes[20][0], outcome.estimate.box) > 0.5
 
 
-@pytest.mark.parametrize("most", [1, 5])
-def test_a_target_on_a_frame_from_before_it_was_learned_again_is_refused(
-    make_session, walkers, most
-):
-    session = make_session(most)
+@pytest.mark.parametrize("max_targets", [1, 5])
+def test_a_target_on_a_frame_before_a_relearning_is_refused(make_session, walkers, max_targets):
+    session = make_session(max_targets)
     session.request(tuple(walkers.boxes[0][0]))
     show(session, walkers, range(15))
-    session.configure(preset_parameters("default", most) | {"working_size": 60}, seed=0)
+    session.configure(preset_parameters("default", max_targets) | {"working_size": 60}, seed=0)
     session.request(tuple(walkers.boxes[8][1]), at(8))
     (reason,) = show(session, walkers, [15]).refused
     assert "older than the oldest one in the buffer; allowed: the last 1 frame" in reason
 
 
 @pytest.mark.parametrize(("selected", "place"), [(1, 0), (2, 1), (0, 2)])
-def test_of_several_drawn_ones_the_selected_or_the_last_begins_again_where_one_may_be(
+def test_with_max_targets_1_the_selected_or_last_manual_target_starts_again(
     make_session, walkers, iou, selected, place
 ):
     session = make_session(5)
@@ -366,9 +356,7 @@ def test_of_several_drawn_ones_the_selected_or_the_last_begins_again_where_one_m
     assert iou(walkers.boxes[0][place], outcome.estimate.box) > 0.5
 
 
-def test_scipy_that_cannot_be_imported_is_told_with_the_first_detections(
-    make_session, walkers, monkeypatch
-):
+def test_missing_scipy_is_reported_with_the_first_detections(make_session, walkers, monkeypatch):
     monkeypatch.setitem(sys.modules, "scipy.optimize", None)
     session = make_session(5)
     show(session, walkers, range(2))
@@ -378,7 +366,7 @@ def test_scipy_that_cannot_be_imported_is_told_with_the_first_detections(
 
 
 def test_scipy_is_not_imported_before_the_first_detections():
-    """It takes a third of a second and 30 MB, which a single target does without."""
+    """A single target saves its third of a second and 30 MB."""
     code = """
 import sys
 import numpy as np
@@ -401,33 +389,33 @@ print(before, "scipy" in sys.modules)
     assert done.stdout.split() == ["False", "True"]
 
 
-# Frames that were thinned out and reduced
+# Thinned out and reduced frames
 
 
-@pytest.mark.parametrize("most", [1, 4])
-@pytest.mark.parametrize("told", ["drawn", "detected"])
-def test_what_is_told_late_is_of_a_frame_that_was_thinned_out_and_reduced(
-    make_session, walkers, iou, most, told
+@pytest.mark.parametrize("max_targets", [1, 4])
+@pytest.mark.parametrize("source", ["manual", "detected"])
+def test_late_input_for_a_thinned_out_and_reduced_frame(
+    make_session, walkers, iou, max_targets, source
 ):
-    """So many frames that only the newest few can be kept in full."""
-    session = make_session(most)
+    """Only the newest few frames fit into the buffer in full."""
+    session = make_session(max_targets)
     size = walkers.images[0].nbytes
     session.frame_buffer.limit(frames=200, megabytes=9 * size / 1e6)
-    count, of = 58, 14
-    # Each image stands for two frames, 1/30 s apart, which is as in the walkers' half speed.
+    count, stamped = 58, 14
+    # Two frames per image, 1/30 s apart: the walkers at half speed.
     stamps = [START + round(number * SECOND / 30) for number in range(count)]
-    place = np.arange(count) // 2
+    image = np.arange(count) // 2
     for number in range(count - 1):
-        session.process(Frame(walkers.images[place[number]].copy(), stamps[number]))
-    entries = session.frame_buffer.since(stamps[of])
+        session.process(Frame(walkers.images[image[number]].copy(), stamps[number]))
+    entries = session.frame_buffer.since(stamps[stamped])
     assert entries[0].stored_frame is not entries[0].frame
-    assert len(entries) < count - 1 - of
-    if told == "drawn":
-        session.request(tuple(walkers.boxes[place[of]][0]), stamps[of])
+    assert len(entries) < count - 1 - stamped
+    if source == "manual":
+        session.request(tuple(walkers.boxes[image[stamped]][0]), stamps[stamped])
     else:
-        session.add_detections(walkers.detections(place[of], [0]), stamps[of])
-    outcome = session.process(Frame(walkers.images[place[-1]].copy(), stamps[-1]))
+        session.add_detections(walkers.detections(image[stamped], [0]), stamps[stamped])
+    outcome = session.process(Frame(walkers.images[image[-1]].copy(), stamps[-1]))
     assert (outcome.refused, outcome.rejected_detections) == ((), ())
     (target,) = outcome.targets
-    assert iou(target.estimate.box, walkers.boxes[place[-1]][0]) > 0.6
-    assert target.age == pytest.approx((stamps[-1] - stamps[of]) / SECOND, abs=0.07)
+    assert iou(target.estimate.box, walkers.boxes[image[-1]][0]) > 0.6
+    assert target.age == pytest.approx((stamps[-1] - stamps[stamped]) / SECOND, abs=0.07)

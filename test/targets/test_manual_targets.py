@@ -1,4 +1,4 @@
-"""Targets by hand: started and stopped by a call, with and without a detector beside them."""
+"""Manual targets: started and stopped by a call, with and without a detector."""
 
 import copy
 import itertools
@@ -11,14 +11,14 @@ from pf_tracker_ros import Detections
 INTERVAL = 0.1
 
 
-def test_a_target_by_hand_is_told_until_it_is_stopped(walkers, make_tracker, iou):
+def test_a_manual_target_is_reported_until_it_is_stopped(walkers, make_tracker, iou):
     tracker = make_tracker()
     first = tracker.start(walkers.images[0], walkers.boxes[0][0], "mine")
-    nothing = Detections([])
+    no_detections = Detections([])
     for number in range(1, 20):
-        answer = tracker.update(walkers.images[number], INTERVAL, nothing)
-        assert [(target.id, target.label) for target in answer] == [(first, "mine")]
-        assert iou(walkers.boxes[number][0], answer[0].estimate.box) > 0.5
+        targets = tracker.update(walkers.images[number], INTERVAL, no_detections)
+        assert [(target.id, target.label) for target in targets] == [(first, "mine")]
+        assert iou(walkers.boxes[number][0], targets[0].estimate.box) > 0.5
     second = tracker.start(walkers.images[19], walkers.boxes[19][1])
     assert [target.id for target in tracker.targets] == [first, second]
     tracker.stop(first)
@@ -27,7 +27,7 @@ def test_a_target_by_hand_is_told_until_it_is_stopped(walkers, make_tracker, iou
     assert len({first, second, third}) == 3
 
 
-def test_what_was_stopped_stays_so_when_a_late_detection_comes(walkers, make_tracker):
+def test_a_stopped_target_stays_stopped_after_a_late_detection(walkers, make_tracker):
     tracker = make_tracker()
     number = tracker.start(walkers.images[0], walkers.boxes[0][0])
     for frame in range(1, 6):
@@ -35,121 +35,125 @@ def test_what_was_stopped_stays_so_when_a_late_detection_comes(walkers, make_tra
     tracker.stop(number)
     late = walkers.detections(3, targets=[1], age=4 * INTERVAL)
     tracker.update(walkers.images[6], INTERVAL)
-    answer = tracker.update(walkers.images[7], INTERVAL, late)
-    assert number not in [target.id for target in answer]
+    targets = tracker.update(walkers.images[7], INTERVAL, late)
+    assert number not in [target.id for target in targets]
 
 
-@pytest.mark.parametrize("drawn", itertools.product(("mine", ""), (0, 3), (False, True)))
-def test_what_is_drawn_on_a_target_of_the_detector_is_that_target(
-    walkers, make_tracker, iou, drawn, start_earlier
+@pytest.mark.parametrize("label_age_late", itertools.product(("mine", ""), (0, 3), (False, True)))
+def test_a_box_on_a_detected_target_is_that_target(
+    walkers, make_tracker, iou, label_age_late, start_earlier
 ):
-    """It keeps its id, and is no longer the detector's to end; also where frames are redone."""
-    tracker, (label, age, late) = make_tracker(), drawn
+    """It keeps its id, and no detector ends it any more; also after reprocessing."""
+    tracker, (label, age, late) = make_tracker(), label_age_late
     for number in range(8):
-        seen = walkers.detections(number, labels=["person"] * 3) if number in (0, 4) else None
-        told = tracker.update(walkers.images[number], INTERVAL, seen)
+        detections = walkers.detections(number, labels=["person"] * 3) if number in (0, 4) else None
+        targets = tracker.update(walkers.images[number], INTERVAL, detections)
     wanted, other, another = (
-        min(told, key=lambda one: -iou(one.estimate.box, walkers.boxes[7][place])).id
+        min(targets, key=lambda one: -iou(one.estimate.box, walkers.boxes[7][place])).id
         for place in (1, 0, 2)
     )
     assert start_earlier(tracker, walkers.boxes[7 - age][1], age * INTERVAL, label) == wanted
     assert sorted(target.id for target in tracker.targets) == sorted([wanted, other, another])
     for number in range(8, 24):
-        seen = None
+        detections = None
         if number % 4 == 0:
-            seen = walkers.detections(number, targets=[0, 2], labels=["person"] * 2)
+            detections = walkers.detections(number, targets=[0, 2], labels=["person"] * 2)
         if late and number == 10:
-            seen = walkers.detections(6, targets=[0, 2], age=4 * INTERVAL, labels=["person"] * 2)
-        told = {one.id: one for one in tracker.update(walkers.images[number], INTERVAL, seen)}
-        assert sorted(told) == sorted([wanted, other, another])
-    assert told[wanted].label == (label or "person")
-    assert iou(told[wanted].estimate.box, walkers.boxes[23][1]) > 0.5
+            detections = walkers.detections(
+                6, targets=[0, 2], age=4 * INTERVAL, labels=["person"] * 2
+            )
+        targets = {
+            one.id: one for one in tracker.update(walkers.images[number], INTERVAL, detections)
+        }
+        assert sorted(targets) == sorted([wanted, other, another])
+    assert targets[wanted].label == (label or "person")
+    assert iou(targets[wanted].estimate.box, walkers.boxes[23][1]) > 0.5
 
 
-def test_a_box_that_is_drawn_again_puts_the_target_right(walkers, make_tracker, iou, start_earlier):
-    """With as many targets as there may be, too, on the same frame and on one gone by."""
+def test_a_second_box_on_a_target_corrects_it(walkers, make_tracker, iou, start_earlier):
+    """Also with the maximum number of targets, on the same frame and on an earlier one."""
     tracker = make_tracker(max_targets=2)
     first = tracker.start(walkers.images[0], walkers.boxes[0][0], "mine")
     second = tracker.start(walkers.images[0], walkers.boxes[0][1])
     assert tracker.start(walkers.images[0], walkers.boxes[0][0] + (3, 2, 0, 0)) == first
     for number in range(1, 8):
-        told = tracker.update(walkers.images[number], INTERVAL)
-        assert [target.id for target in told] == [first, second]
-    assert told[0].label == "mine"
+        targets = tracker.update(walkers.images[number], INTERVAL)
+        assert [target.id for target in targets] == [first, second]
+    assert targets[0].label == "mine"
     assert start_earlier(tracker, walkers.boxes[4][1], 3 * INTERVAL, "other") == second
     with pytest.raises(ValueError, match="the maximum"):
         tracker.start(walkers.images[7], walkers.boxes[7][2])
     late = walkers.detections(5, targets=[0], age=3 * INTERVAL)
     for number in range(8, 20):
-        told = tracker.update(walkers.images[number], INTERVAL, late if number == 8 else None)
-        assert [(target.id, target.label) for target in told][1:] == [(second, "other")]
+        targets = tracker.update(walkers.images[number], INTERVAL, late if number == 8 else None)
+        assert [(target.id, target.label) for target in targets][1:] == [(second, "other")]
     for place in (0, 1):
-        assert iou(told[place].estimate.box, walkers.boxes[19][place]) > 0.5
+        assert iou(targets[place].estimate.box, walkers.boxes[19][place]) > 0.5
 
 
-def test_a_box_where_a_target_was_lost_is_another(walkers, make_tracker):
+def test_a_box_on_a_lost_target_is_a_new_one(walkers, make_tracker):
     tracker = make_tracker()
     first = tracker.start(walkers.images[0], walkers.boxes[0][0])
     blank = np.full_like(walkers.images[0], 90)
     for _ in range(60):
-        (told,) = tracker.update(blank, INTERVAL)
-    assert told.estimate.state == "lost"
-    assert tracker.start(blank, told.estimate.box) != first
+        (target,) = tracker.update(blank, INTERVAL)
+    assert target.estimate.state == "lost"
+    assert tracker.start(blank, target.estimate.box) != first
     assert len(tracker.targets) == 2
 
 
-@pytest.mark.parametrize("comes", [7, 8, 10])
-def test_what_a_detector_started_stays_stopped_when_an_earlier_answer_comes(
-    walkers, make_tracker, comes
+@pytest.mark.parametrize("received", [7, 8, 10])
+def test_a_detected_target_stays_stopped_after_an_earlier_detection(
+    walkers, make_tracker, received
 ):
-    """The answer of frame 2 lets the target of frame 4 begin two frames before, as another one."""
+    """The detection of frame 2 starts the target of frame 4 two frames earlier, as another one."""
     tracker = make_tracker()
     for frame in range(12):
-        answers = []
+        detections = []
         if frame == 4:
-            answers.append(walkers.detections(4, targets=[1]))
-        if frame == comes:
-            answers.append(walkers.detections(2, targets=[1], age=(comes - 2) * INTERVAL))
-        told = tracker.update(walkers.images[frame], INTERVAL, answers)
+            detections.append(walkers.detections(4, targets=[1]))
+        if frame == received:
+            detections.append(walkers.detections(2, targets=[1], age=(received - 2) * INTERVAL))
+        targets = tracker.update(walkers.images[frame], INTERVAL, detections)
         if frame == 5:
-            tracker.stop(told[0].id)
+            tracker.stop(targets[0].id)
         elif frame > 5:
-            assert told == ()
+            assert targets == ()
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_without_a_detector_the_image_tells_the_size(approacher, make_tracker, iou, seed):
-    """The target is 1.7 times as large in the end: in its first size its IoU would be .35."""
+def test_without_a_detector_the_size_comes_from_the_image(approacher, make_tracker, iou, seed):
+    """The target grows by a factor of 1.7; in its first size the IoU would be 0.35."""
     tracker = make_tracker(seed)
     tracker.start(approacher.images[0], approacher.boxes[0][0])
     for image in approacher.images[1:]:
-        (told,) = tracker.update(image, INTERVAL)
-    assert iou(approacher.boxes[-1][0], told.estimate.box) > 0.6
+        (target,) = tracker.update(image, INTERVAL)
+    assert iou(approacher.boxes[-1][0], target.estimate.box) > 0.6
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_after_a_detector_has_gone_silent_the_image_tells_the_size(
+def test_after_the_last_detection_the_size_comes_from_the_image(
     approacher, make_tracker, iou, seed
 ):
     tracker = make_tracker(seed)
     tracker.update(approacher.images[0], INTERVAL, approacher.detections(0))
     still = approacher.images[-1]
     for image in (*approacher.images[1:], *[still] * 50):
-        (told,) = tracker.update(image, INTERVAL)
-    assert iou(approacher.boxes[-1][0], told.estimate.box) > 0.6
+        (target,) = tracker.update(image, INTERVAL)
+    assert iou(approacher.boxes[-1][0], target.estimate.box) > 0.6
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_one_by_hand_that_was_gone_is_found_elsewhere(returner, make_tracker, iou, seed):
+def test_a_lost_manual_target_is_found_elsewhere(returner, make_tracker, iou, seed):
     tracker = make_tracker(seed)
     first = tracker.start(returner.images[0], returner.boxes[0][0])
     states = []
     for image in returner.images[1:]:
-        (told,) = tracker.update(image, INTERVAL)
-        states.append(told.estimate.state)
+        (target,) = tracker.update(image, INTERVAL)
+        states.append(target.estimate.state)
     assert "lost" in states
-    assert (told.id, told.estimate.state) == (first, "tracking")
-    assert iou(returner.boxes[-1][0], told.estimate.box) > 0.5
+    assert (target.id, target.estimate.state) == (first, "tracking")
+    assert iou(returner.boxes[-1][0], target.estimate.box) > 0.5
 
 
 def test_starting_on_another_image_than_the_last_is_refused(walkers, make_tracker):
@@ -160,7 +164,7 @@ def test_starting_on_another_image_than_the_last_is_refused(walkers, make_tracke
     assert len(tracker.update(walkers.images[1], INTERVAL)) == 3
 
 
-def test_stopping_what_is_not_there_tells_what_is(walkers, make_tracker):
+def test_stopping_an_unknown_id_names_the_known_ones(walkers, make_tracker):
     tracker = make_tracker()
     number = tracker.start(walkers.images[0], walkers.boxes[0][0])
     for wrong in (number + 1, 0, "1", None, True + 1):
@@ -168,14 +172,14 @@ def test_stopping_what_is_not_there_tells_what_is(walkers, make_tracker):
             tracker.stop(wrong)
 
 
-def test_a_truth_value_is_no_id(walkers, make_tracker):
+def test_a_boolean_is_no_id(walkers, make_tracker):
     tracker = make_tracker()
     tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
     with pytest.raises(ValueError, match="no target has the id True"):
         tracker.stop(True)
 
 
-def test_an_image_with_pixels_that_are_no_numbers_is_the_one_that_was_given(walkers, make_tracker):
+def test_an_image_with_nan_pixels_is_recognized_as_the_last_one(walkers, make_tracker):
     image = walkers.images[0].mean(axis=2).astype(np.float32)
     image[3, 5] = np.nan
     tracker = make_tracker()
@@ -186,7 +190,7 @@ def test_an_image_with_pixels_that_are_no_numbers_is_the_one_that_was_given(walk
     assert len(tracker.targets) == 3
 
 
-def test_a_copy_asks_for_a_frame_before_it_starts_a_target(walkers, make_tracker, start_earlier):
+def test_a_copy_requires_a_frame_before_it_starts_a_target(walkers, make_tracker, start_earlier):
     tracker = make_tracker()
     tracker.start(walkers.images[0], walkers.boxes[0][0])
     other = copy.deepcopy(tracker)
@@ -201,7 +205,7 @@ def test_a_copy_asks_for_a_frame_before_it_starts_a_target(walkers, make_tracker
     assert len(other.targets) == 2
 
 
-def test_targets_that_are_put_right_on_one_frame_are_told_apart(walkers, make_tracker, iou):
+def test_corrections_on_one_frame_keep_the_targets_separate(walkers, make_tracker, iou):
     tracker = make_tracker()
     tracker.update(walkers.images[0], INTERVAL)
     x, y, width, height = walkers.boxes[0][0]
@@ -213,20 +217,20 @@ def test_targets_that_are_put_right_on_one_frame_are_told_apart(walkers, make_tr
     assert second == 2
     for number in range(1, 8):
         late = walkers.detections(0, age=6 * INTERVAL) if number == 6 else None
-        answer = tracker.update(walkers.images[number], INTERVAL, late)
-        boxes = {target.id: target.estimate.box for target in answer}
+        targets = tracker.update(walkers.images[number], INTERVAL, late)
+        boxes = {target.id: target.estimate.box for target in targets}
         for id in (1, 2):
             assert iou(walkers.boxes[number][id - 1], boxes[id]) > 0.5
 
 
-def test_what_a_detector_has_started_since_the_frame_that_it_was_drawn_on_is_it(
+def test_a_box_on_an_earlier_frame_is_the_target_detected_since(
     walkers, make_tracker, start_earlier
 ):
     tracker = make_tracker()
     for number in range(12):
-        seen = walkers.detections(number) if number in (7, 9, 11) else None
-        told = tracker.update(walkers.images[number], INTERVAL, seen)
-    known = {target.id for target in told}
+        detections = walkers.detections(number) if number in (7, 9, 11) else None
+        targets = tracker.update(walkers.images[number], INTERVAL, detections)
+    known = {target.id for target in targets}
     id = start_earlier(tracker, walkers.boxes[5][0], 6 * INTERVAL, "")
     assert {target.id for target in tracker.targets} == known
     assert id in known
