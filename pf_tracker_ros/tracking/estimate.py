@@ -1,8 +1,7 @@
 """The estimate of a target after a frame, and the track states over time.
 
 1. A target is "tracking" while its confidence is at least `occluded_below`.
-2. Below, it is "occluded". At `recovered_above` it is tracked again: the two thresholds are a
-   hysteresis.
+2. Below, it is "occluded" until its confidence reaches `recovered_above`, a hysteresis.
 3. Occluded for `lost_after`, it is "lost". A single frame that is similar enough restarts the time.
 4. A lost target that is seen again is on probation for two seconds. It is lost at once if its
    confidence falls in that time, and nothing is learned.

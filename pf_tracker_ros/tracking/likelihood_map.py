@@ -56,21 +56,6 @@ class LikelihoodMap:
     cues: Mapping[str, CueLikelihood]
 
 
-def boxes_around(box: Box, image_size: tuple[int, int]) -> tuple[SearchGrid, NDArray[np.float64]]:
-    """The grid around a box, and (1 + M, 4) boxes: the box itself, then those on the grid.
-
-    Args:
-        box: Box of the target, pixels.
-        image_size: (width, height), pixels; centers are clamped to the image.
-    """
-    size = np.array(box[2:])
-    middle = np.array(box[:2]) + size / 2
-    spacing = _WINDOW * math.sqrt(size[0] * size[1]) / _CELLS
-    grid = SearchGrid(middle, spacing, _CELLS)
-    centers = np.clip(np.vstack([middle, grid.centers]), 0.0, image_size)
-    return grid, np.hstack([centers - size / 2, np.broadcast_to(size, centers.shape)])
-
-
 def map_likelihood(
     box: Box, image_size: tuple[int, int], cue_weights: CueWeights, log_likelihoods: LogLikelihoods
 ) -> LikelihoodMap:
@@ -82,7 +67,12 @@ def map_likelihood(
         cue_weights: Weights of the cues.
         log_likelihoods: Computes each cue's log likelihoods in the frame.
     """
-    grid, boxes = boxes_around(box, image_size)
+    size = np.array(box[2:])
+    middle = np.array(box[:2]) + size / 2
+    grid = SearchGrid(middle, _WINDOW * math.sqrt(size[0] * size[1]) / _CELLS, _CELLS)
+    # The target's box first, then those of the grid.
+    centers = np.clip(np.vstack([middle, grid.centers]), 0.0, image_size)
+    boxes = np.hstack([centers - size / 2, np.broadcast_to(size, centers.shape)])
     cues = log_likelihoods(boxes)
     fused = np.zeros(len(boxes))
     for name, values in cues.items():

@@ -17,11 +17,6 @@ def size_of(image: NDArray[np.generic]) -> tuple[int, int]:
     return image.shape[1], image.shape[0]
 
 
-def size_text(size: tuple[int, int]) -> str:
-    """A size in words."""
-    return "{} x {}".format(*size)
-
-
 def same_aspect_ratio(size: tuple[int, int], other: tuple[int, int]) -> bool:
     """Whether two sizes have the same aspect ratio, up to rounding."""
     products = size[0] * other[1], size[1] * other[0]

@@ -3,11 +3,10 @@
 1. Lay a grid of box centers around the predicted box.
 2. Let the cues respond to every box of the grid; cues that can search do so at little cost.
 3. Draw a share of the particles from the likelihood on the grid, with weights times p / q.
-4. Compare the responses beside the target with those at it: this ratio says how far a cue
-   distinguishes the target, the second peak and the distractor are the boxes it may be confused
-   with.
+4. Compare the responses beside the target with those at it: distractor ratios, second peak and
+   distractor box.
 
-Source of step 3: importance sampling, as in `filter/proposals.py`.
+Source of step 3: importance sampling, see `filter/proposals.py`.
 """
 
 from __future__ import annotations
@@ -119,10 +118,7 @@ class Search:
         return particles.reweight(proposed.log_ratio), log_prior
 
     def covariance(
-        self,
-        within_mode: NDArray[np.float64],
-        confidence: float,
-        random_walk_std: float | None,
+        self, within_mode: NDArray[np.float64], confidence: float, random_walk_std: float | None
     ) -> NDArray[np.float64]:
         """(2, 2) covariance of the target's center about the box, px^2.
 

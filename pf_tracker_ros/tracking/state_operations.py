@@ -44,7 +44,7 @@ class FilterInitializer:
     def __init__(self, parameters: TrackerParameters) -> None:
         self._motion = parameters.motion
         self._particles = parameters.particles
-        self._uses_kalman_filter = parameters.proposal.method == "kalman"
+        self._uses_kalman = parameters.proposal.method == "kalman"
 
     def motion(self, first_box: Box) -> MotionModel:
         """Motion model of a target that starts at a box."""
@@ -92,9 +92,7 @@ class FilterInitializer:
 
     def kalman_filter(self, motion: MotionModel) -> KalmanFilter | None:
         """Initial Kalman filter of a motion model; None with another proposal."""
-        if not self._uses_kalman_filter:
-            return None
-        return cast(KalmanFilteredMotion, motion).kalman_filter()
+        return cast(KalmanFilteredMotion, motion).kalman_filter() if self._uses_kalman else None
 
 
 class StateOperations:

@@ -1,12 +1,11 @@
-"""The particle filter of a target: every frame is one step.
+"""The particle filter of a target: one step for each frame.
 
-Weighted particles represent the distribution of the target's box. A frame turns the particles of
-the last frame into its own:
+Weighted particles represent the distribution of the target's box. Each frame updates them:
 
 1. Predict: draw each particle x_t from the motion model, or from a proposal q with the weight
    times p(x_t | x_{t-1}) / q. Li (3); Zhang (7); Zhang Bo, section 3.3.
 2. Weigh: multiply each weight by the likelihood of the frame, which fuses the cues k to
-   p = prod_k p_k^alpha_k. Li (8); Zhang (10); Zhang Bo, step 3.
+   p = prod_k p_k^alpha_k, in `CueFusion.log_likelihood`. Li (8); Zhang (10); Zhang Bo, step 3.
 3. Estimate: take the weighted mean. Li, section 1; Zhang (5); Zhang Bo, step 4.
 4. Assess: compute the confidence and the track state, and redetect a target out of sight. No paper.
 5. Learn: blend the templates with the trusted estimate, q_t = beta q_{t-1} + (1 - beta) p, and
@@ -14,7 +13,7 @@ the last frame into its own:
 6. Resample: where the effective sample size is low, draw particles in proportion to their weights.
    Zhang (6); Zhang Bo, step 5.
 
-`TargetFilter.predict` is step 1, of all targets at once; `TargetFilter.step` is the rest, of one.
+`TargetFilter.predict` is line 1, for all targets at once; `TargetFilter.step` is lines 2 to 6.
 Sources: Li et al. 2007, Zhang et al. 2015 and Zhang Bo, equation by equation in `docs/papers.md`.
 """
 
@@ -99,10 +98,7 @@ class TargetFilter:
             self._predictor = KalmanPredictor(proposal)
         elif proposal.method == "search":
             measurer = SearchingMeasurer(
-                self._fusion,
-                parameters.working_size,
-                proposal,
-                parameters.fusion.adaptation,
+                self._fusion, parameters.working_size, proposal, parameters.fusion.adaptation
             )
             self._measurer = measurer
             self._redetector = Redetector(
@@ -145,8 +141,7 @@ class TargetFilter:
             frame: First frame.
             first_box: Box of the target there, pixels.
             generator_state: The target's own source of random numbers.
-            track_state: Not "tracking" if the target has gone out of sight since this frame; the
-                next frame then has to confirm it.
+            track_state: Another state than "tracking" has to be confirmed by the next frame.
         """
         generator = generator_state.generator()
         motion = self._initializer.motion(first_box)
@@ -182,8 +177,7 @@ class TargetFilter:
         """Particles of each target in the next frame; the cues precompute for all at once.
 
         Args:
-            targets: State after the last frame, and whether the frame is to estimate the size,
-                for each target. Not where a detector measures the size, or the last frames did.
+            targets: State after the last frame, and whether to estimate the size, of each target.
             frame: The next frame.
             interval: Seconds since the last frame.
 
@@ -215,7 +209,7 @@ class TargetFilter:
         *,
         searches_everywhere: bool = True,
     ) -> FilterState:
-        """State of a target after the frame that it was predicted for.
+        """State of a target after the predicted frame.
 
         Args:
             frame_prediction: From `predict`.
@@ -225,22 +219,19 @@ class TargetFilter:
 
         Source: Li et al. 2007, section 3; Zhang et al. 2015, section 3.3; Zhang Bo, section 3.3.
         """
-        state, generator = frame_prediction.filter_state, frame_prediction.generator
-        # Weigh. Li (8): p = p_color^alpha p_texture^(1 - alpha); Zhang (10); Zhang Bo, step 3.
+        state, interval = frame_prediction.filter_state, frame_prediction.interval
+        generator = frame_prediction.generator
+        # 2. Weigh. Li (8): p = p_color^alpha p_texture^(1 - alpha); Zhang (10); Zhang Bo, step 3.
         weighted = self._measurer.weigh(frame_prediction, external_likelihood)
-        # Estimate. Zhang (5): the weighted mean; Zhang Bo, step 4.
+        # 3. Estimate. Zhang (5): the weighted mean; Zhang Bo, step 4.
         measurement = self._measurer.estimate(weighted)
-        # Assess: confidence, track state and redetection.
+        # 4. Assess: confidence, track state and redetection.
         assessment = self._assessor.assess(
-            state,
-            measurement,
-            frame_prediction.interval,
-            generator,
-            searches_everywhere=searches_everywhere,
+            state, measurement, interval, generator, searches_everywhere=searches_everywhere
         )
-        # Learn. Li (9) and (10) where p > w_Th; Zhang, section 3.3; Zhang Bo, the Kalman filter.
+        # 5. Learn. Li (9) and (10) where p > w_Th; Zhang, section 3.3; Zhang Bo, Kalman filter.
         learned = self._learn(state, frame_prediction.prediction, measurement, assessment)
-        # Resample. Zhang (6), below a threshold of the effective sample size; Zhang Bo, step 5.
+        # 6. Resample. Zhang (6), below a threshold of the effective sample size; Zhang Bo, step 5.
         particles = self._resampler.resample(
             assessment.particles, self.parameters.particles, generator
         )

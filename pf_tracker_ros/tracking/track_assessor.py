@@ -89,12 +89,7 @@ class TrackAssessor:
         # The similarity of a searching cue may be that of a place beside the box.
         learns = self._redetector is None or now >= _LEARN_ABOVE
         assessment = Assessment(
-            measurement.box,
-            confidence,
-            status,
-            measurement.particles,
-            measurement.boxes,
-            learns,
+            measurement.box, confidence, status, measurement.particles, measurement.boxes, learns
         )
         if status.is_settled:
             return assessment

@@ -7,10 +7,7 @@ import pytest
 from pf_tracker_ros import Tracker
 
 RATE = 25
-KINDS = {
-    "16 bit": (np.uint16, 7000.0, 4.0),
-    "32 bit": (np.float32, 290.0, 0.05),
-}
+KINDS = {"16 bit": (np.uint16, 7000.0, 4.0), "32 bit": (np.float32, 290.0, 0.05)}
 
 
 @pytest.fixture(params=KINDS)

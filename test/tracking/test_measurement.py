@@ -56,12 +56,12 @@ def prediction_for(state):
 
 
 def measure(measurer, state, frame, prediction, generator=None):
-    generator = generator or fresh_generator()
+    generator = generator or new_rng()
     predicted = measurer.predict_frame(state, frame, INTERVAL, prediction, generator)
     return measurer.estimate(measurer.weigh(predicted))
 
 
-def fresh_generator():
+def new_rng():
     return np.random.default_rng(8)
 
 
@@ -71,7 +71,7 @@ CUES_OF_DEFAULT = ("color_contrast", "correlation_response")
 def test_without_a_search_every_particle_is_weighed_where_it_is(state, couple):
     measurer, _ = measurers(*CUES_OF_DEFAULT)
     prediction = prediction_for(state)
-    generator = fresh_generator()
+    generator = new_rng()
     measurement = measure(measurer, state, Frame(couple.images[0]), prediction, generator)
     assert measurement.predicted is prediction.particles
     np.testing.assert_array_equal(measurement.particles.states, prediction.particles.states)
@@ -89,15 +89,10 @@ def test_without_a_search_every_particle_is_weighed_where_it_is(state, couple):
     assert measurement.distractor_ratios == {}
     assert measurement.cue_weights == {"color_contrast": 0.5, "correlation_response": 0.5}
     # No random number is drawn.
-    assert generator.bit_generator.state == fresh_generator().bit_generator.state
-    covariance = measurer.covariance(
-        state,
-        measurement,
-        Assessment(
-            measurement.box, 0.1, TrackStatus("lost", 9.0), measurement.particles, measurement.boxes
-        ),
-        9.0,
-    )
+    assert generator.bit_generator.state == new_rng().bit_generator.state
+    status, particles = TrackStatus("lost", 9.0), measurement.particles
+    lost = Assessment(measurement.box, 0.1, status, particles, measurement.boxes)
+    covariance = measurer.covariance(state, measurement, lost, 9.0)
     np.testing.assert_array_equal(covariance, measurement.particles.covariance[:2, :2])
 
 
@@ -151,9 +146,7 @@ def test_the_search_is_around_the_predicted_mean_and_its_particles_carry_p_over_
     assert measurement.cue_weights == pytest.approx(cue_weights)
     centers = state.motion.center_prior(state.particles.states, INTERVAL)
     likelihood = cues.search(region, search.grid, found, state.templates, cue_weights)
-    expected, log_prior = search.propose(
-        before, state.motion, centers, likelihood, fresh_generator()
-    )
+    expected, log_prior = search.propose(before, state.motion, centers, likelihood, new_rng())
     np.testing.assert_allclose(measurement.predicted.states, expected.states)
     np.testing.assert_allclose(measurement.predicted.log_weights, expected.log_weights, atol=1e-6)
     assert np.ptp(measurement.predicted.log_weights - before.log_weights) > 0.1
@@ -170,23 +163,16 @@ def test_the_estimate_between_two_equal_objects_is_one_of_them_and_not_the_middl
     image = couple.images[couple.hidden[0]].copy()
     # One on each side of the last box.
     places = [couple.first[0] + [right, 0.0, 0.0, 0.0] for right in (-20, 20)]
-    for predicted_box in places:
-        left = int(predicted_box[0])
+    for place in places:
+        left = int(place[0])
         image[y : y + side, left : left + side] = couple.images[0][y : y + side, x : x + side]
     measurement = measure(searching, state, Frame(image), prediction_for(state))
-    weights = [
-        measurement.particles.weights[
-            np.abs(measurement.boxes[:, 0] - predicted_box[0]) < 5.0
-        ].sum()
-        for predicted_box in places
-    ]
-    assert min(weights) > 0.02
-    assert min(np.abs(measurement.box - predicted_box).max() for predicted_box in places) < 1.5
+    weights, lefts = measurement.particles.weights, measurement.boxes[:, 0]
+    assert min(weights[np.abs(lefts - place[0]) < 5.0].sum() for place in places) > 0.02
+    assert min(np.abs(measurement.box - place).max() for place in places) < 1.5
 
 
-def test_similar_colors_beside_the_target_raise_the_distractor_ratio_of_the_color_cue(
-    state, couple
-):
+def test_similar_colors_beside_the_target_raise_the_ratio_of_the_color_cue(state, couple):
     _, searching = measurers(*CUES_OF_DEFAULT)
     plain = couple.images[0].copy()
     # The ground covers the other target, then the target's own colors in random order do.

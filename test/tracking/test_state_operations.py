@@ -104,19 +104,14 @@ def test_a_moved_target_has_the_given_size(target_filter, state):
         state = moved
 
 
-def test_the_kalman_filter_of_a_moved_target_moves_with_it(make_target_filter, couple):
-    target_filter = make_target_filter("zhang_bo")
-    state = target_filter.start(couple.images[0], couple.first[0])
-    for image in couple.images[1:6]:
-        state = target_filter.follow(state, Frame(image), INTERVAL)
+@pytest.mark.parametrize("target_filter", ["zhang_bo"], indirect=True)
+def test_the_kalman_filter_of_a_moved_target_moves_with_it(target_filter, state, couple):
     x, y, width, height = state.estimate.box
     moved = target_filter.operations.move_to(state, (x + 30.0, y - 20.0, 2 * width, 2 * height))
     before, after = state.kalman_filter.belief.mean, moved.kalman_filter.belief.mean
     scale = np.log(width / state.first_box[2])
     np.testing.assert_allclose(
-        after - before,
-        [30.0 + width / 2, -20.0 + height / 2, -scale, 0.0, 0.0, 0.0],
-        atol=1e-9,
+        after - before, [30.0 + width / 2, -20.0 + height / 2, -scale, 0.0, 0.0, 0.0], atol=1e-9
     )
     ahead = target_filter.operations.coast(moved, Frame(couple.images[6]), INTERVAL)
     assert np.linalg.norm(center(ahead.estimate.box) - center(moved.estimate.box)) < 8.0
