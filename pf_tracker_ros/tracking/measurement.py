@@ -11,7 +11,7 @@
 1. Compute the cues' responses on a grid around the predicted box, and the fused likelihood there.
 2. Draw a share of the particles from this likelihood, with weights times p / q (`Search`).
 3. Weigh, with more weight on the cues that respond to the target more than to its surroundings.
-4. Estimate the mean of one mode, the one of the maximum a posteriori particle.
+4. Estimate the mean of the mode around the maximum a posteriori particle.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.prediction import Prediction
 from pf_tracker_ros.tracking.search import Search, covariance_about, mode_mean
 
-# Log likelihoods of boxes from a source other than the pixels, in the shape of their coordinates.
+# Computes log likelihoods of boxes from a source other than the pixels.
 ExternalLikelihood = Callable[[BoxesByAxis], NDArray[np.float64]]
 # Similarity to the target, 0 to 1, of a distractor: the geometric mean over the cues.
 _DISTRACTOR_ABOVE = 0.5

@@ -128,7 +128,7 @@ class Search:
 
         Args:
             within_mode: (2, 2) covariance of the particles' centers about the box, px^2.
-            confidence: Confidence of this frame, 0 to 1.
+            confidence: Confidence in the box, 0 to 1.
             random_walk_std: Standard deviation of the target's random walk since it was last seen,
                 box sizes; None while it is tracked.
         """

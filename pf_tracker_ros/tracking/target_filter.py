@@ -13,7 +13,7 @@ Weighted particles represent the distribution of the target's box. Each frame up
 6. Resample: where the effective sample size is low, draw particles in proportion to their weights.
    Zhang (6); Zhang Bo, step 5.
 
-`TargetFilter.predict` is line 1, for all targets at once; `TargetFilter.step` is lines 2 to 6.
+`TargetFilter.predict` is step 1, for all targets at once; `TargetFilter.step` is steps 2 to 6.
 Sources: Li et al. 2007, Zhang et al. 2015 and Zhang Bo, equation by equation in `docs/papers.md`.
 """
 
@@ -174,7 +174,7 @@ class TargetFilter:
     def predict(
         self, targets: Sequence[tuple[FilterState, bool]], frame: Frame, interval: float
     ) -> list[FramePrediction]:
-        """Particles of each target in the next frame; the cues precompute for all at once.
+        """Step 1: particles of each target in the next frame; the cues precompute for all at once.
 
         Args:
             targets: State after the last frame, and whether to estimate the size, of each target.
@@ -209,7 +209,7 @@ class TargetFilter:
         *,
         searches_everywhere: bool = True,
     ) -> FilterState:
-        """State of a target after the predicted frame.
+        """Steps 2 to 6: state of a target after the predicted frame.
 
         Args:
             frame_prediction: From `predict`.
@@ -253,7 +253,7 @@ class TargetFilter:
         illumination = measurement.frame.illumination
         disappears = state.status.state == "tracking" and assessment.status.state != "tracking"
         if illumination.has_jumped and disappears and rules.update_above < 1.0:
-            # The target is still there and matches no template: learn its new looks at once.
+            # The target is still there and matches no template: learn its new appearance at once.
             saved = SavedTemplates(templates, illumination.change)
             templates = self._measurer.templates(measurement.frame, measurement.box)
             return _Learned(templates, kalman_filter, saved)
@@ -316,7 +316,7 @@ class TargetFilter:
         return self._redetector.search_around(state, frame, state.estimate.cue_weights, box)
 
     def reconfigure(self, state: FilterState) -> FilterState:
-        """A state of a filter with other parameters, for this one.
+        """A state from a filter with other parameters, converted for this one.
 
         The template of a cue that is left out is deleted: selected again later, the cue may have
         other parameters, which a template depends on.

@@ -71,23 +71,24 @@ class TrackAssessor:
             searches_everywhere: Whether a lost target is searched all over the image.
         """
         thresholds = self._thresholds
-        now = self._confidence.assess(
+        frame_confidence = self._confidence.assess(
             state, measurement.seen, measurement.match, lambda: measurement.particle_std
         )
         # A target that matches its current templates is not lost, even if the first ones differ.
-        similarity = max(now, measurement.match.similarity)
+        similarity = max(frame_confidence, measurement.match.similarity)
         known_distractor = state.known_distractor
-        if now >= thresholds.occluded_below and _jumped_to_second_peak(state, measurement):
+        has_jumped = _jumped_to_second_peak(state, measurement)
+        if has_jumped and frame_confidence >= thresholds.occluded_below:
             known_distractor = as_box(measurement.box)
         if known_distractor is not None and are_same_place(measurement.box, known_distractor):
-            now = similarity = 0.0
-        confidence = self._confidence.update(state.estimate.confidence, now)
+            frame_confidence = similarity = 0.0
+        confidence = self._confidence.update(state.estimate.confidence, frame_confidence)
         status = state.status.advance(confidence, similarity, interval, thresholds)
         if self._redetector is None and status.probation:
             # No other candidate is searched for.
             status = replace(status, probation=0.0)
         # The similarity of a searching cue may be that of a place beside the box.
-        learns = self._redetector is None or now >= _LEARN_ABOVE
+        learns = self._redetector is None or frame_confidence >= _LEARN_ABOVE
         assessment = Assessment(
             measurement.box, confidence, status, measurement.particles, measurement.boxes, learns
         )
@@ -102,9 +103,10 @@ class TrackAssessor:
             assessment = self._occlusion_policy.assess(state, measurement, assessment)
             box = self._occlusion_policy.redraw_box(state, assessment)
         if status.state != "occluded" or status.probation:
-            # The target may be a similar object elsewhere, and the box another object.
+            # The box may be another object, and a similar object elsewhere may be the target.
             assessment = replace(assessment, learns=False)
-        if not is_seen and now > thresholds.recovered_above:
+        if not is_seen and frame_confidence > thresholds.recovered_above:
+            # The target has reappeared in the box; the smoothed confidence follows.
             return assessment
         if self._redetector:
             candidate = self._redetector.find(
@@ -112,7 +114,7 @@ class TrackAssessor:
                 measurement,
                 assessment,
                 searches_everywhere and status.state != "occluded",
-                now if is_seen else 0.0,
+                frame_confidence if is_seen else 0.0,
             )
             if candidate is not None:
                 box, assessment = candidate.box, self._redetected(candidate, assessment)
@@ -126,8 +128,8 @@ class TrackAssessor:
     def _redetected(self, candidate: Candidate, assessment: Assessment) -> Assessment:
         """The assessment with the confidence and status after a redetection.
 
-        A candidate is the target if that was occluded a moment ago. A candidate for a lost target
-        may be a similar object: the target counts as lost until more frames confirm it.
+        If the target was occluded only, the candidate is the target. Otherwise it may be a similar
+        object, and the target counts as lost until more frames confirm it.
         """
         status = assessment.status
         if status.state == "tracking":
