@@ -52,11 +52,11 @@ class RecordedConfidence:
         self.odds: list[Odds] = []
 
     def assess(
-        self, target: FilterState, seen: Templates, match: Match, spread: Callable[[], float]
+        self, state: FilterState, seen: Templates, match: Match, particle_std: Callable[[], float]
     ) -> float:
         """See `Confidence.assess`."""
-        self.odds.append(self._confidence.log_odds(target, seen, spread))
-        return self._confidence.assess(target, seen, match, spread)
+        self.odds.append(self._confidence.log_odds(state, seen, particle_std))
+        return self._confidence.assess(state, seen, match, particle_std)
 
     def update(self, before: float, now: float) -> float:
         """See `Confidence.update`."""
@@ -81,9 +81,9 @@ def fitted_tracker(preset: str, weights: Weights, seed: int) -> Tracker:
 
     class Fitted(Confidence):
         def log_odds(
-            self, target: FilterState, seen: Templates, spread: Callable[[], float]
+            self, state: FilterState, seen: Templates, particle_std: Callable[[], float]
         ) -> dict[str, float]:
-            return weights.weigh(super().log_odds(target, seen, spread))
+            return weights.weigh(super().log_odds(state, seen, particle_std))
 
     with patch("pf_tracker_ros.tracking.target_filter.Confidence", Fitted):
         return Tracker.from_preset(preset, seed)

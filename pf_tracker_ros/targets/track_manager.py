@@ -189,7 +189,7 @@ class TrackManager:
         self._track_set, self._seed = track_set, other._seed
         self._parameters, self._target_filter = other._parameters, other._target_filter
         self._pipeline = other._pipeline
-        self._front_end.configure(several=self.max_targets > 1)
+        self._front_end.configure(multi_target=self.max_targets > 1)
 
     def _adapted(self, other: TrackManager) -> tuple[TrackSet, Sequence[HistoryEntry]]:
         """The tracks, and the history to keep, for the parameters of another manager."""

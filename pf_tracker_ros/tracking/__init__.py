@@ -1,4 +1,4 @@
-"""The tracker: particle filter and cues put together, with presets and track states."""
+"""The filter of one target: particle filter and cues, track states, presets and parameters."""
 
 from pf_tracker_ros.opencv import require_opencv
 

@@ -1,4 +1,13 @@
-"""What a frame's measurement is worth: how sure it is that the target is in the box."""
+"""Assessment of a frame's estimate, and the confidence that it is the target.
+
+1. Each cue turns its observation of the box into log odds, target against anything else.
+2. The standard deviation s of the particles adds -1.75 log(s / 0.023): a narrow mode counts for the
+   target.
+3. The sum x of all log odds becomes a probability, 1 / (1 + exp(-x)).
+4. Over time, the confidence falls at once and rises by exponential smoothing.
+
+Source: logistic regression; `benchmarks/uncertainty.py` fits the coefficients.
+"""
 
 from __future__ import annotations
 
@@ -20,15 +29,15 @@ from pf_tracker_ros.tracking.filter_state import FilterState
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """What is told of the target in a frame.
+    """Box, confidence and status of the target in a frame.
 
     Attributes:
         box: (4,) of the target, pixels.
-        confidence: That it is the target, 0 to 1.
-        status: Whether it is seen, and for how long it has not been.
-        particles: Told with the box.
-        boxes: (N, 4) of them, pixels.
-        learns: Whether what is in the box may be learned.
+        confidence: Probability that it is the target, 0 to 1.
+        status: Track state and its timers.
+        particles: Particles that the estimate reports.
+        boxes: (N, 4) of these particles, pixels.
+        learns: Whether the templates may learn the box.
         known_distractor: See `FilterState.known_distractor`.
     """
 
@@ -43,11 +52,11 @@ class Assessment:
     def to_estimate(
         self, frame: Frame, cue_weights: CueWeights, covariance: NDArray[np.float64]
     ) -> Estimate:
-        """As it is told to the outside; its arrays are read-only from then on.
+        """The estimate that is published; makes the arrays read-only.
 
         Args:
-            frame: That it is of.
-            cue_weights: Of the cues in that frame.
+            frame: The frame.
+            cue_weights: Weights of the cues in that frame.
             covariance: (2, 2) of the target's center, px^2.
         """
         self.boxes.setflags(write=False)
@@ -66,28 +75,23 @@ class Assessment:
         )
 
 
-# Standard deviation of the particles' centers while a target is seen well, box sizes; where they
-# agree less on a place, the log odds fall with its logarithm, so fast.
-_USUAL_SPREAD, _LEAST_SPREAD, _SPREAD_ODDS = 0.023, 0.005, 1.75
+# Standard deviation of the particles' centers, box sizes, at which it adds no log odds; its least
+# value; and the log odds' slope over its logarithm.
+_NEUTRAL_STD, _LEAST_STD, _STD_ODDS_SLOPE = 0.023, 0.005, 1.75
 
 
 class Confidence:
-    """The probability that it is the target, and not something else that is much like it.
+    """Probability that the box shows the target and not something similar.
 
-    The log odds of all cues add up. They ask of the box itself whether it stands out from what is
-    around it, and whether it looks like the target did in the first frame: what was learned by
-    mistake since then does not count there. A cloud that is spread out speaks against it. Each of
-    the questions has the same weight, in standard deviations of its answers, but the one that is
-    answered by what was learned last, which has half of it; a response that is by far too weak
-    speaks against it, too. `benchmarks/uncertainty.py` fits that, and tells how it carries over to
-    other footage. Where no cue can tell, the confidence is how well the box fits the templates.
-
-    From frame to frame it falls at once, and rises as fast as is allowed.
+    The log odds of the cues compare the box with its surroundings and with the first template,
+    which contains nothing that was learned by mistake. All terms have the same weight per standard
+    deviation of their values, the one of the current template half of it. A response far below the
+    last learned one counts against the target. If no cue has log odds, the confidence is the
+    similarity to the templates.
 
     Args:
         fusion: The cues.
-        rate: Share of each frame in it while it rises, above 0 up to 1. With less, good looks after
-            a doubtful one must be several.
+        rate: Share of each frame in the confidence while it rises, above 0 up to 1.
     """
 
     def __init__(self, fusion: CueFusion, rate: float) -> None:
@@ -96,43 +100,40 @@ class Confidence:
 
     def assess(
         self,
-        target: FilterState,
+        state: FilterState,
         seen: Templates,
         match: Match,
-        spread: Callable[[], float] = lambda: _USUAL_SPREAD,
+        particle_std: Callable[[], float] = lambda: _NEUTRAL_STD,
     ) -> float:
-        """What a look alone says, 0 to 1.
+        """Confidence of a single frame, 0 to 1.
 
         Args:
-            target: As it was before.
-            seen: What the cues observe in the box.
-            match: How well that fits the templates.
-            spread: Tells the standard deviation of the particles' centers, box sizes, where it
-                is asked for; as usual where there are none.
+            state: State before the frame.
+            seen: The cues' observation of the box.
+            match: Its match with the templates.
+            particle_std: Computes the standard deviation of the particles' centers, box sizes, if
+                it is needed; neutral where there are no particles.
         """
-        odds = self.log_odds(target, seen, spread)
-        # Above 0 and below 1 also where exp(-odds) is more than a number can be.
+        odds = self.log_odds(state, seen, particle_std)
+        # tanh stays within 0 to 1 where exp(-odds) would overflow.
         return 0.5 * (1.0 + math.tanh(sum(odds.values()) / 2)) if odds else match.similarity
 
     def log_odds(
-        self, target: FilterState, seen: Templates, spread: Callable[[], float]
+        self, state: FilterState, seen: Templates, particle_std: Callable[[], float]
     ) -> dict[str, float]:
-        """Question to what its answer says for the target; empty where no cue can tell.
-
-        Arguments as of `assess`.
-        """
-        odds = self._fusion.log_odds(seen, target.templates, target.first_templates)
+        """Name of each term to its log odds; empty if no cue has any. Arguments as of `assess`."""
+        odds = self._fusion.log_odds(seen, state.templates, state.first_templates)
         if odds:
-            measured = max(spread(), _LEAST_SPREAD)
-            odds["spread"] = -_SPREAD_ODDS * math.log(measured / _USUAL_SPREAD)
+            std = max(particle_std(), _LEAST_STD)
+            odds["spread"] = -_STD_ODDS_SLOPE * math.log(std / _NEUTRAL_STD)
         return odds
 
     def update(self, before: float, now: float) -> float:
-        """The confidence after a frame, 0 to 1.
+        """Confidence after a frame, 0 to 1.
 
         Args:
-            before: After the last frame, 0 to 1.
-            now: What this frame alone says, 0 to 1.
+            before: Confidence after the last frame, 0 to 1.
+            now: Confidence of this frame alone, 0 to 1.
         """
         if now <= before:
             return now

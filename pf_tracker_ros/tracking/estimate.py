@@ -1,4 +1,11 @@
-"""What the tracker knows about the target after one frame, and its state over time."""
+"""The estimate of a target after a frame, and the track states over time.
+
+1. A target is "tracking" while its confidence is at least `occluded_below`.
+2. Below, it is "occluded" until its confidence reaches `recovered_above`, a hysteresis.
+3. Occluded for `lost_after`, it is "lost". A single frame that is similar enough restarts the time.
+4. A lost target that is seen again is on probation for two seconds. It is lost at once if its
+   confidence falls in that time, and nothing is learned.
+"""
 
 from __future__ import annotations
 
@@ -15,57 +22,57 @@ from pf_tracker_ros.parameters import declared
 
 TrackState = Literal["tracking", "occluded", "lost"]
 
-# Of an estimate's fields.
+# Fields of an estimate that are arrays.
 _ARRAYS = ("covariance", "particles", "particle_boxes", "weights")
 
 
 class FrozenCueWeights(Mapping[str, float]):
-    """A mapping that cannot be changed; unlike a `mappingproxy`, it can be copied and pickled.
+    """A read-only mapping that, unlike a `mappingproxy`, can be copied and pickled.
 
     Args:
         cue_weights: Name to weight; copied.
     """
 
-    __slots__ = ("_powers",)
+    __slots__ = ("_cue_weights",)
 
     def __init__(self, cue_weights: Mapping[str, float]) -> None:
-        self._powers = dict(cue_weights)
+        self._cue_weights = dict(cue_weights)
 
     def __getitem__(self, name: str) -> float:
-        return self._powers[name]
+        return self._cue_weights[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._powers)
+        return iter(self._cue_weights)
 
     def __len__(self) -> int:
-        return len(self._powers)
+        return len(self._cue_weights)
 
     def __repr__(self) -> str:
-        return repr(self._powers)
+        return repr(self._cue_weights)
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """The tracker's answer for one frame, a value: it can be compared, copied and pickled.
+    """A target in one frame, as an immutable value that can be compared, copied and pickled.
 
-    Its arrays are read-only and its powers cannot be changed, in copies too; arrays that can be
-    written are copied when one is made. Two estimates are equal if all of their fields are, arrays
-    in shape, type and every number. As arrays have no hash, an estimate has none.
+    Arrays and cue weights are read-only, in copies too; the constructor copies writable arrays.
+    Estimates are equal if all of their fields are, arrays in shape, type and every number. An
+    estimate has no hash, as arrays have none.
 
     Attributes:
         box: (x, y, width, height) in pixels, (x, y) the top-left corner counted from 0.
         state: "tracking" while the measurements support the box; "occluded" while they do not;
             "lost" when that has lasted too long.
-        confidence: 0 (nothing at the box looks like the target) to 1 (exactly the template), as
-            `track.confidence_rate` lets it rise.
-        covariance: (2, 2), px^2: covariance of the box's center under the weighted particles; after
-            a search, of where the target is about that center, given the confidence.
+        confidence: 0 (nothing at the box is like the target) to 1 (exactly the template), smoothed
+            by `track.confidence_rate`.
+        covariance: (2, 2), px^2: weighted covariance of the particles' centers; after a search,
+            covariance of the target's center about the box, given the confidence.
         particles: (N, D) particle states, columns as named by the motion model.
-        particle_boxes: (N, 4) the particles as (x, y, width, height) boxes in pixels.
+        particle_boxes: (N, 4) boxes (x, y, width, height) of the particles, pixels.
         weights: (N,) normalized weights of the particles, before resampling.
         effective_sample_size: 1 / sum of squared weights, from 1 to N.
         cue_weights: Name of a cue to its weight in this frame's likelihood; they sum to 1.
-        background: What the background model is worth in this frame; None where there is none.
+        background: State of the background model in this frame; None without one.
     """
 
     box: tuple[float, float, float, float]
@@ -99,12 +106,12 @@ class Estimate:
     __hash__ = None  # type: ignore[assignment]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # By way of the constructor, since an array that was copied or unpickled can be written.
+        # The constructor makes arrays read-only again; copying and pickling make them writable.
         return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
 
 def estimate_values(estimate: Estimate) -> dict[str, str | float | int]:
-    """An estimate's values under the keys that the status uses; covariance in px^2."""
+    """Status keys and values of an estimate; covariance in px^2."""
     covariance = estimate.covariance
     background = {"background": str(estimate.background)} if estimate.background else {}
     cue_weights = {
@@ -127,7 +134,7 @@ def estimate_values(estimate: Estimate) -> dict[str, str | float | int]:
 def _same(one: Any, other: Any) -> bool:
     if not (isinstance(one, np.ndarray) or isinstance(other, np.ndarray)):
         return bool(one == other)
-    # Of an array and something else, `==` would be an array.
+    # `==` of an array and something else would be an array.
     same_kind = type(one) is type(other) and one.dtype == other.dtype
     return same_kind and np.array_equal(one, other)
 
@@ -135,26 +142,25 @@ def _same(one: Any, other: Any) -> bool:
 SEVERITIES: Mapping[str, int] = MappingProxyType(
     {"idle": 0, "tracking": 0, "occluded": 1, "lost": 2}
 )
-"""State to level of diagnostic_msgs/DiagnosticStatus: 0 is OK, 1 WARN, 2 ERROR."""
+"""Track state to level of diagnostic_msgs/DiagnosticStatus: 0 is OK, 1 WARN, 2 ERROR."""
 
 DESCRIPTIONS: Mapping[str, str] = MappingProxyType(
     {
         "idle": "waiting for a target",
         "tracking": "tracking",
-        "occluded": "the target is hidden; its place is a guess",
+        "occluded": "the target is occluded; its box is uncertain",
         "lost": "the target is lost",
     }
 )
-"""State to words."""
+"""Track state to a sentence for the user."""
 
-
-# Seconds for which a target that was lost and is seen again may still turn out to be another.
+# Seconds on probation after a target was lost.
 _PROBATION = 2.0
 
 
 @dataclass(frozen=True)
 class TrackThresholds:
-    """When the target counts as hidden, seen again, or gone."""
+    """Thresholds between the track states."""
 
     occluded_below: float = declared(
         0.45,
@@ -164,14 +170,14 @@ class TrackThresholds:
     )
     recovered_above: float = declared(
         0.5,
-        "An occluded or lost target is seen again when the confidence reaches this, and also "
-        "'occluded_below', or when the search finds an occluded one elsewhere.",
+        "An occluded or lost target is tracked again when the confidence reaches this, and also "
+        "'occluded_below', or when redetection finds an occluded one elsewhere.",
         minimum=0.0,
         maximum=1.0,
     )
     lost_after: float = declared(
         2.0,
-        "The target counts as lost after it has been occluded for so long.",
+        "The target counts as lost after it has been occluded for this time.",
         unit="s",
         minimum=0.0,
         maximum=3600.0,
@@ -180,14 +186,12 @@ class TrackThresholds:
 
 @dataclass(frozen=True)
 class TrackStatus:
-    """The state of a track and for how long the target has been out of sight.
+    """Track state and its timers.
 
     Attributes:
         state: As in `Estimate.state`.
         time_since_seen: Seconds since the target was last seen, 0 while tracking.
-        probation: Seconds, counted from when it is tracked again, for which it may yet turn out
-            that something else was found instead of the target that was lost; nothing is learned of
-            it in them.
+        probation: Seconds left on probation after the target was lost; templates are frozen.
     """
 
     state: TrackState = "tracking"
@@ -196,24 +200,24 @@ class TrackStatus:
 
     @property
     def is_settled(self) -> bool:
-        """Whether the target is seen, and was not lost a short time ago."""
+        """Whether the target is tracked and not on probation."""
         return self.state == "tracking" and self.probation == 0.0
 
     def as_lost(self, thresholds: TrackThresholds) -> TrackStatus:
-        """The track if what is followed was something else all the time."""
+        """The status of a target when the tracked box turns out to be another object."""
         return TrackStatus("lost", thresholds.lost_after)
 
     def advance(
         self, confidence: float, similarity: float, interval: float, thresholds: TrackThresholds
     ) -> TrackStatus:
-        """The track one frame later.
+        """The status one frame later.
 
         Args:
-            confidence: After that frame, 0 to 1.
-            similarity: What that frame alone says, 0 to 1; a glimpse starts the clock again, even
-                before the confidence has risen.
+            confidence: Confidence after that frame, 0 to 1.
+            similarity: Confidence or similarity of that frame alone, 0 to 1. A high one restarts
+                `time_since_seen`, even before the smoothed confidence has risen.
             interval: Seconds since the last frame.
-            thresholds: When it counts as hidden, seen again, or gone.
+            thresholds: Thresholds between the track states.
         """
         needed = thresholds.occluded_below
         if self.state != "tracking":
@@ -223,10 +227,9 @@ class TrackStatus:
             if self.state == "tracking":
                 return TrackStatus(probation=max(self.probation - interval, 0.0))
             return TrackStatus(probation=_PROBATION if was_lost else 0.0)
-        is_glimpsed = similarity >= needed
-        time_since_seen = interval + (0.0 if is_glimpsed else self.time_since_seen)
-        if is_glimpsed:
-            return TrackStatus("occluded", time_since_seen, _PROBATION if was_lost else 0.0)
-        # What is not confirmed is as lost as it was before.
-        gone = was_lost or time_since_seen >= thresholds.lost_after
-        return TrackStatus("lost" if gone else "occluded", time_since_seen)
+        if similarity >= needed:
+            return TrackStatus("occluded", interval, _PROBATION if was_lost else 0.0)
+        time_since_seen = interval + self.time_since_seen
+        # A target on probation that is not confirmed is lost again.
+        is_lost = was_lost or time_since_seen >= thresholds.lost_after
+        return TrackStatus("lost" if is_lost else "occluded", time_since_seen)

@@ -1,4 +1,9 @@
-"""All that is known of the target between two frames."""
+"""The state of one target between two frames.
+
+It holds the particles and everything else that a step of the filter reads and writes: motion model,
+Kalman filter, templates, track status, and the target's own random numbers. It is an immutable
+value, so that a step can be repeated from any frame, as out-of-sequence measurements require.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +21,12 @@ from pf_tracker_ros.tracking.estimate import Estimate, TrackStatus
 
 @dataclass(frozen=True, eq=False)
 class SavedTemplates:
-    """What a target looked like before the light jumped.
+    """Templates from before a jump of the illumination, to be restored if it was a flash.
 
     Attributes:
-        templates: Of then.
-        change: The brightness after the jump, relative to that before.
-        age: Seconds since then.
+        templates: Templates before the jump.
+        change: Brightness after the jump over that before.
+        age: Seconds since the jump.
     """
 
     templates: Templates
@@ -31,32 +36,31 @@ class SavedTemplates:
 
 @dataclass(frozen=True, eq=False)
 class FilterState:
-    """All that is known of one target, a value: a frame makes another of it.
+    """Immutable state of one target's filter; a frame makes a new one.
 
-    Nothing in it belongs to the scene or to another target, and nothing in it changes: a target
-    that is followed again from here meets the same chances.
+    A step that is repeated from the same state draws the same random numbers.
 
     Attributes:
-        first_box: That its motion counts from: the one that it was started on, or moved to.
-        motion: How it moves.
-        kalman_filter: A Kalman filter that runs ahead of the particles; None where none is asked for.
-        particles: Its state, as drawn for the next frame.
-        templates: What it looks like.
-        first_templates: What it looked like when it was first seen by each cue.
-        distractor_ratios: How much of what is around it looks like it.
-        status: Whether it is seen, and for how long it has not been.
-        last_seen_box: Its last box while it was tracked.
-        second_peak: Likeliest box beside it in the last frame, pixels; None without a search.
-        known_distractor: Box of what is known not to be it, pixels, since both were seen at once; kept
-            while it is out of sight.
-        frames_since_seen: Frames in a row in which it was not tracked.
+        first_box: Reference box of the motion model, pixels: where the target started or was moved.
+        motion: Motion model.
+        kalman_filter: Kalman filter of the proposal; None with another proposal.
+        particles: Resampled particles, to be predicted into the next frame.
+        templates: Templates of the target.
+        first_templates: Each cue's first template.
+        distractor_ratios: Smoothed ratio of each cue.
+        status: Track state and its timers.
+        last_seen_box: Last box with the state "tracking", pixels.
+        second_peak: Likeliest box beside the target in the last frame, pixels; None without a
+            search.
+        known_distractor: Box of a distractor that was seen beside the target, pixels; kept while
+            the target is out of sight.
+        frames_since_seen: Consecutive frames without the state "tracking".
         followed_frames: Frames since the first one.
-        generator_state: Where its own source of random numbers stands.
-        estimate: As told in the last frame.
-        saved_templates: What it looked like before the light jumped, while that may be a flash; None
-            where it has not.
-        distractor_box: (4,) box, pixels, of what looked like it beside it in the last frame; None where
-            nothing did, or nobody looked for it.
+        generator_state: The target's own source of random numbers.
+        estimate: Estimate of the last frame.
+        saved_templates: Templates from before a recent jump of the illumination; None without one.
+        distractor_box: (4,) box of the distractor in the last frame, pixels; None if there was none
+            or no search.
     """
 
     first_box: Box

@@ -1,4 +1,11 @@
-"""The time of the frames: which comes next, late, twice or after a jump, and which can be told of.
+"""Order of the frames by their stamps, and checks of the stamps of detections and targets.
+
+1. A frame after the last one is "next"; one with the same stamp is a "duplicate".
+2. An older frame is "late" if it is at most a second older.
+3. Any other frame, and the tenth late one in a row, is a "jump": time went back, as when a bag
+   starts again.
+4. The stamp of a detection or target must belong to a frame of the current time: not to the time
+   before a jump, and not to another clock.
 
 Stamps are in nanoseconds; 0 means unknown.
 """
@@ -13,50 +20,49 @@ from pf_tracker_ros.stamps import NANOSECONDS
 
 FrameOrder = Literal["next", "duplicate", "late", "jump"]
 
-# A frame that is older than the last one by at most this came late; by more, time began anew, as
-# when a bag starts again.
+# Largest age of a late frame; an older one is a jump.
 LATE_WITHIN = NANOSECONDS
 
-# So many late frames in a row are no stragglers: a recording shorter than that begins again.
-_MOST_LATE = 10
+# Largest number of late frames in a row; one more is a jump, as of a recording of under a second.
+_MAX_LATE = 9
 
-# Nothing is said of a frame that far ahead; a tool has stamped it with the wrong clock.
-_LONGEST_WAIT = 60 * NANOSECONDS
+# Stamps further than this from the last frame are from another clock.
+_SAME_CLOCK_WITHIN = 60 * NANOSECONDS
 
-# A detector is ahead of the images by at most that many nanoseconds, or two images if that is more.
+# A detector is at most this much ahead of the images, or two images if that is more.
 _AHEAD_WITHIN = NANOSECONDS // 2
 
 
 @dataclass(frozen=True)
 class TimePolicy:
-    """What to do when time jumps back.
+    """Reaction to late frames and to time that jumps back.
 
     Attributes:
-        on_jump: "keep" goes on with the target as it is, "restart" starts again on the box that
-            the target was first drawn with, "wait" forgets the target.
-        late_within: Nanoseconds that a frame may be older than the last one and only be late.
+        on_jump: "keep" keeps the target, "restart" starts it again on its first box, "wait" stops
+            it.
+        late_within: Largest age of a late frame, nanoseconds.
     """
 
     on_jump: str = "keep"
     late_within: int = LATE_WITHIN
 
 
-def is_due(said_of: int, stamp: int) -> bool:
-    """Whether what was said of a frame counts with the one at hand.
+def is_due(stamp: int, frame_stamp: int) -> bool:
+    """Whether a detection or target with a stamp can be applied in the current frame.
 
     Args:
-        said_of: Stamp of the frame that it was said of.
-        stamp: Of the frame at hand.
+        stamp: Stamp of the detection or target.
+        frame_stamp: Stamp of the current frame.
     """
-    return stamp == 0 or said_of <= stamp
+    return frame_stamp == 0 or stamp <= frame_stamp
 
 
 class _Jump(NamedTuple):
-    """Time that went back.
+    """A jump of time.
 
     Attributes:
         last: Stamp of the last frame before.
-        first: Stamp of the first frame since.
+        first: Stamp of the first frame after.
         ahead: Nanoseconds by which a detector may be ahead of the images.
     """
 
@@ -65,14 +71,15 @@ class _Jump(NamedTuple):
     ahead: int
 
     def is_before(self, stamp: int, now: int) -> bool:
-        """Whether a frame that has not come is rather one from before time went back.
+        """Whether a stamp ahead of the frames is from before the jump.
 
-        Until the old time is reached, a stamp ahead is of a frame of then, told late, or of one to
-        come, told early; whichever is less is meant, and nothing is told that early.
+        It is of a frame before the jump, reported late, or of a future frame, reported early by at
+        most `ahead`: the smaller of the two times decides. Once the frames reach `last`, every
+        stamp is of the current time.
 
         Args:
-            stamp: Of the frame.
-            now: Stamp of the last frame that came.
+            stamp: Stamp of a detection or target.
+            now: Stamp of the last frame.
         """
         early, beyond = stamp - now, stamp - self.last
         if early <= 0 or now >= self.last or beyond > self.ahead:
@@ -82,34 +89,33 @@ class _Jump(NamedTuple):
 
 
 class FrameClock:
-    """Tells what a frame is by its stamp, and whether one can come that something is said of.
+    """Classifies frames by their stamps and checks the stamps of detections and targets.
 
     Attributes:
         last: Stamp of the last frame that was taken, 0 before the first.
-        expects_jump: Whether a next frame that is not after the last one is the first after a jump;
-            what is asked for since then is of the time to come.
+        expects_jump: Whether the next frame, if it is not after the last one, is a jump. Requests
+            since then belong to the time after it.
     """
 
     def __init__(self) -> None:
         self.last = 0
-        # As `last`, or that of the last frame since that was passed over.
-        self._seen = 0
+        # Stamp of the last frame that was taken or skipped.
+        self._latest = 0
         self._late_in_a_row = 0
         self.expects_jump = False
         self._jump: _Jump | None = None
         self._interval = 0.0
-        # Stamps between which no frame counts any more, up to and with the later one: none was
-        # looked at, or what was found in them was to be forgotten.
-        self._passed = (0, 0)
+        # Skipped frames have stamps after the first of these, up to and including the second.
+        self._skipped = (0, 0)
 
     def classify(self, stamp: int, late_within: int, requested: Collection[int] = ()) -> FrameOrder:
-        """What a frame is; a late one is counted.
+        """Order of a frame relative to the last one; counts late frames.
 
         Args:
-            stamp: Of the frame.
-            late_within: Nanoseconds that it may be older than the last one and only be late.
-            requested: Stamps of the frames that targets are to start on, 0 for the next one. Such a
-                frame is none that is late: time has begun anew with it.
+            stamp: Stamp of the frame.
+            late_within: Largest age of a late frame, nanoseconds.
+            requested: Stamps of the frames to start targets on, 0 for the next one. An older frame
+                that is requested is a jump.
         """
         elapsed = stamp - self.last
         if 0 in (stamp, self.last) or elapsed > 0:
@@ -119,96 +125,93 @@ class FrameClock:
         if elapsed == 0:
             return "duplicate"
         self._late_in_a_row += 1
-        is_late = elapsed >= -late_within and self._late_in_a_row < _MOST_LATE
+        is_late = elapsed >= -late_within and self._late_in_a_row <= _MAX_LATE
         return "late" if is_late and not {0, stamp}.intersection(requested) else "jump"
 
     def expect_jump(self) -> None:
-        """Take a next frame that is not after the last one for the first after a jump.
+        """Classify the next frame as a jump if it is not after the last one.
 
-        Where nothing is followed, somebody may have gone back in a recording, by however little,
-        and what came before an earlier jump is long forgotten.
+        For use while there is no target: a recording may be rewound by any time. Earlier frames and
+        an earlier jump no longer matter.
         """
         self.expects_jump, self._jump = True, None
-        self._passed = (0, self.last)
+        self._skipped = (0, self.last)
 
     def since_last(self, stamp: int) -> float | None:
-        """Seconds from the last frame that was taken to another; None where nobody knows."""
+        """Seconds from the last frame that was taken to another one; None if unknown."""
         if 0 in (stamp, self.last):
             return None
         return (stamp - self.last) / NANOSECONDS
 
     def take(self, stamp: int, interval: float | None = None) -> None:
-        """Go on from a frame.
+        """Make a frame the last one.
 
         Args:
-            stamp: Of the frame.
-            interval: Seconds since the one before, None where nobody knows.
+            stamp: Stamp of the frame.
+            interval: Seconds since the last one, None if unknown.
         """
-        self.last = self._seen = stamp
+        self.last = self._latest = stamp
         self._late_in_a_row, self.expects_jump = 0, False
         self._interval = interval or self._interval
 
     def skip(self, stamp: int) -> None:
-        """Let time go on with a frame that nobody looks at."""
-        self._seen = stamp
-        after, until = self._passed
-        self._passed = (after if until >= self.last else self.last, stamp)
+        """Advance the time by a frame that is not tracked."""
+        self._latest = stamp
+        after, until = self._skipped
+        self._skipped = (after if until >= self.last else self.last, stamp)
 
     def jump_back(self, stamp: int) -> float:
-        """Let time begin anew with a frame, which is still to be taken.
+        """Set the time back to a frame, which is still to be taken.
 
         Returns:
-            Seconds by which it went back.
+            Seconds of the jump.
         """
         ahead = max(_AHEAD_WITHIN, round(2 * self._interval * NANOSECONDS))
-        self._jump, self._passed = _Jump(self.last, stamp, ahead), (0, 0)
+        self._jump, self._skipped = _Jump(self.last, stamp, ahead), (0, 0)
         return (self.last - stamp) / NANOSECONDS
 
     def is_from_before_jump(self, stamp: int, now: int) -> bool:
-        """Whether what was said of a frame is rather said of one from before time went back.
+        """Whether the stamp of a detection or target is from before the last jump.
 
         Args:
-            stamp: Of the frame.
-            now: Stamp of the last frame that came, or of the one with which time begins anew.
+            stamp: Stamp of the detection or target.
+            now: Stamp of the last frame, or of the first one after the jump.
         """
         jump = self._jump
         return jump is not None and 0 not in (stamp, now) and jump.is_before(stamp, now)
 
     def was_skipped(self, stamp: int) -> bool:
-        """Whether the frame of a stamp is one of the last that count no more."""
-        after, until = self._passed
+        """Whether a stamp is that of a skipped frame."""
+        after, until = self._skipped
         return after < stamp <= until
 
     def check_ahead(self, stamp: int) -> None:
-        """Refuse what is said of a frame that cannot come.
+        """Check that a stamp is not too far after the last frame.
 
         Raises:
-            ValueError: The stamp is by another clock than those of the frames, or of a frame from
-                before time went back.
+            ValueError: The stamp is from another clock, or from before the last jump.
         """
-        ahead = stamp - self._seen
-        if self.is_from_before_jump(stamp, self._seen):
+        ahead = stamp - self._latest
+        if self.is_from_before_jump(stamp, self._latest):
             raise ValueError(
-                f"its stamp is {ahead / NANOSECONDS:.3f} s after that of the last frame, of a "
-                "frame from before time went back; allowed: the stamp of a frame since, or 0 for "
-                "the next one"
+                f"its stamp is {ahead / NANOSECONDS:.3f} s after that of the last frame, from "
+                "before time went back; allowed: the stamp of a frame since, or 0 for the next one"
             )
-        if stamp and self._seen and ahead > _LONGEST_WAIT:
+        if stamp and self._latest and ahead > _SAME_CLOCK_WITHIN:
             raise ValueError(
                 f"its stamp is {ahead / NANOSECONDS:.0f} s after that of the last frame, from "
                 "another clock; allowed: the stamp of a frame, or 0 for the next one"
             )
 
     def check_behind(self, stamp: int) -> None:
-        """Refuse what a detector says of a frame so long ago that it is by another clock.
+        """Check that the stamp of a detection is not too far before the last frame.
 
         Raises:
-            ValueError: It is.
+            ValueError: The stamp is from another clock.
         """
-        behind = self._seen - stamp
-        if stamp and self._seen and behind > _LONGEST_WAIT:
+        behind = self._latest - stamp
+        if stamp and self._latest and behind > _SAME_CLOCK_WITHIN:
             raise ValueError(
                 f"its stamp is {behind / NANOSECONDS:.0f} s before that of the last frame, from "
-                "another clock; allowed: the stamp of the frame that the detector saw, or 0 for "
-                "the next one"
+                "another clock; allowed: the stamp of the detector's frame, or 0 for the next one"
             )

@@ -1,4 +1,10 @@
-"""What belongs to the images of one camera, whatever is followed in them."""
+"""Image front end: the steps that are common to all targets of one camera.
+
+1. Gain control maps images of more than 8 bits to gray levels.
+2. Illumination compensation keeps the brightness constant, if it is enabled.
+3. Ego-motion estimation computes the camera's motion, with several targets.
+4. The background model computes the foreground, if a cue reads it.
+"""
 
 from __future__ import annotations
 
@@ -15,24 +21,24 @@ from pf_tracker_ros.frames import Foreground, Frame
 from pf_tracker_ros.frames.ego_motion import EgoMotion
 from pf_tracker_ros.frames.exposure import UNCHANGED_ILLUMINATION, GainControl
 
-# Which child of the seed the background model draws from.
+# Spawn key of the background model's seed.
 _BACKGROUND_KEY = 0
 
 
 class ImageFrontEnd:
-    """Makes a frame of each image: gain control, light and background model follow the images.
+    """Gain control, illumination, ego-motion and background model of consecutive images.
 
-    It can be copied and pickled, without its last image: the copy goes on with the same bits and on
-    its own, `copy.copy` as deep as `copy.deepcopy`.
+    A copy or pickle lacks the last image, and continues independently with the same results.
+    `copy.copy` copies as deeply as `copy.deepcopy`.
 
     Args:
-        seed: Seeds the background model.
-        frame: The last one so far, with which nothing was done; None where there is none.
+        seed: Seed of the background model.
+        frame: Last frame so far, not prepared yet; None without one.
         removes_ghosts: See `BackgroundModel`.
-        estimates_motion: Whether each frame tells how the camera has moved.
+        estimates_motion: Whether to estimate the camera's motion.
 
     Attributes:
-        frame: The last one; None before the first, and in a fresh copy.
+        frame: The last frame; None before the first, and in a fresh copy.
     """
 
     def __init__(
@@ -44,28 +50,28 @@ class ImageFrontEnd:
         estimates_motion: bool = False,
     ) -> None:
         self._seed = seed
-        self._lays_ghosts = removes_ghosts
+        self._removes_ghosts = removes_ghosts
         self._ego_motion = EgoMotion() if estimates_motion else None
         self._gain = GainControl()
         self._next_gain = self._gain
-        self._light = self._next_light = UNCHANGED_ILLUMINATION
+        self._illumination = self._next_illumination = UNCHANGED_ILLUMINATION
         self._background: BackgroundModel | None = None
         self.frame = frame
-        self._kind = _kind_of(frame) if frame else None
+        self._format = _format_of(frame) if frame else None
 
-    def configure(self, *, several: bool) -> None:
-        """Change whether it tells its motion, and lays ghosts from the next background model on."""
-        self._ego_motion = (self._ego_motion or EgoMotion()) if several else None
-        self._lays_ghosts = several
+    def configure(self, *, multi_target: bool) -> None:
+        """Enable ego-motion for several targets, and ghost removal in the next background model."""
+        self._ego_motion = (self._ego_motion or EgoMotion()) if multi_target else None
+        self._removes_ghosts = multi_target
 
     def accepts_image(self, image: NDArray[np.generic]) -> bool:
-        """Whether an image has the size and kind of the last one; any has before the first."""
-        return self._kind in (None, (image.shape, image.dtype))
+        """Whether an image has the size and type of the last one; True before the first."""
+        return self._format in (None, (image.shape, image.dtype))
 
     @property
     def image_format(self) -> str:
         """Shape and type of the images, in words."""
-        return " ".join(map(str, self._kind or ()))
+        return " ".join(map(str, self._format or ()))
 
     def prepare(
         self,
@@ -75,45 +81,44 @@ class ImageFrontEnd:
         needs_foreground: bool,
         follow_light: bool,
     ) -> None:
-        """Prepare the next frame; it is the last one as soon as `keep` says so.
+        """Prepare the next frame, which `commit` makes the last one.
 
-        The background model learns it at once, and the camera's motion is counted from it.
+        Background model and ego-motion are updated at once, gain and illumination by `commit`.
 
         Args:
-            frame: Of the size and kind of the last one; checked.
-            interval: Seconds since that one.
-            boxes: Where targets are.
-            needs_foreground: Whether anybody asks for the foreground.
-            follow_light: Whether an image that has become brighter or darker as a whole is seen in
-                the light of those before.
+            frame: The next frame, of accepted size and type.
+            interval: Seconds since the last frame.
+            boxes: Boxes of the targets, pixels.
+            needs_foreground: Whether a cue reads the foreground.
+            follow_light: See `TrackerParameters`.
         """
         self._next_gain = self._gain.update(frame.image, interval)
-        self._next_light = (
-            self._light.update(frame.image, interval) if follow_light else UNCHANGED_ILLUMINATION
-        )
-        frame.expose(self._next_gain.span, self._next_light)
+        self._next_illumination = UNCHANGED_ILLUMINATION
+        if follow_light:
+            self._next_illumination = self._illumination.update(frame.image, interval)
+        frame.expose(self._next_gain.span, self._next_illumination)
         if self._ego_motion:
             frame.camera_motion = self._ego_motion.update(frame)
         if needs_foreground:
             self.update_background(frame, boxes)
 
     def commit(self, frame: Frame) -> None:
-        """Take a frame that was opened for the last one."""
+        """Make a prepared frame the last one."""
         if frame is not self.frame:
-            self.frame, self._gain, self._light = frame, self._next_gain, self._next_light
-            self._kind = _kind_of(frame)
+            self.frame, self._format = frame, _format_of(frame)
+            self._gain, self._illumination = self._next_gain, self._next_illumination
 
     def reset_background(self) -> None:
-        """Let the background model begin anew when it is asked for again."""
+        """Delete the background model; the next update starts a new one."""
         self._background = None
 
     def update_background(self, frame: Frame, boxes: Sequence[Box]) -> None:
-        """Tell the frame its foreground, and learn its background; arguments as for `open`."""
+        """Set the frame's foreground and learn its background; arguments as of `prepare`."""
         if self._background is None:
             seeds = np.random.SeedSequence(self._seed, spawn_key=(_BACKGROUND_KEY,))
             draw = np.random.default_rng(seeds)
             self._background = BackgroundModel(
-                frame.pixels, draw, boxes, removes_ghosts=self._lays_ghosts
+                frame.pixels, draw, boxes, removes_ghosts=self._removes_ghosts
             )
         mask = self._background.update(frame.pixels, boxes)
         frame.background = self._background.state
@@ -121,12 +126,12 @@ class ImageFrontEnd:
             frame.foreground = Foreground(mask, self._background.reduction)
 
     def __getstate__(self) -> dict[str, Any]:
-        # A copy goes on with its next frame; that of the past would only make it large.
+        # The last frame would only make the copy large.
         return self.__dict__ | {"frame": None}
 
     def __copy__(self) -> ImageFrontEnd:
         return copy.deepcopy(self)
 
 
-def _kind_of(frame: Frame) -> tuple[tuple[int, ...], np.dtype[Any]]:
+def _format_of(frame: Frame) -> tuple[tuple[int, ...], np.dtype[Any]]:
     return frame.image.shape, frame.image.dtype

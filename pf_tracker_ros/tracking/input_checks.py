@@ -1,4 +1,4 @@
-"""Checks of what comes from outside: images, boxes, times, seeds."""
+"""Checks of the user's input: images, boxes, intervals, seeds."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pf_tracker_ros.boxes import Box
 
 
 def check_image(image: NDArray[np.generic]) -> None:
-    """Refuse what is not an image.
+    """Check an image.
 
     Raises:
         ValueError: `image` is not (H, W, 3) uint8, or (H, W) uint8, uint16 or float32, or is empty.
@@ -25,7 +25,7 @@ def check_image(image: NDArray[np.generic]) -> None:
     if not (color or gray):
         raise ValueError(f"image is {image.shape} {image.dtype}; allowed: {allowed}")
     if image.size == 0:
-        raise ValueError(f"image is {image.shape}, which has no pixels")
+        raise ValueError(f"image is {image.shape}, without pixels; allowed: {allowed}")
 
 
 def check_box(box: ArrayLike, image_size: tuple[int, int]) -> Box:
@@ -33,7 +33,7 @@ def check_box(box: ArrayLike, image_size: tuple[int, int]) -> Box:
 
     Args:
         box: (x, y, width, height) in pixels.
-        image_size: (width, height) of the image that it lies in.
+        image_size: (width, height) of the image, pixels.
 
     Raises:
         ValueError: Not four finite numbers, no area, larger than the image, or outside it.
@@ -62,7 +62,7 @@ def check_interval(interval: float) -> float:
     """The interval as a float.
 
     Raises:
-        ValueError: Not a finite number of seconds of at least 0.
+        ValueError: Not a finite number of at least 0.
     """
     seconds = _numbers(interval)
     if seconds is None or seconds.shape != () or not 0.0 <= seconds < math.inf:
@@ -74,7 +74,7 @@ def check_seed(seed: object) -> int:
     """The seed as an int.
 
     Raises:
-        ValueError: Not a whole number from 0.
+        ValueError: Not a whole number of at least 0.
     """
     if isinstance(seed, int | np.integer) and not isinstance(seed, bool) and seed >= 0:
         return int(seed)
@@ -82,10 +82,9 @@ def check_seed(seed: object) -> int:
 
 
 def _numbers(values: object) -> NDArray[np.float64] | None:
-    """A number, or numbers of any shape, as an array; None for what only resembles them.
+    """Real numbers of any shape as an array, or None.
 
-    Truth values, texts, times, complex numbers and Python objects are refused, although NumPy
-    would turn some of them into numbers.
+    Booleans, strings, times, complex numbers and objects give None, although NumPy converts some.
     """
     if isinstance(values, Sequence) and any(isinstance(one, bool | np.bool_) for one in values):
         return None

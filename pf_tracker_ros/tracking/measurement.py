@@ -1,7 +1,17 @@
-"""What a frame says of the predicted particles: their weights, and the box that follows.
+"""Measurement of a frame: the weights of the predicted particles and the box that they estimate.
 
-`Measurer` is the papers' way: every particle is weighed where the motion took it, and the estimate
-is the mean. `SearchingMeasurer` looks all around the prediction first.
+`Measurer` is the filter of the papers:
+
+1. Weigh each predicted particle by the likelihood of its box, the fused likelihood of the cues.
+   Li et al. 2007, equation (8); Zhang et al. 2015, equation (10).
+2. Estimate the box as the weighted mean. Zhang et al. 2015, equation (5).
+
+`SearchingMeasurer` also finds a target that the motion model does not predict:
+
+1. Compute the cues' responses on a grid around the predicted box, and the fused likelihood there.
+2. Draw a share of the particles from this likelihood, with weights times p / q (`Search`).
+3. Weigh, with more weight on the cues that respond to the target more than to its surroundings.
+4. Estimate the mean of the mode around the maximum a posteriori particle.
 """
 
 from __future__ import annotations
@@ -30,48 +40,48 @@ from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.prediction import Prediction
 from pf_tracker_ros.tracking.search import Search, covariance_about, mode_mean
 
-# What is known of a frame beside its pixels: log likelihoods of boxes, in their one shape.
+# Computes log likelihoods of boxes from a source other than the pixels.
 ExternalLikelihood = Callable[[BoxesByAxis], NDArray[np.float64]]
-# What looks so much like the target, 0 to 1, is a rival: the mean of what the cues say, multiplied.
-_ALIKE_ABOVE = 0.5
+# Similarity to the target, 0 to 1, of a distractor: the geometric mean over the cues.
+_DISTRACTOR_ABOVE = 0.5
 
 
 class FramePrediction(NamedTuple):
-    """A target in a frame that has not been looked at.
+    """A target predicted into a frame whose pixels have not been read yet.
 
     Attributes:
-        filter_state: Of the target, after the last frame.
-        frame: The next one.
+        filter_state: State after the last frame.
+        frame: The next frame.
         interval: Seconds between them.
-        prediction: The particles, as drawn for it.
-        draw: Source of randomness from there on.
+        prediction: Particles predicted for the next frame.
+        generator: Source of random numbers for this frame.
         boxes: (N, 4) of the particles, pixels.
-        region: What of the frame is looked at.
-        search: Where the target is looked for; None without a search.
+        region: Region of the frame that the cues read.
+        search: Grid around the prediction; None without a search.
     """
 
     filter_state: FilterState
     frame: Frame
     interval: float
     prediction: Prediction
-    draw: np.random.Generator
+    generator: np.random.Generator
     boxes: NDArray[np.float64]
     region: Region
     search: Search | None = None
 
 
 class WeightedParticles(NamedTuple):
-    """The particles of a frame, weighed by it.
+    """The particles of a frame, weighted by its likelihood.
 
     Attributes:
-        frame_prediction: What was looked at.
-        predicted: The particles before they were weighed.
-        particles: The same, weighed.
+        frame_prediction: Target, frame and region.
+        predicted: The particles before they were weighted.
+        particles: The same, weighted.
         boxes: (N, 4) of the particles, pixels.
-        cue_weights: Of the cues, in this frame.
-        map_index: Number of the particle with the highest posterior density.
-        responses: Name of a searchable cue to its (M,) strengths at the places of the search.
-        grid_log_likelihood: (M,) log likelihoods of these places; empty without a search.
+        cue_weights: Weights of the cues in this frame.
+        map_index: Index of the maximum a posteriori particle.
+        responses: Name of a searchable cue to its (M,) responses on the search grid.
+        grid_log_likelihood: (M,) fused log likelihoods on that grid; empty without a search.
     """
 
     frame_prediction: FramePrediction
@@ -85,23 +95,23 @@ class WeightedParticles(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """The particles of a frame, weighed by it, and what it shows at their estimate.
+    """The weighted particles of a frame, their estimate, and the observation there.
 
     Attributes:
-        frame: That was looked at.
-        predicted: The particles before they were weighed.
-        particles: The same, weighed.
+        frame: The frame.
+        predicted: The particles before they were weighted.
+        particles: The same, weighted.
         boxes: (N, 4) of the particles, pixels.
-        box: (4,) that they stand for, pixels.
-        cue_weights: Of the cues, in this frame.
-        seen: What each cue observes at the box.
-        match: How well that fits the templates.
-        distractor_ratios: How much of what is around has looked like the target lately.
-        search: Where the target was looked for; None without a search.
-        second_peak: (4,) likeliest box beside the target's, pixels; None without a search.
-        distractor_box: (4,) box of what looks like the target beside it; None where nothing does, and
-            without a search.
-        transition_particles: The particles where the motion alone took them; None without a search.
+        box: (4,) estimate, pixels.
+        cue_weights: Weights of the cues in this frame.
+        seen: Each cue's observation of the box.
+        match: Match of the observation with the templates.
+        distractor_ratios: Smoothed ratio of each cue; see `cues.fusion.DistractorRatios`.
+        search: The search; None without one.
+        second_peak: (4,) likeliest box beside the estimate, pixels; None without a search.
+        distractor_box: (4,) box of the distractor in this frame, pixels; None if there is none, or
+            no search.
+        transition_particles: Particles of the transition prior alone; None without a search.
     """
 
     frame: Frame
@@ -120,7 +130,7 @@ class Measurement(NamedTuple):
 
     @property
     def particle_std(self) -> float:
-        """Standard deviation of the particles' centers, box sizes."""
+        """Weighted standard deviation of the particles' centers, box sizes."""
         centers = self.boxes[:, :2] + self.boxes[:, 2:] / 2
         offsets = centers - self.particles.weights @ centers
         variance = self.particles.weights @ np.square(offsets).sum(axis=1)
@@ -128,7 +138,7 @@ class Measurement(NamedTuple):
 
 
 class Measurer:
-    """Weighs every particle where the motion took it; their mean is the estimate.
+    """Weighs every particle at its predicted box; the estimate is their mean.
 
     Args:
         fusion: The cues.
@@ -140,48 +150,48 @@ class Measurer:
         self._working_size = working_size
 
     def learn(self, frame: Frame, box: NDArray[np.float64]) -> tuple[Templates, DistractorRatios]:
-        """Templates of what is in a (4,) box, and how much of what is around looks like it."""
+        """Templates of a (4,) box, and the distractor ratios around it."""
         return self.templates(frame, box), {}
 
     def templates(self, frame: Frame, box: NDArray[np.float64]) -> Templates:
-        """Templates of what is in a (4,) box."""
+        """Templates of a (4,) box."""
         return self._fusion.learn(self._region(frame, box[None], box), box)
 
     def predict_frame(
         self,
-        target: FilterState,
+        state: FilterState,
         frame: Frame,
         interval: float,
         prediction: Prediction,
-        draw: np.random.Generator,
+        generator: np.random.Generator,
         *,
         estimates_size: bool = True,
     ) -> FramePrediction:
-        """What of a frame is to be looked at.
+        """Boxes of the predicted particles, and the region of the frame that covers them.
 
         Args:
-            filter_state: Of the target, after the last frame.
-            frame: The next one.
+            state: State after the last frame.
+            frame: The next frame.
             interval: Seconds between them.
-            prediction: For it.
-            draw: Source of randomness from there on.
+            prediction: Particles predicted for the next frame.
+            generator: Source of random numbers.
             estimates_size: See `Region`.
         """
-        boxes = target.motion.boxes(prediction.particles.states)
-        last_box = np.asarray(target.estimate.box)
+        boxes = state.motion.boxes(prediction.particles.states)
+        last_box = np.asarray(state.estimate.box)
         region = self._region(frame, boxes, last_box, estimates_size=estimates_size)
-        return FramePrediction(target, frame, interval, prediction, draw, boxes, region)
+        return FramePrediction(state, frame, interval, prediction, generator, boxes, region)
 
     def weigh(
         self,
         frame_prediction: FramePrediction,
         external_likelihood: ExternalLikelihood | None = None,
     ) -> WeightedParticles:
-        """The particles, weighed by the frame.
+        """The predicted particles, each weight multiplied by the likelihood of its box.
 
         Args:
-            frame_prediction: Of the frame at hand.
-            external_likelihood: One more factor of the likelihood; None where there is none.
+            frame_prediction: The target in this frame.
+            external_likelihood: One more factor of the likelihood, or None.
 
         Source: Li et al. 2007, equation (8); Zhang et al. 2015, equation (10).
         """
@@ -199,36 +209,34 @@ class Measurer:
         cue_weights: CueWeights,
         external_likelihood: ExternalLikelihood | None,
     ) -> NDArray[np.float64]:
-        """(N,) of (N, 4) boxes: that of the cues, and the evidence."""
+        """(N,) of (N, 4) boxes: that of the cues times the external one."""
         templates = frame_prediction.filter_state.templates
         likelihood = self._fusion.log_likelihood(
             frame_prediction.region, boxes, templates, cue_weights
         )
-        return (
-            likelihood + external_likelihood(BoxesByAxis(*boxes.T))
-            if external_likelihood
-            else likelihood
-        )
+        if external_likelihood:
+            likelihood = likelihood + external_likelihood(BoxesByAxis(*boxes.T))
+        return likelihood
 
-    def estimate(self, weighed: WeightedParticles) -> Measurement:
-        """The box that the particles stand for, and what the frame shows there.
+    def estimate(self, weighted: WeightedParticles) -> Measurement:
+        """The box of the weighted mean, and what the cues observe there.
 
-        Source: Li et al. 2007, section 2.2; Zhang et al. 2015, equation (5).
+        Source: Li et al. 2007, section 1; Zhang et al. 2015, equation (5).
         """
-        box = weighed.frame_prediction.filter_state.motion.boxes(weighed.particles.mean[None])[0]
-        return self._measured(weighed, box)
+        motion = weighted.frame_prediction.filter_state.motion
+        return self._measure_box(weighted, motion.boxes(weighted.particles.mean[None])[0])
 
-    def _measured(self, weighed: WeightedParticles, box: NDArray[np.float64]) -> Measurement:
-        frame_prediction = weighed.frame_prediction
+    def _measure_box(self, weighted: WeightedParticles, box: NDArray[np.float64]) -> Measurement:
+        frame_prediction = weighted.frame_prediction
         seen = self._fusion.observe(frame_prediction.region, box)
         match = self._fusion.match(seen, frame_prediction.filter_state.templates)
         return Measurement(
             frame=frame_prediction.frame,
-            predicted=weighed.predicted,
-            particles=weighed.particles,
-            boxes=weighed.boxes,
+            predicted=weighted.predicted,
+            particles=weighted.particles,
+            boxes=weighted.boxes,
             box=box,
-            cue_weights=weighed.cue_weights,
+            cue_weights=weighted.cue_weights,
             seen=seen,
             match=match,
             distractor_ratios={},
@@ -236,28 +244,28 @@ class Measurer:
 
     def covariance(
         self,
-        target: FilterState,
-        measured: Measurement,
+        state: FilterState,
+        measurement: Measurement,
         assessment: Assessment,
         time_since_seen: float,
     ) -> NDArray[np.float64]:
         """(2, 2) covariance of the target's center, px^2.
 
         Args:
-            filter_state: Of the target, after the last frame.
-            measured: In this frame.
-            assessment: What is told of the target.
-            time_since_seen: Seconds without a sight of it that count.
+            state: State after the last frame.
+            measurement: Of this frame.
+            assessment: Of this frame.
+            time_since_seen: Seconds, at most `track.lost_after`.
         """
         return assessment.particles.covariance[:2, :2]
 
     def log_likelihoods(
-        self, target: FilterState, frame: Frame, boxes: NDArray[np.float64]
+        self, state: FilterState, frame: Frame, boxes: NDArray[np.float64]
     ) -> dict[str, NDArray[np.float64]]:
         """Name of each cue to its (N,) log likelihoods of (N, 4) boxes of the target's size."""
-        predicted_box = np.asarray(target.estimate.box)
+        predicted_box = np.asarray(state.estimate.box)
         region = self._region(frame, boxes, predicted_box, predicted_box)
-        return self._fusion.log_likelihoods(region, boxes, target.templates)
+        return self._fusion.log_likelihoods(region, boxes, state.templates)
 
     def _region(
         self,
@@ -268,7 +276,7 @@ class Measurer:
         *,
         estimates_size: bool = True,
     ) -> Region:
-        """What covers (N, 4) boxes, reduced as the size of a (4,) box asks for."""
+        """Region of (N, 4) boxes, reduced for the size of a (4,) box."""
         if predicted_box is None and self._fusion.uses_predicted_size:
             predicted_box = boxes.mean(axis=0)
         target_size = math.sqrt(target_box[2] * target_box[3])
@@ -284,15 +292,15 @@ class Measurer:
 
 
 class SearchingMeasurer(Measurer):
-    """Looks all around the prediction, and draws a share of the particles from what it finds.
+    """Searches around the prediction and draws a share of the particles where the target is likely.
 
-    The estimate is the mean of one mode, and the cues' powers follow what is found beside it.
+    The estimate is the mean of one mode. The cue weights adapt to the distractor ratios.
 
     Args:
-        fusion: The cues, some of which can search.
+        fusion: The cues; at least one can search.
         working_size: See `TrackerParameters`.
-        parameters: Where to look, and the share.
-        adaptation: How strongly the powers move, see `FusionParameters`.
+        parameters: Window of the search and share of the particles.
+        adaptation: Gain of the cue weights, see `FusionParameters`.
     """
 
     def __init__(
@@ -310,9 +318,9 @@ class SearchingMeasurer(Measurer):
         """See `Measurer.learn`."""
         search, region = self.search_window(frame, box)
         templates = self._fusion.learn(region, box)
-        found = self._fusion.responses_on_grid(region, search.grid, templates)
-        own = self._fusion.responses(region, box[None], templates)
-        return templates, search.distractor_ratios(box, own, found)
+        responses = self._fusion.responses_on_grid(region, search.grid, templates)
+        at_target = self._fusion.responses(region, box[None], templates)
+        return templates, search.distractor_ratios(box, at_target, responses)
 
     def search_window(
         self, frame: Frame, predicted_box: NDArray[np.float64]
@@ -325,110 +333,101 @@ class SearchingMeasurer(Measurer):
 
     def predict_frame(
         self,
-        target: FilterState,
+        state: FilterState,
         frame: Frame,
         interval: float,
         prediction: Prediction,
-        draw: np.random.Generator,
+        generator: np.random.Generator,
         *,
         estimates_size: bool = True,
     ) -> FramePrediction:
-        """See `Measurer.predict_frame`."""
-        if not self._fusion.searches(target.templates):
-            # Cues that were just chosen have no template yet, and can't search in this frame.
+        """See `Measurer.predict_frame`; the region covers the search grid, too."""
+        if not self._fusion.searches(state.templates):
+            # Cues that were just selected have no template in this frame.
             return super().predict_frame(
-                target, frame, interval, prediction, draw, estimates_size=estimates_size
+                state, frame, interval, prediction, generator, estimates_size=estimates_size
             )
-        boxes = target.motion.boxes(prediction.particles.states)
+        boxes = state.motion.boxes(prediction.particles.states)
         search = Search(prediction.particles.weights @ boxes, self._parameters, frame.size)
-        last_box = np.asarray(target.estimate.box)
         region = self._region(
             frame,
             search.cover(boxes),
-            last_box,
+            np.asarray(state.estimate.box),
             search.predicted_box,
             estimates_size=estimates_size,
         )
-        return FramePrediction(target, frame, interval, prediction, draw, boxes, region, search)
+        return FramePrediction(state, frame, interval, prediction, generator, boxes, region, search)
 
     def weigh(
         self,
         frame_prediction: FramePrediction,
         external_likelihood: ExternalLikelihood | None = None,
     ) -> WeightedParticles:
-        """See `Measurer.weigh`; the weights carry p / q."""
-        target, search, region = (
-            frame_prediction.filter_state,
-            frame_prediction.search,
-            frame_prediction.region,
-        )
+        """See `Measurer.weigh`; a share of the particles is drawn from the search."""
+        state, search = frame_prediction.filter_state, frame_prediction.search
         if search is None:
             return super().weigh(frame_prediction, external_likelihood)
-        motion, prediction = cast(SearchableMotion, target.motion), frame_prediction.prediction
-        cue_weights = self._fusion.adapt(target.distractor_ratios, self._adaptation)
-        strengths = self._fusion.responses_on_grid(region, search.grid, target.templates)
-        centers = motion.center_prior(target.particles.states, prediction.interval)
+        region, prediction = frame_prediction.region, frame_prediction.prediction
+        motion, templates = cast(SearchableMotion, state.motion), state.templates
+        cue_weights = self._fusion.adapt(state.distractor_ratios, self._adaptation)
+        responses = self._fusion.responses_on_grid(region, search.grid, templates)
+        centers = motion.center_prior(state.particles.states, prediction.interval)
         grid_log_likelihood = self._fusion.search(
-            region, search.grid, strengths, target.templates, cue_weights
+            region, search.grid, responses, templates, cue_weights
         )
         if external_likelihood:
             grid_log_likelihood += external_likelihood(search.grid.by_axis).ravel()
         predicted, log_prior = search.propose(
-            prediction.particles, motion, centers, grid_log_likelihood, frame_prediction.draw
+            prediction.particles, motion, centers, grid_log_likelihood, frame_prediction.generator
         )
         boxes = motion.boxes(predicted.states)
         likelihood = self._log_likelihood(frame_prediction, boxes, cue_weights, external_likelihood)
-        map_index = int(np.argmax(log_prior + likelihood))
-        particles = predicted.reweight(likelihood)
         return WeightedParticles(
             frame_prediction,
             predicted,
-            particles,
+            predicted.reweight(likelihood),
             boxes,
             cue_weights,
-            map_index,
-            strengths,
+            int(np.argmax(log_prior + likelihood)),
+            responses,
             grid_log_likelihood,
         )
 
-    def estimate(self, weighed: WeightedParticles) -> Measurement:
-        """See `Measurer.estimate`; the mean is that of the likeliest mode."""
-        frame_prediction, strengths = weighed.frame_prediction, weighed.responses
-        target, search = frame_prediction.filter_state, frame_prediction.search
+    def estimate(self, weighted: WeightedParticles) -> Measurement:
+        """See `Measurer.estimate`; the mean is that of the maximum a posteriori mode."""
+        frame_prediction, responses = weighted.frame_prediction, weighted.responses
+        state, search = frame_prediction.filter_state, frame_prediction.search
         if search is None:
-            return super().estimate(weighed)
-        mean = mode_mean(weighed.particles, weighed.boxes, weighed.map_index)
-        box = target.motion.boxes(mean[None])[0]
-        own = self._fusion.responses(frame_prediction.region, box[None], target.templates)
-        now = search.distractor_ratios(box, own, strengths)
+            return super().estimate(weighted)
+        mean = mode_mean(weighted.particles, weighted.boxes, weighted.map_index)
+        box = state.motion.boxes(mean[None])[0]
+        at_target = self._fusion.responses(frame_prediction.region, box[None], state.templates)
+        ratios = search.distractor_ratios(box, at_target, responses)
         distractor_box = None
-        # The most that single cues find bounds what all of them can find at one place.
-        if math.prod(now.values()) >= _ALIKE_ABOVE ** len(now):
-            distractor_box = search.distractor_box(box, own, strengths, _ALIKE_ABOVE)
-        return self._measured(weighed, box)._replace(
-            distractor_ratios=smooth_distractor_ratios(target.distractor_ratios, now),
+        # The product of each cue's largest ratio bounds the product of all cues at one box.
+        if math.prod(ratios.values()) >= _DISTRACTOR_ABOVE ** len(ratios):
+            distractor_box = search.distractor_box(box, at_target, responses, _DISTRACTOR_ABOVE)
+        return self._measure_box(weighted, box)._replace(
+            distractor_ratios=smooth_distractor_ratios(state.distractor_ratios, ratios),
             search=search,
-            second_peak=search.second_peak(box, weighed.grid_log_likelihood),
+            second_peak=search.second_peak(box, weighted.grid_log_likelihood),
             distractor_box=distractor_box,
             transition_particles=frame_prediction.prediction.particles,
         )
 
     def covariance(
         self,
-        target: FilterState,
-        measured: Measurement,
+        state: FilterState,
+        measurement: Measurement,
         assessment: Assessment,
         time_since_seen: float,
     ) -> NDArray[np.float64]:
-        """See `Measurer.covariance`: about the box, anywhere else with what confidence lacks."""
-        if measured.search is None:
-            return super().covariance(target, measured, assessment, time_since_seen)
+        """See `Measurer.covariance`; a mixture, see `Search.covariance`."""
+        if measurement.search is None:
+            return super().covariance(state, measurement, assessment, time_since_seen)
         center = assessment.box[:2] + assessment.box[2:] / 2
         within_mode = covariance_about(assessment.particles, center)
-        is_hidden = assessment.status.state != "tracking"
-        walk = (
-            cast(SearchableMotion, target.motion).random_walk_std(time_since_seen)
-            if is_hidden
-            else None
-        )
-        return measured.search.covariance(within_mode, assessment.confidence, walk)
+        random_walk_std = None
+        if assessment.status.state != "tracking":
+            random_walk_std = cast(SearchableMotion, state.motion).random_walk_std(time_since_seen)
+        return measurement.search.covariance(within_mode, assessment.confidence, random_walk_std)

@@ -1,4 +1,8 @@
-"""What is done with a target while it is hidden."""
+"""Occlusion policies: the box and the particles of a target that is not tracked.
+
+- `Coast`: predict without an update, since the image at the box shows the occluder.
+- `KeepTracking`: go on with the likeliest box. Li et al. 2007 do so and freeze the templates only.
+"""
 
 from __future__ import annotations
 
@@ -16,109 +20,108 @@ from pf_tracker_ros.tracking.measurement import Measurement
 
 
 class OcclusionPolicy(Protocol):
-    """How a target that is not seen is told, and from where it is followed on."""
+    """Handles a target that is not tracked."""
 
     def assess(
-        self, target: FilterState, measured: Measurement, assessment: Assessment
+        self, state: FilterState, measurement: Measurement, assessment: Assessment
     ) -> Assessment:
-        """What is told in a frame in which the target is hidden.
+        """Assessment of a frame in which the target is not tracked.
 
         Args:
-            target: After the last frame.
-            measured: In this one.
-            assessment: What would be told if the target was seen.
+            state: State after the last frame.
+            measurement: Measurement of this frame.
+            assessment: Assessment with the measured box.
         """
 
-    def redraw_box(self, target: FilterState, assessment: Assessment) -> NDArray[np.float64] | None:
-        """(4,) box, pixels, around which the particles are drawn anew; None where they go on.
+    def redraw_box(self, state: FilterState, assessment: Assessment) -> NDArray[np.float64] | None:
+        """(4,) box, pixels, to redraw the particles around; None to keep the particles.
 
         Args:
-            target: After the last frame.
-            assessment: In this one, in which the target is hidden.
+            state: State after the last frame.
+            assessment: Assessment of this frame.
         """
 
     def next_particles(
         self,
-        target: FilterState,
+        state: FilterState,
         assessment: Assessment,
         particles: ParticleSet,
         kalman_filter: KalmanFilter | None,
     ) -> tuple[ParticleSet, KalmanFilter | None]:
-        """From where the next frame goes on.
+        """Particles and Kalman filter to predict the next frame from.
 
         Args:
-            target: After the last frame.
-            assessment: In this one, in which the target is hidden.
-            particles: Resampled from those that were told.
-            kalman_filter: The Kalman filter after this frame.
+            state: State after the last frame.
+            assessment: Assessment of this frame.
+            particles: Resampled particles of this frame.
+            kalman_filter: Kalman filter after this frame.
         """
 
 
-OCCLUSION_POLICIES = Registry[OcclusionPolicy]("behavior while the target is hidden")
+OCCLUSION_POLICIES = Registry[OcclusionPolicy]("occlusion policy")
 
 
 @OCCLUSION_POLICIES.register("coast")
 class Coast:
-    """The motion model alone carries the particles on.
+    """The motion model alone moves the particles.
 
-    What is at the box is not the target: its likelihoods would pull the particles to whatever hides
-    it. Once the target is lost, every frame searches anew from where that began: carried on and on,
-    the cloud and its cost would grow without end.
+    A lost target is predicted from the same particles in every frame: predicted on and on, their
+    variance and the cost would grow without bound.
     """
 
     def assess(
-        self, target: FilterState, measured: Measurement, assessment: Assessment
+        self, state: FilterState, measurement: Measurement, assessment: Assessment
     ) -> Assessment:
         """See `OcclusionPolicy.assess`."""
-        predicted = measured.transition_particles or measured.predicted
-        box = target.motion.boxes(predicted.mean[None])[0]
-        boxes = target.motion.boxes(predicted.states)
+        predicted = measurement.transition_particles or measurement.predicted
+        box = state.motion.boxes(predicted.mean[None])[0]
+        boxes = state.motion.boxes(predicted.states)
         return replace(assessment, box=box, particles=predicted, boxes=boxes, learns=False)
 
-    def redraw_box(self, target: FilterState, assessment: Assessment) -> NDArray[np.float64] | None:
+    def redraw_box(self, state: FilterState, assessment: Assessment) -> NDArray[np.float64] | None:
         """See `OcclusionPolicy.redraw_box`."""
         return None
 
     def next_particles(
         self,
-        target: FilterState,
+        state: FilterState,
         assessment: Assessment,
         particles: ParticleSet,
         kalman_filter: KalmanFilter | None,
     ) -> tuple[ParticleSet, KalmanFilter | None]:
         """See `OcclusionPolicy.next_particles`."""
-        # Another number of them that was just asked for has been drawn.
-        if assessment.status.state == "lost" and len(particles) == len(target.particles):
-            return target.particles, target.kalman_filter
+        # After a change of the number of particles, the resampled ones have the new number.
+        if assessment.status.state == "lost" and len(particles) == len(state.particles):
+            return state.particles, state.kalman_filter
         return particles, kalman_filter
 
 
 @OCCLUSION_POLICIES.register("keep_tracking")
 class KeepTracking:
-    """The likeliest place is followed all the time, and the state tells that it may be wrong.
+    """The likeliest box is tracked on; the state warns that it may not be the target.
 
-    That finds the target sooner where it comes back nearby.
+    This finds a target that reappears nearby sooner.
     """
 
     def assess(
-        self, target: FilterState, measured: Measurement, assessment: Assessment
+        self, state: FilterState, measurement: Measurement, assessment: Assessment
     ) -> Assessment:
         """See `OcclusionPolicy.assess`."""
         return assessment
 
-    def redraw_box(self, target: FilterState, assessment: Assessment) -> NDArray[np.float64] | None:
+    def redraw_box(self, state: FilterState, assessment: Assessment) -> NDArray[np.float64] | None:
         """See `OcclusionPolicy.redraw_box`.
 
-        The size would follow whatever there is: once lost, the target has that which it had last.
+        A lost target keeps its last seen size, which would else adapt to any other object.
         """
         if assessment.status.state != "lost":
             return None
-        size = np.array(target.last_seen_box[2:])
+        size = np.array(state.last_seen_box[2:])
         return np.hstack([assessment.box[:2] + (assessment.box[2:] - size) / 2, size])
 
     def next_particles(
         self,
-        target: FilterState,
+        state: FilterState,
         assessment: Assessment,
         particles: ParticleSet,
         kalman_filter: KalmanFilter | None,

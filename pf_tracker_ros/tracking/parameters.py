@@ -1,4 +1,4 @@
-"""Every tunable of the tracker, put together from what each part declares."""
+"""All parameters of the tracker, assembled from those that each part declares."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from pf_tracker_ros.tracking.track_parameters import DetectorParameters, TrackPa
 
 @dataclass(frozen=True)
 class TargetCountParameters:
-    """How many targets there may be, which decides on the values of presets, too."""
+    """Number of targets; the presets have different values for one and for several."""
 
     max_targets: int = declared(
         1,
-        "Most targets at a time. With 1, a new target takes the place of the one before. With "
-        "more, detections start others, each costs about as much as one, and the presets have "
-        "values that suit several.",
+        "Maximum number of targets at a time. With 1, a new target replaces the last one. With "
+        "more, detections start further targets, and the presets have values for several "
+        "targets. Each target costs about as much as a single one.",
         minimum=1,
         maximum=1000,
     )
@@ -29,19 +29,20 @@ class TargetCountParameters:
 
 @dataclass(frozen=True)
 class TrackerParameters(TargetCountParameters):
-    """The tracker's tunables; a preset names its values over these defaults."""
+    """The tracker's parameters and their defaults; a preset changes some of them."""
 
     particles: int = declared(
         300,
-        "Number of particles; more are steadier and cost more.",
+        "Number of particles; more are more precise and cost more.",
         minimum=1,
         maximum=100_000,
     )
     working_size: int = declared(
         40,
-        "Targets whose sqrt(width * height) is above this are looked at in an image reduced by a "
-        "whole factor that brings it to this or below, which bounds the cost: a target of any size "
-        "in an image of 1920 x 1080 costs at most about three times what one of 40 px does.",
+        "Largest target size, sqrt(width * height), at full resolution. For a larger target, the "
+        "image is reduced by the whole factor that brings its size to this or below. This bounds "
+        "the cost: a target of any size in an image of 1920 x 1080 costs at most about three times "
+        "as much as one of 40 px.",
         unit="px",
         minimum=8,
         maximum=4096,
@@ -49,16 +50,16 @@ class TrackerParameters(TargetCountParameters):
     )
     follow_light: bool = declared(
         False,
-        "Whether images of 8 bit that become brighter or darker as a whole, by an exposure that is "
-        "set anew or a lamp, are shown to the cues in the brightness of those before.",
+        "Whether the cues see 8 bit images at constant brightness, with changes of exposure or "
+        "lighting compensated.",
     )
     motion: MotionParameters = group(MotionParameters)
     proposal: ProposalParameters = group(ProposalParameters)
     resampling: ResamplingParameters = group(ResamplingParameters)
     cues: tuple[str, ...] = declared(
         ("color_histogram", "gradient_orientation"),
-        "What a box is compared by; each has parameters of its own. One that is added while a "
-        "target is tracked learns it from the next trusted frame.",
+        "Cues that compare a box with the target; each has its own parameters. A cue that is added "
+        "while a target is tracked learns it from the next trusted frame.",
         choices=CUES,
     )
     of_cues: dict[str, Any] = parts("cues", CUES)

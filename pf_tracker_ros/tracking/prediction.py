@@ -1,4 +1,15 @@
-"""Where the particles of the next frame are drawn."""
+"""Prediction step: the particles of the next frame, before its pixels are read.
+
+The particles are drawn from a proposal q, and the weights carry p / q, where p is the transition
+prior p(x_t | x_{t-1}) of the motion model:
+
+- `Predictor`: q = p, so the weights stay. Li et al. 2007, equation (3); Zhang et al. 2015,
+  equation (7).
+- `KalmanPredictor`: q is a mixture of p and a Kalman filter's predicted Gaussian. Zhang Bo, section
+  3.3.
+
+Proposals that read the image are drawn later, by `SearchingMeasurer`.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +30,12 @@ from pf_tracker_ros.tracking.filter_state import FilterState
 
 
 class Prediction(NamedTuple):
-    """The particles before the frame is looked at.
+    """Predicted particles.
 
     Attributes:
-        particles: Drawn for this frame, their weights corrected for where that was.
-        interval: Seconds since the last frame, as far as a prediction reaches.
-        kalman_filter: The Kalman filter's prediction, None where none is asked for.
+        particles: Particles with weights times p / q.
+        interval: Seconds since the last frame, at most `LONGEST_PREDICTION`.
+        kalman_filter: Predicted Kalman filter; None with another proposal.
     """
 
     particles: ParticleSet
@@ -37,29 +48,29 @@ class Predictor:
 
     def predict(
         self,
-        target: FilterState,
+        state: FilterState,
         interval: float,
         image_size: tuple[int, int],
-        draw: np.random.Generator,
+        generator: np.random.Generator,
     ) -> Prediction:
         """The particles of the next frame.
 
         Args:
-            target: After the last frame.
+            state: State after the last frame.
             interval: Seconds since then.
             image_size: (width, height), pixels.
-            draw: Source of randomness.
+            generator: Source of random numbers.
 
         Source: Li et al. 2007, equation (3); Zhang et al. 2015, equation (7).
         """
-        motion, interval = target.motion, min(interval, LONGEST_PREDICTION)
-        states = motion.predict(target.particles.states, interval, draw)
-        particles = target.particles.move(motion.constrain(states, image_size))
+        motion, interval = state.motion, min(interval, LONGEST_PREDICTION)
+        states = motion.predict(state.particles.states, interval, generator)
+        particles = state.particles.move(motion.constrain(states, image_size))
         return Prediction(particles, interval)
 
 
 class KalmanPredictor(Predictor):
-    """Draws a share of the particles around a Kalman filter's prediction.
+    """Draws a share of the particles from a Kalman filter's prediction.
 
     Args:
         parameters: The share.
@@ -70,35 +81,35 @@ class KalmanPredictor(Predictor):
 
     def predict(
         self,
-        target: FilterState,
+        state: FilterState,
         interval: float,
         image_size: tuple[int, int],
-        draw: np.random.Generator,
+        generator: np.random.Generator,
     ) -> Prediction:
-        """See `Predictor.predict`; the weights carry p / q.
+        """See `Predictor.predict`.
 
         Source: Zhang Bo, section 3.3.
         """
-        if target.kalman_filter is None:
-            return super().predict(target, interval, image_size, draw)
+        if state.kalman_filter is None:
+            return super().predict(state, interval, image_size, generator)
         interval = min(interval, LONGEST_PREDICTION)
-        # Out of sight, nothing corrects the filter, and its prediction is no better than the prior.
-        share = self._share if target.status.state == "tracking" else 0.0
-        before = target.particles.states
+        # Out of sight, nothing corrects the Kalman filter; it predicts no better than the prior.
+        share = self._share if state.status.state == "tracking" else 0.0
+        before = state.particles.states
         try:
-            kalman_filter = target.kalman_filter.predict(interval)
-            proposed = kalman_filter.propose(before, interval, share, draw)
+            kalman_filter = state.kalman_filter.predict(interval)
+            proposed = kalman_filter.propose(before, interval, share, generator)
         except DegenerateError:
-            kalman_filter = _begun_anew(target)
-            proposed = kalman_filter.propose(before, interval, 0.0, draw)
-        states = target.motion.constrain(proposed.states, image_size)
-        particles = target.particles.move(states).reweight(proposed.log_ratio)
+            kalman_filter = _reinitialized(state)
+            proposed = kalman_filter.propose(before, interval, 0.0, generator)
+        states = state.motion.constrain(proposed.states, image_size)
+        particles = state.particles.move(states).reweight(proposed.log_ratio)
         return Prediction(particles, interval, kalman_filter)
 
 
-def _begun_anew(target: FilterState) -> KalmanFilter:
-    """The Kalman filter of a target as it begins, where the particles are."""
-    begun = cast(KalmanFilteredMotion, target.motion).kalman_filter()
-    mean = begun.belief.mean.copy()
-    mean[: len(target.particles.mean)] = target.particles.mean
-    return replace(begun, belief=replace(begun.belief, mean=mean))
+def _reinitialized(state: FilterState) -> KalmanFilter:
+    """The initial Kalman filter, with its mean at the particles' mean."""
+    initial = cast(KalmanFilteredMotion, state.motion).kalman_filter()
+    mean = initial.belief.mean.copy()
+    mean[: len(state.particles.mean)] = state.particles.mean
+    return replace(initial, belief=replace(initial.belief, mean=mean))

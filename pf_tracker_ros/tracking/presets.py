@@ -13,8 +13,8 @@ from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 _OUTLINE_SHARPNESS = 300.0
-# Zhang et al. 2015 renew the template above a similarity 1 - D of 0.65. The likelihood is
-# exp(-lambda D^2 / 2), so the same boxes are those above this likelihood.
+# Zhang et al. 2015, sections 3.2 and 4, renew the template above a similarity 1 - D of 0.65. As a
+# likelihood, exp(-lambda D^2 / 2), this is:
 _OUTLINE_UPDATE_ABOVE = math.exp(-_OUTLINE_SHARPNESS * (1.0 - 0.65) ** 2 / 2.0)
 
 PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
@@ -82,8 +82,8 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
 )
 
 
-# What several targets ask of a preset: less work for each, and a narrower look around, since what
-# looks like the target is often beside it. The foreground keeps them off what they pass.
+# Values for several targets: fewer particles for each, and a narrower search, since similar targets
+# are often close. The foreground keeps a target off the static background that it passes.
 _FOR_SEVERAL: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         "default": MappingProxyType(
@@ -99,17 +99,17 @@ _FOR_SEVERAL: Mapping[str, Mapping[str, Any]] = MappingProxyType(
 
 
 def preset_parameters(name: str, max_targets: int = 1) -> dict[str, Any]:
-    """The value of every parameter in a preset.
+    """All parameter values of a preset.
 
     Args:
         name: A key of `PRESETS`.
-        max_targets: Most targets at a time; the values are those for several if it is above 1.
+        max_targets: Maximum number of targets; above 1, the values are those for several.
 
     Returns:
         Full parameter name to value, in order of declaration.
 
     Raises:
-        ParameterError: No preset has this name; the message lists those there are.
+        ParameterError: No preset has this name; names the presets.
     """
     if name not in PRESETS:
         raise ParameterError(f"no preset '{name}'; there are: {', '.join(PRESETS)}")
@@ -120,11 +120,11 @@ def preset_parameters(name: str, max_targets: int = 1) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class ActivePreset:
-    """A preset, and what differs from it.
+    """A preset and the parameters that differ from it.
 
     Attributes:
         name: A key of `PRESETS`.
-        changes: Full parameter name to (value in force, value of the preset), where they differ.
+        changes: Full parameter name to (current value, value of the preset), where they differ.
     """
 
     name: str
@@ -132,7 +132,7 @@ class ActivePreset:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> ActivePreset:
-        """Compare values with their preset.
+        """Compare parameters with their preset.
 
         Args:
             values: Full name to value of `preset` and every parameter of the tracker.
@@ -148,7 +148,7 @@ class ActivePreset:
 
     @property
     def summary(self) -> str:
-        """The name, and how many values differ, for example `li2007, 3 values changed`."""
+        """The name and the number of changes, for example `li2007, 3 values changed`."""
         count = len(self.changes)
         if count == 0:
             return self.name
@@ -156,15 +156,15 @@ class ActivePreset:
 
     @property
     def description(self) -> str:
-        """The summary, and which values differ."""
+        """The summary and the changes."""
         if not self.changes:
             return self.name
         changes = ", ".join(
-            f"{name} {_written(value)} instead of {_written(usual)}"
-            for name, (value, usual) in self.changes.items()
+            f"{name} {_text(value)} instead of {_text(default)}"
+            for name, (value, default) in self.changes.items()
         )
         return f"{self.summary}: {changes}"
 
 
-def _written(value: Any) -> str:
+def _text(value: Any) -> str:
     return f"[{', '.join(map(str, value))}]" if isinstance(value, tuple) else str(value)

@@ -1,4 +1,12 @@
-"""Looking for a target that is out of sight where it was last seen, and all over the image."""
+"""Redetection of a target that is out of sight, by its templates.
+
+1. Choose windows: every third frame the one where the target was last seen, and for a lost target
+   the next ones of a sequence that covers the image.
+2. Search each window for the likeliest box of the last seen size.
+3. If the confidence in this box suffices, search again in the window around it: a distractor seldom
+   has a high confidence in both.
+4. Take the most confident box if its confidence is above 0.84.
+"""
 
 from __future__ import annotations
 
@@ -18,29 +26,28 @@ from pf_tracker_ros.tracking.assessment import Assessment, Confidence
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 
-# Windows overlap by half, so that the target is near enough to the middle of one of them.
+# Overlap of neighboring windows, so that the target is near the center of one of them.
 _OVERLAP = 0.5
-# Confidence that what is found must exceed to be taken for the target.
+# Confidence above which a candidate is the target.
 _ACCEPT_ABOVE = 0.84
-# Every how many frames the place where the target was last seen is looked at.
+# Interval of the searches where the target was last seen, frames.
 _REVISIT_INTERVAL = 3
-# Steps of this share of a whole row of places visit it evenly, neighbors far apart in time.
+# Stride of the window sequence as a share of its length: consecutive windows are far apart.
 _GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
 
 
 @dataclass(frozen=True)
 class RedetectionParameters:
-    """Looking elsewhere for a target that is out of sight."""
+    """Search for a target that is out of sight."""
 
     windows: int = declared(
         1,
-        "Windows of the image, beside the one around the last estimate, that are searched in each "
-        "frame while the target is lost, one after another all over the image (405 cover 1920 x "
-        "1080 for a target of 40 px); each costs about as much as tracking does, or twice where "
-        "something looks like the target. While it is occluded or lost, also one around the place "
-        "where it was last seen, every third frame, unless the estimate is still there. 0 searches "
-        "nowhere else. Several targets are looked for by their colors, "
-        "all over the image at once, and any number but 0 means that.",
+        "Windows of the image that are searched in each frame while the target is lost, besides "
+        "the one around the estimate. They take turns to cover the image (405 windows for 1920 x "
+        "1080 and a target of 40 px). Each costs as much as tracking, or twice as much where it "
+        "contains a distractor. An occluded or lost target is also searched where it was last "
+        "seen, every third frame, unless the estimate is there. 0 disables redetection. With "
+        "max_targets above 1, any other value enables redetection by appearance instead.",
         minimum=0,
         maximum=100,
     )
@@ -49,16 +56,15 @@ class RedetectionParameters:
 def window_centers(
     image_size: tuple[int, int], side: float, first: int, count: int
 ) -> NDArray[np.float64]:
-    """(count, 2) centers, pixels, of the next windows to look at.
+    """(count, 2) centers, pixels, of the next windows to search.
 
-    The windows cover the image and are visited over and over, all before any is visited again, each
-    far from the one before.
+    The sequence covers the image and repeats. Consecutive windows are far apart.
 
     Args:
         image_size: (width, height), pixels.
-        side: Of a window, pixels.
-        first: Number of windows that were looked at before.
-        count: How many to look at.
+        side: Side of a window, pixels.
+        first: Number of windows searched before.
+        count: Number of windows.
     """
     across, down = (max(math.ceil(length / (side * (1.0 - _OVERLAP))), 1) for length in image_size)
     total = across * down
@@ -71,11 +77,11 @@ def window_centers(
 
 
 class Candidate(NamedTuple):
-    """What is likeliest in a window.
+    """The likeliest box of a window.
 
     Attributes:
         box: (4,) x, y, width, height in pixels.
-        confidence: That it is the target, 0 to 1.
+        confidence: Probability that it is the target, 0 to 1.
     """
 
     box: NDArray[np.float64]
@@ -83,19 +89,15 @@ class Candidate(NamedTuple):
 
 
 class Redetector:
-    """Looks for a target that is out of sight where the particles are not.
-
-    A window is searched by the target's templates, at the size that it had when it was last seen.
-    What is likeliest there is looked at again with the window around it, and taken for the target
-    if that look is confident: a look-alike seldom stands out in both.
+    """Searches for a target outside the window of the particles.
 
     Args:
-        measurer: Looks into a window.
+        measurer: Lays the search grid of a window.
         fusion: The cues.
-        confidence: Judges what is found.
-        parameters: How many windows.
-        side: Of a window, box sizes.
-        doubtful_below: Confidence of a first look below which there is no second.
+        confidence: Confidence in a candidate.
+        parameters: Number of windows.
+        side: Side of a window, box sizes.
+        doubtful_below: Confidence below which a candidate is not searched again.
     """
 
     def __init__(
@@ -117,101 +119,100 @@ class Redetector:
 
     def find(
         self,
-        target: FilterState,
-        measured: Measurement,
+        state: FilterState,
+        measurement: Measurement,
         assessment: Assessment,
-        everywhere: bool,
+        searches_everywhere: bool,
         tracked_confidence: float = 0.0,
     ) -> Candidate | None:
-        """The target, if it is in one of the windows whose turn it is.
+        """The target, if it is in one of this frame's windows.
 
         Args:
-            target: As it was before this frame.
-            measured: In this frame.
-            assessment: The box that was looked around already, and what is known to be something else.
-            everywhere: Look all over the image, and not only where the target was last seen.
-            tracked_confidence: Confidence that it is in that box, which has to be exceeded elsewhere; 0 where it
-                is not.
+            state: State before this frame.
+            measurement: Measurement of this frame.
+            assessment: Assessment of this frame, with the current box and the known distractor.
+            searches_everywhere: Search all over the image, too.
+            tracked_confidence: Confidence of this frame in the current box, which a candidate has
+                to exceed; 0 if the target is not tracked.
         """
         if self._windows == 0:
             return None
-        box, seen = assessment.box, np.array(target.last_seen_box)
-        size = seen[2:]
+        box, last_seen = assessment.box, np.array(state.last_seen_box)
+        size = last_seen[2:]
         centers: NDArray[np.float64] = np.empty((0, 2))
-        is_elsewhere = (np.abs(box[:2] - seen[:2]) > size / 2).any()
-        if is_elsewhere and target.frames_since_seen % _REVISIT_INTERVAL == 0:
-            centers = seen[None, :2] + size / 2
-        if everywhere:
+        has_moved = (np.abs(box[:2] - last_seen[:2]) > size / 2).any()
+        if has_moved and state.frames_since_seen % _REVISIT_INTERVAL == 0:
+            centers = last_seen[None, :2] + size / 2
+        if searches_everywhere:
             side = self._side * math.sqrt(size[0] * size[1])
-            before = target.followed_frames * self._windows
-            elsewhere = window_centers(measured.frame.size, side, before, self._windows)
-            centers = np.vstack([centers, elsewhere])
-        needed = max(_ACCEPT_ABOVE, tracked_confidence)
-        best = Candidate(seen, needed)
+            first = state.followed_frames * self._windows
+            everywhere = window_centers(measurement.frame.size, side, first, self._windows)
+            centers = np.vstack([centers, everywhere])
+        least_confidence = max(_ACCEPT_ABOVE, tracked_confidence)
+        best = Candidate(last_seen, least_confidence)
+        frame, cue_weights = measurement.frame, measurement.cue_weights
+        excluded = assessment.known_distractor
         for center in centers:
-            place, known = np.hstack([center - size / 2, size]), assessment.known_distractor
-            look = self.search_around(target, measured.frame, measured.cue_weights, place, known)
-            if look.confidence >= self._doubtful_below:
-                look = self.search_around(
-                    target, measured.frame, measured.cue_weights, look.box, known
-                )
-                if tracked_confidence and (np.abs(look.box[:2] - box[:2]) <= size / 2).all():
-                    continue
-                best = max(best, look, key=lambda one: one.confidence)
-        return best if best.confidence > needed else None
+            window_box = np.hstack([center - size / 2, size])
+            candidate = self.search_around(state, frame, cue_weights, window_box, excluded)
+            if candidate.confidence >= self._doubtful_below:
+                candidate = self.search_around(state, frame, cue_weights, candidate.box, excluded)
+                is_current = (np.abs(candidate.box[:2] - box[:2]) <= size / 2).all()
+                if not (tracked_confidence and is_current):
+                    best = max(best, candidate, key=lambda one: one.confidence)
+        return best if best.confidence > least_confidence else None
 
-    def known_distractor(self, target: FilterState, measured: Measurement) -> Box | None:
-        """See `FilterState.known_distractor`, in the frame in which the target goes out of sight.
+    def known_distractor(self, state: FilterState, measurement: Measurement) -> Box | None:
+        """Distractor beside the target, in the frame in which the target goes out of sight.
 
-        It is what was likeliest beside the target a frame ago, if it would be taken for that now.
-        Not if it is more like the target than what was followed, or not clear of that: then it may
-        be the target.
+        It is the second peak of the last frame, if it could be taken for the target now. It is
+        None if this box is as confident as the last estimate, or overlaps it: it may be the target.
 
         Args:
-            target: As it was before this frame.
-            measured: In this frame.
+            state: State before this frame.
+            measurement: Measurement of this frame.
         """
-        if self._windows == 0 or target.second_peak is None:
+        if self._windows == 0 or state.second_peak is None:
             return None
-        place = np.array(target.second_peak)
-        look = self.search_around(target, measured.frame, measured.cue_weights, place)
-        if not self._doubtful_below <= look.confidence < target.estimate.confidence:
-            return None
-        is_clear = relative_center_distances(look.box, target.estimate.box) >= 1.0
-        return (
-            as_box(look.box) if is_clear and are_same_place(look.box, target.second_peak) else None
+        candidate = self.search_around(
+            state, measurement.frame, measurement.cue_weights, np.array(state.second_peak)
         )
+        if not self._doubtful_below <= candidate.confidence < state.estimate.confidence:
+            return None
+        is_clear = relative_center_distances(candidate.box, state.estimate.box) >= 1.0
+        is_second_peak = are_same_place(candidate.box, state.second_peak)
+        return as_box(candidate.box) if is_clear and is_second_peak else None
 
     def search_around(
         self,
-        target: FilterState,
+        state: FilterState,
         frame: Frame,
         cue_weights: Mapping[str, float],
-        place: NDArray[np.float64],
-        but: Box | None = None,
+        box: NDArray[np.float64],
+        excluded: Box | None = None,
     ) -> Candidate:
-        """What is likeliest in a window, and how likely it is the target.
+        """The likeliest box in a window.
 
         Args:
-            target: Looked for.
-            frame: Looked at.
-            cue_weights: Of the cues.
-            place: (4,) box that the window is around.
-            but: What is there is passed over.
+            state: State of the target.
+            frame: The frame.
+            cue_weights: Weights of the cues.
+            box: (4,) box at the center of the window, pixels.
+            excluded: Box of a distractor, pixels, which is no candidate.
         """
-        search, region = self._measurer.search_window(frame, place)
-        strengths = self._fusion.responses_on_grid(region, search.grid, target.templates)
-        if not strengths:
-            return Candidate(place, 0.0)
+        search, region = self._measurer.search_window(frame, box)
+        responses = self._fusion.responses_on_grid(region, search.grid, state.templates)
+        if not responses:
+            return Candidate(box, 0.0)
         likelihood = self._fusion.search(
-            region, search.grid, strengths, target.templates, cue_weights
+            region, search.grid, responses, state.templates, cue_weights
         )
-        if but is not None:
-            likelihood[are_same_place(search.boxes, but)] = -np.inf
+        if excluded is not None:
+            likelihood[are_same_place(search.boxes, excluded)] = -np.inf
         best = int(np.argmax(likelihood))
         if likelihood[best] == -np.inf:
-            return Candidate(place, 0.0)
-        box = search.boxes[best]
-        seen = self._fusion.observe(region, box)
-        match = self._fusion.match(seen, target.templates)
-        return Candidate(box, self._confidence.assess(target, seen, match))
+            return Candidate(box, 0.0)
+        likeliest = search.boxes[best]
+        seen = self._fusion.observe(region, likeliest)
+        match = self._fusion.match(seen, state.templates)
+        return Candidate(likeliest, self._confidence.assess(state, seen, match))

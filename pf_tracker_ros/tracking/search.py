@@ -1,8 +1,12 @@
-"""Looking for the target around the prediction, wherever the motion model would not go.
+"""Search around the prediction, for a target that moves as the motion model does not predict.
 
-The cues that many boxes cost next to nothing are asked about a grid of places. A share of the
-particles is then drawn where they find the target likely, and what stands out beside the target
-tells how far each cue is to be believed.
+1. Lay a grid of box centers around the predicted box.
+2. Let the cues respond to every box of the grid; cues that can search do so at little cost.
+3. Draw a share of the particles from the likelihood on the grid, with weights times p / q.
+4. Compare the responses beside the target with those at it: distractor ratios, second peak and
+   distractor box.
+
+Source of step 3: importance sampling, see `filter/proposals.py`.
 """
 
 from __future__ import annotations
@@ -25,27 +29,27 @@ from pf_tracker_ros.filter import (
     propose_from_search,
 )
 
-# From one place to the next in the square that is searched, box sizes.
+# Distance of neighboring centers, box sizes.
 _SPACING = 0.075
-# Particles so near to the likeliest, in box sizes, belong to the same mode.
-_MODE_REACH = 0.25
-# What is so far from the target, in its own sides, along one axis at least, is something else.
-_ELSEWHERE = 0.6
-# A place of the grid and its neighbors.
-_AROUND = np.ones((3, 3), np.uint8)
+# Particles within this distance of the likeliest one, in box sizes, belong to its mode.
+_MODE_RADIUS = 0.25
+# Least distance of a distractor from the target along one axis, box sides.
+_DISTRACTOR_DISTANCE = 0.6
+# A grid point and its neighbors.
+_NEIGHBORHOOD = np.ones((3, 3), np.uint8)
 
 
 class Search:
-    """A grid of boxes around the place where the target is expected.
+    """A grid of boxes around the predicted box.
 
     Args:
-        predicted_box: (4,) box that is expected, pixels.
-        parameters: Extent of the grid and share of the particles.
-        image_size: (width, height); no center is looked for outside.
+        predicted_box: (4,) predicted box, pixels.
+        parameters: Window of the search and share of the particles.
+        image_size: (width, height), pixels; centers are clamped to the image.
 
     Attributes:
         predicted_box: As given.
-        grid: Boxes of the place's size.
+        grid: Boxes of the predicted size.
         boxes: (M, 4) the same, pixels.
     """
 
@@ -62,14 +66,14 @@ class Search:
         self._cells = SearchGrid(predicted_box[:2] + size / 2, self._side / cells, cells)
         self._parameters = parameters
         self._image_size = image_size
-        # Of the boxes, along each axis.
+        # Centers of the boxes along each axis.
         self._centers = np.minimum(np.maximum(self._cells.axes, 0.0), np.array(image_size)[:, None])
         left, top = self._centers - size[:, None] / 2
         self.grid = BoxGrid(left, top, size)
         self.boxes = self.grid.boxes
 
     def cover(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(K, 4) boxes that cover all that can be looked at, given the (N, 4) predicted ones."""
+        """(K, 4) boxes that cover the (N, 4) predicted ones and every box that can be proposed."""
         largest = np.maximum(boxes[:, 2:].max(axis=0), self.predicted_box[2:])
         spacing = self._cells.spacing
         ends = self._cells.axes[:, [0, -1]].T + [[-spacing], [spacing]]
@@ -88,20 +92,19 @@ class Search:
         log_likelihood: NDArray[np.float64],
         generator: np.random.Generator,
     ) -> tuple[ParticleSet, NDArray[np.float64]]:
-        """Particles of which a share is where the target is likely.
+        """Replace a share of the particles by samples of the likelihood on the grid.
 
         Args:
             predicted: Particles drawn from the transition prior.
-            motion: Drew them.
-            centers: Their centers' distribution, as the motion model tells it.
+            motion: Motion model of the target.
+            centers: Transition prior of the centers.
             log_likelihood: (M,) of `boxes`.
-            generator: Source of randomness.
+            generator: Source of random numbers.
 
         Returns:
-            The particles, their weights corrected for where they were drawn, and the (N,)
-            logarithms of their prior density.
+            The particles, weights times p / q, and the (N,) logarithms of their prior density.
         """
-        searched = propose_from_search(
+        proposed = propose_from_search(
             predicted.states[:, :2],
             centers,
             GridDensity(self._cells, log_likelihood),
@@ -109,61 +112,55 @@ class Search:
             generator,
         )
         states = predicted.states.copy()
-        states[:, :2] = searched.centers
+        states[:, :2] = proposed.centers
         particles = predicted.move(motion.constrain(states, self._image_size))
-        log_prior = predicted.log_weights + searched.log_prior
-        return particles.reweight(searched.log_ratio), log_prior
+        log_prior = predicted.log_weights + proposed.log_prior
+        return particles.reweight(proposed.log_ratio), log_prior
 
     def covariance(
-        self,
-        within_mode: NDArray[np.float64],
-        confidence: float,
-        walk: float | None,
+        self, within_mode: NDArray[np.float64], confidence: float, random_walk_std: float | None
     ) -> NDArray[np.float64]:
         """(2, 2) covariance of the target's center about the box, px^2.
 
-        With the probability that the confidence gives, the target is in the mode that the particles
-        are in; if not, it may be anywhere in what was searched. While it is hidden, that is all
-        that is known, and it walks on.
+        A mixture: with the probability that the confidence gives, the target is in the mode of the
+        particles, else it is uniformly distributed over the search window. Out of sight, only the
+        uniform distribution is left, widened by a random walk.
 
         Args:
             within_mode: (2, 2) covariance of the particles' centers about the box, px^2.
-            confidence: In this frame, 0 to 1.
-            walk: Standard deviation of the target's walk since it was last seen, box sizes; None
-                while it is tracked.
+            confidence: Confidence in the box, 0 to 1.
+            random_walk_std: Standard deviation of the target's random walk since it was last seen,
+                box sizes; None while it is tracked.
         """
         variance = self._side**2 / 12.0
-        if walk is not None:
+        if random_walk_std is not None:
             size = math.sqrt(self.predicted_box[2] * self.predicted_box[3])
-            return (variance + (walk * size) ** 2) * np.eye(2)
+            return (variance + (random_walk_std * size) ** 2) * np.eye(2)
         return confidence * within_mode + (1.0 - confidence) * variance * np.eye(2)
 
     def distractor_ratios(
-        self,
-        box: NDArray[np.float64],
-        own: Responses,
-        strengths: Responses,
+        self, box: NDArray[np.float64], at_target: Responses, responses: Responses
     ) -> DistractorRatios:
-        """Each searchable cue's distraction around a (4,) box.
+        """Each searchable cue's largest response beside the target over that at the target.
 
         Args:
-            box: Of the target.
-            own: Name of a cue to its (1,) strength there.
-            strengths: Name of a cue to its (M,) strengths at `boxes`.
+            box: (4,) box of the target.
+            at_target: Name of a cue to its (1,) response at that box.
+            responses: Name of a cue to its (M,) responses at `boxes`.
         """
         beside = self._beside(box, 0.5)
         return measure_distractor_ratios(
-            {name: float(strength[0]) for name, strength in own.items()},
-            {name: strength[beside] for name, strength in strengths.items()},
+            {name: float(response[0]) for name, response in at_target.items()},
+            {name: response[beside] for name, response in responses.items()},
         )
 
     def second_peak(
         self, box: NDArray[np.float64], log_likelihood: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
-        """(4,) likeliest of `boxes` that does not overlap a (4,) box; None where all do.
+        """(4,) likeliest of `boxes` that does not overlap the target; None if all do.
 
         Args:
-            box: Of the target.
+            box: (4,) box of the target.
             log_likelihood: (M,) of `boxes`.
         """
         beside = self._beside(box, 1.0)
@@ -172,38 +169,44 @@ class Search:
         return self.boxes[np.argmax(np.where(beside, log_likelihood, -np.inf))]
 
     def distractor_box(
-        self, box: NDArray[np.float64], own: Responses, strengths: Responses, least: float
+        self,
+        box: NDArray[np.float64],
+        at_target: Responses,
+        responses: Responses,
+        least_similarity: float,
     ) -> NDArray[np.float64] | None:
-        """What looks most like the target beside it, to all cues together, as a (4,) box.
+        """(4,) box beside the target that all cues together find most similar to it.
 
         Args:
-            box: (4,) of the target.
-            own: Name of a cue to its (1,) strength there; at least one.
-            strengths: Name of a cue to its (M,) strengths at `boxes`.
-            least: How much it must look like the target, 0 (nothing in common) to 1 (the same).
+            box: (4,) box of the target.
+            at_target: Name of a cue to its (1,) response at that box; at least one cue.
+            responses: Name of a cue to its (M,) responses at `boxes`.
+            least_similarity: Geometric mean of the cues' response ratios, 0 (nothing in common) to
+                1 (the same).
 
         Returns:
-            None where nothing does: what rises towards the target, or towards the end of what was
-            searched, has its peak elsewhere.
+            None if no peak inside the grid is so similar. A slope towards the target or towards the
+            border of the grid has its peak elsewhere.
         """
         cells = self._cells.count
-        alike = np.ones((cells, cells))
-        for name, strength in own.items():
-            share = strengths[name].reshape(cells, cells) / max(float(strength[0]), 1e-3)
-            alike *= np.minimum(np.maximum(share, 0.0), 1.0)
-        is_peak = (alike >= least ** len(own)) & self._beside(box, _ELSEWHERE).reshape(cells, cells)
+        similarity = np.ones((cells, cells))
+        for name, response in at_target.items():
+            ratio = responses[name].reshape(cells, cells) / max(float(response[0]), 1e-3)
+            similarity *= np.minimum(np.maximum(ratio, 0.0), 1.0)
+        is_beside = self._beside(box, _DISTRACTOR_DISTANCE).reshape(cells, cells)
+        is_peak = (similarity >= least_similarity ** len(at_target)) & is_beside
         is_peak[[0, -1]] = is_peak[:, [0, -1]] = False
         if is_peak.any():
-            is_peak &= alike >= cv2.dilate(alike, _AROUND)
+            is_peak &= similarity >= cv2.dilate(similarity, _NEIGHBORHOOD)
         if not is_peak.any():
             return None
-        best: NDArray[np.float64] = self.boxes[int(np.argmax(np.where(is_peak, alike, -1.0)))]
+        best: NDArray[np.float64] = self.boxes[int(np.argmax(np.where(is_peak, similarity, -1.0)))]
         return best
 
-    def _beside(self, box: NDArray[np.float64], reach: float) -> NDArray[np.bool_]:
-        """(M,) whether `boxes` are further from a (4,) one than so many of its sides."""
+    def _beside(self, box: NDArray[np.float64], distance: float) -> NDArray[np.bool_]:
+        """(M,) whether `boxes` are further than a distance, in box sides, from a (4,) box."""
         middle = box[:2] + box[2:] / 2
-        across, down = np.abs(self._centers - middle[:, None]) > reach * box[2:, None]
+        across, down = np.abs(self._centers - middle[:, None]) > distance * box[2:, None]
         return (down[:, None] | across).ravel()
 
 
@@ -213,13 +216,20 @@ def covariance_about(particles: ParticleSet, center: NDArray[np.float64]) -> NDA
     return (offsets * particles.weights[:, None]).T @ offsets
 
 
-def mode_mean(particles: ParticleSet, boxes: NDArray[np.float64], best: int) -> NDArray[np.float64]:
-    """(D,) mean of the particles, given also as (N, 4) boxes, of the mode that one of them is in.
+def mode_mean(
+    particles: ParticleSet, boxes: NDArray[np.float64], map_index: int
+) -> NDArray[np.float64]:
+    """(D,) mean of the mode around one particle.
 
-    The mean of several modes may be where nothing speaks for the target.
+    The mean of several modes may lie between them, where no particle is likely.
+
+    Args:
+        particles: All particles.
+        boxes: (N, 4) of the particles, pixels.
+        map_index: Index of the maximum a posteriori particle.
     """
     centers = boxes[:, :2] + boxes[:, 2:] / 2
-    reach = _MODE_REACH * math.sqrt(boxes[best, 2] * boxes[best, 3])
-    near = np.square(centers - centers[best]).sum(axis=1) <= reach**2
-    weights = particles.weights * near
+    radius = _MODE_RADIUS * math.sqrt(boxes[map_index, 2] * boxes[map_index, 3])
+    is_near = np.square(centers - centers[map_index]).sum(axis=1) <= radius**2
+    weights = particles.weights * is_near
     return weights @ particles.states / weights.sum()

@@ -1,4 +1,10 @@
-"""What a target begins with at a box; and what is done with it that is known beside the pixels."""
+"""Initial state of a target, and changes of a state that no pixels cause.
+
+`FilterInitializer` makes the motion model, the particles and the Kalman filter at a box.
+`StateOperations` applies external information, such as occlusion by other targets or detections:
+coast (predict without an update), move to another box, relearn the templates. Each operation takes
+a `FilterState` and returns another one.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +35,7 @@ from pf_tracker_ros.tracking.prediction import Predictor
 
 
 class FilterInitializer:
-    """Makes what a target begins with, as the parameters say.
+    """Makes motion models, particles and Kalman filters.
 
     Args:
         parameters: Every tunable.
@@ -38,65 +44,65 @@ class FilterInitializer:
     def __init__(self, parameters: TrackerParameters) -> None:
         self._motion = parameters.motion
         self._particles = parameters.particles
-        self._foresees = parameters.proposal.method == "kalman"
+        self._uses_kalman = parameters.proposal.method == "kalman"
 
     def motion(self, first_box: Box) -> MotionModel:
-        """How a target moves from a box on."""
+        """Motion model of a target that starts at a box."""
         model = self._motion.model
         return MOTION_MODELS[model](first_box, self._motion.of_models[model])
 
     def initial_particles(
-        self, motion: MotionModel, image_size: tuple[int, int], draw: np.random.Generator
+        self, motion: MotionModel, image_size: tuple[int, int], generator: np.random.Generator
     ) -> ParticleSet:
-        """Particles around the box that a motion begins with.
+        """Particles from the prior around a motion model's first box.
 
         Args:
-            motion: Of the target.
+            motion: The motion model.
             image_size: (width, height), pixels.
-            draw: Source of randomness.
+            generator: Source of random numbers.
         """
-        states = motion.sample_prior(self._particles, draw)
+        states = motion.sample_prior(self._particles, generator)
         return ParticleSet.uniform(motion.constrain(states, image_size))
 
     def redraw_particles(
         self,
-        target: FilterState,
+        state: FilterState,
         box: NDArray[np.float64],
         image_size: tuple[int, int],
-        draw: np.random.Generator,
+        generator: np.random.Generator,
     ) -> tuple[ParticleSet, NDArray[np.float64]]:
-        """Particles of a target around another (4,) box, and their (N, 4) boxes.
+        """Particles of a target from the prior around another box, and their (N, 4) boxes.
 
         Args:
-            target: Whose motion they go on with.
-            box: In pixels.
+            state: State with the motion model of the particles.
+            box: (4,) box, pixels.
             image_size: (width, height), pixels.
-            draw: Source of randomness.
+            generator: Source of random numbers.
         """
         motion = self.motion(as_box(box))
-        particles = self.initial_particles(motion, image_size, draw)
+        particles = self.initial_particles(motion, image_size, generator)
         boxes = motion.boxes(particles.states)
         if "log_scale" in motion.columns:
-            # The motion of the target counts it from the first box.
+            # The scale of a state is relative to the first box of its own motion model.
             states = particles.states.copy()
-            scale = np.log(box[2:] / np.array(target.first_box[2:])).mean()
+            scale = np.log(box[2:] / np.array(state.first_box[2:])).mean()
             states[:, motion.columns.index("log_scale")] += scale
             particles = particles.move(states)
         return particles, boxes
 
     def kalman_filter(self, motion: MotionModel) -> KalmanFilter | None:
-        """The Kalman filter of a motion; None where none is asked for."""
-        return cast(KalmanFilteredMotion, motion).kalman_filter() if self._foresees else None
+        """Initial Kalman filter of a motion model; None with another proposal."""
+        return cast(KalmanFilteredMotion, motion).kalman_filter() if self._uses_kalman else None
 
 
 class StateOperations:
-    """Does with a target what others tell: the targets in front of it, or a detector.
+    """Changes of a filter state by external information.
 
     Args:
         predictor: Draws the particles of the next frame.
-        measurer: Looks at a frame.
-        initializer: Makes the motion of a target.
-        lost_after: Seconds, from 0 on; being hidden for longer adds nothing.
+        measurer: Learns templates.
+        initializer: Makes motion models and Kalman filters.
+        lost_after: See `TrackThresholds`.
     """
 
     def __init__(
@@ -111,85 +117,83 @@ class StateOperations:
         self._initializer = initializer
         self._lost_after = lost_after
 
-    def coast(self, target: FilterState, frame: Frame, interval: float) -> FilterState:
-        """The target one frame later, where the motion model alone takes it.
+    def coast(self, state: FilterState, frame: Frame, interval: float) -> FilterState:
+        """The state one frame later by the motion model alone, for an occluded target.
 
-        For a frame that is known not to show it: nothing is looked at, and nothing learned. What
-        nobody looks at is the less sure the longer that goes on: its confidence is halved in each
-        `lost_after`.
+        No pixels are read and nothing is learned. The confidence halves in each `lost_after`.
 
         Args:
-            target: After the last frame.
-            frame: The next one.
-            interval: Seconds since the last one.
+            state: State after the last frame.
+            frame: The next frame.
+            interval: Seconds since the last frame.
         """
-        draw = target.generator_state.generator()
-        prediction = self._predictor.predict(target, interval, frame.size, draw)
-        particles, motion = prediction.particles, target.motion
+        generator = state.generator_state.generator()
+        prediction = self._predictor.predict(state, interval, frame.size, generator)
+        particles, motion = prediction.particles, state.motion
         boxes = motion.boxes(particles.states)
         box = motion.boxes(particles.mean[None])[0]
-        time_since_seen = target.status.time_since_seen + interval
-        track = TrackStatus("occluded", min(time_since_seen, self._lost_after))
-        assessment = Assessment(box, self._doubted(target, interval), track, particles, boxes)
+        time_since_seen = state.status.time_since_seen + interval
+        status = TrackStatus("occluded", min(time_since_seen, self._lost_after))
+        confidence = self._decayed_confidence(state, interval)
+        assessment = Assessment(box, confidence, status, particles, boxes)
         covariance = particles.covariance[:2, :2].copy()
         return replace(
-            target,
+            state,
             kalman_filter=prediction.kalman_filter,
             particles=particles,
-            status=track,
-            frames_since_seen=target.frames_since_seen + 1,
-            followed_frames=target.followed_frames + 1,
-            generator_state=GeneratorState.of(draw),
-            estimate=assessment.to_estimate(frame, target.estimate.cue_weights, covariance),
+            status=status,
+            frames_since_seen=state.frames_since_seen + 1,
+            followed_frames=state.followed_frames + 1,
+            generator_state=GeneratorState.of(generator),
+            estimate=assessment.to_estimate(frame, state.estimate.cue_weights, covariance),
             distractor_box=None,
         )
 
-    def _doubted(self, target: FilterState, interval: float) -> float:
-        """The confidence of a target that nobody has looked at for one more interval."""
+    def _decayed_confidence(self, state: FilterState, interval: float) -> float:
         if self._lost_after == 0.0:
             return 0.0
-        return target.estimate.confidence * 0.5 ** (interval / self._lost_after)
+        return state.estimate.confidence * 0.5 ** (interval / self._lost_after)
 
-    def move_to(self, target: FilterState, box: Box) -> FilterState:
-        """The target with its particles brought along to another box; they keep their velocities.
+    def move_to(self, state: FilterState, box: Box) -> FilterState:
+        """The state with particles and estimate moved to another box; velocities stay.
 
         Args:
-            target: As the frame at hand left it.
-            box: Where it is in that frame.
+            state: State after the current frame.
+            box: Box of the target in that frame, pixels.
         """
-        columns, told = target.motion.columns, target.estimate
-        before, after = np.array(told.box), np.array(box)
+        columns, estimate = state.motion.columns, state.estimate
+        before, after = np.array(estimate.box), np.array(box)
         shift = after[:2] + after[2:] / 2 - before[:2] - before[2:] / 2
         factor = after[2:] / before[2:]
-        # States without sides count from a first box: from this one on.
-        first_box, scale = target.first_box, 0.0
+        # Particles without a width are relative to the first box: it becomes the new box.
+        first_box, scale = state.first_box, 0.0
         if "width" not in columns:
             first_box, scale = box, float(np.log(before[2:] / first_box[2:]).mean())
         motion = self._initializer.motion(first_box)
-        moved = partial(_moved, columns=columns, shift=shift, factor=factor, scale=scale)
+        move = partial(_moved_states, columns=columns, shift=shift, factor=factor, scale=scale)
         kalman_filter = self._initializer.kalman_filter(motion)
-        if kalman_filter and target.kalman_filter:
-            belief = target.kalman_filter.belief
-            belief = replace(belief, mean=moved(belief.mean[None])[0])
+        if kalman_filter and state.kalman_filter:
+            belief = state.kalman_filter.belief
+            belief = replace(belief, mean=move(belief.mean[None])[0])
             kalman_filter = replace(kalman_filter, belief=belief)
-        boxes = told.particle_boxes + np.hstack([shift, 0.0, 0.0])
+        boxes = estimate.particle_boxes + np.hstack([shift, 0.0, 0.0])
         return replace(
-            target,
+            state,
             first_box=first_box,
             motion=motion,
             kalman_filter=kalman_filter,
-            particles=target.particles.move(moved(target.particles.states)),
-            last_seen_box=box if target.status.state == "tracking" else target.last_seen_box,
-            estimate=replace(told, box=box, particle_boxes=boxes),
+            particles=state.particles.move(move(state.particles.states)),
+            last_seen_box=box if state.status.state == "tracking" else state.last_seen_box,
+            estimate=replace(estimate, box=box, particle_boxes=boxes),
         )
 
-    def relearn(self, target: FilterState, frame: Frame) -> FilterState:
-        """The target with templates of what is in its box now, as if it was first seen here."""
-        templates = self._measurer.templates(frame, np.array(target.estimate.box))
-        return replace(target, templates=templates, first_templates=templates, saved_templates=None)
+    def relearn(self, state: FilterState, frame: Frame) -> FilterState:
+        """The state with templates, first templates too, of its box in this frame."""
+        templates = self._measurer.templates(frame, np.array(state.estimate.box))
+        return replace(state, templates=templates, first_templates=templates, saved_templates=None)
 
 
-def _moved(
+def _moved_states(
     states: NDArray[np.float64],
     *,
     columns: Sequence[str],
@@ -197,14 +201,14 @@ def _moved(
     factor: NDArray[np.float64],
     scale: float,
 ) -> NDArray[np.float64]:
-    """States that are brought along with a box.
+    """States moved with a box.
 
     Args:
-        states: (N, D or more), the motion's columns first.
+        states: (N, D or more), the motion model's columns first.
         columns: The D names.
         shift: (2,) of the center, pixels.
-        factor: (2,) from the sides before to those after.
-        scale: Logarithm of the size before, counted from the first box, where states have it.
+        factor: (2,) sides after over sides before.
+        scale: Logarithm of the old size over that of the old first box, for states with one.
     """
     states = states.copy()
     for number, name in enumerate(columns):

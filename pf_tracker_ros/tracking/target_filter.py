@@ -1,12 +1,29 @@
-"""One frame of tracking: predict, weigh, estimate, assess, learn, resample."""
+"""The particle filter of a target: one step for each frame.
+
+Weighted particles represent the distribution of the target's box. Each frame updates them:
+
+1. Predict: draw each particle x_t from the motion model, or from a proposal q with the weight
+   times p(x_t | x_{t-1}) / q. Li (3); Zhang (7); Zhang Bo, section 3.3.
+2. Weigh: multiply each weight by the likelihood of the frame, which fuses the cues k to
+   p = prod_k p_k^alpha_k, in `CueFusion.log_likelihood`. Li (8); Zhang (10); Zhang Bo, step 3.
+3. Estimate: take the weighted mean. Li, section 1; Zhang (5); Zhang Bo, step 4.
+4. Assess: compute the confidence and the track state, and redetect a target out of sight. No paper.
+5. Learn: blend the templates with the trusted estimate, q_t = beta q_{t-1} + (1 - beta) p, and
+   correct the Kalman filter. Li (9), (10) and w_Th; Zhang, section 3.3; Zhang Bo, section 3.3.
+6. Resample: where the effective sample size is low, draw particles in proportion to their weights.
+   Zhang (6); Zhang Bo, step 5.
+
+`TargetFilter.predict` is step 1, for all targets at once; `TargetFilter.step` is steps 2 to 6.
+Sources: Li et al. 2007, Zhang et al. 2015 and Zhang Bo, equation by equation in `docs/papers.md`.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,18 +53,12 @@ from pf_tracker_ros.tracking.redetection import Candidate, Redetector
 from pf_tracker_ros.tracking.state_operations import FilterInitializer, StateOperations
 from pf_tracker_ros.tracking.track_assessor import TrackAssessor
 
-# Seconds after which light that has jumped is there to stay.
-_LASTS = 2.0
+# Seconds after which a jump of the illumination is permanent and no flash.
+_LONGEST_FLASH = 2.0
 
 
 class _Learned(NamedTuple):
-    """What a frame teaches.
-
-    Attributes:
-        templates: Of the target.
-        kalman_filter: The Kalman filter, corrected where the target was seen.
-        saved_templates: As of the target.
-    """
+    """Result of the learning step, with fields as of `FilterState`."""
 
     templates: Templates
     kalman_filter: KalmanFilter | None
@@ -55,13 +66,14 @@ class _Learned(NamedTuple):
 
 
 class TargetFilter:
-    """Follows targets from frame to frame, as the parameters say.
+    """Particle filter with cues, templates and a track state.
 
-    It holds what is made once for all targets, such as the cues, and nothing of any of them.
+    It holds the parts that all targets share, such as the cues. All that belongs to one target is
+    in its `FilterState`.
 
     Attributes:
         parameters: Every tunable.
-        operations: Does with targets what is known beside the pixels.
+        operations: Changes of a state by external information, such as detections.
 
     Args:
         parameters: Every tunable.
@@ -72,9 +84,9 @@ class TargetFilter:
 
     def __init__(self, parameters: TrackerParameters) -> None:
         self.parameters = parameters
-        chosen = {name: parameters.of_cues[name] for name in parameters.cues}
+        selected = {name: parameters.of_cues[name] for name in parameters.cues}
         self._fusion = CueFusion(
-            {name: (CUES[name](own), own.weight) for name, own in chosen.items()}
+            {name: (CUES[name](values), values.weight) for name, values in selected.items()}
         )
         check_proposal(parameters, self._fusion)
         self._confidence = Confidence(self._fusion, parameters.track.confidence_rate)
@@ -86,10 +98,7 @@ class TargetFilter:
             self._predictor = KalmanPredictor(proposal)
         elif proposal.method == "search":
             measurer = SearchingMeasurer(
-                self._fusion,
-                parameters.working_size,
-                proposal,
-                parameters.fusion.adaptation,
+                self._fusion, parameters.working_size, proposal, parameters.fusion.adaptation
             )
             self._measurer = measurer
             self._redetector = Redetector(
@@ -116,7 +125,7 @@ class TargetFilter:
 
     @property
     def needs_foreground(self) -> bool:
-        """Whether `Frame.foreground` is asked for."""
+        """Whether a cue reads `Frame.foreground`."""
         return self._fusion.needs_foreground
 
     def initialize(
@@ -124,26 +133,26 @@ class TargetFilter:
         frame: Frame,
         first_box: Box,
         generator_state: GeneratorState,
-        state: TrackState = "tracking",
+        track_state: TrackState = "tracking",
     ) -> FilterState:
-        """A target in its first frame.
+        """State of a target in its first frame.
 
         Args:
-            frame: That it was drawn on.
-            first_box: Of the target.
-            generator_state: Its own.
-            state: That it is in; another than tracking if the frame is one of before it went out of
-                sight, so that the next one has to show it.
+            frame: First frame.
+            first_box: Box of the target there, pixels.
+            generator_state: The target's own source of random numbers.
+            track_state: Another state than "tracking" has to be confirmed by the next frame.
         """
-        draw = generator_state.generator()
+        generator = generator_state.generator()
         motion = self._initializer.motion(first_box)
-        particles = self._initializer.initial_particles(motion, frame.size, draw)
+        particles = self._initializer.initial_particles(motion, frame.size, generator)
         box = np.array(first_box)
         templates, distractor_ratios = self._measurer.learn(frame, box)
-        time_since_seen = self.parameters.track.lost_after if state == "lost" else 0.0
-        track = TrackStatus(state, time_since_seen)
-        confidence = 0.0 if state == "lost" else 1.0
-        assessment = Assessment(box, confidence, track, particles, motion.boxes(particles.states))
+        is_lost = track_state == "lost"
+        status = TrackStatus(track_state, self.parameters.track.lost_after if is_lost else 0.0)
+        boxes = motion.boxes(particles.states)
+        assessment = Assessment(box, 0.0 if is_lost else 1.0, status, particles, boxes)
+        covariance = particles.covariance[:2, :2]
         return FilterState(
             first_box=first_box,
             motion=motion,
@@ -152,49 +161,46 @@ class TargetFilter:
             templates=templates,
             first_templates=templates,
             distractor_ratios=distractor_ratios,
-            status=assessment.status,
+            status=status,
             last_seen_box=first_box,
             second_peak=None,
             known_distractor=None,
             frames_since_seen=0,
             followed_frames=0,
-            generator_state=GeneratorState.of(draw),
-            estimate=assessment.to_estimate(
-                frame, self._fusion.cue_weights, particles.covariance[:2, :2]
-            ),
+            generator_state=GeneratorState.of(generator),
+            estimate=assessment.to_estimate(frame, self._fusion.cue_weights, covariance),
         )
 
     def predict(
         self, targets: Sequence[tuple[FilterState, bool]], frame: Frame, interval: float
     ) -> list[FramePrediction]:
-        """Where targets are expected in a frame; what can be computed for all at once is.
+        """Step 1: particles of each target in the next frame; the cues precompute for all at once.
 
         Args:
-            targets: After the last frame, each with whether the frame is asked for its size, too:
-                not where others tell it, nor where it was asked a moment ago.
-            frame: The next one.
-            interval: Seconds since the last one.
+            targets: State after the last frame, and whether to estimate the size, of each target.
+            frame: The next frame.
+            interval: Seconds since the last frame.
 
         Source: Li et al. 2007, equation (3); Zhang et al. 2015, equation (7); Zhang Bo, section
         3.3.
         """
-        frame_prediction = []
+        frame_predictions = []
         for last, estimates_size in targets:
-            draw = last.generator_state.generator()
-            target = _in_the_light_of(frame, last, interval)
-            prediction = self._predictor.predict(target, interval, frame.size, draw)
-            frame_prediction.append(
+            generator = last.generator_state.generator()
+            state = _restored_after_flash(last, frame, interval)
+            prediction = self._predictor.predict(state, interval, frame.size, generator)
+            frame_predictions.append(
                 self._measurer.predict_frame(
-                    target, frame, interval, prediction, draw, estimates_size=estimates_size
+                    state, frame, interval, prediction, generator, estimates_size=estimates_size
                 )
             )
         self._fusion.precompute(
             [
                 (one.region, one.filter_state.templates, one.filter_state.first_templates)
-                for one in frame_prediction
+                for one in frame_predictions
             ]
         )
-        return frame_prediction
+        return frame_predictions
 
     def step(
         self,
@@ -203,166 +209,153 @@ class TargetFilter:
         *,
         searches_everywhere: bool = True,
     ) -> FilterState:
-        """The target in the frame that it was expected in.
+        """Steps 2 to 6: state of a target after the predicted frame.
 
         Args:
-            frame_prediction: Of the frame.
-            external_likelihood: What is known of the frame beside its pixels.
-            searches_everywhere: Whether it is looked for all over the image once it is lost: not
-                where somebody else tells where it is.
+            frame_prediction: From `predict`.
+            external_likelihood: One more factor of the likelihood, such as a detection.
+            searches_everywhere: Whether a lost target is searched all over the image; not where a
+                detector or the appearance does that.
 
-        Source: the steps of Li et al. 2007, section 3, Zhang et al. 2015, section 3.3, and Zhang
-        Bo, section 3.3; `docs/papers.md` names the lines.
+        Source: Li et al. 2007, section 3; Zhang et al. 2015, section 3.3; Zhang Bo, section 3.3.
         """
-        target, draw = frame_prediction.filter_state, frame_prediction.draw
-        # Li (8), p = p_color^alpha p_texture^(1 - alpha); Zhang (10); Zhang Bo, step 3.
-        weighed = self._measurer.weigh(frame_prediction, external_likelihood)
-        # Zhang (5), the mean.
-        measured = self._measurer.estimate(weighed)
-        assessed = self._assessor.assess(
-            target,
-            measured,
-            frame_prediction.interval,
-            draw,
-            searches_everywhere=searches_everywhere,
+        state, interval = frame_prediction.filter_state, frame_prediction.interval
+        generator = frame_prediction.generator
+        # 2. Weigh. Li (8): p = p_color^alpha p_texture^(1 - alpha); Zhang (10); Zhang Bo, step 3.
+        weighted = self._measurer.weigh(frame_prediction, external_likelihood)
+        # 3. Estimate. Zhang (5): the weighted mean; Zhang Bo, step 4.
+        measurement = self._measurer.estimate(weighted)
+        # 4. Assess: confidence, track state and redetection.
+        assessment = self._assessor.assess(
+            state, measurement, interval, generator, searches_everywhere=searches_everywhere
         )
-        # Li (9) and (10), where p > w_Th; Zhang, section 3.3; Zhang Bo, the Kalman filter.
-        learned = self._learn(target, frame_prediction.prediction, measured, assessed)
-        # Zhang (6), below a threshold of the effective sample size; Zhang Bo, step 5.
-        particles = self._resampler.resample(assessed.particles, self.parameters.particles, draw)
-        return self._next(frame_prediction, measured, assessed, learned, particles)
+        # 5. Learn. Li (9) and (10) where p > w_Th; Zhang, section 3.3; Zhang Bo, Kalman filter.
+        learned = self._learn(state, frame_prediction.prediction, measurement, assessment)
+        # 6. Resample. Zhang (6), below a threshold of the effective sample size; Zhang Bo, step 5.
+        particles = self._resampler.resample(
+            assessment.particles, self.parameters.particles, generator
+        )
+        return self._next_state(frame_prediction, measurement, assessment, learned, particles)
 
     def _learn(
         self,
-        target: FilterState,
+        state: FilterState,
         prediction: Prediction,
-        measured: Measurement,
+        measurement: Measurement,
         assessment: Assessment,
     ) -> _Learned:
-        """Templates and Kalman filter, moved to what was seen if that is to be trusted.
+        """Templates blended with the estimate and Kalman filter corrected by it, if it is trusted.
 
         Source: Li et al. 2007, equations (9) and (10), and w_Th; Zhang Bo, section 3.3.
         """
-        templates, kalman_filter, earlier = (
-            target.templates,
-            prediction.kalman_filter,
-            target.saved_templates,
-        )
-        rules, match, illumination = (
-            self.parameters.template,
-            measured.match,
-            measured.frame.illumination,
-        )
-        goes_now = target.status.state == "tracking" and assessment.status.state != "tracking"
-        if illumination.has_jumped and goes_now and rules.update_above < 1.0:
-            # What was seen until now is still there, and only looks like nothing that was learned.
-            earlier = SavedTemplates(templates, illumination.change)
-            templates = self._measurer.templates(measured.frame, measured.box)
-            return _Learned(templates, kalman_filter, earlier)
-        if not assessment.learns:
-            return _Learned(templates, kalman_filter, earlier)
-        is_sure = match.similarity >= rules.required_similarity(target.followed_frames)
-        if is_sure and math.exp(match.log_likelihood) > rules.update_above:
-            templates = self._fusion.update(templates, measured.seen)
-        if kalman_filter:
-            kalman_filter = kalman_filter.correct(
-                measured.particles.mean, measured.particles.covariance
-            )
-        return _Learned(templates, kalman_filter, earlier)
+        templates, kalman_filter = state.templates, prediction.kalman_filter
+        rules, match = self.parameters.template, measurement.match
+        illumination = measurement.frame.illumination
+        disappears = state.status.state == "tracking" and assessment.status.state != "tracking"
+        if illumination.has_jumped and disappears and rules.update_above < 1.0:
+            # The target is still there and matches no template: learn its new appearance at once.
+            saved = SavedTemplates(templates, illumination.change)
+            templates = self._measurer.templates(measurement.frame, measurement.box)
+            return _Learned(templates, kalman_filter, saved)
+        if assessment.learns:
+            is_similar = match.similarity >= rules.required_similarity(state.followed_frames)
+            if is_similar and math.exp(match.log_likelihood) > rules.update_above:
+                templates = self._fusion.update(templates, measurement.seen)
+            if kalman_filter:
+                kalman_filter = kalman_filter.correct(
+                    measurement.particles.mean, measurement.particles.covariance
+                )
+        return _Learned(templates, kalman_filter, state.saved_templates)
 
-    def _next(
+    def _next_state(
         self,
         frame_prediction: FramePrediction,
-        measured: Measurement,
+        measurement: Measurement,
         assessment: Assessment,
         learned: _Learned,
         particles: ParticleSet,
     ) -> FilterState:
-        """The target as the next frame finds it, with its resampled particles."""
-        target, kalman_filter = frame_prediction.filter_state, learned.kalman_filter
-        lost_after = self.parameters.track.lost_after
+        """State for the next frame, with the resampled particles."""
+        state, kalman_filter = frame_prediction.filter_state, learned.kalman_filter
         is_seen = assessment.status.state == "tracking"
         if not is_seen:
             particles, kalman_filter = self._occlusion_policy.next_particles(
-                target, assessment, particles, kalman_filter
+                state, assessment, particles, kalman_filter
             )
-        # Once lost, the target may be anywhere; how long ago that was adds nothing.
-        time_since_seen = min(assessment.status.time_since_seen, lost_after)
-        covariance = self._measurer.covariance(target, measured, assessment, time_since_seen)
-        estimate = assessment.to_estimate(measured.frame, measured.cue_weights, covariance)
+        # A lost target may be anywhere, however long ago it was lost.
+        time_since_seen = min(assessment.status.time_since_seen, self.parameters.track.lost_after)
+        covariance = self._measurer.covariance(state, measurement, assessment, time_since_seen)
+        estimate = assessment.to_estimate(measurement.frame, measurement.cue_weights, covariance)
+        second_peak = measurement.second_peak
         return FilterState(
-            first_box=target.first_box,
-            motion=target.motion,
+            first_box=state.first_box,
+            motion=state.motion,
             kalman_filter=kalman_filter,
             particles=particles,
             templates=learned.templates,
-            first_templates={**learned.templates, **target.first_templates},
-            distractor_ratios=measured.distractor_ratios,
+            first_templates={**learned.templates, **state.first_templates},
+            distractor_ratios=measurement.distractor_ratios,
             status=assessment.status,
-            last_seen_box=estimate.box if is_seen else target.last_seen_box,
-            second_peak=None if measured.second_peak is None else as_box(measured.second_peak),
+            last_seen_box=estimate.box if is_seen else state.last_seen_box,
+            second_peak=None if second_peak is None else as_box(second_peak),
             known_distractor=assessment.known_distractor,
-            frames_since_seen=0 if is_seen else target.frames_since_seen + 1,
-            followed_frames=target.followed_frames + 1,
-            generator_state=GeneratorState.of(frame_prediction.draw),
+            frames_since_seen=0 if is_seen else state.frames_since_seen + 1,
+            followed_frames=state.followed_frames + 1,
+            generator_state=GeneratorState.of(frame_prediction.generator),
             estimate=estimate,
             saved_templates=learned.saved_templates,
-            distractor_box=measured.distractor_box,
+            distractor_box=measurement.distractor_box,
         )
 
     def search_around(
-        self, target: FilterState, frame: Frame, place: NDArray[np.float64]
+        self, state: FilterState, frame: Frame, box: NDArray[np.float64]
     ) -> Candidate | None:
-        """What is likeliest to be a target in a window around a (4,) box; the target stays.
-
-        Returns:
-            The box and the confidence in it; None where targets are not looked for elsewhere.
-        """
+        """Likeliest candidate in a window around a (4,) box; None where redetection is off."""
         if self._redetector is None or self.parameters.redetection.windows == 0:
             return None
-        return self._redetector.search_around(target, frame, target.estimate.cue_weights, place)
+        return self._redetector.search_around(state, frame, state.estimate.cue_weights, box)
 
-    def reconfigure(self, target: FilterState) -> FilterState:
-        """A target that was followed with other parameters, to be followed with these.
+    def reconfigure(self, state: FilterState) -> FilterState:
+        """A state from a filter with other parameters, converted for this one.
 
-        A cue that is left out forgets the target: added again, it may look at other things.
+        The template of a cue that is left out is deleted: selected again later, the cue may have
+        other parameters, which a template depends on.
         """
-        motion = self._initializer.motion(target.first_box)
+        motion = self._initializer.motion(state.first_box)
         kalman_filter = self._initializer.kalman_filter(motion)
-        if kalman_filter and target.kalman_filter:
-            kalman_filter = replace(kalman_filter, belief=target.kalman_filter.belief)
-        # A cue that is chosen again later may have other parameters, which a template depends on.
-        known = self.parameters.cues
+        if kalman_filter and state.kalman_filter:
+            kalman_filter = replace(kalman_filter, belief=state.kalman_filter.belief)
+
+        def of_selected(values: Mapping[str, Any]) -> dict[str, Any]:
+            return {name: value for name, value in values.items() if name in self.parameters.cues}
+
         return replace(
-            target,
+            state,
             motion=motion,
             kalman_filter=kalman_filter,
-            templates={name: one for name, one in target.templates.items() if name in known},
-            first_templates={
-                name: one for name, one in target.first_templates.items() if name in known
-            },
-            distractor_ratios={
-                name: one for name, one in target.distractor_ratios.items() if name in known
-            },
+            templates=of_selected(state.templates),
+            first_templates=of_selected(state.first_templates),
+            distractor_ratios=of_selected(state.distractor_ratios),
             saved_templates=None,
         )
 
-    def map_likelihood(self, target: FilterState, frame: Frame) -> LikelihoodMap:
-        """How likely a target that was followed into a frame is around its box there."""
+    def map_likelihood(self, state: FilterState, frame: Frame) -> LikelihoodMap:
+        """Likelihood around the box of a target, in the frame that the state is of."""
         return map_likelihood(
-            target.estimate.box,
+            state.estimate.box,
             frame.size,
-            target.estimate.cue_weights,
-            partial(self._measurer.log_likelihoods, target, frame),
+            state.estimate.cue_weights,
+            partial(self._measurer.log_likelihoods, state, frame),
         )
 
 
-def _in_the_light_of(frame: Frame, target: FilterState, interval: float) -> FilterState:
-    """A target as it looked before the light jumped, if that has been a flash."""
-    earlier, illumination = target.saved_templates, frame.illumination
-    if earlier is None:
-        return target
-    if illumination.has_jumped and (illumination.change > 1.0) != (earlier.change > 1.0):
-        return replace(target, templates=earlier.templates, saved_templates=None)
-    age = earlier.age + interval
-    return replace(target, saved_templates=replace(earlier, age=age) if age < _LASTS else None)
+def _restored_after_flash(state: FilterState, frame: Frame, interval: float) -> FilterState:
+    """The state with the templates from before a jump of the illumination that ends here."""
+    saved, illumination = state.saved_templates, frame.illumination
+    if saved is None:
+        return state
+    if illumination.has_jumped and (illumination.change > 1.0) != (saved.change > 1.0):
+        return replace(state, templates=saved.templates, saved_templates=None)
+    age = saved.age + interval
+    is_flash = age < _LONGEST_FLASH
+    return replace(state, saved_templates=replace(saved, age=age) if is_flash else None)

@@ -1,4 +1,12 @@
-"""Whether the target is seen; if not, what is told of it, or where it is found again."""
+"""Assessment step: whether the target is tracked, occluded or lost, and its redetection.
+
+1. Compute the confidence of the frame. It is 0 at a known distractor, and where the estimate has
+   jumped to the second peak of the last frame.
+2. Smooth the confidence over time and advance the track state with it.
+3. While the target is not tracked, let the occlusion policy choose the reported box.
+4. Search for the target where it was last seen and, once it is lost, all over the image.
+5. Redraw the particles around the box that the policy or the redetection returns.
+"""
 
 from __future__ import annotations
 
@@ -15,20 +23,19 @@ from pf_tracker_ros.tracking.occlusion import OcclusionPolicy
 from pf_tracker_ros.tracking.redetection import Candidate, Redetector
 from pf_tracker_ros.tracking.state_operations import FilterInitializer
 
-# Confidence that a frame alone must give for anything to be learned of it, however the cues' own
-# similarity is.
+# Least confidence of a single frame for learning, whatever the similarity to the templates.
 _LEARN_ABOVE = 0.01
 
 
 class TrackAssessor:
-    """Makes the judgment of a frame out of its measurement.
+    """Turns the measurement of a frame into its assessment.
 
     Args:
-        confidence: How sure it is that the target is in the box.
-        occlusion_policy: What is done with a target that is not seen.
-        redetector: Looks for it elsewhere; None where nobody does.
-        initializer: Makes what a target begins anew with.
-        thresholds: Between seen, hidden and lost.
+        confidence: Confidence in a box.
+        occlusion_policy: Handles a target that is not tracked.
+        redetector: Searches elsewhere; None without redetection.
+        initializer: Redraws particles.
+        thresholds: Thresholds of the track states.
     """
 
     def __init__(
@@ -47,97 +54,96 @@ class TrackAssessor:
 
     def assess(
         self,
-        target: FilterState,
-        measured: Measurement,
+        state: FilterState,
+        measurement: Measurement,
         interval: float,
-        draw: np.random.Generator,
+        generator: np.random.Generator,
         *,
         searches_everywhere: bool = True,
     ) -> Assessment:
-        """What is told of the target in a frame.
+        """Assessment of the target in a frame.
 
         Args:
-            target: After the last frame.
-            measured: In this one.
-            interval: Seconds since the last one.
-            draw: Source of randomness, for a target that begins anew.
-            searches_everywhere: Whether it is looked for all over the image once it is lost.
+            state: State after the last frame.
+            measurement: Measurement of this frame.
+            interval: Seconds since the last frame.
+            generator: Source of random numbers, for redrawn particles.
+            searches_everywhere: Whether a lost target is searched all over the image.
         """
         thresholds = self._thresholds
-        now = self._confidence.assess(
-            target, measured.seen, measured.match, lambda: measured.particle_std
+        frame_confidence = self._confidence.assess(
+            state, measurement.seen, measurement.match, lambda: measurement.particle_std
         )
-        # While it looks as it did last, it is not lost, whatever it looked like first.
-        glimpse = max(now, measured.match.similarity)
-        known_distractor = target.known_distractor
-        if now >= thresholds.occluded_below and _is_of_the_runner_up(target, measured):
-            known_distractor = as_box(measured.box)
-        if known_distractor is not None and are_same_place(measured.box, known_distractor):
-            # Whatever it looks like.
-            now = glimpse = 0.0
-        confidence = self._confidence.update(target.estimate.confidence, now)
-        track = target.status.advance(confidence, glimpse, interval, thresholds)
-        if self._redetector is None and track.probation:
-            # Nobody looks for another.
-            track = replace(track, probation=0.0)
-        # The best place around may be like the target, and the box beside it.
-        learns = self._redetector is None or now >= _LEARN_ABOVE
+        # A target that matches its current templates is not lost, even if the first ones differ.
+        similarity = max(frame_confidence, measurement.match.similarity)
+        known_distractor = state.known_distractor
+        has_jumped = _jumped_to_second_peak(state, measurement)
+        if has_jumped and frame_confidence >= thresholds.occluded_below:
+            known_distractor = as_box(measurement.box)
+        if known_distractor is not None and are_same_place(measurement.box, known_distractor):
+            frame_confidence = similarity = 0.0
+        confidence = self._confidence.update(state.estimate.confidence, frame_confidence)
+        status = state.status.advance(confidence, similarity, interval, thresholds)
+        if self._redetector is None and status.probation:
+            # No other candidate is searched for.
+            status = replace(status, probation=0.0)
+        # The similarity of a searching cue may be that of a place beside the box.
+        learns = self._redetector is None or frame_confidence >= _LEARN_ABOVE
         assessment = Assessment(
-            measured.box, confidence, track, measured.particles, measured.boxes, learns
+            measurement.box, confidence, status, measurement.particles, measurement.boxes, learns
         )
-        if track.is_settled:
+        if status.is_settled:
             return assessment
-        is_seen, box = track.state == "tracking", None
-        goes_now = target.status.state == "tracking" and not is_seen
-        if self._redetector and known_distractor is None and goes_now:
-            known_distractor = self._redetector.known_distractor(target, measured)
+        is_seen, box = status.state == "tracking", None
+        disappears = state.status.state == "tracking" and not is_seen
+        if self._redetector and known_distractor is None and disappears:
+            known_distractor = self._redetector.known_distractor(state, measurement)
         assessment = replace(assessment, known_distractor=known_distractor)
         if not is_seen:
-            assessment = self._occlusion_policy.assess(target, measured, assessment)
-            box = self._occlusion_policy.redraw_box(target, assessment)
-        if track.state != "occluded" or track.probation:
-            # What looks like it elsewhere may be the target, what is followed something else.
+            assessment = self._occlusion_policy.assess(state, measurement, assessment)
+            box = self._occlusion_policy.redraw_box(state, assessment)
+        if status.state != "occluded" or status.probation:
+            # The box may be another object, and a similar object elsewhere may be the target.
             assessment = replace(assessment, learns=False)
-        if not is_seen and now > thresholds.recovered_above:
+        if not is_seen and frame_confidence > thresholds.recovered_above:
+            # The target has reappeared in the box; the smoothed confidence follows.
             return assessment
-        found = None
         if self._redetector:
-            everywhere = searches_everywhere and track.state != "occluded"
-            tracked_confidence = now if is_seen else 0.0
-            found = self._redetector.find(
-                target, measured, assessment, everywhere, tracked_confidence
+            candidate = self._redetector.find(
+                state,
+                measurement,
+                assessment,
+                searches_everywhere and status.state != "occluded",
+                frame_confidence if is_seen else 0.0,
             )
-        if found is not None:
-            box, assessment = found.box, self._believe(found, assessment)
+            if candidate is not None:
+                box, assessment = candidate.box, self._redetected(candidate, assessment)
         if box is None:
             return assessment
         particles, boxes = self._initializer.redraw_particles(
-            target, box, measured.frame.size, draw
+            state, box, measurement.frame.size, generator
         )
         return replace(assessment, box=box, particles=particles, boxes=boxes, learns=False)
 
-    def _believe(self, found: Candidate, assessment: Assessment) -> Assessment:
-        """What is told once the target is found elsewhere.
+    def _redetected(self, candidate: Candidate, assessment: Assessment) -> Assessment:
+        """The assessment with the confidence and status after a redetection.
 
-        Where it went out of sight a moment ago it is that. After a longer time it may be something
-        like it: then it counts as lost until more frames agree.
+        If the target was occluded only, the candidate is the target. Otherwise it may be a similar
+        object, and the target counts as lost until more frames confirm it.
         """
-        track = assessment.status
-        if track.state == "tracking":
-            return replace(assessment, confidence=0.0, status=track.as_lost(self._thresholds))
-        if track.state == "occluded" and not track.probation:
-            return replace(assessment, confidence=found.confidence, status=TrackStatus())
+        status = assessment.status
+        if status.state == "tracking":
+            return replace(assessment, confidence=0.0, status=status.as_lost(self._thresholds))
+        if status.state == "occluded" and not status.probation:
+            return replace(assessment, confidence=candidate.confidence, status=TrackStatus())
         return assessment
 
 
-def _is_of_the_runner_up(target: FilterState, measured: Measurement) -> bool:
-    """Whether the estimate has jumped to what was seen beside the target a frame before.
-
-    Where it is not clear of where the target was, that may have moved so far.
-    """
+def _jumped_to_second_peak(state: FilterState, measurement: Measurement) -> bool:
+    """Whether the estimate is at the second peak of the last frame, and clear of the last box."""
     return (
-        target.status.state == "tracking"
-        and target.second_peak is not None
-        and bool(are_same_place(measured.box, target.second_peak))
-        and bool(relative_center_distances(measured.box, target.estimate.box) >= 1.0)
+        state.status.state == "tracking"
+        and state.second_peak is not None
+        and bool(are_same_place(measurement.box, state.second_peak))
+        and bool(relative_center_distances(measurement.box, state.estimate.box) >= 1.0)
     )

@@ -1,4 +1,4 @@
-"""The parameters of a track, how sure, when hidden and what then; and of what detects targets."""
+"""The parameters of track states, occlusion and detections."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from pf_tracker_ros.tracking.occlusion import OCCLUSION_POLICIES
 
 @dataclass(frozen=True)
 class TrackParameters(TrackThresholds):
-    """When the target counts as hidden, seen again, or gone, and what is done then."""
+    """Track states, occlusion and re-identification."""
 
     confidence_rate: float = declared(
         1.0,
-        "Share of each frame in the confidence while it rises; it falls at once. With less, good "
-        "looks after a doubtful one must be several. Where the search finds an occluded target "
-        "elsewhere, it is what the search says of that place.",
+        "Share of each frame in the confidence while it rises; it falls at once. With a smaller "
+        "share, recovery takes more frames. An occluded target that redetection finds elsewhere "
+        "has the confidence of that frame alone.",
         minimum=0.01,
         maximum=1.0,
     )
     occlusion_policy: str = declared(
         "coast",
-        "What is done while the target is hidden: coast lets the motion model alone carry the "
-        "particles on, and searches anew from where the target was lost; keep_tracking goes on with the "
-        "likeliest place, and only the state tells that it may not be the target.",
+        "Box of a target that is not tracked. coast: the motion model alone moves the particles; "
+        "a lost target is searched from where it was lost. keep_tracking: the likeliest box, and "
+        "only the state warns that it may not be the target.",
         choices=OCCLUSION_POLICIES,
     )
     reidentify_within: float = declared(
         10.0,
-        "A target that a detector started and that has ended is the same one if the detector sees "
-        "it again within this time and it looks alike; 0 remembers none.",
+        "A target from a detector that has ended gets its id back if it is detected again within "
+        "this time with a similar appearance; 0 disables re-identification.",
         unit="s",
         minimum=0.0,
         maximum=3600.0,
@@ -40,23 +40,23 @@ class TrackParameters(TrackThresholds):
 
 @dataclass(frozen=True)
 class DetectorParameters:
-    """What is known of the detector that starts and corrects targets."""
+    """Detections to use, and the detector's recall."""
 
     labels: tuple[str, ...] = declared(
         (),
-        "Labels of the detections that count, as the detector writes them, such as person; empty "
-        "takes all.",
+        "Labels of the detections to use, spelled as by the detector, such as person; empty uses "
+        "all.",
     )
     score_above: float = declared(
         0.3,
-        "Detections of a lower score are left out.",
+        "Least score of the detections to use.",
         minimum=0.0,
         maximum=1.0,
     )
     recall: float = declared(
         0.8,
-        "Share of the visible targets that the detector finds in a frame; with a higher one, a "
-        "target that it does not find ends sooner.",
+        "Share of the visible targets that the detector finds in a frame; with a higher one, an "
+        "undetected target ends sooner.",
         minimum=0.05,
         maximum=0.99,
     )

@@ -1,4 +1,4 @@
-"""Footage of two targets, and what follows them."""
+"""Footage of two targets, and a filter that tracks one of them."""
 
 from dataclasses import dataclass
 
@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
+from pf_tracker_ros.filter.particles import GeneratorState
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
@@ -17,7 +19,7 @@ FRAMES = 24
 
 @dataclass(frozen=True)
 class Couple:
-    """Two targets side by side, the first of which is hidden for a while.
+    """Two targets side by side; the first is out of sight for a while.
 
     Attributes:
         images: (H, W, 3) uint8 BGR each.
@@ -59,16 +61,20 @@ def couple():
 
 
 class SingleTargetFilter(TargetFilter):
-    """Follows a single target from frame to frame."""
+    """Tracks a single target from frame to frame."""
 
-    def follow(self, target, frame, interval):
-        (expected,) = self.predict([(target, True)], frame, interval)
-        return self.step(expected)
+    def start(self, image, box, seed=3):
+        generator_state = GeneratorState.of(np.random.default_rng(seed))
+        return self.initialize(Frame(image), tuple(box), generator_state)
+
+    def follow(self, state, frame, interval):
+        (frame_prediction,) = self.predict([(state, True)], frame, interval)
+        return self.step(frame_prediction)
 
 
 @pytest.fixture
 def make_target_filter():
-    """A follower of a preset, with other values of some parameters."""
+    """A function that makes the filter of a preset, with other values of some parameters."""
 
     def make(preset, parameters=None):
         values = preset_parameters(preset) | (parameters or {})

@@ -1,4 +1,4 @@
-"""The confidence in a look, and from frame to frame."""
+"""The confidence of a single frame, and over time."""
 
 from dataclasses import replace
 
@@ -6,32 +6,32 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.cues import Match
-from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.assessment import Confidence
 from pf_tracker_ros.tracking.track_parameters import TrackParameters
 
 
-def told(rate, before, looks):
-    """The confidences after frames that alone say so much."""
+def smoothed(rate, before, confidences):
+    """The confidences after frames with the given confidences of their own."""
     confidence, after = Confidence(None, rate), []
-    for now in looks:
+    for now in confidences:
         before = confidence.update(before, now)
         after.append(before)
     return after
 
 
-def test_it_falls_at_once_and_rises_by_its_share_of_each_frame():
-    assert told(0.25, 1.0, (0.2, 1.0, 1.0, 0.5, 0.9)) == pytest.approx([0.2, 0.4, 0.55, 0.5, 0.6])
+def test_the_confidence_falls_at_once_and_rises_by_a_share_of_each_frame():
+    after = smoothed(0.25, 1.0, (0.2, 1.0, 1.0, 0.5, 0.9))
+    assert after == pytest.approx([0.2, 0.4, 0.55, 0.5, 0.6])
 
 
-def test_by_default_it_is_what_the_frame_says():
+def test_by_default_the_confidence_is_that_of_the_frame():
     similarities = [0.1, 0.3, 0.7, 0.2]
-    assert told(TrackParameters().confidence_rate, 0.3, similarities) == similarities
+    assert smoothed(TrackParameters().confidence_rate, 0.3, similarities) == similarities
 
 
-def test_it_never_rises_above_what_the_frames_say():
-    assert told(0.5, 0.0, [0.8] * 60)[-1] == pytest.approx(0.8)
+def test_the_confidence_never_rises_above_that_of_the_frames():
+    assert smoothed(0.5, 0.0, [0.8] * 60)[-1] == pytest.approx(0.8)
 
 
 @pytest.fixture
@@ -40,16 +40,15 @@ def target_filter(make_target_filter):
 
 
 @pytest.fixture
-def target(target_filter, couple):
-    draw = GeneratorState.of(np.random.default_rng(3))
-    return target_filter.initialize(Frame(couple.images[0]), tuple(couple.first[0]), draw)
+def state(target_filter, couple):
+    return target_filter.start(couple.images[0], couple.first[0])
 
 
 @pytest.fixture
-def look(target_filter, target, couple):
-    """What the confidence says of a box in the second frame."""
+def assess(target_filter, state, couple):
+    """A function that computes the confidence of a box in the second frame."""
 
-    def assess(box, of=target, image=couple.images[1], particle_std=None):
+    def confidence_of(box, of=state, image=couple.images[1], particle_std=None):
         box = np.array(box)
         _, region = target_filter._measurer.search_window(Frame(image), box)
         seen = target_filter._fusion.observe(region, box)
@@ -58,43 +57,43 @@ def look(target_filter, target, couple):
             return target_filter._confidence.assess(of, seen, match)
         return target_filter._confidence.assess(of, seen, match, lambda: particle_std)
 
-    return assess
+    return confidence_of
 
 
-def test_it_is_of_the_box_and_not_of_the_best_place_around(look, couple):
-    """The target stays in reach of the search, as strong as before; the box moves away from it."""
+def test_the_confidence_is_that_of_the_box_and_not_of_the_best_place_around(assess, couple):
+    """The box moves away from the target, which stays within the search window."""
     box = couple.first[1]
-    there, *beside = (look(box + [shift, 0, 0, 0]) for shift in (0, 16, 30, -30))
+    there, *beside = (assess(box + [shift, 0, 0, 0]) for shift in (0, 16, 30, -30))
     assert there > 0.9
     assert max(beside) < 0.25
 
 
-def test_another_target_is_another(look, couple):
-    assert look(couple.second[1]) < 0.05
+def test_another_target_is_another(assess, couple):
+    assert assess(couple.second[1]) < 0.05
 
 
-def test_a_box_that_the_filter_answers_to_with_nothing_is_not_the_target(look, couple):
-    assert look(couple.first[1], image=np.zeros_like(couple.images[1])) == pytest.approx(0.0)
+def test_a_box_without_any_response_is_not_the_target(assess, couple):
+    assert assess(couple.first[1], image=np.zeros_like(couple.images[1])) == pytest.approx(0.0)
 
 
-def test_what_was_learned_by_mistake_is_not_what_it_was_first(target_filter, target, look, couple):
-    """All templates are those of the other; those of the first frame tell."""
-    draw = GeneratorState.of(np.random.default_rng(3))
-    frame = Frame(couple.images[0])
-    other = target_filter.initialize(frame, tuple(couple.second[0]), draw)
-    misled = replace(target, templates=other.templates)
-    assert look(couple.second[1], other) > 0.9
-    assert look(couple.second[1], misled) < 0.5 * look(couple.second[1], other)
+def test_the_first_templates_reveal_what_was_learned_by_mistake(
+    target_filter, state, assess, couple
+):
+    """The current templates are all those of the other target."""
+    other = target_filter.start(couple.images[0], couple.second[0])
+    misled = replace(state, templates=other.templates)
+    assert assess(couple.second[1], other) > 0.9
+    assert assess(couple.second[1], misled) < 0.5 * assess(couple.second[1], other)
 
 
-def test_particles_that_do_not_agree_on_a_place_speak_against_it(look, couple):
+def test_a_wide_particle_cloud_lowers_the_confidence(assess, couple):
     box = couple.first[1]
-    assert look(box, particle_std=0.5) < look(box, particle_std=0.1) < look(box, particle_std=0.02)
+    wide, medium, narrow = (assess(box, particle_std=std) for std in (0.5, 0.1, 0.02))
+    assert wide < medium < narrow
 
 
-def test_where_no_cue_can_tell_it_is_the_similarity(make_target_filter, couple):
+def test_without_log_odds_the_confidence_is_the_similarity(make_target_filter, couple):
     target_filter = make_target_filter("zhang2015")
-    draw = GeneratorState.of(np.random.default_rng(3))
-    target = target_filter.initialize(Frame(couple.images[0]), tuple(couple.first[0]), draw)
+    state = target_filter.start(couple.images[0], couple.first[0])
     match = Match(-1.0, 0.42)
-    assert target_filter._confidence.assess(target, target.templates, match) == 0.42
+    assert target_filter._confidence.assess(state, state.templates, match) == 0.42

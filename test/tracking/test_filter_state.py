@@ -1,4 +1,4 @@
-"""A target is a value: to follow it changes nothing in it, and meets the same chances again."""
+"""A filter state is an immutable value: a step repeated from it gives the same result."""
 
 import copy
 import itertools
@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.presets import PRESETS
 
@@ -18,7 +17,7 @@ every_preset = pytest.mark.parametrize("preset", sorted(PRESETS))
 
 
 def same(one, other):
-    """Whether two values are the same to the bit, whatever they are made of."""
+    """Whether two values of any type are the same to the bit."""
     if type(one) is not type(other):
         return False
     if is_dataclass(one):
@@ -33,67 +32,65 @@ def same(one, other):
 
 
 def followed(target_filter, images, box, seed=3):
-    """The target in each image, and the frames; the first one is where it begins."""
+    """The states after each image, and the frames."""
     frames = [Frame(image) for image in images]
-    draw = GeneratorState.of(np.random.default_rng(seed))
-    targets = [target_filter.initialize(frames[0], box, draw)]
+    states = [target_filter.start(images[0], box, seed)]
     for frame in frames[1:]:
-        targets.append(target_filter.follow(targets[-1], frame, INTERVAL))
-    return targets, frames
+        states.append(target_filter.follow(states[-1], frame, INTERVAL))
+    return states, frames
 
 
-def test_what_differs_is_told_apart(make_target_filter, couple):
-    targets, _ = followed(make_target_filter("default"), couple.images[:3], tuple(couple.first[0]))
-    assert same(targets[1], copy.deepcopy(targets[1]))
-    for earlier, later in itertools.pairwise(targets):
+def test_different_states_are_not_the_same(make_target_filter, couple):
+    states, _ = followed(make_target_filter("default"), couple.images[:3], tuple(couple.first[0]))
+    assert same(states[1], copy.deepcopy(states[1]))
+    for earlier, later in itertools.pairwise(states):
         for field in ("particles", "templates", "generator_state", "estimate", "followed_frames"):
             assert not same(getattr(earlier, field), getattr(later, field))
 
 
 @every_preset
-def test_following_changes_nothing_in_the_target_followed(preset, make_target_filter, couple):
+def test_a_step_does_not_change_the_state_before(preset, make_target_filter, couple):
     """Through an occlusion and out of it again."""
     target_filter = make_target_filter(preset, {"track.lost_after": 0.1})
-    targets, _ = followed(target_filter, couple.images[:1], tuple(couple.first[0]))
-    states = []
+    states, _ = followed(target_filter, couple.images[:1], tuple(couple.first[0]))
+    track_states = []
     for image in couple.images[1:]:
-        before = targets[-1]
+        before = states[-1]
         kept = copy.deepcopy(before)
-        targets.append(target_filter.follow(before, Frame(image), INTERVAL))
+        states.append(target_filter.follow(before, Frame(image), INTERVAL))
         assert same(before, kept)
-        states.append(targets[-1].estimate.state)
+        track_states.append(states[-1].estimate.state)
     if preset != "zhang_bo":
-        assert set(states) == {"tracking", "occluded", "lost"}
+        assert set(track_states) == {"tracking", "occluded", "lost"}
 
 
 @every_preset
-def test_following_twice_from_one_frame_gives_the_same_bits(preset, make_target_filter, couple):
+def test_a_repeated_step_gives_the_same_bits(preset, make_target_filter, couple):
     target_filter = make_target_filter(preset)
     images = couple.images
-    targets, frames = followed(target_filter, images, tuple(couple.first[0]))
-    # In another order than the first time, and in frames that were looked at already or were not.
+    states, frames = followed(target_filter, images, tuple(couple.first[0]))
+    # In reverse order, in the frames of the first time and in fresh ones.
     for index in reversed(range(1, len(images))):
         for frame in (frames[index], Frame(images[index])):
-            assert same(target_filter.follow(targets[index - 1], frame, INTERVAL), targets[index])
+            assert same(target_filter.follow(states[index - 1], frame, INTERVAL), states[index])
 
 
 @pytest.mark.parametrize("preset", ["default", "zhang_bo"])
-def test_a_follower_holds_nothing_of_a_target(preset, make_target_filter, couple):
-    """Two targets in turn by one follower, and each by one of its own."""
+def test_a_target_filter_holds_nothing_of_a_target(preset, make_target_filter, couple):
+    """Two targets in turn by one filter, and each by its own filter."""
     boxes = tuple(couple.first[0]), tuple(couple.second[0])
     one = make_target_filter(preset)
     apart = [followed(make_target_filter(preset), couple.images, box)[0] for box in boxes]
     frames = [Frame(image) for image in couple.images]
-    draw = GeneratorState.of(np.random.default_rng(3))
-    together = [[one.initialize(frames[0], box, draw)] for box in boxes]
+    together = [[one.start(couple.images[0], box)] for box in boxes]
     for frame in frames[1:]:
-        for targets in together:
-            targets.append(one.follow(targets[-1], frame, INTERVAL))
-    for targets, expected in zip(together, apart, strict=True):
-        assert all(same(*pair) for pair in zip(targets, expected, strict=True))
+        for states in together:
+            states.append(one.follow(states[-1], frame, INTERVAL))
+    for states, expected in zip(together, apart, strict=True):
+        assert all(same(*pair) for pair in zip(states, expected, strict=True))
 
 
-def test_a_target_of_a_tracker_stays_as_it_was(couple):
+def test_a_tracker_does_not_change_earlier_states(couple):
     tracker = Tracker.from_preset("zhang_bo", seed=3)
     tracker.start(couple.images[0], couple.first[0])
     held, kept = [], []

@@ -1,4 +1,4 @@
-"""Which frames can be told of, also after time jumped back."""
+"""Order of frames and checks of stamps, also after time jumped back."""
 
 import pytest
 
@@ -10,7 +10,7 @@ START = 1_700_000_000 * SECOND
 
 @pytest.fixture
 def clock():
-    """After 30 s of frames, ten a second."""
+    """A clock after 30 s of frames at 10 Hz."""
     clock = FrameClock()
     for number in range(300):
         show(clock, number / 10)
@@ -34,7 +34,7 @@ def jump(clock, seconds):
 
 
 def is_refused(clock, seconds):
-    """Whether a stamp is refused as one from before time went back."""
+    """Whether a stamp is refused as one from before the jump."""
     try:
         clock.check_ahead(at(seconds))
     except ValueError as error:
@@ -43,10 +43,10 @@ def is_refused(clock, seconds):
 
 
 @pytest.mark.parametrize(
-    ("said_of", "stamp", "due"), [(5, 5, True), (4, 5, True), (6, 5, False), (6, 0, True)]
+    ("stamp", "frame_stamp", "due"), [(5, 5, True), (4, 5, True), (6, 5, False), (6, 0, True)]
 )
-def test_what_is_said_of_a_frame_is_due_with_it_or_a_later_one(said_of, stamp, due):
-    assert is_due(said_of, stamp) is due
+def test_a_detection_is_due_with_its_frame_or_a_later_one(stamp, frame_stamp, due):
+    assert is_due(stamp, frame_stamp) is due
 
 
 def test_the_time_since_the_last_frame_is_known_where_both_stamps_are(clock):
@@ -59,7 +59,7 @@ def test_before_a_jump_a_detector_may_be_ahead_by_much(clock):
     assert not is_refused(clock, 80)
 
 
-def test_a_jump_tells_by_how_much(clock):
+def test_a_jump_returns_its_seconds(clock):
     assert jump(clock, 0) == 29.9
 
 
@@ -67,29 +67,29 @@ def test_a_jump_tells_by_how_much(clock):
     ("seconds", "refused"),
     [(0, False), (0.4, False), (0.6, True), (29.9, True), (30.3, True), (30.5, False)],
 )
-def test_after_a_jump_a_stamp_is_of_before_where_that_is_nearer(clock, seconds, refused):
+def test_after_a_jump_a_stamp_is_refused_if_the_time_before_is_nearer(clock, seconds, refused):
     jump(clock, 0)
     assert is_refused(clock, seconds) is refused
 
 
 @pytest.fixture
 def slow():
-    """After ten frames, one every two seconds."""
+    """A clock after ten frames at 0.5 Hz."""
     clock = FrameClock()
     for number in range(10):
         show(clock, 2 * number)
     return clock
 
 
-def test_with_slow_images_a_detector_may_be_ahead_by_two_of_them(slow):
+def test_with_slow_images_a_detector_may_be_ahead_by_two_images(slow):
     jump(slow, 0)
     assert not is_refused(slow, 4)
     assert is_refused(slow, 4.1)
 
 
-def test_what_was_said_before_a_jump_is_later_with_each_frame_since(slow):
+def test_each_frame_after_a_jump_makes_an_earlier_stamp_less_likely(slow):
     jump(slow, 15)
-    # Rather 1 s early than 2 s before the last frame of then, and rather that than 2.5 s early.
+    # 1 s early is less than 2 s before the last frame before the jump, 2.5 s early is more.
     assert not is_refused(slow, 16)
     assert is_refused(slow, 17.5)
     assert is_refused(slow, 18)
@@ -99,13 +99,13 @@ def test_what_was_said_before_a_jump_is_later_with_each_frame_since(slow):
     assert not is_refused(slow, 18)
 
 
-def test_once_the_old_time_is_reached_all_is_of_now(clock):
+def test_once_the_old_time_is_reached_every_stamp_is_current(clock):
     jump(clock, 0)
     show(clock, 29.9)
     assert not is_refused(clock, 30.3)
 
 
-def test_without_stamps_nothing_is_of_before(clock):
+def test_without_stamps_none_is_from_before_a_jump(clock):
     jump(clock, 0)
     clock.check_ahead(0)
     clock.take(0, None)
@@ -113,7 +113,7 @@ def test_without_stamps_nothing_is_of_before(clock):
 
 
 @pytest.mark.parametrize("check", [FrameClock.check_ahead, FrameClock.check_behind])
-def test_other_clocks_are_refused_on_their_side_alone(clock, check):
+def test_each_check_refuses_another_clock_on_its_side_only(clock, check):
     ahead = 3600 if check is FrameClock.check_ahead else -3600
     with pytest.raises(ValueError, match=r"its stamp is 36\d\d s .* from another clock; allowed:"):
         check(clock, at(ahead + 29.9))
@@ -122,7 +122,7 @@ def test_other_clocks_are_refused_on_their_side_alone(clock, check):
     check(FrameClock(), at(ahead))
 
 
-def test_frames_that_were_passed_over_are_those_since_the_last_one_taken(clock):
+def test_skipped_frames_are_those_since_the_last_one_taken(clock):
     clock.skip(at(30))
     clock.skip(at(31))
     assert [clock.was_skipped(at(seconds)) for seconds in (29.9, 30, 31, 31.1)] == [
@@ -134,7 +134,7 @@ def test_frames_that_were_passed_over_are_those_since_the_last_one_taken(clock):
     assert not clock.was_skipped(at(30.5))
 
 
-def test_frames_before_a_new_beginning_count_no_more_also_with_a_pause_after_it(clock):
+def test_frames_before_an_expected_jump_count_as_skipped_also_after_a_pause(clock):
     clock.expect_jump()
     assert [clock.was_skipped(at(seconds)) for seconds in (1, 29, 30)] == [True, True, False]
     clock.skip(at(40))
@@ -142,7 +142,7 @@ def test_frames_before_a_new_beginning_count_no_more_also_with_a_pause_after_it(
     assert not clock.was_skipped(0)
 
 
-def test_frames_that_are_passed_over_move_the_time_that_detectors_know(clock):
+def test_skipped_frames_advance_the_time_of_the_checks(clock):
     clock.skip(at(100))
     clock.check_ahead(at(159))
     clock.check_behind(at(41))

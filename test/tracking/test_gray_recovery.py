@@ -1,4 +1,4 @@
-"""Cameras of more than 8 bits that send bad frames: the target is tracked again within a second."""
+"""After bad frames of a camera of more than 8 bits, the target is tracked again in a second."""
 
 import cv2
 import numpy as np
@@ -7,10 +7,7 @@ import pytest
 from pf_tracker_ros import Tracker
 
 RATE = 25
-KINDS = {
-    "16 bit": (np.uint16, 7000.0, 4.0),
-    "32 bit": (np.float32, 290.0, 0.05),
-}
+KINDS = {"16 bit": (np.uint16, 7000.0, 4.0), "32 bit": (np.float32, 290.0, 0.05)}
 
 
 @pytest.fixture(params=KINDS)
@@ -20,7 +17,7 @@ def kind(request):
 
 @pytest.fixture
 def camera(kind, moving_square):
-    """A function that takes an image of the square, which stands still."""
+    """A function that takes an image of the square, which does not move."""
     dtype, base, unit = KINDS[kind]
     gray = cv2.cvtColor(moving_square.images[0], cv2.COLOR_BGR2GRAY).astype(float)
     generator = np.random.default_rng(0)
@@ -82,7 +79,7 @@ def test_the_target_is_tracked_again_a_second_after_bad_frames(
         assert is_tracked(tracker.update(camera(), 1 / RATE), box)
 
 
-def test_a_new_target_is_seen_at_once_whatever_was_there_before(kind, camera, moving_square):
+def test_a_new_target_is_tracked_at_once_after_bad_frames(kind, camera, moving_square):
     box = moving_square.boxes[0]
     tracker = start(camera, box)
     for name in ("zeros", "saturated", "outliers"):
@@ -94,8 +91,8 @@ def test_a_new_target_is_seen_at_once_whatever_was_there_before(kind, camera, mo
 
 
 @pytest.mark.parametrize("preset", ["default", "li2007", "zhang2015", "zhang_bo"])
-def test_32_bits_are_followed_as_16_bits_are(preset, moving_square):
-    """The same values, and so the same boxes to the bit."""
+def test_images_of_32_and_16_bits_give_the_same_estimates(preset, moving_square):
+    """They have the same values."""
     trackers = [Tracker.from_preset(preset, seed=2) for _ in range(2)]
     box = moving_square.boxes[0]
     for number, image in enumerate(moving_square.images[:10]):
@@ -108,7 +105,7 @@ def test_32_bits_are_followed_as_16_bits_are(preset, moving_square):
         assert estimates[0] == estimates[1]
 
 
-def test_a_target_is_followed_among_pixels_that_are_no_numbers(moving_square):
+def test_pixels_that_are_not_finite_are_no_error(moving_square):
     tracker = Tracker.from_preset("default", seed=2)
     for number, image in enumerate(moving_square.images):
         real = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32) / 255
@@ -130,6 +127,6 @@ def test_a_target_is_followed_among_pixels_that_are_no_numbers(moving_square):
     ],
     ids=["64 bit", "16 bit float", "other byte order", "color"],
 )
-def test_other_numbers_are_refused(image):
+def test_other_pixel_types_are_refused(image):
     with pytest.raises(ValueError, match=r"allowed: .* uint8, uint16 or float32"):
         Tracker.from_preset("li2007").start(image, (10, 10, 20, 20))

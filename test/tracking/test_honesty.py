@@ -1,4 +1,4 @@
-"""Is it told when it is not the target? Small forms of `benchmarks/honesty.py`."""
+"""Is it reported when the box is not the target? Short forms of `benchmarks/honesty.py`."""
 
 import cv2
 import numpy as np
@@ -20,7 +20,7 @@ GROUND, TARGET = texture(1, HEIGHT, WIDTH, 60, 160), texture(2, SIDE, SIDE)
 
 
 def shown(x, y, ground=GROUND, sprite=TARGET):
-    """The target at a place, cut off at the borders."""
+    """An image of the target, clipped at the borders."""
     image = ground.copy()
     left, top, right, bottom = max(x, 0), max(y, 0), min(x + SIDE, WIDTH), min(y + SIDE, HEIGHT)
     if right > left and bottom > top:
@@ -36,8 +36,8 @@ def overlap_with(estimate, x, y):
     return float(overlap(np.array([estimate.box]), np.array([box(x, y)]))[0])
 
 
-def walked(seed=0, frames=30, ground=GROUND):
-    """A tracker whose target has walked from (40, 40) to the right, 2 px a frame."""
+def tracker_of_moving_target(seed=0, frames=30, ground=GROUND):
+    """A tracker whose target has moved from (40, 40) to the right, 2 px a frame."""
     tracker = Tracker.from_preset("default", seed)
     tracker.start(shown(40, 40, ground), box(40, 40))
     for frame in range(1, frames):
@@ -49,8 +49,8 @@ def walked(seed=0, frames=30, ground=GROUND):
 
 @pytest.mark.parametrize("frames", [1, 3])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_flash_in_which_the_target_looks_like_nothing_leaves_no_trace(frames, seed):
-    """It saturates, so that what is seen in it is not what was learned, nor what comes after."""
+def test_a_flash_that_saturates_the_target_has_no_lasting_effect(frames, seed):
+    """The target in it matches neither the templates before nor the frames after."""
     ground = texture(1, HEIGHT, WIDTH, 30, 80)[..., :1].repeat(3, axis=2)
     target = texture(2, SIDE, SIDE, 80, 200)[..., :1].repeat(3, axis=2)
     tracker = Tracker.from_preset("default", seed)
@@ -70,16 +70,16 @@ def test_a_flash_in_which_the_target_looks_like_nothing_leaves_no_trace(frames, 
 
 @pytest.mark.parametrize("gain", [0.5, 1.7])
 @pytest.mark.parametrize("seed", range(3))
-def test_light_that_jumps_leaves_the_target_where_it_is(gain, seed):
-    """Beside the target is what has its colors once the light has changed."""
+def test_the_target_is_tracked_through_a_jump_of_the_illumination(gain, seed):
+    """Beside it is an object that has the target's colors after the jump."""
     plain = texture(4, HEIGHT, WIDTH, 60, 130)
     target = texture(5, SIDE, SIDE, 0, 40) + np.array([0, 20, 90], np.uint8)
-    decoy = np.clip(target / gain, 0, 255).astype(np.uint8)
+    distractor = np.clip(target / gain, 0, 255).astype(np.uint8)
 
-    def image(index, light):
+    def image(index, brightness):
         drawn = shown(40 + index, 40, plain, target)
-        drawn[60 : 60 + SIDE, 110 : 110 + SIDE] = decoy
-        return cv2.convertScaleAbs(drawn, alpha=light)
+        drawn[60 : 60 + SIDE, 110 : 110 + SIDE] = distractor
+        return cv2.convertScaleAbs(drawn, alpha=brightness)
 
     tracker = Tracker.from_preset("default", seed)
     tracker.start(image(0, 1.0), box(40, 40))
@@ -91,8 +91,8 @@ def test_light_that_jumps_leaves_the_target_where_it_is(gain, seed):
 
 @pytest.mark.parametrize("pattern", [5, 6])
 @pytest.mark.parametrize("seed", range(2))
-def test_a_target_that_the_light_makes_white_is_followed_as_white(pattern, seed):
-    """Nothing is left of its texture, and what was learned of it would fit anything."""
+def test_a_target_that_a_jump_of_the_illumination_saturates_is_tracked(pattern, seed):
+    """Nothing is left of its texture, and templates of it would match anything."""
     ground = texture(4, HEIGHT, WIDTH, 40, 200)
     target = texture(pattern, SIDE + 16, SIDE + 16, 150)[8:-8, 8:-8]
     tracker = Tracker.from_preset("default", seed)
@@ -106,7 +106,7 @@ def test_a_target_that_the_light_makes_white_is_followed_as_white(pattern, seed)
 
 @pytest.mark.parametrize("seed", range(3))
 def test_another_scene_is_not_the_target(seed):
-    tracker = walked(seed)
+    tracker = tracker_of_moving_target(seed)
     states = []
     for index in range(40):
         scene = np.roll(texture(9, HEIGHT, WIDTH, 0, 220), 2 * index, 1)
@@ -116,7 +116,7 @@ def test_another_scene_is_not_the_target(seed):
 
 
 def lost(tracker, frames=80):
-    """The same without the target."""
+    """The last estimate after frames without the target."""
     for _ in range(frames):
         estimate = tracker.update(GROUND, INTERVAL)
     assert estimate.state == "lost"
@@ -124,49 +124,49 @@ def lost(tracker, frames=80):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_lost_target_keeps_the_size_that_it_had_last(seed):
-    tracker = walked(seed)
+def test_a_lost_target_keeps_its_last_size(seed):
+    tracker = tracker_of_moving_target(seed)
     before = tracker.estimate.box
     after = lost(tracker, 220).box
     assert after[2:] == pytest.approx(before[2:], rel=0.1)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_what_is_found_again_is_hidden_until_several_frames_agree(seed):
-    """And then it is tracked, elsewhere, at once."""
-    tracker = walked(seed)
+def test_a_redetected_target_is_not_tracked_until_several_frames_confirm_it(seed):
+    """Then it is tracked in its new place at once."""
+    tracker = tracker_of_moving_target(seed)
     lost(tracker)
-    told = []
+    reported = []
     for _ in range(60):
         estimate = tracker.update(shown(20, 110), INTERVAL)
-        told.append((estimate.state, overlap_with(estimate, 20, 110) > 0.5))
-    found = [is_there for _, is_there in told].index(True)
-    assert "tracking" not in [state for state, _ in told[found : found + 3]]
-    assert told[-1] == ("tracking", True)
+        reported.append((estimate.state, overlap_with(estimate, 20, 110) > 0.5))
+    found = [is_there for _, is_there in reported].index(True)
+    assert "tracking" not in [state for state, _ in reported[found : found + 3]]
+    assert reported[-1] == ("tracking", True)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_look_alike_is_left_for_the_target_itself(seed):
-    """While it is gone, something with its colors in another order stands somewhere else."""
-    tracker = walked(seed)
+def test_a_distractor_is_left_for_the_target(seed):
+    """While the target is out of sight, an object with its colors is elsewhere."""
+    tracker = tracker_of_moving_target(seed)
     lost(tracker)
     other = cv2.rotate(TARGET, cv2.ROTATE_180)
-    decoy = shown(150, 20, sprite=other)
+    distractor = shown(150, 20, sprite=other)
     for _ in range(40):
-        estimate = tracker.update(decoy, INTERVAL)
+        estimate = tracker.update(distractor, INTERVAL)
     for _ in range(60):
-        estimate = tracker.update(shown(20, 110, decoy), INTERVAL)
+        estimate = tracker.update(shown(20, 110, distractor), INTERVAL)
     assert estimate.state == "tracking"
     assert overlap_with(estimate, 20, 110) > 0.5
 
 
 @pytest.mark.parametrize("apart", [34, 44])
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("look_alike", [TARGET, np.roll(TARGET, 6, axis=1)])
-def test_what_stood_beside_the_target_is_never_taken_for_it(look_alike, apart, seed):
-    """Not when the target goes, not as long as it is gone; and then it is found beside it."""
-    ground = shown(98 + apart, 40, sprite=look_alike)
-    tracker = walked(seed, ground=ground)
+@pytest.mark.parametrize("distractor", [TARGET, np.roll(TARGET, 6, axis=1)])
+def test_a_distractor_beside_the_target_is_never_tracked(distractor, apart, seed):
+    """Not while the target is out of sight; then the target is found beside it."""
+    ground = shown(98 + apart, 40, sprite=distractor)
+    tracker = tracker_of_moving_target(seed, ground=ground)
     for _ in range(100):
         estimate = tracker.update(ground, INTERVAL)
         assert estimate.state != "tracking"
@@ -177,8 +177,8 @@ def test_what_stood_beside_the_target_is_never_taken_for_it(look_alike, apart, s
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_target_that_comes_into_view_before_its_look_alike_is_found_once_clear_of_it(seed):
-    """It goes behind a post, beside which the other one stands."""
+def test_a_target_that_reappears_at_a_distractor_is_found_once_clear_of_it(seed):
+    """The target passes behind a post; the distractor stands beside the post."""
     ground = shown(110, 40, sprite=np.ascontiguousarray(TARGET[:, ::-1]))
     tracker = Tracker.from_preset("default", seed)
     for index in range(40):

@@ -1,4 +1,4 @@
-"""What comes from outside: bad images, boxes and times are refused, and the target is kept."""
+"""Bad images, boxes, intervals and seeds are refused, and the target is kept."""
 
 from datetime import timedelta
 

@@ -1,4 +1,4 @@
-"""The likelihood around the target, as it is shown."""
+"""The likelihood map around the target."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ BOX = (40.0, 30.0, 20.0, 20.0)
 
 
 def peaked_at(*centers, height=0.0):
-    """Of a cue: log likelihood by the distance to the nearest of some centers."""
+    """A cue whose log likelihood falls with the distance to the nearest center."""
 
     def of(boxes):
         middles = boxes[:, :2] + boxes[:, 2:] / 2
@@ -24,7 +24,7 @@ def min_distance(places, centers):
     return np.min([np.linalg.norm(places - center, axis=1) for center in centers], axis=0)
 
 
-def test_the_map_lies_around_the_box_with_its_peak_where_the_cues_say():
+def test_the_map_is_centered_on_the_box_and_has_the_peak_of_the_cue():
     cue = peaked_at((60.0, 35.0))
     found = map_likelihood(BOX, (200, 100), {"one": 1.0}, lambda boxes: {"one": cue(boxes)})
     x, y, side, _ = found.extent
@@ -35,7 +35,7 @@ def test_the_map_lies_around_the_box_with_its_peak_where_the_cues_say():
     assert peak == pytest.approx((60.0, 35.0), abs=side / columns)
 
 
-def test_the_rival_is_the_likeliest_place_beside_the_box():
+def test_the_second_peak_is_the_likeliest_box_beside_the_target():
     near, far = peaked_at((50.0, 40.0)), peaked_at((50.0, 40.0), (75.0, 40.0), height=-0.5)
     found = map_likelihood(
         BOX, (200, 100), {"near": 0.2, "far": 0.8}, lambda b: {"near": near(b), "far": far(b)}
@@ -47,7 +47,7 @@ def test_the_rival_is_the_likeliest_place_beside_the_box():
     assert found.cues["far"].at_second_peak == pytest.approx(-0.5, abs=0.2)
 
 
-def test_a_box_that_fills_the_image_has_no_rival():
+def test_the_second_peak_of_a_box_that_fills_the_image_is_the_box():
     found = map_likelihood(
         (0.0, 0.0, 100.0, 100.0), (100, 100), {"one": 1.0}, lambda b: {"one": np.zeros(len(b))}
     )
@@ -55,21 +55,21 @@ def test_a_box_that_fills_the_image_has_no_rival():
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_every_preset_tells_it_and_goes_on_with_the_same_bits(preset, couple):
-    asked, alone = (Tracker.from_preset(preset, seed=1) for _ in range(2))
-    assert asked.map_likelihood() is None
-    for tracker in (asked, alone):
+def test_a_map_does_not_change_the_estimates(preset, couple):
+    mapped, plain = (Tracker.from_preset(preset, seed=1) for _ in range(2))
+    assert mapped.map_likelihood() is None
+    for tracker in (mapped, plain):
         tracker.start(couple.images[0], couple.first[0])
     for image in couple.images[1:]:
-        found = asked.map_likelihood()
+        found = mapped.map_likelihood()
         assert found.log_likelihood.shape == (32, 32)
         assert np.isfinite(found.log_likelihood).all()
         assert found.log_likelihood.max() <= 1e-9
-        assert found.cues.keys() == asked.estimate.cue_weights.keys()
-        assert asked.update(image, 0.04) == alone.update(image, 0.04)
+        assert found.cues.keys() == mapped.estimate.cue_weights.keys()
+        assert mapped.update(image, 0.04) == plain.update(image, 0.04)
 
 
-def test_where_the_target_is_seen_it_is_likelier_than_its_rival(couple):
+def test_a_visible_target_is_likelier_than_the_second_peak(couple):
     tracker = Tracker.from_preset("default", seed=1)
     tracker.start(couple.images[0], couple.second[0])
     for image in couple.images[1:8]:

@@ -1,4 +1,4 @@
-"""Measurers: particles weighed where they are, or after a search all around."""
+"""Measurers: particles weighed where they are predicted, or after a search."""
 
 from dataclasses import replace
 
@@ -8,7 +8,6 @@ import pytest
 
 from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters
-from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Foreground, Frame
 from pf_tracker_ros.tracking.assessment import Assessment
 from pf_tracker_ros.tracking.estimate import TrackStatus
@@ -37,83 +36,81 @@ def measurers(*names):
 
 
 @pytest.fixture
-def target(make_target_filter, couple):
-    """In the first image, known by the cues of the preset `default`."""
-    draw = GeneratorState.of(np.random.default_rng(3))
+def state(make_target_filter, couple):
+    """In the first image, with templates of the cues of the preset `default`."""
     target_filter = make_target_filter("default", {"particles": 100})
-    return target_filter.initialize(Frame(couple.images[0]), tuple(couple.first[0]), draw)
+    return target_filter.start(couple.images[0], couple.first[0])
 
 
 def shifted(image, pixels):
-    """All of the image so many pixels to the right."""
+    """The image moved to the right."""
     matrix = np.array([[1.0, 0.0, pixels], [0.0, 1.0, 0.0]])
     size = image.shape[1::-1]
     return cv2.warpAffine(image, matrix, size, borderMode=cv2.BORDER_REPLICATE)
 
 
-def prediction_for(target):
-    """The particles as they are, of weights that are not all the same."""
-    particles = target.particles.reweight(np.linspace(0.0, 1.0, len(target.particles)))
+def prediction_for(state):
+    """The particles as they are, with different weights."""
+    particles = state.particles.reweight(np.linspace(0.0, 1.0, len(state.particles)))
     return Prediction(particles, INTERVAL)
 
 
-def measure(measurer, target, frame, prediction, draw=None):
-    expected = measurer.predict_frame(target, frame, INTERVAL, prediction, draw or generator())
-    return measurer.estimate(measurer.weigh(expected))
+def measure(measurer, state, frame, prediction, generator=None):
+    generator = generator or new_rng()
+    predicted = measurer.predict_frame(state, frame, INTERVAL, prediction, generator)
+    return measurer.estimate(measurer.weigh(predicted))
 
 
-def generator():
+def new_rng():
     return np.random.default_rng(8)
 
 
 CUES_OF_DEFAULT = ("color_contrast", "correlation_response")
 
 
-def test_without_a_search_every_particle_is_weighed_where_it_is(target, couple):
+def test_without_a_search_every_particle_is_weighed_where_it_is(state, couple):
     measurer, _ = measurers(*CUES_OF_DEFAULT)
-    prediction = prediction_for(target)
-    draw = generator()
-    measured = measure(measurer, target, Frame(couple.images[0]), prediction, draw)
-    assert measured.predicted is prediction.particles
-    np.testing.assert_array_equal(measured.particles.states, prediction.particles.states)
-    np.testing.assert_array_equal(measured.boxes, target.motion.boxes(measured.particles.states))
-    mean = measured.particles.mean
-    np.testing.assert_allclose(measured.box, target.motion.boxes(mean[None])[0])
-    # The weights are those of the prediction times the likelihoods, so they fall with the distance.
-    gained = measured.particles.log_weights - prediction.particles.log_weights
-    centers = measured.boxes[:, :2] + measured.boxes[:, 2:] / 2
+    prediction = prediction_for(state)
+    generator = new_rng()
+    measurement = measure(measurer, state, Frame(couple.images[0]), prediction, generator)
+    assert measurement.predicted is prediction.particles
+    np.testing.assert_array_equal(measurement.particles.states, prediction.particles.states)
+    np.testing.assert_array_equal(
+        measurement.boxes, state.motion.boxes(measurement.particles.states)
+    )
+    mean = measurement.particles.mean
+    np.testing.assert_allclose(measurement.box, state.motion.boxes(mean[None])[0])
+    # The weights are multiplied by the likelihoods, which fall with the distance.
+    gained = measurement.particles.log_weights - prediction.particles.log_weights
+    centers = measurement.boxes[:, :2] + measurement.boxes[:, 2:] / 2
     distance = np.linalg.norm(centers - couple.first[0][:2] - couple.first[0][2:] / 2, axis=1)
     assert np.corrcoef(gained, distance)[0, 1] < -0.8
-    assert measured.search is None
-    assert measured.distractor_ratios == {}
-    assert measured.cue_weights == {"color_contrast": 0.5, "correlation_response": 0.5}
-    # It takes no chances.
-    assert draw.bit_generator.state == generator().bit_generator.state
-    covariance = measurer.covariance(
-        target,
-        measured,
-        Assessment(measured.box, 0.1, TrackStatus("lost", 9.0), measured.particles, measured.boxes),
-        9.0,
-    )
-    np.testing.assert_array_equal(covariance, measured.particles.covariance[:2, :2])
+    assert measurement.search is None
+    assert measurement.distractor_ratios == {}
+    assert measurement.cue_weights == {"color_contrast": 0.5, "correlation_response": 0.5}
+    # No random number is drawn.
+    assert generator.bit_generator.state == new_rng().bit_generator.state
+    status, particles = TrackStatus("lost", 9.0), measurement.particles
+    lost = Assessment(measurement.box, 0.1, status, particles, measurement.boxes)
+    covariance = measurer.covariance(state, measurement, lost, 9.0)
+    np.testing.assert_array_equal(covariance, measurement.particles.covariance[:2, :2])
 
 
-def test_a_search_finds_what_is_out_of_the_particles_reach(target, couple):
-    """Two thirds of a box away, where no particle is drawn."""
+def test_a_search_finds_a_target_where_no_particle_is(state, couple):
+    """Two thirds of a box away."""
     measurer, searching = measurers(*CUES_OF_DEFAULT)
     frame = Frame(shifted(couple.images[0], 20))
     there = couple.first[0] + [20.0, 0.0, 0.0, 0.0]
     box = {
-        one: measure(one, target, frame, prediction_for(target)).box
-        for one in (measurer, searching)
+        one: measure(one, state, frame, prediction_for(state)).box for one in (measurer, searching)
     }
     assert np.abs(box[searching] - there).max() < 2.0
     assert there[0] - box[measurer][0] > 10.0
 
 
 @pytest.mark.parametrize("side", [-1, 1], ids=["left", "right"])
-def test_a_search_is_led_to_the_one_of_two_alike_that_moves(target, couple, side):
-    """Both out of the particles' reach, one of them part of the background."""
+def test_the_foreground_leads_a_search_to_the_moving_one_of_two_equal_objects(state, couple, side):
+    """Both where no particle is, one of them part of the background."""
     _, searching = measurers(*CUES_OF_DEFAULT, "foreground")
     image = np.full_like(couple.images[0], 125)
     x, y, width, height = couple.first[0].astype(int)
@@ -124,64 +121,61 @@ def test_a_search_is_led_to_the_one_of_two_alike_that_moves(target, couple, side
     mask = np.zeros(image.shape[:2], np.uint8)
     mask[y : y + height, there : there + width] = 255
     frame.foreground = Foreground(mask, 1)
-    target = replace(target, templates={**target.templates, "foreground": None})
-    measured = measure(searching, target, frame, prediction_for(target))
-    assert np.abs(measured.box - [there, y, width, height]).max() < 3.0
-    found = measured.predicted.states[:, 0] - couple.first[0][0] - width / 2
+    state = replace(state, templates={**state.templates, "foreground": None})
+    measurement = measure(searching, state, frame, prediction_for(state))
+    assert np.abs(measurement.box - [there, y, width, height]).max() < 3.0
+    found = measurement.predicted.states[:, 0] - couple.first[0][0] - width / 2
     assert np.mean(found * side > width / 2) > 0.3
 
 
-def test_the_search_is_around_the_predicted_mean_and_its_particles_carry_p_over_q(target, couple):
+def test_the_search_is_around_the_predicted_mean_and_its_particles_carry_p_over_q(state, couple):
     _, searching = measurers(*CUES_OF_DEFAULT)
     cues = fusion(*CUES_OF_DEFAULT)
-    frame, prediction = Frame(couple.images[1]), prediction_for(target)
-    measured = measure(searching, target, frame, prediction)
+    frame, prediction = Frame(couple.images[1]), prediction_for(state)
+    measurement = measure(searching, state, frame, prediction)
     before = prediction.particles
-    boxes = target.motion.boxes(before.states)
-    np.testing.assert_allclose(measured.search.predicted_box, before.weights @ boxes)
+    boxes = state.motion.boxes(before.states)
+    np.testing.assert_allclose(measurement.search.predicted_box, before.weights @ boxes)
 
-    # The same by the parts, of which the search's own proposal is tested with the proposals.
+    # The same from its parts; `test_proposals.py` tests the proposal itself.
     predicted_box = before.weights @ boxes
     search = Search(predicted_box, ProposalParameters(share=SHARE, window=WINDOW), frame.size)
     _, region = searching.search_window(frame, predicted_box)
-    found = cues.responses(region, search.boxes, target.templates)
-    cue_weights = cues.adapt(target.distractor_ratios, 1.5)
-    assert measured.cue_weights == pytest.approx(cue_weights)
-    centers = target.motion.center_prior(target.particles.states, INTERVAL)
-    likelihood = cues.search(region, search.grid, found, target.templates, cue_weights)
-    expected, log_prior = search.propose(before, target.motion, centers, likelihood, generator())
-    np.testing.assert_allclose(measured.predicted.states, expected.states)
-    np.testing.assert_allclose(measured.predicted.log_weights, expected.log_weights, atol=1e-6)
-    assert np.ptp(measured.predicted.log_weights - before.log_weights) > 0.1
-    # Sizes and velocities stay the motion model's.
-    np.testing.assert_array_equal(measured.predicted.states[:, 2:], before.states[:, 2:])
-    gained = measured.particles.log_weights - measured.predicted.log_weights
-    mean = mode_mean(measured.particles, measured.boxes, int(np.argmax(log_prior + gained)))
-    np.testing.assert_allclose(measured.box, target.motion.boxes(mean[None])[0])
+    found = cues.responses(region, search.boxes, state.templates)
+    cue_weights = cues.adapt(state.distractor_ratios, 1.5)
+    assert measurement.cue_weights == pytest.approx(cue_weights)
+    centers = state.motion.center_prior(state.particles.states, INTERVAL)
+    likelihood = cues.search(region, search.grid, found, state.templates, cue_weights)
+    expected, log_prior = search.propose(before, state.motion, centers, likelihood, new_rng())
+    np.testing.assert_allclose(measurement.predicted.states, expected.states)
+    np.testing.assert_allclose(measurement.predicted.log_weights, expected.log_weights, atol=1e-6)
+    assert np.ptp(measurement.predicted.log_weights - before.log_weights) > 0.1
+    # Sizes and velocities stay those of the motion model.
+    np.testing.assert_array_equal(measurement.predicted.states[:, 2:], before.states[:, 2:])
+    gained = measurement.particles.log_weights - measurement.predicted.log_weights
+    mean = mode_mean(measurement.particles, measurement.boxes, int(np.argmax(log_prior + gained)))
+    np.testing.assert_allclose(measurement.box, state.motion.boxes(mean[None])[0])
 
 
-def test_of_two_places_that_look_alike_one_is_told_and_not_the_middle(target, couple):
+def test_the_estimate_between_two_equal_objects_is_one_of_them_and_not_the_middle(state, couple):
     _, searching = measurers(*CUES_OF_DEFAULT)
     x, y, side, _ = couple.first[0].astype(int)
     image = couple.images[couple.hidden[0]].copy()
-    # On both sides of where it was.
+    # One on each side of the last box.
     places = [couple.first[0] + [right, 0.0, 0.0, 0.0] for right in (-20, 20)]
-    for predicted_box in places:
-        left = int(predicted_box[0])
+    for place in places:
+        left = int(place[0])
         image[y : y + side, left : left + side] = couple.images[0][y : y + side, x : x + side]
-    measured = measure(searching, target, Frame(image), prediction_for(target))
-    weights = [
-        measured.particles.weights[np.abs(measured.boxes[:, 0] - predicted_box[0]) < 5.0].sum()
-        for predicted_box in places
-    ]
-    assert min(weights) > 0.02
-    assert min(np.abs(measured.box - predicted_box).max() for predicted_box in places) < 1.5
+    measurement = measure(searching, state, Frame(image), prediction_for(state))
+    weights, lefts = measurement.particles.weights, measurement.boxes[:, 0]
+    assert min(weights[np.abs(lefts - place[0]) < 5.0].sum() for place in places) > 0.02
+    assert min(np.abs(measurement.box - place).max() for place in places) < 1.5
 
 
-def test_what_looks_alike_beside_the_target_is_a_distraction(target, couple):
+def test_similar_colors_beside_the_target_raise_the_ratio_of_the_color_cue(state, couple):
     _, searching = measurers(*CUES_OF_DEFAULT)
     plain = couple.images[0].copy()
-    # The other target is near; the ground is put over it, and then the target's own colors.
+    # The ground covers the other target, then the target's own colors in random order do.
     x, y, side, _ = couple.second[0].astype(int)
     plain[y : y + side, x : x + side] = plain[y + 40 : y + 40 + side, x : x + side]
     confusing = plain.copy()
@@ -190,27 +184,27 @@ def test_what_looks_alike_beside_the_target_is_a_distraction(target, couple):
     np.random.default_rng(0).shuffle(colors)
     confusing[y : y + side, x : x + side] = colors.reshape(side, side, 3)
     distractor_ratios = [
-        measure(searching, target, Frame(image), prediction_for(target)).distractor_ratios
+        measure(searching, state, Frame(image), prediction_for(state)).distractor_ratios
         for image in (plain, confusing)
     ]
     assert distractor_ratios[0].keys() == distractor_ratios[1].keys() == set(CUES_OF_DEFAULT)
     grown = {
         name: distractor_ratios[1][name] - distractor_ratios[0][name] for name in CUES_OF_DEFAULT
     }
-    # A tenth of each frame is in it.
+    # The ratio is smoothed: a tenth of each frame.
     assert grown["color_contrast"] > 0.03
     assert grown["color_contrast"] > 2 * grown["correlation_response"]
 
 
-def test_while_no_cue_that_searches_has_a_template_it_is_as_without_a_search(target, couple):
+def test_while_no_searching_cue_has_a_template_there_is_no_search(state, couple):
     measurer, searching = measurers("color_histogram", *CUES_OF_DEFAULT)
     frame = Frame(couple.images[1])
     templates = fusion("color_histogram").learn(
         searching.search_window(Frame(couple.images[0]), couple.first[0])[1], couple.first[0]
     )
-    target = replace(target, templates=templates, distractor_ratios={})
+    state = replace(state, templates=templates, distractor_ratios={})
     without, fallen_back = (
-        measure(one, target, frame, prediction_for(target)) for one in (measurer, searching)
+        measure(one, state, frame, prediction_for(state)) for one in (measurer, searching)
     )
     np.testing.assert_array_equal(without.particles.states, fallen_back.particles.states)
     np.testing.assert_array_equal(without.particles.log_weights, fallen_back.particles.log_weights)
@@ -220,51 +214,51 @@ def test_while_no_cue_that_searches_has_a_template_it_is_as_without_a_search(tar
     assessment = Assessment(
         without.box, 0.3, TrackStatus("occluded", 1.0), fallen_back.particles, fallen_back.boxes
     )
-    covariance = searching.covariance(target, fallen_back, assessment, 1.0)
+    covariance = searching.covariance(state, fallen_back, assessment, 1.0)
     np.testing.assert_array_equal(covariance, fallen_back.particles.covariance[:2, :2])
 
 
-def test_the_covariance_of_a_search_by_hand(target, couple):
+def test_the_covariance_of_a_search_by_hand(state, couple):
     _, searching = measurers(*CUES_OF_DEFAULT)
     frame = Frame(couple.images[1])
-    measured = measure(searching, target, frame, prediction_for(target))
-    box = measured.box + [3.0, 0.0, 0.0, 0.0]
-    seen = Assessment(box, 0.75, TrackStatus(), measured.particles, measured.boxes)
-    size = np.sqrt(measured.search.predicted_box[2] * measured.search.predicted_box[3])
+    measurement = measure(searching, state, frame, prediction_for(state))
+    box = measurement.box + [3.0, 0.0, 0.0, 0.0]
+    seen = Assessment(box, 0.75, TrackStatus(), measurement.particles, measurement.boxes)
+    size = np.sqrt(measurement.search.predicted_box[2] * measurement.search.predicted_box[3])
     anywhere = (WINDOW * size) ** 2 / 12.0
-    within = covariance_about(measured.particles, box[:2] + box[2:] / 2)
+    within = covariance_about(measurement.particles, box[:2] + box[2:] / 2)
     np.testing.assert_allclose(
-        searching.covariance(target, measured, seen, 5.0),
+        searching.covariance(state, measurement, seen, 5.0),
         0.75 * within + 0.25 * anywhere * np.eye(2),
     )
     # The random walk of the preset's position noise, .6 box sizes in a second, for 4 s.
     hidden = replace(seen, status=TrackStatus("lost", 9.0))
     np.testing.assert_allclose(
-        searching.covariance(target, measured, hidden, 4.0),
+        searching.covariance(state, measurement, hidden, 4.0),
         (anywhere + (0.6 * 2.0 * size) ** 2) * np.eye(2),
     )
 
 
 @pytest.mark.parametrize(("side", "reduction"), [(30, 1), (40, 1), (41, 2), (90, 3)])
-def test_large_targets_are_looked_at_reduced_to_the_working_size(side, reduction, target):
+def test_large_targets_are_measured_in_an_image_reduced_to_the_working_size(side, reduction, state):
     noise = np.random.default_rng(0).integers(0, 256, (240, 320, 3), dtype=np.uint8)
     box = np.array([100.0, 60.0, side, side])
-    looked_at = []
+    reductions = []
 
-    class Watched(Frame):
+    class WatchedFrame(Frame):
         def view(self, part, reduction=1):
-            looked_at.append(reduction)
+            reductions.append(reduction)
             return super().view(part, reduction)
 
     measurer = Measurer(fusion("color_histogram"), WORKING_SIZE)
-    measurer.learn(Watched(noise), box)
+    measurer.learn(WatchedFrame(noise), box)
     particles = ParticleSet.uniform([[100 + side / 2, 60 + side / 2, 0.0, 0.0, side, side]])
-    estimate = replace(target.estimate, box=tuple(box.tolist()))
+    estimate = replace(state.estimate, box=tuple(box.tolist()))
     templates, _ = measurer.learn(Frame(noise), box)
     measure(
         measurer,
-        replace(target, templates=templates, estimate=estimate),
-        Watched(noise),
+        replace(state, templates=templates, estimate=estimate),
+        WatchedFrame(noise),
         Prediction(particles, INTERVAL),
     )
-    assert set(looked_at) == ({reduction} if reduction == 1 else {1, reduction})
+    assert set(reductions) == ({reduction} if reduction == 1 else {1, reduction})

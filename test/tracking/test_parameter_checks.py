@@ -1,4 +1,4 @@
-"""Parameters that are allowed one by one, but not together."""
+"""Combinations of parameters that are refused."""
 
 import pytest
 
@@ -26,7 +26,7 @@ from pf_tracker_ros.parameters import ParameterError
         ),
     ],
 )
-def test_a_search_that_cannot_be_is_refused(parameters, message):
+def test_a_search_without_its_parts_is_refused(parameters, message):
     with pytest.raises(ParameterError, match=message):
         Tracker.from_preset("default", parameters=parameters)
 
@@ -41,6 +41,6 @@ def test_the_kalman_filter_needs_a_gaussian_motion_model():
 
 
 @pytest.mark.parametrize("preset", ["default", "li2007"])
-def test_without_a_cue_there_is_nothing_to_compare_by(preset):
+def test_an_empty_list_of_cues_is_refused(preset):
     with pytest.raises(ParameterError, match=r"'cues' is empty; .* at least one of .*\bhog\b"):
         Tracker.from_preset(preset, parameters={"cues": ()})

@@ -1,4 +1,4 @@
-"""The tracker's parameters: which there are, what became of others, and changes."""
+"""The tracker's parameters: values, conditions and changes at run time."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def box(boxes, index):
     return tuple(boxes[index].tolist())
 
 
-# Which there are
+# Values and conditions
 
 
 @every_preset
@@ -34,7 +34,7 @@ def test_every_preset_builds_and_has_its_values(preset):
     assert Tracker.from_preset(preset).parameters == values
 
 
-def test_what_is_registered_can_be_chosen():
+def test_every_registered_part_can_be_selected():
     assert EVERY["cues"].choices == tuple(CUES)
     assert EVERY["motion.model"].choices == tuple(MOTION_MODELS)
     assert EVERY["resampling.scheme"].choices == tuple(RESAMPLERS)
@@ -59,7 +59,7 @@ CONDITIONS = {
 
 
 @pytest.mark.parametrize("name", CONDITIONS)
-def test_a_parameter_of_a_part_counts_while_the_part_is_chosen(name):
+def test_a_parameter_of_a_part_counts_while_the_part_is_selected(name):
     assert EVERY[name].condition == CONDITIONS[name]
     if CONDITIONS[name]:
         assert EVERY[name].description.endswith("'.")
@@ -67,7 +67,7 @@ def test_a_parameter_of_a_part_counts_while_the_part_is_chosen(name):
 
 
 @every_preset
-def test_a_value_of_a_part_that_is_not_chosen_changes_nothing(preset, couple, other_values):
+def test_a_value_of_a_part_that_is_not_selected_changes_nothing(preset, couple, other_values):
     values = preset_parameters(preset)
     idle = {name: one for name, one in EVERY.items() if not one.is_active(values)}
     assert idle
@@ -76,7 +76,7 @@ def test_a_value_of_a_part_that_is_not_chosen_changes_nothing(preset, couple, ot
     others = [Tracker.from_preset(preset, parameters=changes), Tracker.from_preset(preset)]
     for one in (tracker, *others):
         one.start(couple.images[0], box(couple.first, 0))
-    # Also what is fixed while a target is tracked.
+    # Also values that are fixed while a target is tracked.
     others[1].set_parameters(changes)
     assert others[0].parameters == others[1].parameters == values | changes
     for image in couple.images[1:6]:
@@ -87,19 +87,19 @@ def test_a_value_of_a_part_that_is_not_chosen_changes_nothing(preset, couple, ot
             np.testing.assert_array_equal(found.weights, estimate.weights)
 
 
-def test_a_part_that_is_chosen_has_the_values_that_were_set_before(couple):
+def test_a_selected_part_has_the_values_that_were_set_before(couple):
     values = {"motion.size_noise": 0.7, "motion.aspect_noise": 0.2, "hog.sharpness": 90.0}
-    choice = {"motion.model": "second_order_autoregressive", "cues": ("hog",)}
+    selection = {"motion.model": "second_order_autoregressive", "cues": ("hog",)}
     tracker = Tracker.from_preset("li2007", seed=3, parameters=values)
-    tracker.set_parameters(choice)
-    other = Tracker.from_preset("li2007", seed=3, parameters=values | choice)
+    tracker.set_parameters(selection)
+    other = Tracker.from_preset("li2007", seed=3, parameters=values | selection)
     for one in (tracker, other):
         one.start(couple.images[0], box(couple.first, 0))
     for image in couple.images[1:4]:
         assert tracker.update(image).box == other.update(image).box
 
 
-def test_a_single_cue_has_all_of_the_power(couple):
+def test_a_single_cue_has_all_of_the_weight(couple):
     for weight in (0.01, 0.5, 1.0):
         tracker = Tracker.from_preset("zhang2015", parameters={"hog.weight": weight})
         assert dict(tracker.start(couple.images[0], box(couple.first, 0)).cue_weights) == {
@@ -109,12 +109,12 @@ def test_a_single_cue_has_all_of_the_power(couple):
         Tracker.from_preset("zhang2015", parameters={"hog.weight": 0.0})
 
 
-# Changes under way
+# Changes at run time
 
 
 @pytest.fixture
 def make_tracker(couple):
-    """A tracker with the first target in the first image."""
+    """A function that makes a tracker of the first target."""
 
     def make(preset, parameters=None):
         tracker = Tracker.from_preset(preset, seed=5, parameters=parameters)
@@ -124,13 +124,13 @@ def make_tracker(couple):
     return make
 
 
-def target_of(tracker):
+def filter_state(tracker):
     (track,) = tracker._manager._track_set.tracks
     return track.filter_state
 
 
-def learned(tracker):
-    return {*target_of(tracker).templates}
+def learned_cues(tracker):
+    return {*filter_state(tracker).templates}
 
 
 def test_a_cue_that_is_added_learns_from_the_next_frame_that_is_trusted(make_tracker, couple):
@@ -140,12 +140,12 @@ def test_a_cue_that_is_added_learns_from_the_next_frame_that_is_trusted(make_tra
     tracker.set_parameters(more)
     for image in couple.images[1:4]:
         tracker.update(image, INTERVAL)
-        assert learned(tracker) == {"color_histogram", "gradient_orientation"}
+        assert learned_cues(tracker) == {"color_histogram", "gradient_orientation"}
         assert tracker.estimate.cue_weights.keys() == {*more["cues"]}
     tracker.set_parameters({"template.update_above": 0.2})
     tracker.update(couple.images[4], INTERVAL)
-    assert learned(tracker) == {*more["cues"]}
-    # It says something of the next frame: without it the weights are others.
+    assert learned_cues(tracker) == {*more["cues"]}
+    # It contributes to the next frame: without it the weights differ.
     other = make_tracker("li2007")
     for image in couple.images[1:5]:
         other.update(image, INTERVAL)
@@ -155,10 +155,10 @@ def test_a_cue_that_is_added_learns_from_the_next_frame_that_is_trusted(make_tra
     assert not np.allclose(*weights)
 
 
-def test_a_cue_that_has_no_template_yet_says_nothing(make_tracker, couple):
+def test_a_cue_without_a_template_contributes_nothing(make_tracker, couple):
     never = {"template.update_above": 1.0}
     alone, joined = (make_tracker("li2007", never) for _ in range(2))
-    # The two that are known keep their proportion, and so much of the sum.
+    # The weights of the other two cues are scaled to a sum of 1 with it.
     joined.set_parameters(
         {"cues": ("color_histogram", "gradient_orientation", "hog"), "hog.weight": 1.0}
     )
@@ -170,24 +170,24 @@ def test_a_cue_that_has_no_template_yet_says_nothing(make_tracker, couple):
     assert joined.estimate.confidence == alone.estimate.confidence
 
 
-def test_a_cue_that_is_removed_is_forgotten_at_once(make_tracker, couple):
-    """Else the template of one window would be compared in another."""
+def test_the_template_of_a_removed_cue_is_deleted_at_once(make_tracker, couple):
+    """Else a template of one window would be compared with another window."""
     never = {"template.update_above": 1.0, "template.similarity_above": 0.0}
     tracker = make_tracker("default", never)
-    assert learned(tracker) == {"color_contrast", "correlation_response"}
+    assert learned_cues(tracker) == {"color_contrast", "correlation_response"}
     tracker.set_parameters({"cues": ("color_contrast",)})
-    assert learned(tracker) == {"color_contrast"}
-    assert target_of(tracker).distractor_ratios.keys() == {"color_contrast"}
+    assert learned_cues(tracker) == {"color_contrast"}
+    assert filter_state(tracker).distractor_ratios.keys() == {"color_contrast"}
     both = ("color_contrast", "correlation_response")
     tracker.set_parameters({"cues": both, "correlation_response.window": 6.0})
     tracker.update(couple.images[1], INTERVAL)
-    assert learned(tracker) == {"color_contrast"}
+    assert learned_cues(tracker) == {"color_contrast"}
     tracker.set_parameters({"template.update_above": 0.0, "template.similarity_above": 0.33})
     tracker.update(couple.images[2], INTERVAL)
-    assert learned(tracker) == {"color_contrast", "correlation_response"}
+    assert learned_cues(tracker) == {"color_contrast", "correlation_response"}
 
 
-def test_a_tracker_takes_a_cue_leaves_one_out_and_changes_powers(couple):
+def test_cues_are_added_removed_and_weighted_while_tracking(couple):
     tracker = Tracker.from_preset("default")
     tracker.start(couple.images[0], couple.second[0])
     changes = {
@@ -220,17 +220,17 @@ def test_a_tracker_takes_a_cue_leaves_one_out_and_changes_powers(couple):
         {"cues": ("hog", "color_histogram"), "color_histogram.weight": 0.0},
     ],
 )
-def test_cues_of_which_none_knows_the_target_learn_it_where_it_was_last_seen(values, couple):
-    """Else whatever hides it would be taken for it."""
+def test_cues_without_any_template_learn_the_target_where_it_was_last_seen(values, couple):
+    """Else they would learn its occluder."""
     tracker, black = Tracker.from_preset("li2007", seed=5), np.zeros_like(couple.images[0])
     tracker.start(couple.images[0], couple.first[0])
-    # Once one is in use it still has to learn, and nothing is to be learned from here.
+    # A cue that is selected while the target is occluded learns nothing yet.
     tracker.set_parameters({"cues": ("color_histogram", "gradient_orientation", "hog")})
     assert tracker.update(black).state == "occluded"
     tracker.set_parameters(values)
     assert tracker.estimate.box == tuple(couple.first[0])
     assert tracker.update(black).state == "occluded"
-    assert learned(tracker) >= {"hog"}
+    assert learned_cues(tracker) >= {"hog"}
     seen = tracker.update(couple.images[0])
     assert seen.state == "tracking"
     assert seen.box == pytest.approx(couple.first[0], abs=6)
@@ -242,11 +242,11 @@ def test_a_background_model_begins_and_ends_with_the_cues_that_read_it(make_trac
         "foreground.weight": 0.5,
         "cues": ("color_histogram", "gradient_orientation", "foreground"),
     }
-    told = []
+    states = []
     for index, parameters in enumerate(
         ({}, more, more | {"foreground.weight": 0.0}, more), start=1
     ):
         tracker.set_parameters(parameters)
         tracker.update(couple.images[index], INTERVAL)
-        told.append(tracker.estimate.background)
-    assert [str(one) for one in told] == ["None", "learning", "None", "learning"]
+        states.append(str(tracker.estimate.background))
+    assert states == ["None", "learning", "None", "learning"]

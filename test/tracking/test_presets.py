@@ -1,4 +1,4 @@
-"""What differs from a preset, in words."""
+"""Differences from a preset."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, ActivePreset, preset_parameters
 
 
-def in_force(preset, changes):
+def active_preset(preset, changes):
     values = preset_parameters(preset) | changes
     values = flatten(build(TrackerParameters, values))
     return ActivePreset.of({"preset": preset, "image_topic": "image", **values})
@@ -15,11 +15,11 @@ def in_force(preset, changes):
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_preset_differs_in_nothing_from_itself(preset):
-    assert in_force(preset, {}).description == in_force(preset, {}).summary == preset
+    assert active_preset(preset, {}).description == active_preset(preset, {}).summary == preset
 
 
-def test_what_differs_is_told_with_the_value_of_the_preset():
-    preset = in_force("li2007", {"particles": 80, "template.update_above": 0.5})
+def test_the_description_lists_changes_with_the_values_of_the_preset():
+    preset = active_preset("li2007", {"particles": 80, "template.update_above": 0.5})
     assert preset.changes == {"particles": (80, 60), "template.update_above": (0.5, 0.2)}
     assert preset.summary == "li2007, 2 values changed"
     assert preset.description == (
@@ -28,15 +28,15 @@ def test_what_differs_is_told_with_the_value_of_the_preset():
     )
 
 
-def test_of_parts_that_the_preset_does_not_choose_the_default_is_usual():
+def test_parts_that_the_preset_does_not_select_are_compared_with_their_defaults():
     cues = ("hog", "color_contrast")
     values = {"cues": cues, "hog.weight": 0.3, "hog.sharpness": 300.0}
-    preset = in_force("default", values)
+    preset = active_preset("default", values)
     before = ("color_contrast", "correlation_response")
     assert preset.changes == {"cues": (cues, before), "hog.weight": (0.3, 0.5)}
     assert preset.summary == "default, 2 values changed"
 
 
-def test_an_unknown_preset_names_those_there_are():
+def test_an_unknown_preset_names_the_presets():
     with pytest.raises(ParameterError, match="no preset 'fast'; there are: default, li2007"):
         ActivePreset.of({"preset": "fast", "max_targets": 1})

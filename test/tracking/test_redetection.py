@@ -1,4 +1,4 @@
-"""Windows that a lost target is looked for in: all of them in turn, whatever the image."""
+"""Windows of the redetection."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -14,8 +14,8 @@ from pf_tracker_ros.tracking.redetection import window_centers
     st.tuples(*[st.floats(0.0, 1.0)] * 4),
     st.integers(0, 2**32 - 1),
 )
-def test_looking_for_a_lost_target_is_no_error_whatever_there_is(image_size, box, seed):
-    """Frames of noise, a second apart: the target counts as lost from the second one on."""
+def test_redetection_in_noise_is_no_error(image_size, box, seed):
+    """Frames a second apart: the target counts as lost from the second one on."""
     width, height = image_size
     size = 1.0 + np.array(box[2:]) * (width - 1, height - 1)
     corner = np.array(box[:2]) * (width - 1, height - 1) - size / 2
@@ -34,23 +34,23 @@ def test_looking_for_a_lost_target_is_no_error_whatever_there_is(image_size, box
     st.floats(60.0, 5000.0),
     st.integers(0, 10**9),
 )
-def test_all_windows_are_looked_at_before_any_is_looked_at_again(image_size, side, first):
+def test_all_windows_are_searched_before_any_is_searched_again(image_size, side, first):
     across, down = (int(np.ceil(length / (side / 2))) for length in image_size)
     centers = window_centers(image_size, side, first, across * down)
     assert len(np.unique(centers.round(6), axis=0)) == across * down
     assert (centers > 0).all()
     assert (centers < image_size).all()
-    # Half of their side apart at most, and so near to the borders, they leave nothing out.
+    # They cover the image: at most half a side apart, also from the borders.
     for axis in range(2):
         places = np.unique(centers[:, axis].round(6))
         ends = np.concatenate([[-places[0]], places, [2 * image_size[axis] - places[-1]]])
         assert (np.diff(ends) <= side / 2 + 1e-6).all()
 
 
-def test_the_next_windows_go_on_after_the_last_ones():
+def test_the_next_windows_continue_the_sequence():
     together = window_centers((640, 480), 100.0, 0, 10)
     parts = [window_centers((640, 480), 100.0, first, 5) for first in (0, 5)]
     np.testing.assert_array_equal(np.vstack(parts), together)
-    # Not one beside the other.
+    # Consecutive windows are far apart.
     steps = np.linalg.norm(np.diff(together, axis=0), axis=1)
     assert np.median(steps) > 150.0

@@ -1,4 +1,4 @@
-"""Search: the target is found where its motion would not take the particles."""
+"""Search and redetection of a target that the motion model does not predict."""
 
 import cv2
 import numpy as np
@@ -10,7 +10,7 @@ from pf_tracker_ros.tracking import redetection
 from pf_tracker_ros.tracking.redetection import Redetector
 from pf_tracker_ros.tracking.search import Search, covariance_about, mode_mean
 
-PLACE = np.array([100.0, 80.0, 40.0, 40.0])
+PREDICTED = np.array([100.0, 80.0, 40.0, 40.0])
 
 
 def texture(seed, height, width, low=0, high=255):
@@ -35,8 +35,8 @@ def off_center(box, x, y):
     return np.hypot(box[0] + box[2] / 2 - x - 18, box[1] + box[3] / 2 - y - 18)
 
 
-def test_a_jump_is_followed_at_once_that_is_lost_without_a_search():
-    """By 45 px, 1.25 box sizes, in one frame; the motion's noise is 0.12 of them."""
+def test_a_search_tracks_a_jump_that_the_transition_prior_misses():
+    """A jump of 45 px, 1.25 box sizes, in one frame; the motion noise is 0.12 box sizes."""
     found = {}
     for method in ("transition", "search"):
         parameters = {"proposal.method": method, "track.confidence_rate": 1.0}
@@ -51,23 +51,23 @@ def test_a_jump_is_followed_at_once_that_is_lost_without_a_search():
     assert off_center(found["transition"][0].box, 165, 100) > 15.0
 
 
-def test_it_is_not_looked_for_elsewhere_while_it_is_here_again(monkeypatch):
-    """Not even while the confidence, and so the state, has yet to rise."""
-    asked = []
-    monkeypatch.setattr(Redetector, "find", lambda *arguments: asked.append(1))
+def test_a_target_that_has_reappeared_is_not_searched_elsewhere(monkeypatch):
+    """Not even while the smoothed confidence is still below the threshold."""
+    searches = []
+    monkeypatch.setattr(Redetector, "find", lambda *arguments: searches.append(1))
     parameters = {"track.confidence_rate": 0.05}
     tracker = Tracker.from_preset("default", parameters=parameters)
     tracker.start(frame(120, 100), (120, 100, 36, 36))
     for visible in [True] * 10 + [False] * 5:
         tracker.update(frame(120, 100, visible=visible))
-    assert len(asked) == 5
+    assert len(searches) == 5
     states = [tracker.update(frame(120, 100)).state for _ in range(30)]
-    assert len(asked) == 5
+    assert len(searches) == 5
     assert states[0] == "occluded"
     assert states[-1] == "tracking"
 
 
-def test_nothing_is_learned_of_what_hides_the_target_and_it_is_found_elsewhere():
+def test_an_occluder_is_not_learned_and_the_target_is_found_nearby():
     tracker = Tracker.from_preset("default", parameters={"track.confidence_rate": 1.0})
     tracker.start(frame(120, 100), (120, 100, 36, 36))
     for _ in range(10):
@@ -110,14 +110,14 @@ def test_a_lost_target_is_found_anywhere_in_the_image():
         found.append(estimate.state == "tracking")
         if found[-1]:
             assert off_center(estimate.box, 390 - number, 270) < 5.0
-    # Every window has had its turn; after some more frames it is believed, and then it is followed.
+    # Each window is searched once; a few frames later the target is confirmed and then tracked.
     assert any(found[: WIDE_WINDOWS + 6])
     assert all(found[found.index(True) :])
     assert estimate.confidence > 0.7
     np.testing.assert_allclose(estimate.box[2:], 36.0, rtol=0.1)
 
 
-def test_without_windows_elsewhere_a_lost_target_is_found_only_where_it_was_lost():
+def test_without_redetection_a_lost_target_is_found_only_where_it_was_lost():
     tracker, _ = lost_tracker(WIDE_BACKGROUND, **{"redetection.windows": 0})
     for _ in range(WIDE_WINDOWS):
         estimate = tracker.update(frame(390, 270, background=WIDE_BACKGROUND))
@@ -125,7 +125,7 @@ def test_without_windows_elsewhere_a_lost_target_is_found_only_where_it_was_lost
 
 
 @pytest.mark.parametrize("accept_above", [0.5, 0.7, 0.9])
-def test_something_else_is_not_taken_for_a_lost_target(accept_above, monkeypatch):
+def test_another_object_is_not_redetected(accept_above, monkeypatch):
     """Another pattern in the same colors, all over the image."""
     monkeypatch.setattr(redetection, "_ACCEPT_ABOVE", accept_above)
     tracker, _ = lost_tracker(WIDE_BACKGROUND)
@@ -138,7 +138,7 @@ def test_something_else_is_not_taken_for_a_lost_target(accept_above, monkeypatch
 
 @pytest.mark.parametrize("hidden", [15, 16, 17])
 def test_a_target_that_returns_where_it_was_last_seen_is_found_within_three_frames(hidden):
-    """Something of its colors that moves away is followed meanwhile, out of reach of a search."""
+    """Meanwhile a distractor of its colors is tracked out of the search window."""
     mixed = TARGET.reshape(-1, 3).copy()
     np.random.default_rng(0).shuffle(mixed)
     tracker = Tracker.from_preset("default")
@@ -157,7 +157,7 @@ def test_a_target_that_returns_where_it_was_last_seen_is_found_within_three_fram
 
 
 def test_the_cues_of_a_search_can_be_replaced_while_tracking():
-    """In the first frame after that, the one that searches has no template yet."""
+    """In the first frame after that, the cue that can search has no template."""
     parameters = {"cues": ("color_histogram", "color_contrast")}
     tracker = Tracker.from_preset("default", parameters=parameters)
     tracker.start(frame(120, 100), (120, 100, 36, 36))
@@ -171,7 +171,7 @@ def test_the_cues_of_a_search_can_be_replaced_while_tracking():
 
 @pytest.mark.parametrize("method", ["transition", "search"])
 def test_boxes_of_very_different_sizes_are_no_error(method):
-    """All are measured in one size, which reaches further than the small ones."""
+    """All are measured at the predicted size, which exceeds the small ones."""
     parameters = {"proposal.method": method, "motion.size_noise": 3.0}
     parameters |= {"motion.position_noise": 5.0}
     tracker = Tracker.from_preset("default", parameters=parameters)
@@ -181,8 +181,8 @@ def test_boxes_of_very_different_sizes_are_no_error(method):
     assert np.isfinite(estimate.box).all()
 
 
-def test_powers_move_to_the_cue_that_is_not_confused():
-    """A second patch of the target's colors, in another pattern, confuses the colors alone."""
+def test_the_cue_weights_move_to_the_cue_without_a_distractor():
+    """A patch of the target's colors in another pattern is a distractor of the color cue alone."""
     cue_weights = []
     for image in (frame(120, 100), frame(120, 100)):
         if cue_weights:
@@ -197,33 +197,33 @@ def test_powers_move_to_the_cue_that_is_not_confused():
     assert cue_weights[1] > cue_weights[0] + 0.02
 
 
-def test_the_boxes_that_are_searched_are_centered_on_the_place_and_inside_the_image():
+def test_the_search_grid_is_centered_on_the_predicted_box_and_inside_the_image():
     parameters = ProposalParameters(window=3.0)
-    search = Search(PLACE, parameters, (320, 240))
+    search = Search(PREDICTED, parameters, (320, 240))
     centers = search.boxes[:, :2] + search.boxes[:, 2:] / 2
     np.testing.assert_allclose(centers.mean(axis=0), [120.0, 100.0])
     # Centers of 40 cells over 3 box sizes.
     np.testing.assert_allclose(np.ptp(centers, axis=0), 3.0 * 40.0 * 39 / 40)
-    assert (search.boxes[:, 2:] == PLACE[2:]).all()
+    assert (search.boxes[:, 2:] == PREDICTED[2:]).all()
     edge = Search(np.array([-10.0, 200.0, 40.0, 40.0]), parameters, (320, 240))
     centers = edge.boxes[:, :2] + edge.boxes[:, 2:] / 2
     assert centers.min() >= 0.0
     assert centers[:, 1].max() <= 240.0
 
 
-def test_what_is_covered_holds_every_box_that_can_be_looked_at():
-    search = Search(PLACE, ProposalParameters(), (320, 240))
+def test_the_covered_area_contains_every_box_that_can_be_proposed():
+    search = Search(PREDICTED, ProposalParameters(), (320, 240))
     boxes = np.array([[10.0, 20.0, 10.0, 90.0], [150.0, 90.0, 60.0, 20.0]])
     covered = search.cover(boxes)
     first = covered[:, :2].min(axis=0)
     last = (covered[:, :2] + covered[:, 2:]).max(axis=0)
-    for looked_at in (boxes, search.boxes):
-        assert (looked_at[:, :2] >= first).all()
-        assert (looked_at[:, :2] + looked_at[:, 2:] <= last).all()
+    for one in (boxes, search.boxes):
+        assert (one[:, :2] >= first).all()
+        assert (one[:, :2] + one[:, 2:] <= last).all()
 
 
-def hills(search, *places_and_heights):
-    """Responses of the boxes of a search: hills around (x, y) of the given heights."""
+def peaks(search, *places_and_heights):
+    """Responses on the grid of a search: peaks around (x, y) with the given heights."""
     centers = search.boxes[:, :2] + search.boxes[:, 2:] / 2
     return np.max(
         [
@@ -234,44 +234,44 @@ def hills(search, *places_and_heights):
     )
 
 
-def test_the_rival_is_the_peak_beside_the_target_that_all_cues_find():
-    search = Search(PLACE, ProposalParameters(window=3.0), (320, 240))
-    own = {"first": np.array([0.8]), "second": np.array([0.5])}
-    strengths = {
-        "first": hills(search, (120, 100, 0.8), (160, 105, 0.6), (90, 70, 0.7)),
-        "second": hills(search, (120, 100, 0.5), (160, 105, 0.4), (90, 130, 0.5)),
+def test_the_distractor_is_the_peak_of_all_cues_beside_the_target():
+    search = Search(PREDICTED, ProposalParameters(window=3.0), (320, 240))
+    at_target = {"first": np.array([0.8]), "second": np.array([0.5])}
+    responses = {
+        "first": peaks(search, (120, 100, 0.8), (160, 105, 0.6), (90, 70, 0.7)),
+        "second": peaks(search, (120, 100, 0.5), (160, 105, 0.4), (90, 130, 0.5)),
     }
-    rival = search.distractor_box(PLACE, own, strengths, 0.5)
-    np.testing.assert_allclose(rival[:2] + rival[2:] / 2, [160.0, 105.0], atol=2.0)
-    np.testing.assert_allclose(rival[2:], PLACE[2:])
-    assert search.distractor_box(PLACE, own, strengths, 0.9) is None
+    found = search.distractor_box(PREDICTED, at_target, responses, 0.5)
+    np.testing.assert_allclose(found[:2] + found[2:] / 2, [160.0, 105.0], atol=2.0)
+    np.testing.assert_allclose(found[2:], PREDICTED[2:])
+    assert search.distractor_box(PREDICTED, at_target, responses, 0.9) is None
 
 
 @pytest.mark.parametrize("place", [(120, 100), (130, 108), (180, 100)])
-def test_what_rises_towards_the_target_or_the_end_of_the_search_is_no_rival(place):
-    search = Search(PLACE, ProposalParameters(window=3.0), (320, 240))
-    strengths = {"one": hills(search, (120, 100, 1.0), (*place, 1.0))}
-    assert search.distractor_box(PLACE, {"one": np.array([1.0])}, strengths, 0.3) is None
+def test_a_slope_towards_the_target_or_the_border_of_the_grid_is_no_distractor(place):
+    search = Search(PREDICTED, ProposalParameters(window=3.0), (320, 240))
+    responses = {"one": peaks(search, (120, 100, 1.0), (*place, 1.0))}
+    assert search.distractor_box(PREDICTED, {"one": np.array([1.0])}, responses, 0.3) is None
 
 
-def test_a_target_that_nothing_speaks_for_has_no_rival():
-    search = Search(PLACE, ProposalParameters(window=3.0), (320, 240))
+def test_a_target_without_a_response_has_no_distractor():
+    search = Search(PREDICTED, ProposalParameters(window=3.0), (320, 240))
     nothing = {"one": np.full(len(search.boxes), -0.2)}
-    assert search.distractor_box(PLACE, {"one": np.array([-0.2])}, nothing, 0.3) is None
+    assert search.distractor_box(PREDICTED, {"one": np.array([-0.2])}, nothing, 0.3) is None
 
 
 def test_covariance_by_hand():
-    search = Search(PLACE, ProposalParameters(window=3.0), (320, 240))
+    search = Search(PREDICTED, ProposalParameters(window=3.0), (320, 240))
     anywhere = 120.0**2 / 12.0
     within = np.array([[4.0, 1.0], [1.0, 2.0]])
     seen = search.covariance(within, 0.75, None)
     np.testing.assert_allclose(seen, 0.75 * within + 0.25 * anywhere * np.eye(2))
-    # A walk of 1.5 box sizes of 40 px.
+    # A random walk of 1.5 box sizes of 40 px.
     hidden = search.covariance(within, 0.1, 1.5)
     np.testing.assert_allclose(hidden, (anywhere + 3600.0) * np.eye(2))
 
 
-def test_the_mean_of_a_mode_leaves_out_the_other():
+def test_the_mean_of_a_mode_excludes_the_other_mode():
     states = np.array([[10.0, 10.0, 1.0], [12.0, 10.0, 3.0], [80.0, 10.0, 9.0]])
     boxes = np.hstack([states[:, :2] - 20.0, np.full((3, 2), 40.0)])
     particles = ParticleSet(states, np.log([0.2, 0.3, 0.5]))

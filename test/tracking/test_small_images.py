@@ -1,4 +1,4 @@
-"""Images of a pixel or two: of no use, but no error either."""
+"""Images of a few pixels are no error."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The tracker on generated images: follows, repeats itself, coasts, refuses."""
+"""The tracker on generated images: tracking, repeatability, occlusion, errors."""
 
 import copy
 import gc
@@ -13,7 +13,6 @@ import pytest
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.filter import MOTION_MODELS
-from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.exposure import gray_range
 from pf_tracker_ros.parameters import ParameterError, build
@@ -99,19 +98,18 @@ def test_li2007_keeps_the_size_of_the_first_box():
 
 
 def test_zhang2015_renews_its_template_above_a_similarity_of_065(make_target_filter):
-    """The target turns, by a share found for it, into something else, and is as like as said."""
+    """The target is blended with another texture until its similarity is just that."""
     target_filter = make_target_filter("zhang2015")
     image, box = frame(100, 120)
     left, top, side, _ = box
     other = texture(9, (SIDE, SIDE), 0, 250)
-    draw = GeneratorState.of(np.random.default_rng(0))
-    target = target_filter.initialize(Frame(image), tuple(map(float, box)), draw)
+    state = target_filter.start(image, map(float, box), seed=0)
 
     def followed(share):
         changed = image.copy()
         patch = cv2.addWeighted(TARGET, 1.0 - share, other, share, 0.0)
         changed[top : top + side, left : left + side] = patch
-        return target_filter.follow(target, Frame(changed), 0.04)
+        return target_filter.follow(state, Frame(changed), 0.04)
 
     like, unlike = 0.0, 1.0
     assert followed(like).estimate.confidence > 0.65 > followed(unlike).estimate.confidence
@@ -125,12 +123,12 @@ def test_zhang2015_renews_its_template_above_a_similarity_of_065(make_target_fil
     for after, renewed in ((above, True), (below, False)):
         assert after.estimate.confidence == pytest.approx(0.65, abs=0.005)
         assert after.estimate.state == "tracking"
-        assert np.array_equal(after.templates["hog"], target.templates["hog"]) != renewed
+        assert np.array_equal(after.templates["hog"], state.templates["hog"]) != renewed
     assert above.estimate.confidence > 0.65 > below.estimate.confidence
 
 
 def test_zhang2015_follows_through_a_flip_of_polarity():
-    """What was brighter than the ground becomes darker, as infrared images know it."""
+    """What was brighter than the ground becomes darker, as happens in infrared images."""
     frames = [(255 - image if t >= 20 else image, box) for t, (image, box) in enumerate(walk(40))]
     estimates = run(Tracker.from_preset("zhang2015"), frames)
     assert overlap(estimates[-1].box, frames[-1][1]) > 0.6
@@ -198,7 +196,7 @@ def test_the_estimate_is_complete_and_consistent(preset):
     centers = estimate.particle_boxes[:, :2] + estimate.particle_boxes[:, 2:] / 2
     of_particles = np.cov(centers.T, aweights=estimate.weights, ddof=0)
     if PRESETS[preset].get("proposal.method") == "search":
-        # The box is that of the likeliest mode, and the target may be in another.
+        # The box is that of one mode; the covariance includes the rest of the search window.
         np.testing.assert_allclose(center(estimate.box), estimate.weights @ centers, atol=0.5)
         assert np.linalg.eigvalsh(estimate.covariance - of_particles).min() > 0.0
     else:
@@ -225,7 +223,7 @@ def test_while_hidden_the_covariance_grows_and_then_the_target_is_found_again(pr
         hidden.append(tracker.update(image))
     assert {estimate.state for estimate in hidden} == {"occluded"}
     traces = [np.trace(estimate.covariance) for estimate in hidden]
-    # What a search covers goes with the size of the box, which may shrink a little meanwhile.
+    # The search window scales with the box, which may shrink a little.
     least = 0.998 if PRESETS[preset].get("proposal.method") == "search" else 1.0
     assert all(later > least * earlier for earlier, later in itertools.pairwise(traces))
     assert traces[-1] > 2 * np.trace(estimates[-1].covariance)
@@ -237,7 +235,7 @@ def test_while_hidden_the_covariance_grows_and_then_the_target_is_found_again(pr
 
 
 def test_while_hidden_the_target_moves_on_at_its_velocity():
-    """With little noise of the position, the velocity is what explains the motion."""
+    """With little position noise, the particles have to learn the velocity."""
     parameters = {"motion.position_noise": 0.1, "motion.velocity_noise": 2.0}
     tracker = Tracker.from_preset("li2007", parameters=parameters | {"particles": 300})
     seen = run(tracker, [frame(60 + 3.0 * t, 120) for t in range(30)])[-1]
@@ -258,7 +256,7 @@ def test_a_target_hidden_for_too_long_is_lost(preset):
 
 
 @every_preset
-def test_the_search_for_a_lost_target_does_not_grow_without_end(preset):
+def test_the_covariance_of_a_lost_target_is_bounded(preset):
     parameters = {"track.lost_after": 0.5}
     tracker = Tracker.from_preset(preset, parameters=parameters)
     run(tracker, walk(20))
@@ -275,7 +273,7 @@ def test_the_search_for_a_lost_target_does_not_grow_without_end(preset):
 
 
 def test_templates_freeze_while_hidden():
-    """After a long look at the background the target itself still fits as before."""
+    """After many frames of background, the target still matches."""
     frames = walk(20)
     parameters = {"track.lost_after": 1000.0, "track.confidence_rate": 1.0}
     tracker = Tracker.from_preset("default", parameters=parameters)
@@ -286,7 +284,7 @@ def test_templates_freeze_while_hidden():
 
 
 def confidence_after_a_change(similarity_above=0.0, settled=0):
-    """The confidence in a target that, after some frames, turns little by little into another."""
+    """The confidence in a target that changes gradually, after some frames, into another one."""
     other = texture(9, (SIDE, SIDE), 0, 250)
     parameters = {"template.update_above": 0.0, "template.similarity_above": similarity_above}
     parameters |= {"color_histogram.keep": 0.5, "gradient_orientation.keep": 0.5}
@@ -304,24 +302,24 @@ def confidence_after_a_change(similarity_above=0.0, settled=0):
     return estimate.confidence
 
 
-def test_what_was_learned_vouches_for_a_change():
+def test_the_templates_adapt_to_a_gradual_change():
     assert confidence_after_a_change() > 0.85
 
 
-def test_nothing_is_learned_below_the_confidence_that_it_takes():
+def test_nothing_is_learned_below_the_required_similarity():
     assert confidence_after_a_change(similarity_above=1.0, settled=40) < 0.7
     likely = confidence_after_a_change(similarity_above=0.3, settled=40)
     assert likely == confidence_after_a_change(settled=40)
 
 
-def test_the_first_frames_are_learned_from_at_less_confidence():
-    """The change takes 31 frames, for which .775 at most is asked for, and then 1."""
+def test_the_first_frames_require_less_similarity():
+    """In the 31 frames of the change, the required similarity rises to 0.775 only."""
     settling = confidence_after_a_change(similarity_above=1.0)
     assert settling == confidence_after_a_change()
 
 
 def test_time_between_frames_counts():
-    """At half the frame rate the target moves twice as far a frame, and dt says so."""
+    """At half the frame rate, the target moves twice as far in each frame."""
     frames = walk(40)[::2]
     tracker = Tracker.from_preset("default")
     tracker.start(*frames[0])
@@ -340,7 +338,7 @@ def test_a_gap_of_days_is_no_error(preset, recwarn):
 
 
 @pytest.mark.parametrize("preset", ["li2007", "zhang2015"])
-def test_no_time_no_spread(preset):
+def test_without_elapsed_time_the_particles_stay(preset):
     tracker = Tracker.from_preset(preset)
     first = tracker.start(*frame(100, 100))
     estimate = tracker.update(frame(100, 100)[0], dt=0.0)
@@ -380,7 +378,7 @@ def test_a_box_of_the_whole_image_and_one_of_a_pixel_are_no_error():
         assert np.isfinite(estimates[-1].box).all()
 
 
-def test_a_large_target_is_looked_at_reduced_and_still_followed():
+def test_a_large_target_is_tracked_in_a_reduced_image():
     large = texture(3, (900, 1200), 90, 160)
     sprite = cv2.resize(TARGET, (300, 300), interpolation=cv2.INTER_CUBIC)
     frames = []
@@ -428,22 +426,22 @@ FEATURE_CUES = [name for name, cue in CUES.items() if not cue.needs_foreground]
 
 
 @pytest.mark.parametrize("only", FEATURE_CUES)
-def test_cues_are_switched_off_and_on_by_their_powers_while_tracking(only):
+def test_cues_are_switched_off_and_on_by_their_weights_while_tracking(only):
     frames = walk(24)
     # Not every cue can search.
     parameters = {"proposal.method": "transition", "cues": FEATURE_CUES}
     tracker = Tracker.from_preset("default", parameters=parameters)
     run(tracker, frames[:8])
-    for cue_weights, part in [
+    for weights, part in [
         ({f"{cue}.weight": float(cue == only) for cue in FEATURE_CUES}, frames[8:16]),
         ({f"{cue}.weight": 0.3 for cue in FEATURE_CUES}, frames[16:]),
     ]:
-        tracker.set_parameters(cue_weights)
+        tracker.set_parameters(weights)
         for image, box in part:
             estimate = tracker.update(image)
             assert overlap(estimate.box, box) > 0.5
         used = {cue: weight for cue, weight in estimate.cue_weights.items() if weight > 0.0}
-        assert used.keys() == {name.split(".")[0] for name, weight in cue_weights.items() if weight}
+        assert used.keys() == {name.split(".")[0] for name, weight in weights.items() if weight}
 
 
 def test_refused_parameters_change_nothing():
@@ -474,7 +472,7 @@ def test_refused_parameters_change_nothing():
         ("proposal.method", "transition"),
     ],
 )
-def test_what_describes_a_target_otherwise_learns_it_again_where_it_was_seen(name, value):
+def test_a_change_that_invalidates_the_templates_relearns_the_last_seen_box(name, value):
     tracker = Tracker.from_preset("default")
     tracker.start(*frame(100, 100))
     before = tracker.update(frame(102, 100)[0])
@@ -482,15 +480,15 @@ def test_what_describes_a_target_otherwise_learns_it_again_where_it_was_seen(nam
     assert tracker.parameters[name] == value
     assert tracker.estimate.box == before.box
     assert tracker.estimate.state == "tracking"
-    told = tracker.update(frame(104, 100)[0])
-    assert told.state == "tracking"
-    assert overlap(told.box, frame(104, 100)[1]) > 0.6
-    # It is as if it had been started there, with the random numbers that come next.
+    after = tracker.update(frame(104, 100)[0])
+    assert after.state == "tracking"
+    assert overlap(after.box, frame(104, 100)[1]) > 0.6
+    # No second target was started.
     assert len(tracker._manager.targets) == 1
 
 
-def test_a_copy_learns_no_target_again_before_it_has_seen_it():
-    """It carries no image that shows it."""
+def test_a_copy_cannot_relearn_a_target_before_its_first_frame():
+    """A copy has no image of the target."""
     tracker = Tracker.from_preset("default")
     tracker.start(*frame(100, 100))
     twin = copy.copy(tracker)
@@ -523,7 +521,7 @@ def test_estimates_cannot_be_changed_in_place():
 
 
 def test_an_image_that_is_reused_by_the_caller_does_no_harm():
-    """Cameras hand out one buffer again and again."""
+    """Camera drivers reuse one buffer."""
     frames = walk(10)
     buffer = np.empty_like(frames[0][0])
     fresh = run(Tracker.from_preset("default"), frames)
@@ -540,7 +538,7 @@ def test_the_name_of_a_preset_is_no_set_of_parameters():
         Tracker("default")
 
 
-def test_a_copied_tracker_does_not_carry_its_images():
+def test_a_copied_tracker_does_not_contain_images():
     image = np.random.default_rng(0).integers(0, 256, (1000, 1000, 3), dtype=np.uint8)
     tracker = Tracker.from_preset("default", seed=5)
     tracker.start(image, (400.0, 400.0, 40.0, 40.0))
@@ -549,10 +547,10 @@ def test_a_copied_tracker_does_not_carry_its_images():
         assert len(pickle.dumps(copied)) < image.nbytes / 3
 
 
-# Sensors that drift
+# Sensors with drift
 
 
-def test_a_target_is_held_while_the_sensor_drifts_beyond_the_first_range(moving_square):
+def test_a_target_is_tracked_while_the_sensor_drifts_beyond_the_first_range(moving_square):
     gray = 7000 + 4 * moving_square.images[0].mean(axis=2)
     first_range = gray_range(gray.astype(np.uint16))
     tracker = Tracker.from_preset("zhang2015")
@@ -570,8 +568,8 @@ def sixteen_bit(image):
 
 @pytest.mark.parametrize("kind", ["color", "sixteen bit", "reduced"])
 @every_preset
-def test_a_frame_that_has_gone_by_is_let_go_at_once(preset, kind, couple):
-    """Its image is large, and the garbage collector does not see how large."""
+def test_an_old_frame_is_released_at_once(preset, kind, couple):
+    """Without the garbage collector, which does not know how large an image is."""
     images = couple.images[:6]
     if kind == "sixteen bit":
         images = [sixteen_bit(image) for image in images]

@@ -1,4 +1,4 @@
-"""Estimates are values, and a tracker can be copied in the middle of a track."""
+"""Estimates are immutable values, and a tracker can be copied while it tracks."""
 
 import copy
 import dataclasses
@@ -90,7 +90,7 @@ def test_an_estimate_becomes_a_dictionary(tracker):
     json.dumps(dict(fields["cue_weights"]))
 
 
-def test_an_estimate_does_not_follow_what_it_was_made_of(tracker):
+def test_an_estimate_copies_its_arguments(tracker):
     weights, cue_weights = tracker.estimate.weights.copy(), {"color_histogram": 1.0}
     estimate = dataclasses.replace(tracker.estimate, weights=weights, cue_weights=cue_weights)
     weights[0], cue_weights["color_histogram"] = 7.0, 7.0
@@ -100,13 +100,13 @@ def test_an_estimate_does_not_follow_what_it_was_made_of(tracker):
 
 @every_way
 @every_preset
-def test_a_copied_tracker_goes_on_with_the_same_bits_and_on_its_own(preset, copied, moving_square):
+def test_a_copied_tracker_gives_the_same_bits_independently(preset, copied, moving_square):
     images = moving_square.images
     tracker = Tracker.from_preset(preset, seed=3)
     tracker.start(images[0], moving_square.boxes[0])
     followed(tracker, images[1:8])
     twin, astray, again = (copied(tracker) for _ in range(3))
-    # Whatever becomes of one copy must not reach the others.
+    # A copy must not affect the others.
     followed(astray, [np.zeros_like(images[0])] * 4)
     expected = followed(twin, images[8:16])
     assert followed(tracker, images[8:16]) == expected
@@ -118,7 +118,9 @@ def test_a_copied_tracker_goes_on_with_the_same_bits_and_on_its_own(preset, copi
 
 
 @every_way
-def test_a_copied_tracker_with_gray_images_and_every_motion_goes_on_as_well(copied, moving_square):
+def test_a_copied_tracker_of_gray_images_and_autoregressive_motion_gives_the_same_bits(
+    copied, moving_square
+):
     images = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in moving_square.images]
     images = [image.astype(np.uint16) * 30 for image in images]
     parameters = {
@@ -133,7 +135,7 @@ def test_a_copied_tracker_with_gray_images_and_every_motion_goes_on_as_well(copi
 
 
 @every_way
-def test_a_tracker_without_a_target_is_copied_as_well(copied, moving_square):
+def test_a_tracker_without_a_target_can_be_copied(copied, moving_square):
     tracker = Tracker.from_preset("li2007", seed=8, parameters={"particles": 30})
     twin = copied(tracker)
     assert not twin.started
@@ -153,7 +155,7 @@ def test_a_tracker_goes_on_in_another_process(tracker, moving_square):
 
 
 @every_preset
-def test_numpys_error_handling_of_the_program_around_changes_nothing(preset, moving_square):
+def test_the_error_handling_of_numpy_in_the_caller_changes_nothing(preset, moving_square):
     def run():
         tracker = Tracker.from_preset(preset, seed=3)
         first = tracker.start(moving_square.images[0], moving_square.boxes[0])

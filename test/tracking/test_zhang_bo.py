@@ -1,4 +1,4 @@
-"""The preset `zhang_bo`: background model and Kalman-predicted proposal in the tracker."""
+"""The preset `zhang_bo`: background model and Kalman proposal."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def run(seed=0, frames=50, **parameters):
     return [tracker.update(street(step), 0.04) for step in range(1, frames)]
 
 
-def test_a_passer_by_is_followed():
+def test_a_moving_target_is_tracked():
     estimate = run()[-1]
     x, y, width, height = estimate.box
     assert estimate.state == "tracking"
@@ -52,16 +52,16 @@ def test_each_part_can_be_left_out_or_extended(parameters):
     assert x + width / 2 == pytest.approx(20 + 3 * 49 + 10, abs=6)
 
 
-def test_an_estimate_tells_what_the_background_model_is_worth():
+def test_an_estimate_has_the_state_of_the_background_model():
     estimates = run(frames=20)
-    # The first image was the first that the model saw.
+    # The model starts with the first image.
     assert [str(e.background) for e in estimates] == ["learning"] * 14 + ["ready"] * 5
     tracker = Tracker.from_preset("zhang_bo")
     assert str(tracker.start(street(0), FIRST).background) == "learning"
     assert Tracker.from_preset("default").start(street(0), FIRST).background is None
 
 
-def test_a_still_camera_that_is_moved_switches_the_background_model_off_until_it_has_settled():
+def test_a_camera_that_moves_disables_the_background_model_until_it_has_learned_again():
     tracker = Tracker.from_preset("zhang_bo")
     tracker.start(street(0), FIRST)
     for step in range(1, 20):
