@@ -75,9 +75,9 @@ def take_pictures(port: int, taken: Synchronized[int]) -> None:
                 if message.type == aiohttp.WSMsgType.BINARY:
                     taken.value += 1
                     await asyncio.sleep(DRAWING)
-                    await page.send_json({"type": "shown"})
+                    await page.send_json({"type": "frame_ack"})
                 elif json.loads(message.data)["type"] == "welcome":
-                    await page.send_json({"type": "welcomed"})
+                    await page.send_json({"type": "welcome_ack"})
                     await page.send_json({"type": "view", "width": 1280})
 
     asyncio.run(take())

@@ -323,7 +323,7 @@ def test_a_signal_while_drawing_ends_it(ask_for_target, images, tmp_path, number
 
 def test_only_a_page_that_was_served_here_may_draw(ask_for_target, images, tmp_path):
     desk = ask_for_target(images, "--output", tmp_path / "out")
-    for path in ("/", "/draw.js", "/drawing.js", "/page.css", "/recording", "/frame?number=0"):
+    for path in ("/", "/draw.js", "/box_editor.js", "/page.css", "/recording", "/frame?number=0"):
         status, headers, _ = desk.ask(path)
         assert status == 200
         assert headers.items() >= HEADERS.items()

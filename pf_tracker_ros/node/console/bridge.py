@@ -37,7 +37,7 @@ _LINGER = 5.0
 # What browsers may ask; each is done by the method of its name. Those of the second kind are about
 # the browser that asks.
 _REQUESTS = ("target", "click", "select", "stop", "stop_target", "enable", "reset")
-_OWN_REQUESTS = ("welcomed", "shown", "view", "set", "heat")
+_OWN_REQUESTS = ("welcome_ack", "frame_ack", "view", "set", "heatmap")
 
 
 class ConsoleBridge:
@@ -158,7 +158,7 @@ class ConsoleBridge:
         self._browsers.add(browser)
         self._watch()
         news = [
-            {"type": "welcome", "tracker": self._link.name, "draws_when_told": browser.is_local},
+            {"type": "welcome", "tracker": self._link.name, "draw_on_request": browser.is_local},
             self._told_by_health(time.monotonic()),
             *([self._player.state] if self._player else []),
             {"type": "parameters", "parameters": self._parameters},
@@ -203,16 +203,16 @@ class ConsoleBridge:
             self._link.watch_likelihood(bool(self._heated))
             self._pairing.required_parts = {part for part, is_wanted in wanted.items() if is_wanted}
 
-    async def _on_welcomed(self, browser: Browser, message: Json) -> None:
+    async def _on_welcome_ack(self, browser: Browser, message: Json) -> None:
         self._browsers.end_round_trip(browser)
 
-    async def _on_shown(self, browser: Browser, message: Json) -> None:
+    async def _on_frame_ack(self, browser: Browser, message: Json) -> None:
         self._browsers.acknowledge(browser)
 
     async def _on_view(self, browser: Browser, message: Json) -> None:
         await self._browsers.set_width(browser, number_of(message, "width"))
 
-    async def _on_heat(self, browser: Browser, message: Json) -> None:
+    async def _on_heatmap(self, browser: Browser, message: Json) -> None:
         """Show the likelihood around the target, or hide it."""
         if message.get("shown") is True and browser in self._browsers:
             self._heated.add(browser)
@@ -220,13 +220,13 @@ class ConsoleBridge:
             latest = self._pairing.latest
             status = latest.answer.get("status") if latest else None
             if self._told_health.get("state") == "idle":
-                text = "the heat comes with a target"
+                text = "the heat map needs a target"
             elif status and status["targets"] and not status["selected"]:
-                text = "the heat is that of the selected target; click one to select it"
+                text = "the heat map shows the selected target; click a target to select it"
             elif self._stands_still:
-                text = "the heat comes with the next frame: press N for it, or play"
+                text = "the heat map comes with the next frame: press N, or play"
             if text:
-                await browser.send_json(note("heat", text))
+                await browser.send_json(note("heatmap", text))
         else:
             self._heated.discard(browser)
         self._watch()
@@ -300,7 +300,7 @@ class ConsoleBridge:
     def _tell_verdict(self, verdict: TargetResponse) -> None:
         if self._player and verdict.outcome == "refused":
             self._player.remove_last_target()
-        told = {"type": "verdict", "outcome": verdict.outcome, "text": verdict.text}
+        told = {"type": "target_response", "outcome": verdict.outcome, "text": verdict.text}
         self._soon(self._browsers.broadcast(told))
 
     # Parameters

@@ -162,8 +162,8 @@ def likelihood_to_json(message: Image) -> Json | None:
     best = values.max()
     if not np.isfinite(best):
         return None
-    heat = np.clip(255.0 * (1.0 + (values - best) / _HEAT_RANGE), 0.0, 255.0).astype(np.uint8)
-    return {"columns": message.width, "heat": base64.b64encode(heat.tobytes()).decode()}
+    levels = np.clip(255.0 * (1.0 + (values - best) / _HEAT_RANGE), 0.0, 255.0).astype(np.uint8)
+    return {"columns": message.width, "values": base64.b64encode(levels.tobytes()).decode()}
 
 
 def note(about: str | None, text: str, *, ok: bool = True) -> Json:

@@ -81,9 +81,9 @@ class PlayedRecording:
         return {
             "name": self._path.name,
             "frame": self.replay.position,
-            "frames": self.replay.frame_count,
+            "frame_count": self.replay.frame_count,
             "rate": self.replay.get_parameter("lockstep_rate").value,
-            "target": self._target_file.name if self._has_target else "",
+            "target_file": self._target_file.name if self._has_target else "",
         }
 
     def wait_reason(self, image_topic: str) -> str:

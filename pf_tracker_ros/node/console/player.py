@@ -80,7 +80,7 @@ class Player:
         """What the page shows of the recording."""
         return {
             "type": "recording",
-            "saves": bool(self.targets),
+            "can_save": bool(self.targets),
             "problem": self._recording.wait_reason(self._link.image_topic),
             **self._recording.state,
             "playing": self._plays,

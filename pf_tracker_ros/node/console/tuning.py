@@ -60,7 +60,7 @@ def parameters_to_json(
         if value.type != ParameterType.PARAMETER_NOT_SET
         or descriptor.type == ParameterType.PARAMETER_DOUBLE_ARRAY
     }
-    usual = _usual(plain)
+    usual = _preset_values(plain)
     shown = [
         {
             "name": descriptor.name,
@@ -70,9 +70,9 @@ def parameters_to_json(
             "constraints": descriptor.additional_constraints,
             "range": _range(descriptor),
             "choices": list(one.choices) if (one := _DECLARED.get(descriptor.name)) else [],
-            "fixed": descriptor.read_only,
+            "read_only": descriptor.read_only,
             "value": plain[descriptor.name],
-            "usual": usual.get(descriptor.name),
+            "default": usual.get(descriptor.name),
         }
         for descriptor in descriptors
         if descriptor.name in plain
@@ -127,13 +127,13 @@ def parameter_file(node: str, known: Sequence[Json]) -> str:
     """
     lines = [f"{json.dumps(node)}:", "  ros__parameters:"]
     for one in known:
-        differs = one["usual"] is not None and one["value"] != one["usual"]
-        if one["name"] == "preset" or (differs and not one["fixed"]):
+        differs = one["default"] is not None and one["value"] != one["default"]
+        if one["name"] == "preset" or (differs and not one["read_only"]):
             lines.append(f"    {one['name']}: {json.dumps(one['value'])}")
     return "\n".join(lines) + "\n"
 
 
-def _usual(values: Mapping[str, Any]) -> dict[str, Any]:
+def _preset_values(values: Mapping[str, Any]) -> dict[str, Any]:
     """What each parameter has with the preset in force and nothing else."""
     usual = dict(_DEFAULTS)
     with contextlib.suppress(ParameterError):

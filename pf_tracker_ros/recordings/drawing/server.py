@@ -74,7 +74,7 @@ class _Desk:
     def __init__(self, recording: Recording, pictures: SeekableFrames, max_targets: int) -> None:
         self._recording = recording
         self._pictures = pictures
-        self._most = max_targets
+        self._max_targets = max_targets
         self._targets: tuple[Target, ...] = ()
         self._runner: web.AppRunner | None = None
         self._is_decided = threading.Event()
@@ -131,7 +131,7 @@ class _Desk:
 
     async def _on_recording(self, request: web.Request) -> web.Response:
         name, frames = self._recording.path.name, self._recording.frame_count
-        return web.json_response({"name": name, "frames": frames, "most_targets": self._most})
+        return web.json_response({"name": name, "frames": frames, "max_targets": self._max_targets})
 
     async def _on_frame(self, request: web.Request) -> web.Response:
         number = request.query.get("number", "")
@@ -164,8 +164,8 @@ class _Desk:
             LookupError: One is of a frame that is not there.
         """
         wanted = _wanted(text)
-        if len(wanted) > self._most:
-            raise ValueError(f"there are {len(wanted)} targets; allowed: {self._most}")
+        if len(wanted) > self._max_targets:
+            raise ValueError(f"there are {len(wanted)} targets; allowed: {self._max_targets}")
         # Each frame once and in their order, as going back reads the recording anew.
         pictures = {
             number: await self._find(number) for number in sorted({one.frame for one in wanted})

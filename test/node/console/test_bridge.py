@@ -172,7 +172,7 @@ def test_a_browser_that_draws_nothing_gets_two_frames_and_then_the_newest(run, i
                 while browser.frames < stamp:
                     await asyncio.sleep(0)
             counts.append(browser.frames)
-        await hub.handle(browser, {"type": "shown"})
+        await hub.handle(browser, {"type": "frame_ack"})
         while browser.frames < 3:
             await asyncio.sleep(0)
         welcome.cancel()

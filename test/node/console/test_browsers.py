@@ -146,7 +146,7 @@ def image(client):
 
 
 def test_a_picture_that_stands_still_becomes_sharp_once(image, monkeypatch):
-    monkeypatch.setattr(RateController, "detail", SLOW)
+    monkeypatch.setattr(RateController, "quality_level", SLOW)
     monkeypatch.setattr(module, "_STANDS_STILL", 0.05)
     qualities = (SLOW.quality, QUALITY_LEVELS[0].quality)
     expected = [(number, quality) for number in (1, 2, 3) for quality in qualities]

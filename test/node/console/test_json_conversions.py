@@ -84,10 +84,10 @@ def likelihood(values, **fields):
     return Image(data=data, **(shape | fields))
 
 
-def test_the_heat_is_full_at_the_likeliest_and_fades_with_the_logarithm():
+def test_the_heat_map_scales_the_log_likelihood_below_its_maximum():
     found = likelihood_to_json(likelihood([[-110.0, -100.0], [-120.0, float("nan")]]))
     assert found["columns"] == 2
-    assert list(base64.b64decode(found["heat"])) == [127, 255, 0, 0]
+    assert list(base64.b64decode(found["values"])) == [127, 255, 0, 0]
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_the_heat_is_full_at_the_likeliest_and_fades_with_the_logarithm():
         Image(width=2**20, height=2**20, encoding="32FC1"),
     ],
 )
-def test_what_is_no_likelihood_is_no_heat(message):
+def test_an_invalid_likelihood_image_gives_none(message):
     assert likelihood_to_json(message) is None
 
 

@@ -129,7 +129,7 @@ def test_the_last_minute_of_the_figures_is_drawn(camera, page, client):
     page.drag(camera.box_at(page.stamp))
     camera.show_until(lambda: page.box, "box")
     confidence, cue_weights = (
-        page.locator(f"#plot-{name} path") for name in ("confidence", "powers")
+        page.locator(f"#plot-{name} path") for name in ("confidence", "weights")
     )
 
     def is_line_long():
@@ -158,16 +158,16 @@ def test_the_likelihood_is_shown_on_demand(tracker, camera, page):
     camera.show_until(lambda: page.box, "box")
     assert publisher.get_subscription_count() == 0
     page.keyboard.press("h")
-    camera.show_until(page.locator("#heat").is_visible, "heat")
+    camera.show_until(page.locator("#heatmap").is_visible, "the heat map")
     camera.show_on(page)
-    page.wait_until(page.locator("#heat").is_visible, "heat of this frame")
-    area, (x, y, width, height) = page.locator("#heat").bounding_box(), page.box
+    page.wait_until(page.locator("#heatmap").is_visible, "the heat map of this frame")
+    area, (x, y, width, height) = page.locator("#heatmap").bounding_box(), page.box
     middle = page.to_screen(x + width / 2, y + height / 2)
     found = area["x"] + area["width"] / 2, area["y"] + area["height"] / 2
     assert found == pytest.approx(middle, abs=2.0)
-    assert "color contrast: target 1.00, rival 0." in page.locator("#bars").inner_text()
+    assert "color contrast: target 1.00, second peak 0." in page.locator("#bars").inner_text()
     page.keyboard.press("h")
-    assert page.locator("#heat").is_hidden()
+    assert page.locator("#heatmap").is_hidden()
     camera.show_until(lambda: publisher.get_subscription_count() == 0, "silence")
 
 

@@ -320,18 +320,18 @@ def test_several_targets_begin_on_the_frame_where_the_recording_stands(player_of
     page.wait_until(lambda: page.text("target-count") == "2 of 2", "both")
 
 
-def test_heat_without_a_target_comes_with_one(player):
+def test_the_heat_map_needs_a_target(player):
     player.keyboard.press("h")
-    player.wait_until(lambda: player.text("note") == "the heat comes with a target", "when")
+    player.wait_until(lambda: player.text("note") == "the heat map needs a target", "when")
 
 
-def test_heat_on_a_recording_that_stands_still_comes_with_the_next_frame(player, moving_square):
+def test_the_heat_map_of_a_paused_recording_comes_with_the_next_frame(player, moving_square):
     draw(player, moving_square.boxes[0])
     player.keyboard.press("h")
-    player.wait_until(lambda: "the heat comes with the next frame" in player.text("note"), "when")
+    player.wait_until(lambda: "the heat map comes with the next frame" in player.text("note"), "when")
     player.keyboard.press("n")
     at_frame(player, 1)
-    player.locator("#heat").wait_for()
+    player.locator("#heatmap").wait_for()
 
 
 def test_several_targets_are_saved_and_loaded(player_of_several, bag):

@@ -213,7 +213,7 @@ def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, crow
     # None is selected, and there is no likelihood of any.
     assert page.box is None
     page.keyboard.press("h")
-    page.wait_until(lambda: "click one to select it" in page.text("note"), "what the heat is of")
+    page.wait_until(lambda: "click a target to select it" in page.text("note"), "whose heat map it is")
 
 
 def test_a_click_on_a_box_selects_it_and_beside_all_none(shown, crowd):

@@ -59,24 +59,24 @@ def test_each_has_its_group_its_range_and_what_the_preset_says():
     chosen = shape(described("hog.keep", 0.9), described("cues", ["hog"]))
     assert chosen["hog.keep"]["group"] == "Hog"
     assert found["motion.position_noise"]["range"] == [0.0, 50.0]
-    assert (found["particles"]["value"], found["particles"]["usual"]) == (80, 60)
+    assert (found["particles"]["value"], found["particles"]["default"]) == (80, 60)
     assert found["preset"]["choices"] == ["default", "li2007", "zhang2015", "zhang_bo"]
-    assert found["hostile.<b>"]["usual"] is None
+    assert found["hostile.<b>"]["default"] is None
 
 
 def test_of_several_targets_the_preset_says_something_else():
     several = shape(
         described("preset", "default"), described("max_targets", 4), described("particles", 100)
     )
-    assert several["particles"]["usual"] == 100
+    assert several["particles"]["default"] == 100
     single = shape(described("preset", "default"), described("particles", 100))
-    assert single["particles"]["usual"] == 200
+    assert single["particles"]["default"] == 200
 
 
 def test_an_empty_list_of_numbers_is_one():
     descriptor = ParameterDescriptor(name="target_box", type=ParameterType.PARAMETER_DOUBLE_ARRAY)
     (one,) = parameters_to_json([descriptor], [ParameterValue()])
-    assert (one["kind"], one["value"], one["usual"]) == ("numbers", [], [])
+    assert (one["kind"], one["value"], one["default"]) == ("numbers", [], [])
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,10 @@
 // Connects to the console, and shows what it tells.
-import * as heat from "./heat.js";
+import * as heatmap from "./heatmap.js";
 import * as plots from "./plots.js";
 import * as recording from "./recording.js";
-import { seldom } from "./seldom.js";
 import * as stage from "./stage.js";
 import * as targets from "./targets.js";
+import { throttle } from "./throttle.js";
 import * as tune from "./tune.js";
 
 const RECONNECT = 500, RATE_WINDOW = 2000, LATEST = 200, NOTED = 10000;  // milliseconds
@@ -49,7 +49,7 @@ function connect() {
     const told = waits && new Promise((resolve) => { draw = resolve; }), from = socket;
     // Whatever becomes of one, others follow.
     drawing = drawing.then(() => show(data, told)).catch(fail).then(() => {
-      if (from.readyState === WebSocket.OPEN) from.send(JSON.stringify({ type: "shown" }));
+      if (from.readyState === WebSocket.OPEN) from.send(JSON.stringify({ type: "frame_ack" }));
     });
   };
   socket.onclose = () => {
@@ -62,14 +62,14 @@ function connect() {
 
 const handlers = {
   welcome(message) {
-    waits = message.draws_when_told;
-    send({ type: "welcomed" });
+    waits = message.draw_on_request;
+    send({ type: "welcome_ack" });
     if (at("note").textContent === UNSENT) note("");
     tellView();
     // What was sent before went to a console that has gone, and its answer with it.
-    stage.judge("unanswered");
+    stage.showOutcome("unanswered");
     text("name", message.tracker.replace(/^\//, ""));
-    heat.ask();
+    heatmap.ask();
   },
   draw() { draw(); },
   health(message) {
@@ -78,20 +78,20 @@ const handlers = {
   },
   note(message) {
     note(message.text, message.ok);
-    if (!message.ok && ["target", "click"].includes(message.about)) stage.judge("refused");
+    if (!message.ok && ["target", "click"].includes(message.about)) stage.showOutcome("refused");
   },
   recording(message) { recording.show(message); },
   parameters(message) {
     tune.show(message.parameters);
-    targets.allow(message.parameters.find((one) => one.name === "max_targets")?.value ?? 1);
+    targets.setMaxTargets(message.parameters.find((one) => one.name === "max_targets")?.value ?? 1);
   },
-  detections: targets.detect,
-  set(message) { tune.judge(message.name, message.refusal); },
-  verdict(message) {
+  detections: targets.setDetections,
+  set(message) { tune.showRefusal(message.name, message.refusal); },
+  target_response(message) {
     // Of another page's box, whoever has one at hand need not know.
     if (!stage.isEditing()) note(message.text, message.outcome !== "refused", message.outcome === "waiting");
     [taken, isFollowed] = [message.outcome === "accepted" ? message.text : "", false];
-    stage.judge(message.outcome, message.text);
+    stage.showOutcome(message.outcome, message.text);
   },
 };
 
@@ -138,7 +138,7 @@ function showStatus(frame) {
   tellFigures(frame, values);
 }
 
-const tellFigures = seldom(FIGURES, (frame, values) => {
+const tellFigures = throttle(FIGURES, (frame, values) => {
   tellConfidence(values.confidence);
   if (frame.columns) text("jpeg", `${frame.quality}, ${frame.columns} px`);
   text("count", number(values.particles, 0));
@@ -199,10 +199,10 @@ function tellRate() {
 }
 setInterval(() => { if (answerIsOld()) tellRate(); }, 500);
 
-heat.begin(send);
-recording.begin(send);
-stage.begin(send, note);
-targets.begin(send);
-tune.begin(send);
+heatmap.init(send);
+recording.init(send);
+stage.init(send, note);
+targets.init(send);
+tune.init(send);
 new ResizeObserver(tellView).observe(at("stage"));
 connect();

@@ -1,5 +1,5 @@
 // The last minute of the tracker's figures, as lines.
-import { seldom } from "./seldom.js";
+import { throttle } from "./throttle.js";
 
 const at = (id) => document.getElementById(id);
 const SECONDS = 60, WIDTH = 600, HEIGHT = 100;
@@ -11,7 +11,7 @@ const plots = [
   { id: "confidence", top: () => 1, of: (_, targets) => Object.fromEntries(targets.map((one) => [one.id, one.confidence])) },
   { id: "effective", top: (most, values) => values.particles ?? most, of: (values) => ({ effective: values.effective_sample_size }) },
   { id: "processing", top: (most) => Math.max(10, most), of: (values) => ({ processing: values.processing_time_ms }) },
-  { id: "powers", top: () => 1, of: (values) => Object.fromEntries(
+  { id: "weights", top: () => 1, of: (values) => Object.fromEntries(
     Object.entries(values).filter(([key]) => key.startsWith("cue_weight_")).map(([key, value]) => [key.slice(11), value])) },
 ].map((plot) => ({ ...plot, lines: new Map() }));  // name to [seconds, lowest, highest] of each slot
 
@@ -32,7 +32,7 @@ function put(lines, name, now, value) {
   else [slot[1], slot[2]] = [Math.min(slot[1], value), Math.max(slot[2], value)];
 }
 
-const draw = seldom(INTERVAL, (values) => {
+const draw = throttle(INTERVAL, (values) => {
   const now = performance.now() / 1000;
   for (const { id, top, of, lines } of plots) {
     for (const [name, line] of lines) {
@@ -45,7 +45,7 @@ const draw = seldom(INTERVAL, (values) => {
     while (svg.children.length > lines.size) svg.lastChild.remove();
     while (svg.children.length < lines.size) svg.append(document.createElementNS(SVG, "path"));
     all.forEach((line, i) => svg.children[i].setAttribute("d", path(line, now, highest)));
-    if (id === "powers") legend([...lines.keys()].map((name) => [name, of(values)[name]]));
+    if (id === "weights") legend([...lines.keys()].map((name) => [name, of(values)[name]]));
     else at(`top-${id}`).textContent = highest.toFixed(highest < 2 ? 1 : 0);
   }
 });

@@ -6,15 +6,15 @@ export const isOpen = () => state !== null;
 
 export function show(next) {
   state = next;
-  const last = Math.max(0, (next.frames ?? next.frame + 1) - 1);
+  const last = Math.max(0, (next.frame_count ?? next.frame + 1) - 1);
   at("recording").hidden = false;
   at("pause-word").textContent = next.playing ? "Pause" : "Play";
   at("seek").max = last;
   if (!seeking) { at("seek").value = next.frame; tellFrame(next.frame); }
   at("speed").value = String(next.rate);
-  at("save").disabled = !next.saves;
-  at("load").disabled = !next.target;
-  at("load").title = next.target;
+  at("save").disabled = !next.can_save;
+  at("load").disabled = !next.target_file;
+  at("load").title = next.target_file;
   at("problem").hidden = !next.problem;
   if (at("problem").textContent !== next.problem) at("problem").textContent = next.problem;
 }
@@ -26,7 +26,7 @@ export function step() { send({ type: "step" }); }
 
 function seek(frame) { send({ type: "seek", frame: Math.max(0, frame) }); }
 
-export function begin(sender) {
+export function init(sender) {
   send = sender;
   at("forward").addEventListener("click", step);
   at("back").addEventListener("click", () => { send({ type: "play", playing: false }); seek(state.frame - 1); });

@@ -1,12 +1,12 @@
 // The picture, what is drawn over it, and drawing a target: by pointer, touch or keyboard.
-import * as drawing from "./drawing.js";
-import * as heat from "./heat.js";
+import * as editor from "./box_editor.js";
+import * as heatmap from "./heatmap.js";
 import * as recording from "./recording.js";
 import * as targets from "./targets.js";
 
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay"), picture = at("picture"), context = picture.getContext("2d", { alpha: false });
-const { place, set } = drawing;
+const { place, set } = editor;
 const TRAIL_SECONDS = 3;
 const ELLIPSE = Math.sqrt(5.991);  // holds 95 % of a plane's normal distribution
 
@@ -62,12 +62,12 @@ export function setPaused(now) {
 export const isEditing = () => mode === "editing";
 
 // How the tracker took the box that was sent; "unanswered" where nobody will tell.
-export function judge(outcome, text = "") {
+export function showOutcome(outcome, text = "") {
   if (mode !== "sent") return;
   if (outcome === "unanswered") note("the console has gone before it answered; Enter sends the box again", false);
   // The node can only tell what is wrong with the stamp.
   if (outcome === "refused" && /stamp 0|time went back/.test(text)) note(`${text}; on this page: Escape, pause with space, then draw`, false);
-  if (["refused", "unanswered"].includes(outcome) && drawing.box()) edit(drawing.box());
+  if (["refused", "unanswered"].includes(outcome) && editor.box()) edit(editor.box());
   else live();
 }
 
@@ -82,7 +82,7 @@ function drawOverlay() {
   overlay.dataset.selected = chosen;
   place(at("box"), box);
   place(at("halo"), box);
-  heat.show(known);
+  heatmap.show(known);
   targets.show(known, unit);
   set(at("particles"), { d: (known.particles ?? []).map(([x, y, weight]) => {
     const side = unit * (1.5 + 5 * weight);
@@ -114,14 +114,14 @@ function drawCovariance({ covariance_xx: xx, covariance_xy: xy, covariance_yy: y
 
 // Drawing
 
-function setMode(next, box = drawing.box()) {
+function setMode(next, box = editor.box()) {
   mode = next;
   const editing = mode === "editing";
   at("draw").setAttribute("aria-pressed", editing);
   at("frozen").hidden = mode === "live" || mode === "sent";
   at("numbers").disabled = !editing;
   at("stage").dataset.mode = mode;
-  drawing.show(box, editing);
+  editor.show(box, editing);
 }
 
 function live() {
@@ -136,14 +136,14 @@ function live() {
 const edit = (box) => setMode("editing", box);
 
 function sendBox() {
-  if (!drawing.box() || !frame) return;
-  last = drawing.box();
+  if (!editor.box() || !frame) return;
+  last = editor.box();
   ask({ type: "target", box: last, stamp: frame.stamp });
 }
 
 // Whoever cannot send keeps the box, to send it once the console is back.
 function ask(message) {
-  if (!send(message)) { if (drawing.box()) edit(drawing.box()); else live(); return; }
+  if (!send(message)) { if (editor.box()) edit(editor.box()); else live(); return; }
   setMode("sent");
   note("sent; waiting for the tracker", true, true);
 }
@@ -151,22 +151,22 @@ function ask(message) {
 function onDown(event) {
   if (!frame || event.button || mode === "sent" || !event.isPrimary) return;
   event.preventDefault();
-  drawing.grab(event);
+  editor.grab(event);
   setMode("drawing");
 }
 
 function onMove(event) {
-  if (mode === "drawing") drawing.drag(event);
+  if (mode === "drawing") editor.drag(event);
 }
 
 function onUp(event) {
   if (mode !== "drawing") return;
-  if (drawing.drop(event)) {
+  if (editor.drop(event)) {
     sendBox();
     return;
   }
-  const place = drawing.point(event), id = targets.idAt(frame, place), chosen = frame.status?.selected ?? "";
-  if (targets.areSeveral() && (id || chosen)) { live(); targets.select(id, chosen); }
+  const place = editor.point(event), id = targets.idAt(frame, place), chosen = frame.status?.selected ?? "";
+  if (targets.isMultiTarget() && (id || chosen)) { live(); targets.select(id, chosen); }
   else ask({ type: "click", point: place, stamp: frame.stamp });
 }
 
@@ -174,7 +174,7 @@ function startDrawing() {
   if (!frame) { note("there is no picture to draw on", false); return; }
   if (mode === "editing") { live(); return; }
   if (mode !== "live") return;
-  edit((boxIn(frame) ?? last)?.map(Math.round) ?? drawing.middle([frame.width, frame.height]));
+  edit((boxIn(frame) ?? last)?.map(Math.round) ?? editor.centeredBox([frame.width, frame.height]));
   note("drag a box, or move this one with the arrow keys (with shift its size, with alt by a pixel); Enter sends it", true, true);
 }
 
@@ -184,11 +184,11 @@ function onKey(event) {
   if (event.key === "Escape" && mode !== "live") { live(); note("nothing was sent"); }
   else if (event.key === "Enter" && mode === "editing" && (!typing || event.target.closest("#numbers")) && !event.target.matches("button")) sendBox();
   else if (typing) return;
-  else if (event.key.startsWith("Arrow") && mode === "editing") drawing.move(event);
+  else if (event.key.startsWith("Arrow") && mode === "editing") editor.move(event);
   else if (event.key === " " && !event.target.matches("button, summary")) pause();
   else if (key === "s") stop();
   else if (key === "r") startDrawing();
-  else if (key === "h") heat.toggle();
+  else if (key === "h") heatmap.toggle();
   else if (key === "n" && recording.isOpen()) recording.step();
   else return;
   event.preventDefault();
@@ -213,9 +213,9 @@ function freeKeys() {
   document.addEventListener("change", ({ target }) => { if (byPointer && target.matches("select, [type=range], [type=checkbox]")) target.blur(); });
 }
 
-export function begin(sender, notes) {
+export function init(sender, notes) {
   [send, note] = [sender, notes];
-  drawing.begin(() => frame && [frame.width, frame.height]);
+  editor.init(() => frame && [frame.width, frame.height]);
   overlay.addEventListener("pointerdown", onDown);
   overlay.addEventListener("pointermove", onMove);
   overlay.addEventListener("pointerup", onUp);

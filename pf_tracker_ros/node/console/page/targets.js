@@ -49,7 +49,7 @@ export function show(frame, unit) {
 }
 
 // Whether a click says which of them is meant.
-export const areSeveral = () => most > 1;
+export const isMultiTarget = () => most > 1;
 
 // The id of the smallest box around a point [x, y], "" where there is none.
 export function idAt(frame, [u, v]) {
@@ -62,7 +62,7 @@ export function idAt(frame, [u, v]) {
 // Selects a target, or with the one that is selected none.
 export const select = (id, selected) => send({ type: "select", id: id === selected ? "0" : id || "0" });
 
-export function detect(message) { detected = message; }
+export function setDetections(message) { detected = message; }
 
 function list(found, selected) {
   const ids = new Set(found.map(({ id }) => id));
@@ -92,9 +92,9 @@ function add(id) {
 }
 
 // Whether there is room for more than one decides whether the list is there.
-export function allow(count) {
+export function setMaxTargets(count) {
   most = count;
   at("targets-card").hidden = most < 2;
 }
 
-export function begin(sender) { send = sender; }
+export function init(sender) { send = sender; }

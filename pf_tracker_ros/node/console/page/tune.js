@@ -24,11 +24,11 @@ export function show(parameters) {
   for (const one of parameters) {
     const field = fields.get(one.name);
     field.show(one.value);
-    const changed = one.usual !== null && JSON.stringify(one.value) !== JSON.stringify(one.usual);
+    const changed = one.default !== null && JSON.stringify(one.value) !== JSON.stringify(one.default);
     field.row.classList.toggle("changed", changed);
-    field.reset.disabled = !changed || one.fixed;
+    field.reset.disabled = !changed || one.read_only;
     // What was refused has given way to what is in force.
-    if (document.activeElement !== field.input) judge(one.name, "");
+    if (document.activeElement !== field.input) showRefusal(one.name, "");
   }
   for (const details of at("groups").querySelectorAll("details")) {
     const changed = details.querySelectorAll(".changed").length;
@@ -36,7 +36,7 @@ export function show(parameters) {
   }
 }
 
-export function judge(name, refusal) {
+export function showRefusal(name, refusal) {
   const field = fields.get(name);
   if (!field) return;
   field.refusal.textContent = refusal;
@@ -67,17 +67,17 @@ function row(one) {
   inputs[0].id = id;
   for (const input of inputs) {
     input.setAttribute("aria-describedby", `${id}-about ${refusal.id}`);
-    input.disabled = one.fixed;
+    input.disabled = one.read_only;
   }
   const allowed = one.range ? `${one.range[0]} to ${one.range[1]}` : one.constraints.replace(/^allowed: /, "");
   const reset = element("button", { type: "button", className: "reset", textContent: "Reset", ariaLabel: `Reset ${one.name}`, onclick() {
     inputs[0].focus();  // the button goes as it has done its work
-    give(one.usual);
+    give(one.default);
   } });
   const made = element("div", { className: "parameter" },
     element("label", { htmlFor: id, textContent: one.name }),
     element("div", { className: "field" }, ...inputs.map((input) => input.choice ? element("label", { className: "choice" }, input, input.choice) : input), reset),
-    element("p", { className: "quiet", id: `${id}-about`, textContent: `${one.description} Allowed: ${allowed}.${one.fixed ? " Fixed while the node runs." : ""}` }),
+    element("p", { className: "quiet", id: `${id}-about`, textContent: `${one.description} Allowed: ${allowed}.${one.read_only ? " Fixed while the node runs." : ""}` }),
     refusal);
   fields.set(one.name, { row: made, show, refusal, reset, input: inputs[0] });
   return made;
@@ -155,7 +155,7 @@ function endTyping() {
   waiting = null;
 }
 
-export function begin(sender) {
+export function init(sender) {
   send = sender;
   at("groups").addEventListener("input", () => { typing = true; });
   // Those of the fields themselves come first.

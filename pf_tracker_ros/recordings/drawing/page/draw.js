@@ -1,5 +1,5 @@
 // Choosing a frame of a recording, and drawing the targets on it.
-import * as drawing from "./drawing.js";
+import * as editor from "./box_editor.js";
 
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay"), picture = at("picture"), seek = at("seek");
@@ -13,25 +13,25 @@ let mode = "looking";    // looking, drawing (the pointer is down), editing, sen
 let loading = false;
 let wanted = null;       // number of the frame to show next
 let kept = [];           // { frame, box, label } of the targets before the one that is edited
-let most = 1;            // targets that there may be
+let maxTargets = 1;            // targets that there may be
 
 function note(text, ok = true) {
   at("note").textContent = text;
   at("note").dataset.level = ok ? "ok" : "error";
 }
 
-function setMode(next, box = drawing.box()) {
+function setMode(next, box = editor.box()) {
   mode = next;
   const editing = mode === "editing", over = mode === "sent" || mode === "done";
   at("numbers").disabled = !editing;
-  at("add").disabled = !editing || kept.length + 1 >= most;
+  at("add").disabled = !editing || kept.length + 1 >= maxTargets;
   at("undo").disabled = over || !(editing || kept.length);
   at("send").disabled = over || !(editing || kept.length);
   at("draw").setAttribute("aria-pressed", editing);
   for (const id of ["draw", "cancel", "back", "forward"]) at(id).disabled = over;
   seek.disabled = over || !Number(seek.max);
   at("stage").dataset.mode = mode;
-  drawing.show(box, editing);
+  editor.show(box, editing);
   showKept();
 }
 
@@ -47,9 +47,9 @@ function showKept() {
   const here = kept.map((target, i) => [target, i + 1]).filter(([target]) => target.frame === frame?.number);
   at("kept").replaceChildren(...here.map(([{ box, label }, number]) => {
     const group = labeledBox(), [rect, text] = group.children;
-    drawing.place(rect, box);
+    editor.place(rect, box);
     text.textContent = `${number} ${label}`.trim();
-    drawing.set(text, { x: box[0], y: Math.max(box[1] - 4 * unit, 12 * unit), "font-size": 13 * unit });
+    editor.set(text, { x: box[0], y: Math.max(box[1] - 4 * unit, 12 * unit), "font-size": 13 * unit });
     return group;
   }));
   at("list").replaceChildren(...kept.map(({ frame, box, label }) => {
@@ -93,11 +93,11 @@ async function put(answer) {
   at("missing").hidden = true;
   seek.value = frame.number;
   at("frame").textContent = Number(seek.max) ? `${frame.number} / ${seek.max}` : frame.number;
-  drawing.show(drawing.box(), mode === "editing");
+  editor.show(editor.box(), mode === "editing");
   showKept();
 }
 
-const how = () => HOW + (kept.length + 1 < most ? MORE : "");
+const how = () => HOW + (kept.length + 1 < maxTargets ? MORE : "");
 
 function edit(box) {
   setMode("editing", box);
@@ -110,10 +110,10 @@ function drop() {
   note(kept.length ? NEXT : how());
 }
 
-const edited = () => ({ frame: frame.number, box: drawing.box(), label: at("label").value.trim() });
+const edited = () => ({ frame: frame.number, box: editor.box(), label: at("label").value.trim() });
 
 function add() {
-  if (mode !== "editing" || kept.length + 1 >= most) return;
+  if (mode !== "editing" || kept.length + 1 >= maxTargets) return;
   document.activeElement?.blur();
   kept.push(edited());
   drop();
@@ -147,20 +147,20 @@ const step = (by) => { if (frame && canChoose()) show((wanted ?? frame.number) +
 function startDrawing() {
   if (!frame || !canChoose()) return;
   if (mode === "editing") drop();
-  else edit(drawing.middle([frame.width, frame.height]));
+  else edit(editor.centeredBox([frame.width, frame.height]));
 }
 
 overlay.addEventListener("pointerdown", (event) => {
   if (!frame || event.button || !event.isPrimary || !canChoose()) return;
   event.preventDefault();
   document.activeElement?.blur();
-  drawing.grab(event);
+  editor.grab(event);
   setMode("drawing");
 });
-overlay.addEventListener("pointermove", (event) => { if (mode === "drawing") drawing.drag(event); });
+overlay.addEventListener("pointermove", (event) => { if (mode === "drawing") editor.drag(event); });
 overlay.addEventListener("pointerup", (event) => {
   if (mode !== "drawing") return;
-  const box = drawing.drop(event);
+  const box = editor.drop(event);
   if (box) edit(box);
   else drop();
 });
@@ -171,7 +171,7 @@ document.addEventListener("keydown", (event) => {
   if (key === "escape" && (mode === "editing" || mode === "drawing")) drop();
   else if (key === "enter" && canChoose() && !event.target.matches("button")) send();
   else if (typing) return;
-  else if (key.startsWith("arrow") && mode === "editing") drawing.move(event);
+  else if (key.startsWith("arrow") && mode === "editing") editor.move(event);
   else if (key === "n" || (key === "arrowright" && mode === "looking")) step(1);
   else if (key === "p" || (key === "arrowleft" && mode === "looking")) step(-1);
   else if (key === "r") startDrawing();
@@ -189,14 +189,14 @@ at("send").addEventListener("click", send);
 at("cancel").addEventListener("click", () => decide("/cancel", ""));
 seek.addEventListener("input", () => { if (canChoose()) show(seek.valueAsNumber); });
 
-drawing.begin(() => frame && [frame.width, frame.height]);
+editor.init(() => frame && [frame.width, frame.height]);
 const [ok, answer] = await ask("/recording");
 if (ok) {
-  const { name, frames, most_targets } = await answer.json();
+  const { name, frames, max_targets } = await answer.json();
   at("name").textContent = name;
   document.title = `track: draw the targets in ${name}`;
-  most = most_targets;
-  at("add").hidden = most < 2;
+  maxTargets = max_targets;
+  at("add").hidden = maxTargets < 2;
   seek.max = Math.max(0, (frames ?? 0) - 1);
 }
 drop();

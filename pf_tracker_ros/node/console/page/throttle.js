@@ -1,5 +1,5 @@
 // Calls a function with the newest of what comes, at most every so many milliseconds, and at last.
-export function seldom(interval, call) {
+export function throttle(interval, call) {
   let called = -Infinity, later = null, newest = [];
   const now = () => {
     clearTimeout(later);

@@ -74,7 +74,7 @@ export function drop(event) {
   return drawn;
 }
 
-export const middle = ([width, height]) =>
+export const centeredBox = ([width, height]) =>
   [(width - width / 4) / 2, (height - height / 4) / 2, width / 4, height / 4].map(Math.round);
 
 export function move(event) {
@@ -85,7 +85,7 @@ export function move(event) {
   draw();
 }
 
-export function begin(sizes) {
+export function init(sizes) {
   sizeOf = sizes;
   for (let i = 0; i < 4; i++) at("handles").append(document.createElementNS("http://www.w3.org/2000/svg", "circle"));
   NUMBERS.forEach((name, i) => at(`box-${name}`).addEventListener("input", (event) => {

@@ -1,6 +1,6 @@
 // How likely the target is around its box, on demand, and what each cue says of it.
 const at = (id) => document.getElementById(id);
-const canvas = at("heat"), context = canvas.getContext("2d");
+const canvas = at("heatmap"), context = canvas.getContext("2d");
 let send, on = false;
 
 export function show(frame) {
@@ -8,11 +8,11 @@ export function show(frame) {
   const known = on && likelihood && typeof values.likelihood_side === "number";
   canvas.hidden = !known;
   if (!known) { at("bars").replaceChildren(); return; }
-  const heat = Uint8Array.from(atob(likelihood.heat), (letter) => letter.charCodeAt(0));
+  const levels = Uint8Array.from(atob(likelihood.values), (letter) => letter.charCodeAt(0));
   canvas.width = likelihood.columns;
-  canvas.height = heat.length / likelihood.columns;
+  canvas.height = levels.length / likelihood.columns;
   const pixels = context.createImageData(canvas.width, canvas.height);
-  heat.forEach((value, i) => pixels.data.set([255, value, 0, value], 4 * i));
+  levels.forEach((value, i) => pixels.data.set([255, value, 0, value], 4 * i));
   context.putImageData(pixels, 0, 0);
   const share = (part, whole) => `${100 * part / whole}%`;
   Object.assign(canvas.style, {
@@ -29,7 +29,7 @@ function bars(values) {
   while (list.children.length > names.length) list.lastChild.remove();
   while (list.children.length < names.length) {
     const made = document.createElement("li");
-    made.append(document.createElement("span"), ...["target", "rival"].map((label) =>
+    made.append(document.createElement("span"), ...["target", "second peak"].map((label) =>
       Object.assign(document.createElement("meter"), { max: 1, ariaLabel: label })));
     list.append(made);
   }
@@ -37,22 +37,22 @@ function bars(values) {
     const both = [values[`at_target_${name}`], values[`at_second_peak_${name}`]], most = Math.max(...both);
     const [label, ...meters] = list.children[i].children;
     const shares = both.map((value) => Math.exp((values[`cue_weight_${name}`] ?? 1) * (value - most)));
-    label.textContent = `${name.replaceAll("_", " ")}: target ${shares[0].toFixed(2)}, rival ${shares[1].toFixed(2)}`;
+    label.textContent = `${name.replaceAll("_", " ")}: target ${shares[0].toFixed(2)}, second peak ${shares[1].toFixed(2)}`;
     meters.forEach((meter, j) => { meter.value = shares[j]; });
   });
 }
 
-export function ask() { if (on) send({ type: "heat", shown: true }); }
+export function ask() { if (on) send({ type: "heatmap", shown: true }); }
 
 export function toggle() {
   on = !on;
-  at("heat-button").setAttribute("aria-pressed", on);
-  at("rivals").hidden = !on;
+  at("heatmap-button").setAttribute("aria-pressed", on);
+  at("peaks").hidden = !on;
   canvas.hidden = true;
-  send({ type: "heat", shown: on });
+  send({ type: "heatmap", shown: on });
 }
 
-export function begin(sender) {
+export function init(sender) {
   send = sender;
-  at("heat-button").addEventListener("click", toggle);
+  at("heatmap-button").addEventListener("click", toggle);
 }
