@@ -1,12 +1,12 @@
-// A box that is drawn over a picture: by pointer, touch, keyboard or numbers. When, and what becomes of it,
-// is for the page to say; it has an svg #overlay with #drawn and #handles, and inputs #box-x to #box-height.
+// Editor of a box over a picture: by pointer, touch, keyboard or numbers. The page decides when to edit and
+// what to do with the box; it has an svg #overlay with #drawn and #handles, and inputs #box-x to #box-height.
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay"), CLICK = 4, HANDLE = 7, NUMBERS = ["x", "y", "width", "height"];
 
 let sizeOf = () => null;  // [width, height] of the picture, null without one
 let drawn = null;         // [x, y, width, height] of the box
-let editing = false;      // it has handles
-let grip = null;          // what a pointer that is down moves
+let editing = false;      // whether the box has handles
+let grip = null;          // pointer position to box, while the pointer is down
 
 export const box = () => drawn;
 
@@ -44,7 +44,7 @@ export function point(event) {
 
 const span = ([x, y], [u, v]) => [Math.min(x, u), Math.min(y, v), Math.abs(u - x), Math.abs(v - y)];
 
-// A pointer is down: on a handle, in the box, or where a new one begins.
+// Starts to move a corner, to move the box, or to draw a new one, by the place of the pointer.
 export function grab(event) {
   overlay.setPointerCapture(event.pointerId);
   const start = point(event), corner = [...at("handles").children].indexOf(event.target);
@@ -67,7 +67,7 @@ export function drag(event) {
   draw();
 }
 
-// The box as it was let go, null for a mere click.
+// Ends it and returns the box, null for a click.
 export function drop(event) {
   const isClick = grip.start && Math.hypot(event.clientX - grip.start[0], event.clientY - grip.start[1]) < CLICK;
   drawn = isClick ? null : grip(point(event)).map((value) => Math.round(value * 100) / 100);

@@ -1,4 +1,4 @@
-"""Picking a target on the live page: by pointer, touch and keyboard."""
+"""Drawing a target on the live page: by pointer, touch and keyboard."""
 
 import itertools
 
@@ -42,24 +42,24 @@ def overlap(one, other):
 
 @pytest.fixture
 def sent(tracker, console, client):
-    """What the console sends to the tracker, as it comes: targets and clicks."""
+    """Targets and clicks that the console sends to the tracker."""
     messages = []
     client.create_subscription(PolygonStamped, "pf_tracker/target", messages.append, 10)
     client.create_subscription(PointStamped, "pf_tracker/click", messages.append, 10)
     senders = [one for one in console.publishers if one.topic.endswith(("/target", "/click"))]
     assert len(senders) == 2
 
-    def are_heard():
-        # By the tracker, and here; what is sent before that is lost.
+    def are_discovered():
+        # By the tracker and by this client; earlier messages are lost.
         return all(sender.get_subscription_count() == 2 for sender in senders)
 
-    client.wait_for(are_heard, "subscriptions")
+    client.wait_for(are_discovered, "subscriptions")
     return messages
 
 
 @pytest.fixture
 def shown(tracker, camera, page):
-    """A page that shows the camera's pictures, of which a tracker without a target knows."""
+    """A page with the camera's pictures, and a tracker without a target."""
     status = camera.show_on(page)
     assert status.values["state"] == "idle"
     assert page.size == (WIDTH, HEIGHT)
@@ -70,7 +70,7 @@ def test_a_dragged_box_starts_the_target_on_the_frame_it_was_drawn_on(shown, cam
     drawn_on = shown.stamp
     wanted = camera.box_at(drawn_on)
     shown.drag(wanted, release=False)
-    # The picture stands still under the pointer while the camera goes on.
+    # The picture is frozen while the camera continues.
     for _ in range(3):
         camera.show()
     assert shown.stamp == drawn_on
@@ -85,7 +85,7 @@ def test_a_dragged_box_starts_the_target_on_the_frame_it_was_drawn_on(shown, cam
         "started target",
     )
     shown.wait_until(lambda: "accepted" in shown.text("note"), "acceptance")
-    # To the bit what the library makes of that box on that frame.
+    # The library gives the same box for that target.
     session = Session(preset_parameters("default"), seed=0)
     session.frame_buffer.limit(120, 64.0)
     estimates = {}
@@ -100,7 +100,7 @@ def test_a_dragged_box_starts_the_target_on_the_frame_it_was_drawn_on(shown, cam
     assert shown.text("state") == "tracking"
 
 
-def test_stop_forgets_the_target(shown, camera):
+def test_stop_removes_the_target(shown, camera):
     shown.drag(camera.box_at(shown.stamp))
     camera.show_until(lambda: shown.box, "box")
     shown.keyboard.press("s")
@@ -119,7 +119,7 @@ def test_a_box_without_area_is_refused_with_the_nodes_reason(shown, camera):
     camera.show_until(lambda: "refused" in shown.text("note"), "refusal")
     assert "span" in shown.text("note")
     assert "allowed: points that differ in both x and y" in shown.text("note")
-    # What was drawn is still there, to be put right.
+    # The box stays, for correction.
     assert shown.locator("#drawn:not([hidden])").count() == 1
     assert shown.locator("#handles circle:visible").count() == 4
 
@@ -135,7 +135,7 @@ def test_a_box_outside_is_refused_with_the_nodes_reason(shown, camera, sent, cli
     assert "is outside the image, 160 x 120 px" in shown.text("note")
 
 
-def test_who_drew_for_too_long_is_told_how_to_do_it_on_the_page(shown, camera, client):
+def test_a_target_older_than_the_frame_buffer_is_refused_with_advice(shown, camera, client):
     client.set_parameters(frame_buffer_length=2, frame_buffer_megabytes=1.0)
     shown.drag(camera.box_at(shown.stamp), release=False)
     for _ in range(80):
@@ -143,10 +143,10 @@ def test_who_drew_for_too_long_is_told_how_to_do_it_on_the_page(shown, camera, c
     shown.mouse.up()
     camera.show_until(lambda: "refused" in shown.text("note"), "refusal")
     assert "before the oldest one" in shown.text("note")
-    assert shown.text("note").endswith("on this page: Escape, pause with space, then draw")
+    assert shown.text("note").endswith("press Escape, pause with space, then draw")
 
 
-def test_who_drew_as_a_loop_began_again_is_told_to_draw_again(shown, camera):
+def test_a_target_of_before_a_time_jump_is_refused_with_advice(shown, camera):
     for _ in range(40):
         camera.show()
     camera.show_on(shown)
@@ -156,10 +156,10 @@ def test_who_drew_as_a_loop_began_again_is_told_to_draw_again(shown, camera):
     shown.mouse.up()
     camera.show_until(lambda: "refused" in shown.text("note"), "refusal")
     assert "before time went back" in shown.text("note")
-    assert shown.text("note").endswith("on this page: Escape, pause with space, then draw")
+    assert shown.text("note").endswith("press Escape, pause with space, then draw")
 
 
-def test_a_refusal_is_told_without_images_too(shown):
+def test_a_refusal_is_shown_without_images_too(shown):
     shown.drag((20, 50, 60, 0))
     shown.wait_until(lambda: "target refused" in shown.text("note"), "refusal")
 
@@ -196,21 +196,21 @@ def test_the_box_is_dragged_as_a_whole(shown, client, sent):
     assert box_of(sent[1]) == pytest.approx((50, 40, 40, 30), abs=1.0)
 
 
-def test_escape_sends_nothing_and_lets_the_picture_go_on(shown, camera, client, sent):
+def test_escape_discards_the_box_and_resumes_the_picture(shown, camera, client, sent):
     shown.drag((20, 20, 50, 50), release=False)
     camera.show()
     shown.keyboard.press("Escape")
     shown.mouse.up()
     assert shown.locator("#drawn").is_hidden()
     camera.show_on(shown)
-    # What had been sent would have come before this.
+    # An earlier target would arrive before this one.
     shown.drag((20, 20, 30, 30))
     (target,) = client.wait_for(lambda: sent, "target")
     assert box_of(target) == pytest.approx((20, 20, 30, 30), abs=1.0)
 
 
 @pytest.mark.usefixtures("tracker")
-def test_a_finger_draws_as_well(console, client, camera, open_page, sent):
+def test_a_box_is_drawn_by_touch(console, client, camera, open_page, sent):
     page = open_page(console.url, has_touch=True, viewport={"width": 390, "height": 844})
     camera.show_on(page)
     drawn_on = page.stamp
@@ -225,7 +225,7 @@ def test_a_finger_draws_as_well(console, client, camera, open_page, sent):
     assert stamp_of(target) == drawn_on
 
 
-def test_the_keyboard_alone_draws_a_box(shown, camera, client, sent):
+def test_a_box_is_drawn_by_keyboard(shown, camera, client, sent):
     drawn_on = shown.stamp
     shown.keyboard.press("r")
     before = [float(shown.locator(f"#box-{name}").input_value()) for name in ("x", "y")]
@@ -241,7 +241,7 @@ def test_the_keyboard_alone_draws_a_box(shown, camera, client, sent):
     camera.show_until(lambda: "accepted" in shown.text("note"), "acceptance")
 
 
-def test_space_pauses_and_goes_on(shown, camera, client):
+def test_space_pauses_and_resumes(shown, camera, client):
     shown.keyboard.press("Space")
     shown.wait_until(
         lambda: shown.locator("#pause").get_attribute("aria-pressed") == "true", "pause"
@@ -251,12 +251,13 @@ def test_space_pauses_and_goes_on(shown, camera, client):
     shown.wait_until(lambda: "paused" in shown.text("health"), "the node's words")
     shown.keyboard.press("Space")
     shown.wait_until(
-        lambda: shown.locator("#pause").get_attribute("aria-pressed") == "false", "going on"
+        lambda: shown.locator("#pause").get_attribute("aria-pressed") == "false",
+        "the end of the pause",
     )
     assert camera.show().values["frame"] == "waiting"
 
 
-def test_keys_that_are_typed_into_a_field_do_nothing_else(shown, client, camera):
+def test_keys_in_a_field_are_no_shortcuts(shown, client, camera):
     shown.keyboard.press("r")
     shown.locator("#box-x").press("s")
     shown.locator("#box-x").press("Space")
@@ -278,8 +279,8 @@ def test_every_control_is_reached_by_the_tab_key(shown):
     assert "draw" in focusable
 
 
-def test_a_target_that_nobody_takes_is_told_and_the_picture_goes_on(page, client, images):
-    """Without a tracker the console shows the images of the topic all the same."""
+def test_a_target_without_a_subscriber_is_reported_and_the_picture_resumes(page, client, images):
+    """Without a tracker the console shows the images of its topic."""
     stamps = (client.at(index) for index in itertools.count())
 
     def has_shown(stamp):
@@ -289,14 +290,14 @@ def test_a_target_that_nobody_takes_is_told_and_the_picture_goes_on(page, client
 
     client.wait_for(lambda: has_shown(next(stamps)), "picture")
     page.drag((20, 20, 30, 30))
-    page.wait_until(lambda: "nobody takes targets" in page.text("note"), "reason")
+    page.wait_until(lambda: "no subscriber on /pf_tracker/target" in page.text("note"), "reason")
     page.keyboard.press("Escape")
     before = page.stamp
     client.wait_for(lambda: has_shown(next(stamps)) > before, "next picture")
 
 
-def test_a_service_that_is_not_there_is_told(console, client, open_page):
+def test_a_missing_service_is_reported(console, client, open_page):
     page = open_page(console.url)
     page.locator("#stop").click()
-    page.get_by_text("/pf_tracker/stop is not there").wait_for()
+    page.get_by_text("there is no service /pf_tracker/stop").wait_for()
     assert client.create_client(SetBool, "pf_tracker/enable").service_is_ready() is False

@@ -1,4 +1,4 @@
-// How likely the target is around its box, on demand, and what each cue says of it.
+// The likelihood around the target as a heat map, on demand, and the response of each cue as bars.
 const at = (id) => document.getElementById(id);
 const canvas = at("heatmap"), context = canvas.getContext("2d");
 let send, on = false;
@@ -22,21 +22,21 @@ export function show(frame) {
   bars(values);
 }
 
-// The larger of the two is full; the other by how much less likely the cue, with its power, finds it.
+// Likelihood of each cue, raised to its weight, at the target and at the second peak, relative to the larger.
 function bars(values) {
   const names = Object.keys(values).filter((key) => key.startsWith("at_target_")).map((key) => key.slice(10));
   const list = at("bars");
   while (list.children.length > names.length) list.lastChild.remove();
   while (list.children.length < names.length) {
-    const made = document.createElement("li");
-    made.append(document.createElement("span"), ...["target", "second peak"].map((label) =>
+    const row = document.createElement("li");
+    row.append(document.createElement("span"), ...["target", "second peak"].map((label) =>
       Object.assign(document.createElement("meter"), { max: 1, ariaLabel: label })));
-    list.append(made);
+    list.append(row);
   }
   names.forEach((name, i) => {
-    const both = [values[`at_target_${name}`], values[`at_second_peak_${name}`]], most = Math.max(...both);
+    const both = [values[`at_target_${name}`], values[`at_second_peak_${name}`]], highest = Math.max(...both);
     const [label, ...meters] = list.children[i].children;
-    const shares = both.map((value) => Math.exp((values[`cue_weight_${name}`] ?? 1) * (value - most)));
+    const shares = both.map((value) => Math.exp((values[`cue_weight_${name}`] ?? 1) * (value - highest)));
     label.textContent = `${name.replaceAll("_", " ")}: target ${shares[0].toFixed(2)}, second peak ${shares[1].toFixed(2)}`;
     meters.forEach((meter, j) => { meter.value = shares[j]; });
   });

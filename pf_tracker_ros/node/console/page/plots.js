@@ -1,19 +1,19 @@
-// The last minute of the tracker's figures, as lines.
+// Line plots of the last minute of status values.
 import { throttle } from "./throttle.js";
 
 const at = (id) => document.getElementById(id);
 const SECONDS = 60, WIDTH = 600, HEIGHT = 100;
-const SLOT = 0.25;       // seconds of which a line has the lowest and the highest value
-const INTERVAL = 500;    // milliseconds from one drawing to the next
+const SLOT = 0.25;       // seconds per minimum and maximum of a line
+const INTERVAL = 500;    // milliseconds between two redraws
 const SVG = "http://www.w3.org/2000/svg";
 
 const plots = [
   { id: "confidence", top: () => 1, of: (_, targets) => Object.fromEntries(targets.map((one) => [one.id, one.confidence])) },
-  { id: "effective", top: (most, values) => values.particles ?? most, of: (values) => ({ effective: values.effective_sample_size }) },
-  { id: "processing", top: (most) => Math.max(10, most), of: (values) => ({ processing: values.processing_time_ms }) },
+  { id: "effective", top: (highest, values) => values.particles ?? highest, of: (values) => ({ effective: values.effective_sample_size }) },
+  { id: "processing", top: (highest) => Math.max(10, highest), of: (values) => ({ processing: values.processing_time_ms }) },
   { id: "weights", top: () => 1, of: (values) => Object.fromEntries(
     Object.entries(values).filter(([key]) => key.startsWith("cue_weight_")).map(([key, value]) => [key.slice(11), value])) },
-].map((plot) => ({ ...plot, lines: new Map() }));  // name to [seconds, lowest, highest] of each slot
+].map((plot) => ({ ...plot, lines: new Map() }));  // name to [seconds, minimum, maximum] of each slot
 
 export function add(values, targets) {
   const now = performance.now() / 1000;

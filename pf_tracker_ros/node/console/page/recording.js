@@ -1,4 +1,4 @@
-// The recording that the console plays to the tracker, if it plays one.
+// The controls of the recording, if the console plays one.
 const at = (id) => document.getElementById(id);
 let send, state = null, seeking = false;
 
@@ -10,7 +10,7 @@ export function show(next) {
   at("recording").hidden = false;
   at("pause-word").textContent = next.playing ? "Pause" : "Play";
   at("seek").max = last;
-  if (!seeking) { at("seek").value = next.frame; tellFrame(next.frame); }
+  if (!seeking) { at("seek").value = next.frame; showFrame(next.frame); }
   at("speed").value = String(next.rate);
   at("save").disabled = !next.can_save;
   at("load").disabled = !next.target_file;
@@ -19,7 +19,7 @@ export function show(next) {
   if (at("problem").textContent !== next.problem) at("problem").textContent = next.problem;
 }
 
-const tellFrame = (frame) => { at("frame").textContent = `${Math.max(0, frame)} / ${at("seek").max}`; };
+const showFrame = (frame) => { at("frame").textContent = `${Math.max(0, frame)} / ${at("seek").max}`; };
 
 export function toggle() { send({ type: "play", playing: !state.playing }); }
 export function step() { send({ type: "step" }); }
@@ -30,7 +30,7 @@ export function init(sender) {
   send = sender;
   at("forward").addEventListener("click", step);
   at("back").addEventListener("click", () => { send({ type: "play", playing: false }); seek(state.frame - 1); });
-  at("seek").addEventListener("input", () => { seeking = true; tellFrame(at("seek").valueAsNumber); });
+  at("seek").addEventListener("input", () => { seeking = true; showFrame(at("seek").valueAsNumber); });
   at("seek").addEventListener("change", () => { seeking = false; seek(at("seek").valueAsNumber); });
   at("speed").addEventListener("change", () => send({ type: "rate", rate: Number(at("speed").value) }));
   at("save").addEventListener("click", () => send({ type: "save" }));

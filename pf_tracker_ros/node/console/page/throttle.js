@@ -1,4 +1,4 @@
-// Calls a function with the newest of what comes, at most every so many milliseconds, and at last.
+// Calls a function with the newest values, at most once per interval in milliseconds, and after the last ones.
 export function throttle(interval, call) {
   let called = -Infinity, later = null, newest = [];
   const now = () => {
@@ -9,6 +9,6 @@ export function throttle(interval, call) {
   return (...values) => {
     newest = values;
     if (performance.now() - called >= interval) now();
-    else later ??= setTimeout(now, 1.25 * interval);  // after what comes meanwhile, if it comes often
+    else later ??= setTimeout(now, 1.25 * interval);  // after the next values, if they come often
   };
 }

@@ -1,19 +1,19 @@
-// Choosing a frame of a recording, and drawing the targets on it.
+// Selecting frames of a recording, and drawing the targets on them.
 import * as editor from "./box_editor.js";
 
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay"), picture = at("picture"), seek = at("seek");
-const HOW = "drag a box around the target; then its corners, or the arrow keys (with shift its size, with alt by a pixel), put it right; Enter starts, Escape drops it";
-const MORE = "; A keeps it and asks for another target";
+const HOW = "drag a box around the target; correct it by its corners or the arrow keys (shift: resize, alt: by a pixel); Enter starts, Escape drops it";
+const MORE = "; A keeps it and adds another target";
 const NOTHING = "there is no box yet: drag one around the target, or press R for one in the middle";
-const NEXT = "drag a box around the next target, also in another frame; Enter starts, U takes back the last one";
+const NEXT = "drag a box around the next target, also in another frame; Enter starts, U undoes the last one";
 
-let frame = null;        // { number, width, height } as shown
-let mode = "looking";    // looking, drawing (the pointer is down), editing, sent, or done
+let frame = null;        // { number, width, height } of the displayed frame
+let mode = "browsing";   // browsing, drawing (the pointer is down), editing, sent, or done
 let loading = false;
 let wanted = null;       // number of the frame to show next
 let kept = [];           // { frame, box, label } of the targets before the one that is edited
-let maxTargets = 1;            // targets that there may be
+let maxTargets = 1;
 
 function note(text, ok = true) {
   at("note").textContent = text;
@@ -41,7 +41,7 @@ function labeledBox() {
   return group;
 }
 
-// On the picture those of its frame, in the list all.
+// The picture has the targets of its frame, the list all.
 function showKept() {
   const unit = (frame?.width ?? 1) / overlay.clientWidth || 1;
   const here = kept.map((target, i) => [target, i + 1]).filter(([target]) => target.frame === frame?.number);
@@ -59,13 +59,13 @@ function showKept() {
   }));
 }
 
-async function ask(path, options) {
-  const answer = await fetch(path, options).catch(() => null);
-  if (!answer) return [false, "track does not answer; it may have ended"];
-  return [answer.ok, answer.ok && options === undefined ? answer : await answer.text()];
+async function request(path, options) {
+  const response = await fetch(path, options).catch(() => null);
+  if (!response) return [false, "there is no response; track may have ended"];
+  return [response.ok, response.ok && options === undefined ? response : await response.text()];
 }
 
-// One after another, and of those that were wished for meanwhile only the last.
+// One request at a time; of those made meanwhile only the last.
 async function show(number) {
   wanted = Math.max(0, Math.min(number, Number(seek.max) || number));
   if (loading) return;
@@ -73,17 +73,17 @@ async function show(number) {
   while (wanted !== null) {
     const now = wanted;
     wanted = null;
-    const [ok, answer] = await ask(`/frame?number=${now}`);
-    if (ok) await put(answer);
-    else note(answer, false);
+    const [ok, response] = await request(`/frame?number=${now}`);
+    if (ok) await put(response);
+    else note(response, false);
   }
   loading = false;
 }
 
-async function put(answer) {
-  const [width, height] = answer.headers.get("X-Size").split(" ").map(Number);
-  const bitmap = await createImageBitmap(await answer.blob());
-  frame = { number: Number(answer.headers.get("X-Frame")), width, height };
+async function put(response) {
+  const [width, height] = response.headers.get("X-Size").split(" ").map(Number);
+  const bitmap = await createImageBitmap(await response.blob());
+  frame = { number: Number(response.headers.get("X-Frame")), width, height };
   [picture.width, picture.height] = [bitmap.width, bitmap.height];
   picture.getContext("2d").drawImage(bitmap, 0, 0);
   bitmap.close();
@@ -105,7 +105,7 @@ function edit(box) {
 }
 
 function drop() {
-  setMode("looking", null);
+  setMode("browsing", null);
   at("label").value = "";
   note(kept.length ? NEXT : how());
 }
@@ -120,38 +120,38 @@ function add() {
 }
 
 function undo() {
-  if (!canChoose()) return;
+  if (!canEdit()) return;
   document.activeElement?.blur();
-  if (mode === "looking") kept.pop();
+  if (mode === "browsing") kept.pop();
   drop();
 }
 
 async function decide(path, body) {
   const before = mode;
   setMode("sent");
-  const [ok, text] = await ask(path, { method: "POST", body });
+  const [ok, text] = await request(path, { method: "POST", body });
   note(text, ok);
   setMode(ok ? "done" : before);
 }
 
 function send() {
   const targets = mode === "editing" ? [...kept, edited()] : kept;
-  if (!canChoose()) return;
+  if (!canEdit()) return;
   if (targets.length) decide("/targets", JSON.stringify({ targets }));
   else note(NOTHING, false);
 }
 
-const canChoose = () => mode === "looking" || mode === "editing";
-const step = (by) => { if (frame && canChoose()) show((wanted ?? frame.number) + by); };
+const canEdit = () => mode === "browsing" || mode === "editing";
+const step = (by) => { if (frame && canEdit()) show((wanted ?? frame.number) + by); };
 
 function startDrawing() {
-  if (!frame || !canChoose()) return;
+  if (!frame || !canEdit()) return;
   if (mode === "editing") drop();
   else edit(editor.centeredBox([frame.width, frame.height]));
 }
 
 overlay.addEventListener("pointerdown", (event) => {
-  if (!frame || event.button || !event.isPrimary || !canChoose()) return;
+  if (!frame || event.button || !event.isPrimary || !canEdit()) return;
   event.preventDefault();
   document.activeElement?.blur();
   editor.grab(event);
@@ -169,11 +169,11 @@ document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey) return;
   const key = event.key.toLowerCase(), typing = event.target.matches("input");
   if (key === "escape" && (mode === "editing" || mode === "drawing")) drop();
-  else if (key === "enter" && canChoose() && !event.target.matches("button")) send();
+  else if (key === "enter" && canEdit() && !event.target.matches("button")) send();
   else if (typing) return;
   else if (key.startsWith("arrow") && mode === "editing") editor.move(event);
-  else if (key === "n" || (key === "arrowright" && mode === "looking")) step(1);
-  else if (key === "p" || (key === "arrowleft" && mode === "looking")) step(-1);
+  else if (key === "n" || (key === "arrowright" && mode === "browsing")) step(1);
+  else if (key === "p" || (key === "arrowleft" && mode === "browsing")) step(-1);
   else if (key === "r") startDrawing();
   else if (key === "a") add();
   else if (key === "u") undo();
@@ -187,12 +187,12 @@ at("add").addEventListener("click", add);
 at("undo").addEventListener("click", undo);
 at("send").addEventListener("click", send);
 at("cancel").addEventListener("click", () => decide("/cancel", ""));
-seek.addEventListener("input", () => { if (canChoose()) show(seek.valueAsNumber); });
+seek.addEventListener("input", () => { if (canEdit()) show(seek.valueAsNumber); });
 
 editor.init(() => frame && [frame.width, frame.height]);
-const [ok, answer] = await ask("/recording");
+const [ok, response] = await request("/recording");
 if (ok) {
-  const { name, frames, max_targets } = await answer.json();
+  const { name, frames, max_targets } = await response.json();
   at("name").textContent = name;
   document.title = `track: draw the targets in ${name}`;
   maxTargets = max_targets;
