@@ -60,10 +60,10 @@ def relay(port: int, console: int) -> Iterator[None]:
         server.close()
 
 
-def take_pictures(port: int, taken: Synchronized[int]) -> None:
+def receive_pictures(port: int, count: Synchronized[int]) -> None:
     """Receive, count and acknowledge every picture, without drawing it."""
 
-    async def take() -> None:
+    async def receive() -> None:
         origin = f"http://127.0.0.1:{port}"
         # Another address than the console's, so that it counts as a remote browser.
         connector = aiohttp.TCPConnector(local_addr=("127.0.0.2", 0))
@@ -73,29 +73,29 @@ def take_pictures(port: int, taken: Synchronized[int]) -> None:
         ):
             async for message in page:
                 if message.type == aiohttp.WSMsgType.BINARY:
-                    taken.value += 1
+                    count.value += 1
                     await asyncio.sleep(DRAWING)
                     await page.send_json({"type": "frame_ack"})
                 elif json.loads(message.data)["type"] == "welcome":
                     await page.send_json({"type": "welcome_ack"})
                     await page.send_json({"type": "view", "width": 1280})
 
-    asyncio.run(take())
+    asyncio.run(receive())
 
 
 @contextmanager
-def taker(port: int) -> Iterator[None]:
+def receiver(port: int) -> Iterator[None]:
     """A browser without drawing, in a process of its own."""
     context = multiprocessing.get_context("spawn")
-    taken = context.Value("l", 0)
-    process = context.Process(target=take_pictures, args=(port, taken))
+    count = context.Value("l", 0)
+    process = context.Process(target=receive_pictures, args=(port, count))
     process.start()
     try:
         yield
     finally:
         process.kill()
         process.join()
-    if not taken.value:
+    if not count.value:
         raise RuntimeError("the console sent no pictures")
 
 

@@ -133,7 +133,7 @@ class ConsoleBridge:
             await self._browsers.broadcast(health)
         if self._player:
             await self._player.poll(now, has_picture=self._synchronizer.latest is not None)
-        if health["tracker"] != "heard":
+        if health["tracker"] != "alive":
             # The tracker may come back with other values.
             self._parameters_outdated = True
         elif self._parameters_outdated and self._browsers and not self._parameter_task:
@@ -196,7 +196,7 @@ class ConsoleBridge:
             await browser.send_json(note(name or None, str(error), ok=False))
 
     def _watch(self) -> None:
-        """Subscribe to the topics that somebody watches, and to no others."""
+        """Subscribe to the watched topics only."""
         now = time.monotonic()
         # A recording's first frame is sent once, perhaps before the first browser connects.
         is_watched = len(self._browsers) > 0 or self._player is not None

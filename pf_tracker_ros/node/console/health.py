@@ -92,5 +92,5 @@ class TrackerHealth:
             faults[self._fault] = None
         if faults:
             text, level = f"{text}; the console: {'; '.join(faults)}", "error"
-        health = {"type": "health", "tracker": "heard", "level": level, "text": text}
+        health = {"type": "health", "tracker": "alive", "level": level, "text": text}
         return health | {name: values.get(name) for name in _SHOWN_VALUES} | {"state": self._state}

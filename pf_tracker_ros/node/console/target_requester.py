@@ -17,7 +17,7 @@ _REFUSED = "target refused"
 # A target counts as lost if a status follows this much later, in seconds, without a response.
 _LOST_AFTER = 0.5
 _MAX_ATTEMPTS = 4
-# Seconds without a response until the page is told that the target waits for an image, and the
+# Seconds without a response until the outcome is `waiting`, and the
 # same while a recording is paused.
 _TIMEOUT = 3.0
 _TIMEOUT_PAUSED = 1.0

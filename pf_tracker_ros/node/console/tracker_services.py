@@ -130,7 +130,7 @@ class TrackerServices:
             except asyncio.TimeoutError:
                 # The client keeps pending requests forever otherwise.
                 self._run_in_executor(call.cancel)
-        raise TrackerError(f"{client.srv_name} does not answer")
+        raise TrackerError(f"{client.srv_name} does not respond")
 
 
 class _Call:

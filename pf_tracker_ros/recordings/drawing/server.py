@@ -186,7 +186,7 @@ class _DrawingServer:
         self._targets = ()
         return self._decide("nothing is tracked; this page can be closed")
 
-    def _decided(self, text: str) -> web.Response:
+    def _decide(self, text: str) -> web.Response:
         # Scheduled, so that the response is under way when the server stops.
         self._loop.call_soon(self._is_decided.set)
         return web.Response(text=text)

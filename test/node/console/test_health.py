@@ -16,9 +16,9 @@ def health():
 
 
 def test_silence_is_reported_within_two_seconds(health):
-    heard, silent = (health.summary(now, recording_paused=False) for now in (11.3, 11.8))
-    assert (heard["tracker"], heard["text"]) == ("heard", "tracking")
-    assert heard["image_topic"] == "/image"
+    alive, silent = (health.summary(now, recording_paused=False) for now in (11.3, 11.8))
+    assert (alive["tracker"], alive["text"]) == ("alive", "tracking")
+    assert alive["image_topic"] == "/image"
     assert silent["tracker"] == "silent"
 
 

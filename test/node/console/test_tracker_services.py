@@ -22,6 +22,6 @@ def test_a_request_without_a_response_in_time_is_given_up(client, monkeypatch):
     with ThreadPoolExecutor(1) as executor:
         for _ in range(3):
             response = executor.submit(lambda: asyncio.run(services.stop()))
-            with pytest.raises(TrackerError, match="/hangs/stop does not answer"):
+            with pytest.raises(TrackerError, match="/hangs/stop does not respond"):
                 response.result()
     assert not services._stop._pending_requests

@@ -150,39 +150,39 @@ const showFigures = throttle(FIGURES, (frame, values) => {
 
 // Without frames, only the diagnostics have the state.
 const isStatusOld = () => performance.now() - lastStatus > 1000 || lastStatus === null;
-const lacksImages = () => health.tracker === "heard" && isStatusOld() && health.text.startsWith("no image for");
+const lacksImages = () => health.tracker === "alive" && isStatusOld() && health.text.startsWith("no image for");
 
 function showState(state) {
-  const shown = health.tracker === "heard" ? state ?? "no status" : health.tracker === "absent" ? "no tracker" : "silent";
+  const shown = health.tracker === "alive" ? state ?? "no status" : health.tracker === "absent" ? "no tracker" : "silent";
   text("state", shown);
-  at("state-card").dataset.state = health.tracker !== "heard" ? "none" : lacksImages() ? "old" : shown;
+  at("state-card").dataset.state = health.tracker !== "alive" ? "none" : lacksImages() ? "old" : shown;
 }
 
 function showConfidence(confidence) {
-  text("confidence", health.tracker === "heard" ? number(confidence, 2) : "–");
+  text("confidence", health.tracker === "alive" ? number(confidence, 2) : "–");
   at("meter").value = typeof confidence === "number" ? confidence : 0;
 }
 
 function showHealth() {
   clearTimeout(healthDue);
   healthDue = null;
-  const heard = health.tracker === "heard", isStale = isStatusOld();
-  if (!heard) clearAccepted();
-  text("connection", heard ? "live" : socket.readyState === WebSocket.OPEN ? "no tracker" : "no console");
-  at("connection").dataset.level = heard ? "ok" : "error";
+  const alive = health.tracker === "alive", isStale = isStatusOld();
+  if (!alive) clearAccepted();
+  text("connection", alive ? "live" : socket.readyState === WebSocket.OPEN ? "no tracker" : "no console");
+  at("connection").dataset.level = alive ? "ok" : "error";
   // An old picture is gray.
-  at("stage").classList.toggle("old", lacksImages() || !heard);
-  if (lacksImages() || !heard) text("age", "–");
+  at("stage").classList.toggle("old", lacksImages() || !alive);
+  if (lacksImages() || !alive) text("age", "–");
   // The state itself is shown large.
   const isPlain = ["tracking", "occluded", "lost"].includes(health.text);
   text("health", isPlain ? "" : health.text + (health.text === "waiting for a target" && lastStatus ? HOW : ""));
   at("health").dataset.level = health.level;
-  text("topic", heard && health.image_topic ? `${health.image_topic} · ${(health.image_reliability ?? "").replace("_", " ")}` : "");
-  if (!heard || isStale) { showState(health.state); showConfidence(health.confidence); }
-  const isBlank = !heard || (isStale && health.state === "idle");
+  text("topic", alive && health.image_topic ? `${health.image_topic} · ${(health.image_reliability ?? "").replace("_", " ")}` : "");
+  if (!alive || isStale) { showState(health.state); showConfidence(health.confidence); }
+  const isBlank = !alive || (isStale && health.state === "idle");
   if (isBlank) for (const id of ["count", "effective", "processing"]) text(id, "–");
-  stage.setBlank(isBlank, (heard && health.state) || "");
-  stage.setPaused(heard && health.text.startsWith("paused"));
+  stage.setBlank(isBlank, (alive && health.state) || "");
+  stage.setPaused(alive && health.text.startsWith("paused"));
 }
 
 // Reports the width of the picture, which limits the pixels sent.

@@ -11,7 +11,7 @@ const NEXT = "drag a box around the next target, also in another frame; Enter st
 let frame = null;        // { number, width, height } of the displayed frame
 let mode = "browsing";   // browsing, drawing (the pointer is down), editing, sent, or done
 let loading = false;
-let wanted = null;       // number of the frame to show next
+let nextFrame = null;    // number of the frame to show next
 let kept = [];           // { frame, box, label } of the targets before the one that is edited
 let maxTargets = 1;
 
@@ -67,12 +67,12 @@ async function request(path, options) {
 
 // One request at a time; of those made meanwhile only the last.
 async function show(number) {
-  wanted = Math.max(0, Math.min(number, Number(seek.max) || number));
+  nextFrame = Math.max(0, Math.min(number, Number(seek.max) || number));
   if (loading) return;
   loading = true;
-  while (wanted !== null) {
-    const now = wanted;
-    wanted = null;
+  while (nextFrame !== null) {
+    const now = nextFrame;
+    nextFrame = null;
     const [ok, response] = await request(`/frame?number=${now}`);
     if (ok) await put(response);
     else note(response, false);
@@ -142,7 +142,7 @@ function send() {
 }
 
 const canEdit = () => mode === "browsing" || mode === "editing";
-const step = (by) => { if (frame && canEdit()) show((wanted ?? frame.number) + by); };
+const step = (by) => { if (frame && canEdit()) show((nextFrame ?? frame.number) + by); };
 
 function startDrawing() {
   if (!frame || !canEdit()) return;
