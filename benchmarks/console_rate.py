@@ -36,7 +36,7 @@ import numpy as np
 import rclpy
 from arguments import at_least
 from console_runs.scene import camera_like
-from console_runs.watchers import page_of, relay, receiver
+from console_runs.watchers import page_of, receiver, relay
 from diagnostic_msgs.msg import DiagnosticArray
 from frame_loss import SIZES, START_TIMEOUT, Camera, moving_over, play
 from node_runs.processes import bare_command, cpu_ms, process

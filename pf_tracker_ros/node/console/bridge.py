@@ -56,7 +56,7 @@ class ConsoleBridge:
         self._synchronizer = FrameSynchronizer()
         self._browsers = Browsers(lambda: self._synchronizer.latest)
         self._heatmap_browsers: set[Browser] = set()
-        self._watched_at = float("-inf")
+        self._last_watched_at = float("-inf")
         self._required_parts = {"particles": False, "likelihood": False}
         self._health = TrackerHealth(link.name)
         self._last_health: Json = {}
@@ -75,13 +75,13 @@ class ConsoleBridge:
         self._parameters_outdated = True
         self._tasks: set[asyncio.Task[None]] = set()
         if self._player:
-            self._watch()
+            self._update_subscriptions()
 
     async def run(self) -> None:
         """Poll until canceled, so that silence is noticed."""
         while True:
             await self._poll()
-            self._watch()
+            self._update_subscriptions()
             await asyncio.sleep(_TICK)
 
     def close(self) -> None:
@@ -163,7 +163,7 @@ class ConsoleBridge:
     async def welcome(self, browser: Browser) -> None:
         """Send a browser the current state and then every frame, until canceled."""
         self._browsers.add(browser)
-        self._watch()
+        self._update_subscriptions()
         news = [
             {"type": "welcome", "tracker": self._link.name, "draw_on_request": browser.is_local},
             self._health_summary(time.monotonic()),
@@ -175,7 +175,7 @@ class ConsoleBridge:
         finally:
             self._browsers.remove(browser)
             self._heatmap_browsers.discard(browser)
-            self._watch()
+            self._update_subscriptions()
 
     async def handle(self, browser: Browser, message: Any) -> None:
         """Carry out a request of a browser; errors go to this browser alone."""
@@ -195,14 +195,14 @@ class ConsoleBridge:
         except (RequestError, TrackerError) as error:
             await browser.send_json(note(name or None, str(error), ok=False))
 
-    def _watch(self) -> None:
+    def _update_subscriptions(self) -> None:
         """Subscribe to the watched topics only."""
         now = time.monotonic()
         # A recording's first frame is sent once, perhaps before the first browser connects.
         is_watched = len(self._browsers) > 0 or self._player is not None
         if is_watched:
-            self._watched_at = now
-        is_watched |= now - self._watched_at < _LINGER
+            self._last_watched_at = now
+        is_watched |= now - self._last_watched_at < _LINGER
         required = {"particles": is_watched, "likelihood": bool(self._heatmap_browsers)}
         if required != self._required_parts:
             self._required_parts = required
@@ -236,7 +236,7 @@ class ConsoleBridge:
                 await browser.send_json(note("heatmap", text))
         else:
             self._heatmap_browsers.discard(browser)
-        self._watch()
+        self._update_subscriptions()
 
     # Targets
 
@@ -249,7 +249,7 @@ class ConsoleBridge:
             await self._requester.send(partial(self._link.send_target, box, stamp))
 
     async def _start_in_recording(self, player: Player, box: Box, stamp: int) -> bool:
-        """Restart the recording at a target's frame; False where it has no such frame."""
+        """Whether the recording starts a target on its frame; else the target has to be sent."""
         latest = self._synchronizer.latest
         image_size = latest.size if latest else None
         if image_size:

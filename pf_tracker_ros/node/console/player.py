@@ -1,12 +1,12 @@
 """Plays the recording for the page, so that targets can be drawn, tried and changed.
 
-A new target restarts the tracker at its frame:
+A seek restarts the tracker, and a single target drawn on the page is a seek to its frame:
 
 1. The recording pauses, and the tracker stops its targets.
-2. The recording goes to the target's frame; the target is sent just before the image.
-3. It plays on up to the frame that was shown, and continues.
+2. The recording goes to the first target's frame, or to the sought frame if that is earlier.
+3. It steps to the sought frame. Each target is sent just before the frame that it was drawn on.
 
-So the boxes are those of `replay` in lockstep with the same targets.
+So the boxes are those of a run in lockstep with the same targets.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Player:
         self._broadcast = broadcast
         self._is_single_target = is_single_target
         self._last_state: Json = {}
-        self._first_shown_at = float("-inf")
+        self._show_first_after = float("-inf")
         self._seeking = asyncio.Lock()
         # Requests during a seek, which is paused; carried out after it.
         self._plays_after = False
@@ -133,8 +133,8 @@ class Player:
             await self._broadcast(state)
         # The first frame may be lost before the console is discovered as a subscriber.
         is_idle = self._playback.paused and not self._seeking.locked()
-        if not has_picture and is_idle and now > self._first_shown_at:
-            self._first_shown_at = now + _FIRST_FRAME_INTERVAL
+        if not has_picture and is_idle and now > self._show_first_after:
+            self._show_first_after = now + _FIRST_FRAME_INTERVAL
             self._playback.seek(self._recording.frame)
 
     async def start_from_target(

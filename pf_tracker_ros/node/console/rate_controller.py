@@ -46,7 +46,7 @@ _NO_GAIN_PAUSE = 20.0
 
 @dataclass
 class _Measurement:
-    """Acknowledgments since some time."""
+    """Counts since a time; `busy` is the time with data in flight, seconds."""
 
     since: float
     frames: int = 0
@@ -54,7 +54,7 @@ class _Measurement:
     busy: float = 0.0
 
 
-class _Lowered(NamedTuple):
+class _Reduction(NamedTuple):
     """The level before a reduction of quality, and its frame rate, Hz."""
 
     level: int
@@ -84,7 +84,7 @@ class RateController:
         self._spare_since = now
         self._raised_at: float | None = None
         self._raise_delay = _RAISE_DELAY
-        self._lowered: _Lowered | None = None
+        self._last_reduction: _Reduction | None = None
         self._no_gain_until = now
         self._uncounted = 0
 
@@ -162,7 +162,7 @@ class RateController:
             self._spare_since = now
             self._reduce(rate, target, now)
             return
-        self._lowered = None
+        self._last_reduction = None
         if load >= _SPARE_LOAD:
             self._spare_since = now
         elif self._level and now - self._spare_since >= self._raise_delay:
@@ -171,9 +171,9 @@ class RateController:
 
     def _reduce(self, rate: float, target: float, now: float) -> None:
         """Reduce the quality, or restore it where the last reduction brought too little."""
-        if self._lowered and rate < _MIN_GAIN * self._lowered.rate:
-            self._set_level(self._lowered.level)
-            self._lowered = None
+        if self._last_reduction and rate < _MIN_GAIN * self._last_reduction.rate:
+            self._set_level(self._last_reduction.level)
+            self._last_reduction = None
             self._no_gain_until = now + _NO_GAIN_PAUSE
             return
         if now < self._no_gain_until or self._level == len(QUALITY_LEVELS) - 1:
@@ -181,7 +181,7 @@ class RateController:
         if self._raised_at is not None:
             self._raise_delay = min(_MAX_RAISE_DELAY, 2.0 * self._raise_delay)
             self._raised_at = None
-        self._lowered = _Lowered(self._level, rate)
+        self._last_reduction = _Reduction(self._level, rate)
         steps = max(1, round(math.log(rate / target) / math.log(_STEP)))
         self._set_level(min(len(QUALITY_LEVELS) - 1, self._level + steps))
 

@@ -17,8 +17,7 @@ _REFUSED = "target refused"
 # A target counts as lost if a status follows this much later, in seconds, without a response.
 _LOST_AFTER = 0.5
 _MAX_ATTEMPTS = 4
-# Seconds without a response until the outcome is `waiting`, and the
-# same while a recording is paused.
+# Seconds without a response until the outcome is `waiting`; the same while a recording is paused.
 _TIMEOUT = 3.0
 _TIMEOUT_PAUSED = 1.0
 _TICK = 0.1
@@ -45,7 +44,7 @@ def response_from_status(status: Json) -> TargetResponse | None:
     if _REFUSED in message:
         return TargetResponse("refused", message[message.index(_REFUSED) :])
     if status["values"].get("frame") == "started":
-        return TargetResponse("accepted", "accepted; the tracker tracks it")
+        return TargetResponse("accepted", "accepted; the target is tracked")
     return None
 
 
@@ -91,7 +90,7 @@ class TargetRequester:
 
         Args:
             send: Sends it; called again if it was lost.
-            is_sent_later: Whether the caller sends it the first time, shortly.
+            is_sent_later: Whether the caller sends it the first time, with its frame.
 
         Raises:
             TrackerError: No node subscribes to targets.

@@ -92,11 +92,11 @@ class TrackerLink:
 
     def watch(self, watched: bool) -> None:
         """Subscribe to images and results, or unsubscribe."""
-        self._run_in_executor(lambda: self._watch(watched))
+        self._run_in_executor(lambda: self._subscribe_results(watched))
 
     def watch_likelihood(self, watched: bool) -> None:
         """Subscribe to the likelihood, which costs the tracker time, or unsubscribe."""
-        self._run_in_executor(partial(self._watch_likelihood, watched))
+        self._run_in_executor(partial(self._subscribe_likelihood, watched))
 
     def available_trackers(self) -> list[str]:
         """Names of nodes with the topics of a tracker."""
@@ -181,7 +181,7 @@ class TrackerLink:
         while self._actions:
             self._actions.popleft()()
 
-    def _watch(self, watched: bool) -> None:
+    def _subscribe_results(self, watched: bool) -> None:
         if watched == self._is_watched:
             return
         self._is_watched = watched
@@ -205,7 +205,7 @@ class TrackerLink:
                     self._subscribe(topic, DETECTIONS_CLASS, detections)
                 )
 
-    def _watch_likelihood(self, watched: bool) -> None:
+    def _subscribe_likelihood(self, watched: bool) -> None:
         if watched and self._likelihood is None:
             likelihood = self._forward("likelihood", likelihood_to_json)
             self._likelihood = self._subscribe(f"{self.name}/likelihood", Image, likelihood)

@@ -1,6 +1,7 @@
 // Editor of a box over a picture: by pointer, touch, keyboard or numbers. The page decides when to edit and
 // what to do with the box; it has an svg #overlay with #drawn and #handles, and inputs #box-x to #box-height.
 const at = (id) => document.getElementById(id);
+const SVG = "http://www.w3.org/2000/svg";
 const overlay = at("overlay"), CLICK = 4, HANDLE = 7, NUMBERS = ["x", "y", "width", "height"];
 
 let sizeOf = () => null;  // [width, height] of the picture, null without one
@@ -18,6 +19,13 @@ export function place(element, box) {
   element.hidden = !box;
   element.toggleAttribute("hidden", !box);
   if (box) set(element, { x: box[0], y: box[1], width: Math.max(0, box[2]), height: Math.max(0, box[3]) });
+}
+
+// A rectangle with a text, for the svg.
+export function labeledBox() {
+  const group = document.createElementNS(SVG, "g");
+  group.append(...["rect", "text"].map((name) => document.createElementNS(SVG, name)));
+  return group;
 }
 
 export function show(box, edited) {
@@ -87,7 +95,7 @@ export function move(event) {
 
 export function init(sizes) {
   sizeOf = sizes;
-  for (let i = 0; i < 4; i++) at("handles").append(document.createElementNS("http://www.w3.org/2000/svg", "circle"));
+  for (let i = 0; i < 4; i++) at("handles").append(document.createElementNS(SVG, "circle"));
   NUMBERS.forEach((name, i) => at(`box-${name}`).addEventListener("input", (event) => {
     if (drawn && Number.isFinite(event.target.valueAsNumber)) { drawn = drawn.with(i, event.target.valueAsNumber); draw(); }
   }));

@@ -158,6 +158,25 @@ def page(console, open_page):
     return open_page(console.url)
 
 
+@pytest.fixture
+def write_images(tmp_path, write_bag, make_stamped):
+    """A function that writes images, stamped by a function of their index, into the bag `drive`."""
+    kind = "sensor_msgs/msg/Image"
+
+    def write(images, stamp_at):
+        rows = []
+        for index, image in enumerate(images):
+            height, width = image.shape[:2]
+            fields = {"height": height, "width": width, "encoding": "bgr8", "is_bigendian": 0}
+            message = make_stamped(
+                kind, stamp_at(index), step=image.strides[0], data=image.reshape(-1), **fields
+            )
+            rows.append(("/image", kind, stamp_at(index), message))
+        return write_bag(tmp_path / "drive", rows)
+
+    return write
+
+
 class Camera:
     """Publishes frames of the moving square, and waits for the status of each.
 

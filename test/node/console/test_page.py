@@ -12,6 +12,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from pf_tracker_ros.stamps import stamp_of
+
 HOSTILE = "<img src=x onerror=alert(1)>&amp;<script>alert(2)</script>"
 # WCAG 2, level AA: of text below 24 px.
 LEAST_CONTRAST = 4.5
@@ -49,31 +51,14 @@ SEE_FRAMES = """() => {
 }"""
 
 
-def stamp_of(message):
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
 @pytest.fixture
-def bag(tmp_path, write_bag, make_stamped, moving_square):
+def bag(write_images, moving_square):
     """A bag of 900 frames at 30 Hz, in which the square moves back and forth."""
     images = moving_square.images
-    order = itertools.cycle([*range(len(images)), *range(len(images) - 2, 0, -1)])
-    rows = []
-    for number, place in zip(range(900), order, strict=False):
-        stamp = 1_700_000_000_000_000_000 + number * 33_333_333
-        image = images[place]
-        message = make_stamped(
-            "sensor_msgs/msg/Image",
-            stamp,
-            height=image.shape[0],
-            width=image.shape[1],
-            encoding="bgr8",
-            is_bigendian=0,
-            step=image.strides[0],
-            data=image.reshape(-1),
-        )
-        rows.append(("/image", "sensor_msgs/msg/Image", stamp, message))
-    return write_bag(tmp_path / "square", rows)
+    order = itertools.cycle([*images, *images[-2:0:-1]])
+    return write_images(
+        itertools.islice(order, 900), lambda index: 1_700_000_000_000_000_000 + index * 33_333_333
+    )
 
 
 @pytest.mark.usefixtures("tracker")
@@ -98,7 +83,7 @@ def test_the_overlay_follows_a_replayed_bag_with_the_box_of_the_same_stamp(
     )
     seen = [(int(stamp), box) for stamp, box in page.evaluate("() => window.seen") if box]
     client.box_at(seen[-1][0])
-    published = {stamp_of(m): [(p.x, p.y) for p in m.polygon.points] for m in client.boxes}
+    published = {stamp_of(m.header): [(p.x, p.y) for p in m.polygon.points] for m in client.boxes}
     assert len(seen) >= 100
     for stamp, (x, y, width, height) in seen:
         corners = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]

@@ -6,29 +6,17 @@ import pytest
 from geometry_msgs.msg import PointStamped, PolygonStamped
 from std_srvs.srv import SetBool
 
+from pf_tracker_ros.boxes import bounding_box
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 HEIGHT, WIDTH = 120, 160
 
 
-def stamp_of(message):
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
 def box_of(message):
-    points = [(point.x, point.y) for point in message.polygon.points]
-    (left, top), (right, bottom) = (fold(points) for fold in (_low, _high))
-    return left, top, right - left, bottom - top
-
-
-def _low(points):
-    return tuple(min(values) for values in zip(*points, strict=True))
-
-
-def _high(points):
-    return tuple(max(values) for values in zip(*points, strict=True))
+    return bounding_box([(point.x, point.y) for point in message.polygon.points])
 
 
 def overlap(one, other):
@@ -77,7 +65,7 @@ def test_a_dragged_box_starts_the_target_on_the_frame_it_was_drawn_on(shown, cam
     assert shown.locator("#frozen").is_visible()
     shown.mouse.up()
     (target,) = client.wait_for(lambda: sent, "target")
-    assert stamp_of(target) == drawn_on
+    assert stamp_of(target.header) == drawn_on
     assert overlap(box_of(target), wanted) > 0.9
 
     status = camera.show_until(
@@ -170,7 +158,7 @@ def test_a_click_tracks_a_square_around_it(shown, camera, client, sent):
     shown.mouse.click(*shown.to_screen(60, 50))
     (click,) = client.wait_for(lambda: sent, "click")
     assert (click.point.x, click.point.y) == pytest.approx((60, 50), abs=0.5)
-    assert stamp_of(click) == drawn_on
+    assert stamp_of(click.header) == drawn_on
     box = camera.show_until(lambda: shown.box, "box")
     assert box[2:] == pytest.approx([20, 20], rel=0.2)
 
@@ -183,7 +171,7 @@ def test_a_corner_is_dragged_to_adjust_the_box(shown, client, sent):
     shown.drag((x + width, y, 10, 35))
     client.wait_for(lambda: len(sent) == 2, "second target")
     assert box_of(sent[1]) == pytest.approx((x, y, width + 10, 35), abs=1.0)
-    assert stamp_of(sent[1]) == stamp_of(first)
+    assert stamp_of(sent[1].header) == stamp_of(first.header)
 
 
 def test_the_box_is_dragged_as_a_whole(shown, client, sent):
@@ -222,7 +210,7 @@ def test_a_box_is_drawn_by_touch(console, client, camera, open_page, sent):
     touch("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
     (target,) = client.wait_for(lambda: sent, "target")
     assert box_of(target) == pytest.approx((20, 30, 40, 40), abs=1.5)
-    assert stamp_of(target) == drawn_on
+    assert stamp_of(target.header) == drawn_on
 
 
 def test_a_box_is_drawn_by_keyboard(shown, camera, client, sent):
@@ -234,7 +222,7 @@ def test_a_box_is_drawn_by_keyboard(shown, camera, client, sent):
         shown.keyboard.press(key)
     shown.keyboard.press("Enter")
     (target,) = client.wait_for(lambda: sent, "target")
-    assert stamp_of(target) == drawn_on
+    assert stamp_of(target.header) == drawn_on
     x, y = before
     # A step is an 80th of the width, with Alt a pixel.
     assert box_of(target) == pytest.approx((x + 2, y + 3, WIDTH / 4 - 2, HEIGHT / 4))

@@ -21,29 +21,9 @@ def bag(write_square):
 
 
 @pytest.fixture
-def write_square(tmp_path, write_bag, make_stamped, moving_square):
+def write_square(write_images, moving_square):
     """A function that writes the moving square as a bag, given the stamp of each frame."""
-    return lambda stamp_at: write_bag(
-        tmp_path / "drive", rows_of(moving_square.images, make_stamped, stamp_at)
-    )
-
-
-def rows_of(images, make_stamped, stamp_at):
-    rows = []
-    for index, image in enumerate(images):
-        stamp = stamp_at(index)
-        message = make_stamped(
-            "sensor_msgs/msg/Image",
-            stamp,
-            height=image.shape[0],
-            width=image.shape[1],
-            encoding="bgr8",
-            is_bigendian=0,
-            step=image.strides[0],
-            data=image.reshape(-1),
-        )
-        rows.append(("/image", "sensor_msgs/msg/Image", stamp, message))
-    return rows
+    return lambda stamp_at: write_images(moving_square.images, stamp_at)
 
 
 def stamp_at(index):

@@ -7,7 +7,7 @@ import * as targets from "./targets.js";
 import { throttle } from "./throttle.js";
 import * as tune from "./tune.js";
 
-const RECONNECT = 500, RATE_WINDOW = 2000, LATEST = 200, NOTE_SHOWN = 10000;  // milliseconds
+const RECONNECT = 500, RATE_WINDOW = 2000, HEALTH_DELAY = 200, NOTE_SHOWN = 10000;  // milliseconds
 const UNSENT = "not connected to the console; nothing was sent";
 const HOW = ": drag a box around it on the picture, or click it";
 const FIGURES = 200;  // milliseconds between two updates of the figures
@@ -69,12 +69,12 @@ const handlers = {
     // A target sent to the previous console gets no response.
     stage.showOutcome("unanswered");
     text("name", message.tracker.replace(/^\//, ""));
-    heatmap.ask();
+    heatmap.request();
   },
   draw() { draw(); },
   health(message) {
     health = message;
-    if (isStatusOld()) showHealth(); else healthDue ??= setTimeout(showHealth, LATEST);
+    if (isStatusOld()) showHealth(); else healthDue ??= setTimeout(showHealth, HEALTH_DELAY);
   },
   note(message) {
     note(message.text, message.ok);

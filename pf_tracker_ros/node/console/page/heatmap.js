@@ -1,4 +1,6 @@
 // The likelihood around the target as a heat map, on demand, and the response of each cue as bars.
+import { fit } from "./children.js";
+
 const at = (id) => document.getElementById(id);
 const canvas = at("heatmap"), context = canvas.getContext("2d");
 let send, on = false;
@@ -25,24 +27,22 @@ export function show(frame) {
 // Likelihood of each cue, raised to its weight, at the target and at the second peak, relative to the larger.
 function bars(values) {
   const names = Object.keys(values).filter((key) => key.startsWith("at_target_")).map((key) => key.slice(10));
-  const list = at("bars");
-  while (list.children.length > names.length) list.lastChild.remove();
-  while (list.children.length < names.length) {
+  const rows = fit(at("bars"), names.length, () => {
     const row = document.createElement("li");
     row.append(document.createElement("span"), ...["target", "second peak"].map((label) =>
       Object.assign(document.createElement("meter"), { max: 1, ariaLabel: label })));
-    list.append(row);
-  }
+    return row;
+  });
   names.forEach((name, i) => {
     const both = [values[`at_target_${name}`], values[`at_second_peak_${name}`]], highest = Math.max(...both);
-    const [label, ...meters] = list.children[i].children;
+    const [label, ...meters] = rows[i].children;
     const shares = both.map((value) => Math.exp((values[`cue_weight_${name}`] ?? 1) * (value - highest)));
     label.textContent = `${name.replaceAll("_", " ")}: target ${shares[0].toFixed(2)}, second peak ${shares[1].toFixed(2)}`;
     meters.forEach((meter, j) => { meter.value = shares[j]; });
   });
 }
 
-export function ask() { if (on) send({ type: "heatmap", shown: true }); }
+export function request() { if (on) send({ type: "heatmap", shown: true }); }
 
 export function toggle() {
   on = !on;

@@ -1,4 +1,5 @@
 // Line plots of the last minute of status values.
+import { fit } from "./children.js";
 import { throttle } from "./throttle.js";
 
 const at = (id) => document.getElementById(id);
@@ -41,10 +42,8 @@ const draw = throttle(INTERVAL, (values) => {
     }
     const all = [...lines.values()];
     const highest = top(Math.max(0, ...all.flat().map((slot) => slot[2])), values);
-    const svg = at(`plot-${id}`);
-    while (svg.children.length > lines.size) svg.lastChild.remove();
-    while (svg.children.length < lines.size) svg.append(document.createElementNS(SVG, "path"));
-    all.forEach((line, i) => svg.children[i].setAttribute("d", path(line, now, highest)));
+    const paths = fit(at(`plot-${id}`), lines.size, () => document.createElementNS(SVG, "path"));
+    all.forEach((line, i) => paths[i].setAttribute("d", path(line, now, highest)));
     if (id === "weights") legend([...lines.keys()].map((name) => [name, of(values)[name]]));
     else at(`top-${id}`).textContent = highest.toFixed(highest < 2 ? 1 : 0);
   }
@@ -63,8 +62,6 @@ function path(line, now, highest) {
 }
 
 function legend(cues) {
-  const list = at("cues");
-  while (list.children.length > cues.length) list.lastChild.remove();
-  while (list.children.length < cues.length) list.append(document.createElement("li"));
-  cues.forEach(([name, value], i) => { list.children[i].textContent = `${name.replaceAll("_", " ")} ${typeof value === "number" ? value.toFixed(2) : "–"}`; });
+  const items = fit(at("cues"), cues.length, () => document.createElement("li"));
+  cues.forEach(([name, value], i) => { items[i].textContent = `${name.replaceAll("_", " ")} ${typeof value === "number" ? value.toFixed(2) : "–"}`; });
 }

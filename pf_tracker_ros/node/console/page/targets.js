@@ -1,6 +1,9 @@
 // The boxes of targets and detections over the picture, and a list to select and stop each target.
 // With a single target neither its thin box nor the list is shown.
-const SVG = "http://www.w3.org/2000/svg", TEXT = 14;
+import { labeledBox, set } from "./box_editor.js";
+import { fit } from "./children.js";
+
+const TEXT = 14;
 const at = (id) => document.getElementById(id);
 const DETECTED = 1000;   // milliseconds for which detections are shown
 const rows = new Map();    // id to the elements of its row
@@ -9,28 +12,13 @@ let send, maxTargets = 1, detected = null;
 
 const title = ({ id, label }) => label ? `${id} ${label}` : id;
 
-// The parent's children, after adding or removing some to get the count.
-function fit(parent, count, make) {
-  while (parent.children.length > count) parent.lastChild.remove();
-  while (parent.children.length < count) parent.append(make());
-  return [...parent.children];
-}
-
-function labeledBox() {
-  const group = document.createElementNS(SVG, "g");
-  group.append(document.createElementNS(SVG, "rect"), document.createElementNS(SVG, "text"));
-  return group;
-}
-
 function draw(parent, boxes, unit) {
   fit(parent, boxes.length, labeledBox).forEach((group, i) => {
     const [rect, text] = group.children, { box: [x, y, width, height], stroke, state, caption } = boxes[i];
-    for (const [name, value] of Object.entries({ x, y, width, height })) rect.setAttribute(name, value);
+    set(rect, { x, y, width, height });
     if (stroke) rect.setAttribute("stroke", stroke);
     rect.dataset.state = state ?? "";
-    text.setAttribute("x", x);
-    text.setAttribute("y", Math.max(TEXT * unit, y - 4 * unit));
-    text.setAttribute("font-size", TEXT * unit);
+    set(text, { x, y: Math.max(TEXT * unit, y - 4 * unit), "font-size": TEXT * unit });
     text.textContent = caption;
   });
 }

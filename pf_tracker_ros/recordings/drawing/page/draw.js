@@ -35,18 +35,12 @@ function setMode(next, box = editor.box()) {
   showKept();
 }
 
-function labeledBox() {
-  const group = document.createElementNS(overlay.namespaceURI, "g");
-  group.append(...["rect", "text"].map((name) => document.createElementNS(overlay.namespaceURI, name)));
-  return group;
-}
-
 // The picture has the targets of its frame, the list all.
 function showKept() {
   const unit = (frame?.width ?? 1) / overlay.clientWidth || 1;
   const here = kept.map((target, i) => [target, i + 1]).filter(([target]) => target.frame === frame?.number);
   at("kept").replaceChildren(...here.map(([{ box, label }, number]) => {
-    const group = labeledBox(), [rect, text] = group.children;
+    const group = editor.labeledBox(), [rect, text] = group.children;
     editor.place(rect, box);
     text.textContent = `${number} ${label}`.trim();
     editor.set(text, { x: box[0], y: Math.max(box[1] - 4 * unit, 12 * unit), "font-size": 13 * unit });
