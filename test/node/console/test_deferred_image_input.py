@@ -107,20 +107,20 @@ def test_after_a_status_images_wait_for_the_next_one(patient):
 
 
 def test_images_that_wait_do_not_keep_the_executor_busy(patient, monkeypatch):
-    asked, can_execute = [], deferred_image_input._Gate.can_execute
+    checked, can_execute = [], deferred_image_input._Gate.can_execute
 
     def note(gate, entity):
-        asked.append(entity)
+        checked.append(entity)
         return can_execute(gate, entity)
 
     monkeypatch.setattr(deferred_image_input._Gate, "can_execute", note)
     patient.images.on_status()
     patient.publish(2, 3)
     patient.pass_by()
-    asked.clear()
+    checked.clear()
     patient.idle()
     # For the subscription and its event, each time that the executor begins to wait.
-    assert 1 <= len(asked) <= 8
+    assert 1 <= len(checked) <= 8
 
 
 def test_of_many_that_wait_the_newest_are_kept(patient):

@@ -93,7 +93,7 @@ def test_stop_removes_the_target(shown, camera):
     camera.show_until(lambda: shown.box, "box")
     shown.keyboard.press("s")
     shown.wait_until(
-        lambda: shown.text("note") == "stopped 1 target; waiting for a target", "answer"
+        lambda: shown.text("note") == "stopped 1 target; waiting for a target", "response"
     )
     camera.show_on(shown)
     assert shown.text("state") == "idle"

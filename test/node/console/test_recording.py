@@ -214,7 +214,7 @@ def test_a_refused_target_is_removed(player):
 def test_stop_removes_the_target_of_the_recording(player, moving_square):
     draw(player, moving_square.boxes[0])
     player.keyboard.press("s")
-    player.wait_until(lambda: "stopped" in player.text("note"), "answer")
+    player.wait_until(lambda: "stopped" in player.text("note"), "response")
     go_to(player, 3)
     assert player.box is None
 
@@ -225,7 +225,7 @@ def test_stop_removes_a_target_that_waits_for_its_frame(player, moving_square):
     go_to(player, 2)
     player.keyboard.press("s")
     removed = "the target of frame 4 is removed; waiting for a target"
-    player.wait_until(lambda: player.text("note") == removed, "answer")
+    player.wait_until(lambda: player.text("note") == removed, "response")
     for index in (3, 4, 5):
         player.keyboard.press("n")
         at_frame(player, index)
@@ -236,7 +236,7 @@ def test_the_target_is_saved_beside_the_recording(player, moving_square, bag):
     go_to(player, 3)
     box = draw(player, moving_square.boxes[3])
     player.locator("#save").click()
-    player.wait_until(lambda: "drive.target.yaml" in player.text("note"), "answer")
+    player.wait_until(lambda: "drive.target.yaml" in player.text("note"), "response")
     saved = yaml.safe_load((bag.parent / "drive.target.yaml").read_text())
     assert saved == {
         "target_box": pytest.approx(box, abs=1e-2),
@@ -263,7 +263,7 @@ def test_play_at_the_end_starts_from_the_beginning(player, moving_square):
 def test_a_clicked_button_keeps_no_focus(player, moving_square):
     draw(player, moving_square.boxes[0])
     player.locator("#save").click()
-    player.wait_until(lambda: "saved as" in player.text("note"), "answer")
+    player.wait_until(lambda: "saved as" in player.text("note"), "response")
     player.keyboard.press(" ")
     at_frame(player, 19)
     # A button that was focused by key keeps the focus.
@@ -331,7 +331,7 @@ def test_several_targets_are_saved_and_loaded(player_of_several, bag):
         count = f"{1 + (frame > 0)} of 2"
         page.wait_until(lambda: page.text("target-count") == count, "target")  # noqa: B023
     page.locator("#save").click()
-    page.wait_until(lambda: "saved as drive.target.yaml" in page.text("note"), "answer")
+    page.wait_until(lambda: "saved as drive.target.yaml" in page.text("note"), "response")
     saved = yaml.safe_load((bag.parent / "drive.target.yaml").read_text())
     assert [(one["frame"], one["stamp"]) for one in saved["targets"]] == [
         (0, stamp_at(0)),
@@ -339,7 +339,7 @@ def test_several_targets_are_saved_and_loaded(player_of_several, bag):
     ]
     assert [one["target_box"][0] for one in saved["targets"]] == pytest.approx([40, 90], abs=0.5)
     page.keyboard.press("s")
-    page.wait_until(lambda: "stopped 2 targets" in page.text("note"), "answer")
+    page.wait_until(lambda: "stopped 2 targets" in page.text("note"), "response")
     page.locator("#load").click()
     page.wait_until(lambda: page.text("target-count") == "1 of 2", "the first of them")
     assert page.stamp == stamp_at(0)
@@ -406,7 +406,7 @@ def test_a_saved_target_can_be_loaded_at_once(player, moving_square):
     player.locator("#save").click()
     player.locator("#load:enabled").wait_for()
     player.keyboard.press("s")
-    player.wait_until(lambda: "stopped" in player.text("note"), "answer")
+    player.wait_until(lambda: "stopped" in player.text("note"), "response")
     player.wait_until(lambda: player.box is None, "picture without it")
     player.locator("#load").click()
     # The picture showed that frame before, so only the acceptance belongs to the new target. The

@@ -42,9 +42,9 @@ def ask():
         connections.append(connection)
         names = {name.replace("_", "-"): value for name, value in headers.items()}
         connection.request(method, path, headers=names)
-        answer = connection.getresponse()
-        body = b"" if answer.status == 101 else answer.read()
-        return answer.status, dict(answer.getheaders()), body.decode()
+        response = connection.getresponse()
+        body = b"" if response.status == 101 else response.read()
+        return response.status, dict(response.getheaders()), body.decode()
 
     yield send
     for connection in connections:

@@ -52,14 +52,14 @@ def test_targets_have_id_label_and_state_of_their_status():
     ]
     for selected, expected in (("20000001", "20000001"), ("2", ""), ("0", ""), (HOSTILE, "")):
         own = status("/pf_tracker", "all is well", state="tracking", selected=selected)
-        answer = status_to_json(DiagnosticArray(status=[own, *statuses]))
-        assert (answer["message"], answer["values"]["state"]) == ("all is well", "tracking")
-        assert answer["targets"] == [
+        converted = status_to_json(DiagnosticArray(status=[own, *statuses]))
+        assert (converted["message"], converted["values"]["state"]) == ("all is well", "tracking")
+        assert converted["targets"] == [
             {"id": "1", "label": "7", "state": "tracking", "confidence": 0.75},
             {"id": "20000001", "label": HOSTILE, "state": "lost", "confidence": None},
         ]
         # An ended target cannot be selected.
-        assert answer["selected"] == expected
+        assert converted["selected"] == expected
 
 
 def test_boxes_are_those_of_the_markers_by_id():
